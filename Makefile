@@ -58,8 +58,10 @@ PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --du
 test: setup
 	$(PYTEST) -m "not slow"
 
+# These compute all the time: one worker per core, and none is left alone with a long file.
 test-unit: setup
-	$(PYTEST) -m "not slow and not ros and not mujoco"
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --durations 20 \
+		-m "not slow and not ros and not mujoco"
 
 test-slow: setup
 	$(PYTEST) -m slow

@@ -2,6 +2,7 @@
 
 import compileall
 import fcntl
+import functools
 import gc
 import itertools
 import os
@@ -16,6 +17,7 @@ import psutil
 import pytest
 
 from obk_cli.process.shared_memory import remove_dead_segments
+from obk_cli.source_analysis import modules
 
 _SOURCE = Path(__file__).resolve().parents[1] / "src"
 _SHARED = Path(__file__).resolve().parents[2] / "shared"
@@ -54,6 +56,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the tool once: a thousand processes import it, also where Python writes nothing."""
+    gc.disable()  # until all tests are found
     if not hasattr(config, "workerinput"):
         compileall.compile_dir(_SOURCE, quiet=1)
         config.option.loadscopereorder = False  # the order is the one below
@@ -83,9 +86,19 @@ def repository() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def _quick_collection() -> None:
-    """What is there before the tests stays: the collector passes it over from now on."""
+    """What exists before the tests is kept: the garbage collector skips it from now on."""
     gc.collect()
     gc.freeze()
+    gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _library_parsed_once() -> Iterator[None]:
+    """Parse Obelisk's own modules once: the check of every node's source leads into them."""
+    with pytest.MonkeyPatch.context() as patch:
+        parse = functools.lru_cache(maxsize=64)(modules._syntax_tree)
+        patch.setattr(modules, "_syntax_tree", parse)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

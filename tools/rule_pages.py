@@ -15,7 +15,7 @@ from generated import ROOT, bring_up_to_date
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.compiler import Options, compile_config
 from obk_cli.config.suppressions import may_be_silenced
-from obk_cli.diagnostics.rules import RULES, Rule
+from obk_cli.diagnostics.rules import LOCKSTEP_FAMILY, RULES, Rule
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.report import report_text
 from obk_cli.workspace.environment import MachineEnvironment
@@ -32,6 +32,7 @@ FAMILIES = {
     "OBK3": "The simulated robot and its model",
     "OBK4": "Packages, executables, code",
     "OBK5": "Style",
+    "OBK6": "Lock-step runs (`obk validate --for-test`)",
 }
 DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 CONTEXT = 2
@@ -134,7 +135,9 @@ def _differing(lines: list[str], other: list[str]) -> Iterator[str]:
 
 def _page(rule: Rule, example: Example) -> str:
     language = "yaml" if "." in example["file"] else "sh"
-    command = "obk validate --verbose" if rule.severity == "info" else "obk validate"
+    on_request = " --for-test" if rule.code.startswith(LOCKSTEP_FAMILY) else ""
+    verbose = " --verbose" if rule.severity == "info" else ""
+    command = f"obk validate{on_request}{verbose}"
     parts = [
         f"# {rule.code}: {rule.title}",
         f"Severity: {rule.severity}.",

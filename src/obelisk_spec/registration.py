@@ -9,7 +9,7 @@ Positional arguments; a subscription and a timer have the callback in the second
 A class is the `msg_type`; the text after it is the key. The first text names the ROS parameter if
 the call has a `key` too, or if it ends in `_setting`; otherwise it is the key, and the call is G3.
 
-A component that names a ROS parameter is required unless the call says otherwise (G1, G2 raise);
+A component that names a ROS parameter is required unless the call sets otherwise (G1, G2 raise);
 one with only a key is optional (G3 logs a warning and continues). The components of the base
 classes are required if the constructor received no message type (G1), otherwise optional.
 

@@ -418,7 +418,7 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
             code="OBK504",
             severity="warning",
             path=("time_step",),
-            message=f"`time_step` is {written:g} s, the model says {facts.timestep:g} s; the "
+            message=f"`time_step` is {written:g} s, the model has {facts.timestep:g} s; the "
             "config wins"
             f"{_published_every_step(block, step_s, facts.timestep)}",
             help="the original Obelisk ignores `time_step`; leave it out to use the model's step",

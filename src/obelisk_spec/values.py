@@ -78,7 +78,7 @@ def is_text(value: object) -> TypeGuard[str]:
 
 
 def is_none(value: object) -> bool:
-    """Whether it is the word `None` in any case, by which a config says "nothing"."""
+    """Whether it is the word `None` in any case, by which a config means "nothing"."""
     return isinstance(value, str) and value.lower() == "none"
 
 

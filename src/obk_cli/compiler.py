@@ -19,6 +19,7 @@ from obk_cli.config.reader import read_stack
 from obk_cli.config.suppressions import check_ignores, said_on_command_line, silence
 from obk_cli.config.yaml_parser import decode_source
 from obk_cli.diagnostics.diagnostic import Diagnostic, counted, found, in_order, worst
+from obk_cli.diagnostics.rules import LOCKSTEP_FAMILY
 from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.files import STANDARD_INPUT, read_bytes
 from obk_cli.plan.lower import lower_stack
@@ -38,6 +39,7 @@ _FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
     "OBK011": "OBK",
     "OBK109": ("OBK203", "OBK204"),
     "OBK407": "OBK205",
+    "OBK426": "OBK604",
 }
 """Finding -> findings about the same text that would report the same fault again."""
 
@@ -47,7 +49,7 @@ class Options:
     """How a config is compiled."""
 
     variables: Mapping[str, str]
-    """Stands in for `${VAR}`; its AMENT_PREFIX_PATH says where packages are."""
+    """Stands in for `${VAR}`; packages are found on its AMENT_PREFIX_PATH."""
     working_folder: Path
     overrides: tuple[str, ...] = ()
     """`path=value`, as `--set` takes them."""
@@ -59,6 +61,8 @@ class Options:
     """What a config file holds, or why it cannot be read."""
     meant: Callable[[str], str | None] = did_you_mean_config
     """What may be meant by the path of a file that cannot be read, as a help line."""
+    for_test: bool = False
+    """Whether to report, too, what may differ between two lock-step runs (OBK6xx)."""
     including: Callable[[str], tuple[str, ...]] = lambda _: ()
     """The configs that include a file; if there are any, it is checked as a fragment."""
 
@@ -73,6 +77,11 @@ class Outcome:
     diagnostics: tuple[Diagnostic, ...] = field(default=())
     environment: Environment | None = None
     """The packages and models that were looked up; None if none were."""
+
+    @property
+    def hazards(self) -> tuple[Diagnostic, ...]:
+        """What may differ between two lock-step runs; none unless compiled with `for_test`."""
+        return tuple(d for d in self.diagnostics if d.code.startswith(LOCKSTEP_FAMILY))
 
 
 def compile_config(path: str, options: Options) -> Outcome:
@@ -114,7 +123,7 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
         stack, locate_faults = locate_stack(stack, folder, files, environment)
         faults += locate_faults
         is_whole = files.are_whole and not any(fault.code in _LOSES_TEXT for fault in faults)
-        faults += check_stack(stack, environment, is_whole=is_whole)
+        faults += check_stack(stack, environment, is_whole=is_whole, for_test=options.for_test)
     ignored = tuple(said_on_command_line(code) for code in options.ignore)
     ignored += stack.ignored_codes if stack is not None else ()
     faults += check_ignores(files.sources, ignored)

@@ -14,7 +14,7 @@ _SEQUENCE: Final = re.compile(
     r"|[\x00-\x08\x0a-\x1f\x7f-\x9f\ud800-\udfff]"  # the last are halves of characters
 )
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Characters that a terminal obeys, breaks lines at, or turns the direction of writing for."""
+"""Characters that a terminal executes, breaks lines at, or turns the direction of writing for."""
 _INVISIBLE: Final = re.compile(
     r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )

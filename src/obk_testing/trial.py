@@ -94,7 +94,7 @@ class StackTrial:
                 noise as the config has it.
             schedule: None: the ideal one.
             parameters: node -> parameter -> value, set before the nodes are configured.
-            keyframe: of the model, where the simulation starts; None: as the config says.
+            keyframe: of the model, where the simulation starts; None: as in the config.
             watch: topics that are published although no node subscribes.
             record: topics whose messages are kept; None: all.
 
@@ -111,7 +111,7 @@ class StackTrial:
         self._states: StateLog | None = None
         self._pushes: list[_Push] = []
         self._is_closed = False
-        # Generators of user code that nobody seeds.
+        # Generators of user code without a seed of their own.
         random.seed(seed)
         np.random.seed(seed % 2**32)
         recorded = None if record is None else frozenset(record)

@@ -2,7 +2,7 @@
 
 A reject case is reported word for word as the `.txt` beside it says; an accept case is reported
 not at all. `# set: path=value` on the first line is a `--set`. A `.part` is not a case of its own.
-A folder `.packages` holds packages of the case's own.
+A folder `.packages` holds packages of the case's own. Cases of OBK6 are checked for lock-step runs.
 """
 
 import json
@@ -13,7 +13,7 @@ import jsonschema
 import pytest
 
 from obk_cli.compiler import Options, Outcome, compile_config
-from obk_cli.diagnostics.rules import RULES
+from obk_cli.diagnostics.rules import LOCKSTEP_FAMILY, RULES
 from obk_cli.report import report_sarif, report_text
 from obk_cli.workspace.config_files import configs_that_include
 from obk_cli.workspace.environment import MachineEnvironment
@@ -59,6 +59,7 @@ def compile_case(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
         overrides=overrides,
         environment=environment,
         including=configs_that_include,
+        for_test=path.parent.name.startswith(LOCKSTEP_FAMILY),
     )
     return compile_config(path.name, options)
 

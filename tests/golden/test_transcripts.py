@@ -22,14 +22,26 @@ from ..unit.obk_cli.runs.fake_stack import CONTROL, JOY, ROBOT, fake_stack  # no
 
 HERE = Path(__file__).parent
 TRANSCRIPTS = HERE / "transcripts"
-RUN = "from obk_cli.cli.main import main; main()"
-RUN_SEEING = """
+RUN = r"""
+import importlib, os, sys
+from obk_cli.cli.commands import VERBS
+from obk_cli.cli.main import main
+for command in sys.argv[1:]:
+    importlib.import_module(VERBS[command.split()[0]].module)
+for command in sys.argv[1:]:
+    if not (pid := os.fork()):
+        main(command.split())
+    code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    for stream in (1, 2):
+        os.write(stream, f"\0{code}\0".encode())
+"""
+"""Each command in a process of its own; what they import is imported once."""
+SEEING = """
 import os, psutil
 from obk_cli.runs import orphans
 seen = map(int, os.environ["SEEN"].split())
 seen = [psutil.Process(pid) for pid in seen if psutil.pid_exists(pid)]
 orphans._own_processes = lambda: seen
-from obk_cli.cli.main import main; main()
 """
 """Orphans of other stacks on this machine are neither shown nor ended."""
 BROKEN = """\
@@ -121,24 +133,27 @@ def transcript(
         "NO_COLOR": "1",
         "SEEN": " ".join(map(str, seen or ())),
     }
+    done = subprocess.run(
+        [sys.executable, "-c", RUN if seen is None else SEEING + RUN, *commands],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    outs, errors = (text.split("\0") for text in (done.stdout, done.stderr))
     parts = []
-    for command in commands:
-        done = subprocess.run(
-            [sys.executable, "-c", RUN if seen is None else RUN_SEEING, *command.split()],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
-        printed = f"{done.stdout}{done.stderr}".replace(str(folder), "<folder>")
+    for command, out, error, code in zip(
+        commands, outs[:-1:2], errors[:-1:2], outs[1::2], strict=True
+    ):
+        printed = f"{out}{error}".replace(str(folder), "<folder>")
         printed = printed.replace(sys.prefix, "<prefix>").replace(str(repository), "<repository>")
         printed = re.sub(r"ROS domain \d+", "ROS domain <domain>", printed)
         printed = re.sub(r"[\d.]+ [KMGT]iB free", "<size> free", printed)
         for pid, name in (seen or {}).items():
             printed = re.sub(rf"\b{pid}\b", name, printed)
-        parts.append(f"$ obk {command}\n{printed}[exit code {done.returncode}]\n")
+        parts.append(f"$ obk {command}\n{printed}[exit code {code}]\n")
     return "\n".join(parts)
 
 

@@ -211,7 +211,7 @@ def test_the_time_step_of_the_config_wins_with_a_warning(load):
     loaded = load(time_step=0.0005)
     assert loaded.model.opt.timestep == 0.0005
     assert len(load.warnings) == 1
-    assert "`time_step` is 0.0005 s, the model says 0.001 s" in load.warnings[0]
+    assert "`time_step` is 0.0005 s, the model has 0.001 s" in load.warnings[0]
 
 
 def test_the_keyframe_that_is_asked_for_is_used(load):

@@ -15,7 +15,7 @@ from obk_cli.config.topology import node_ends
 from obk_cli.configedit.add_node import add_node
 from obk_cli.configedit.new_node import NewNode, Rejected, read_new_node
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.scaffold.questions import Answers, MessageType
+from obk_cli.scaffold.package_spec import MessageType, PackageSpec
 from obk_cli.scaffold.variables import config_snippet
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
@@ -45,7 +45,7 @@ def message(name: str) -> MessageType:
 
 
 def new_node_of(kind: str, sensor: str = "ObkJointEncoders") -> NewNode:
-    answers = Answers(
+    spec = PackageSpec(
         kind=kind,  # type: ignore[arg-type]
         package="new_node",
         node="new_node",
@@ -53,7 +53,7 @@ def new_node_of(kind: str, sensor: str = "ObkJointEncoders") -> NewNode:
         est=message("EstimatedState"),
         sensor=message(sensor),
     )
-    return read_new_node(SECTIONS[kind], config_snippet(answers))
+    return read_new_node(SECTIONS[kind], config_snippet(spec))
 
 
 def options(folder: Path, *ignore: str) -> Options:

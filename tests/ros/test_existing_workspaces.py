@@ -12,7 +12,11 @@ from typing import Any
 import pytest
 import yaml
 
+from obk_cli.cli.main import main
+
 from .stack import launched, obk
+
+Capture = pytest.CaptureFixture[str]
 
 WORKSPACES = Path(__file__).resolve().parents[1] / "workspaces"
 GENERATIONS = ("g1", "g2", "g3")
@@ -26,39 +30,49 @@ def workspace(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return copy
 
 
-def findings(config: Path) -> list[dict[str, Any]]:
+def run(capsys: Capture, *arguments: object) -> tuple[object, str]:
+    """Run `obk` in this process; returns its exit code and output."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    return ended.value.code, capsys.readouterr().out
+
+
+def findings(config: Path, capsys: Capture) -> list[dict[str, Any]]:
     """Return the errors and warnings of a config."""
-    done = obk("validate", config, "--format", "json")
-    report = json.loads(done.stdout)
+    _, printed = run(capsys, "validate", config, "--format", "json")
+    report = json.loads(printed)
     return [found for found in report["diagnostics"] if found["severity"] != "info"]
 
 
 @pytest.mark.parametrize("config", ["lab_simulated.yaml", "lab_hardware.yaml"])
-def test_nothing_is_wrong_with_it(workspace: Path, config: str) -> None:
-    assert findings(workspace / "config" / config) == []
+def test_nothing_is_wrong_with_it(workspace: Path, config: str, capsys: Capture) -> None:
+    assert findings(workspace / "config" / config, capsys) == []
 
 
-def test_a_cpp_package_that_is_not_built_is_the_only_finding(workspace: Path) -> None:
-    (found,) = findings(workspace / "config" / "lab_cpp.yaml")
+def test_a_cpp_package_that_is_not_built_is_the_only_finding(
+    workspace: Path, capsys: Capture
+) -> None:
+    (found,) = findings(workspace / "config" / "lab_cpp.yaml", capsys)
     assert (found["code"], found["severity"]) == ("OBK402", "error")
     assert "colcon build --packages-select lab_cpp" in found["help"]
 
 
 @pytest.mark.parametrize("config", ["lab_simulated.yaml", "lab_hardware.yaml"])
-def test_the_other_spelling_has_the_same_parameters(workspace: Path, config: str) -> None:
+def test_the_other_spelling_has_the_same_parameters(
+    workspace: Path, config: str, capsys: Capture
+) -> None:
     original = workspace / "config" / config
-    before = parameters(original)
+    before = parameters(original, capsys)
     for spelling in ("key", "seed"):
-        done = obk("migrate", original, "--to", spelling, "--write")
-        assert done.returncode == 0, done.stderr
-        assert parameters(original) == before
+        assert run(capsys, "migrate", original, "--to", spelling, "--write")[0] == 0
+        assert parameters(original, capsys) == before
 
 
-def parameters(config: Path) -> dict[str, list[Any]]:
+def parameters(config: Path, capsys: Capture) -> dict[str, list[Any]]:
     """Return topic, message type and period of every component, by node."""
-    done = obk("compile", config, "--to", "params")
-    assert done.returncode == 0, done.stderr
-    nodes = yaml.safe_load(done.stdout)
+    code, printed = run(capsys, "compile", config, "--to", "params")
+    assert code == 0
+    nodes = yaml.safe_load(printed)
     settings = {
         name: yaml.safe_load(node["ros__parameters"]["obelisk_settings"])
         for name, node in nodes.items()

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from obk_testing.programs import LoadedStacks
-from obk_testing.sweep.cases import Case, FoundTest, make_cases
+from obk_testing.sweep.cases import SweepCase, FoundTest, make_cases
 from obk_testing.sweep.engines import LocalEngine, WorkerProcess
 from obk_testing.sweep.worker import WorkerSettings
 from obk_testing.trial import StackTrial
@@ -94,7 +94,7 @@ def digests(folder: Path) -> dict[int, str]:
         return dict(database.execute(rows))
 
 
-def run_alone(config: Path, cases: list[Case], workers: int = 1) -> dict[int | None, str]:
+def run_alone(config: Path, cases: list[SweepCase], workers: int = 1) -> dict[int | None, str]:
     scratch = config.parent / "scratch"
     scratch.mkdir(exist_ok=True)
     tests = (str(config.parent / "tests"),)

@@ -1,16 +1,19 @@
-"""rclpy's executors: transitions that destroy timers which are due, and spinning for long."""
+"""Executors that programs name: transitions that destroy due timers, groups in parallel."""
 
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 import rclpy
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from std_srvs.srv import Trigger
 
+from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.spinning import _End, _make_executor
 
-from .stack import DEADLINE_S, parameters, request, spinning
+from .stack import DEADLINE_S, eventually, parameters, request, spinning
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("ros_domain")]
 
@@ -31,6 +34,52 @@ class Busy(ObeliskNode):
         """Do nothing."""
 
 
+@pytest.fixture(params=["rclpy", ""], ids=["of rclpy", "of the library"])
+def chosen(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Whose executors a program gets that names one of rclpy's."""
+    monkeypatch.setenv("OBK_EXECUTOR", request.param)
+    return str(request.param)
+
+
+@pytest.mark.parametrize("kind", [SingleThreadedExecutor, MultiThreadedExecutor])
+def test_the_library_runs_programs_that_name_an_executor(
+    chosen: str, kind: Callable[[], Executor]
+) -> None:
+    rclpy.init()
+    executor = _make_executor(kind)
+    executor.shutdown()
+    rclpy.shutdown()
+    assert isinstance(executor, kind if chosen else EventLoopExecutor)
+
+
+class Asking(ObeliskNode):
+    """A timer that waits for a service of the same node, each in a group of its own."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__("asking", **given)
+        groups = [MutuallyExclusiveCallbackGroup() for _ in range(3)]
+        self.answers = 0
+        self.asked = self.create_client(Trigger, "~/answer", callback_group=groups[0])
+        self.create_service(Trigger, "~/answer", self.answer, callback_group=groups[1])
+        self.create_timer(0.01, self.ask, callback_group=groups[2])
+
+    def answer(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer."""
+        response.success = True
+        return response
+
+    def ask(self) -> None:
+        """Wait for the answer."""
+        self.answers += self.asked.call(Trigger.Request()).success
+
+
+@pytest.mark.usefixtures("chosen")
+def test_callback_groups_run_in_parallel() -> None:
+    with spinning(Asking, lambda: _make_executor(MultiThreadedExecutor)) as node:
+        eventually(lambda: node.answers >= 5, "five answers")
+
+
+@pytest.mark.usefixtures("chosen")
 def test_a_node_survives_its_transitions() -> None:
     with spinning(Busy, lambda: _make_executor(MultiThreadedExecutor)) as node:
         for _ in range(ROUNDS):
@@ -39,7 +88,10 @@ def test_a_node_survives_its_transitions() -> None:
 
 
 @pytest.mark.parametrize("kind", [SingleThreadedExecutor, MultiThreadedExecutor])
-def test_spinning_keeps_nothing_of_the_callbacks_that_ran(kind: Callable[[], Executor]) -> None:
+def test_spinning_keeps_nothing_of_the_callbacks_that_ran(
+    kind: Callable[[], Executor], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OBK_EXECUTOR", "rclpy")
     rclpy.init()
     node, executor, over = rclpy.create_node("ticking"), _make_executor(kind), _End()
     kept: list[int] = []

@@ -332,7 +332,7 @@ class GuardedLifecycleNode(LifecycleNode):
             # A callback that called `fail` has reported more than its return value does.
             if result != SUCCESS and not self.is_failing():
                 self._keep_fault(
-                    f"`{method}` returned {result.name} and did not say why; "
+                    f"`{method}` returned {result.name} without a reason; "
                     "raise an exception with the reason instead",
                     where,
                 )

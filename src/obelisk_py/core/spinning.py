@@ -20,7 +20,7 @@ from typing import Any, Self
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import Executor, MultiThreadedExecutor
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
@@ -236,8 +236,24 @@ class _ThreadPool(MultiThreadedExecutor):
             return None
 
 
+EXECUTOR_VARIABLE = "OBK_EXECUTOR"
+"""Set to `rclpy`, programs that name an executor of rclpy get that one."""
+PARALLEL_GROUPS = 16
+"""Threads in place of rclpy's pool, so that callback groups of a node do not share one: a callback
+may wait for a service whose client is in another group. Threads that wait cost nothing."""
+
+
 def _make_executor(kind: Callable[..., Executor] | None) -> Executor:
-    return _ThreadPool() if kind is MultiThreadedExecutor else (kind or EventLoopExecutor)()
+    """The executor of a program that names one of rclpy's, or None.
+
+    rclpy's own wait sets cannot keep a loop at 1 kHz. The library's executor gives what the two
+    that existing code names promise: one callback at a time, or callback groups in parallel.
+    """
+    if os.environ.get(EXECUTOR_VARIABLE) == "rclpy":
+        return _ThreadPool() if kind is MultiThreadedExecutor else (kind or EventLoopExecutor)()
+    if kind is MultiThreadedExecutor:
+        return EventLoopExecutor(num_threads=PARALLEL_GROUPS)
+    return EventLoopExecutor() if kind is SingleThreadedExecutor else (kind or EventLoopExecutor)()
 
 
 @contextmanager

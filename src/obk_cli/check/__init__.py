@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 
 from obk_cli.check.code import check_code
 from obk_cli.check.context import CheckContext
+from obk_cli.check.determinism import check_lockstep
 from obk_cli.check.loop import (
     check_control_topics,
     check_loop,
@@ -34,7 +35,7 @@ from obk_cli.config.model import Stack
 from obk_cli.config.topology import Topology
 from obk_cli.diagnostics.diagnostic import Diagnostic
 
-__all__ = ["CHECKS", "WHOLE_CHECKS", "Check", "check_stack"]
+__all__ = ["CHECKS", "TEST_CHECKS", "WHOLE_CHECKS", "Check", "check_stack"]
 
 Check = Callable[[CheckContext], Iterator[Diagnostic]]
 
@@ -69,11 +70,22 @@ WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_dangling, chec
 """Checks of what is not there: they mean something only if nothing of the config is lost."""
 
 
+TEST_CHECKS: tuple[Check, ...] = (check_lockstep,)
+"""Checks of what concerns lock-step runs only."""
+
+
 def check_stack(
-    stack: Stack, environment: Environment, *, is_whole: bool
+    stack: Stack, environment: Environment, *, is_whole: bool, for_test: bool = False
 ) -> tuple[Diagnostic, ...]:
-    """The findings of all checks; `is_whole` says whether every included file was read."""
-    checks = (*CHECKS, *(WHOLE_CHECKS if is_whole else ()))
+    """The findings of all checks.
+
+    Args:
+        stack: the typed config.
+        environment: what to ask about packages and models.
+        is_whole: whether every included file was read.
+        for_test: whether the config is checked for lock-step runs too.
+    """
+    checks = (*CHECKS, *(WHOLE_CHECKS if is_whole else ()), *(TEST_CHECKS if for_test else ()))
     topology = Topology.of(stack)
     context = CheckContext(stack=stack, topology=topology, environment=environment)
     return tuple(fault for check in checks for fault in check(context))

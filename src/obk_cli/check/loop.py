@@ -44,10 +44,10 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
         earlier = {node.full_name for name in before for node in context.stack.section(name)}
         has_earlier = bool(earlier)
         earlier.add(OUTSIDE)
-        heard = [e for e in ends if e.section == section and e.direction == "subscribes"]
-        linked = _reached(heard, senders, reached)
-        if everyone and has_earlier and not linked and all(e.topic in senders for e in heard):
-            is_near = bool(_reached(heard, senders, earlier))
+        subscribers = [e for e in ends if e.section == section and e.direction == "subscribes"]
+        linked = _reached(subscribers, senders, reached)
+        if everyone and has_earlier and not linked and all(e.topic in senders for e in subscribers):
+            is_near = bool(_reached(subscribers, senders, earlier))
             yield found(
                 "OBK209",
                 f"what reaches `{section}` does not come from the robot"
@@ -59,19 +59,21 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
         reached = {OUTSIDE, *(linked or everyone)}
 
 
-def _reached(heard: list[TopicEnd], senders: Mapping[str, set[str]], start: set[str]) -> set[str]:
-    """The owners of `heard` that hear one of `start`, by way of each other too."""
+def _reached(
+    subscribers: list[TopicEnd], senders: Mapping[str, set[str]], start: set[str]
+) -> set[str]:
+    """The owners of `subscribers` that receive from one of `start`, also through each other."""
     reached: set[str] = set()
     while True:
         known = start | reached
-        more = {e.owner for e in heard if not known.isdisjoint(senders.get(e.topic, ()))}
+        more = {e.owner for e in subscribers if not known.isdisjoint(senders.get(e.topic, ()))}
         if more <= reached:
             return reached
         reached |= more
 
 
 def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
-    """A topic that the robot obeys has one controller that publishes it."""
+    """A topic that commands the robot has one controller that publishes it."""
     ends = context.topology.ends
     obeyed = {e.topic for e in ends if e.section == "robot" and e.direction == "subscribes"}
     commanders: dict[str, list[TopicEnd]] = defaultdict(list)
@@ -83,8 +85,8 @@ def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
             if other.owner != first.owner:
                 yield found(
                     "OBK210",
-                    f"both `{first.owner}` and `{other.owner}` publish `{topic}`, which the robot "
-                    "obeys",
+                    f"both `{first.owner}` and `{other.owner}` publish `{topic}`, which "
+                    "commands the robot",
                     other.span,
                     related=(
                         Related(message="the other one", span=first.span),
@@ -95,7 +97,7 @@ def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def check_timers(context: CheckContext) -> Iterator[Diagnostic]:
-    """A node's timer is not faster than everything that the node hears."""
+    """A node's timer is not faster than everything that the node receives."""
     rates: dict[str, float | None] = {}
     for end in context.topology.ends:
         if end.direction == "publishes":
@@ -116,7 +118,7 @@ def _check_node_timers(node: Node, fastest_hz: float) -> Iterator[Diagnostic]:
             yield found(
                 "OBK211",
                 f"timer `{component.identity}` runs at {1 / period.value:g} Hz, the fastest topic "
-                f"that `{node.node_name}` hears comes at {fastest_hz:g} Hz",
+                f"that `{node.node_name}` subscribes to comes at {fastest_hz:g} Hz",
                 period.span,
             )
 

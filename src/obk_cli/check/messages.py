@@ -29,7 +29,7 @@ _OF_A_CLASS: Final = re.compile(r"::|\.")
 
 def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
     """Every type that config or code names exists; of packages that are here, by their sources."""
-    told: set[tuple[str, str]] = set()
+    checked: set[tuple[str, str]] = set()
     written = {
         _package(component.msg_type.value)
         for node in context.stack.nodes
@@ -49,9 +49,9 @@ def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
             continue
         command = (node.pkg.value, node.executable.value)
         code = context.environment.read_node_code(*command)
-        if isinstance(code, NodeFacts) and command not in told:
-            told.add(command)
-            yield from _check_code(code, node.executable, context.environment, told=written)
+        if isinstance(code, NodeFacts) and command not in checked:
+            checked.add(command)
+            yield from _check_code(code, node.executable, context.environment, in_config=written)
 
 
 def _is_short_for_code(component: Component) -> bool:
@@ -150,9 +150,9 @@ def _check_code(
     executable: Spanned[str],
     environment: Environment,
     *,
-    told: Collection[str],
+    in_config: Collection[str],
 ) -> Iterator[Diagnostic]:
-    """Classes that nobody defines in the node's source; `told`: packages that the config names."""
+    """Classes in the node's source that no package defines; `in_config`: packages of the config."""
     # Types that a base class is given count too: it is the user's code that gives them.
     by_type = {c.msg_type: c for c in reversed(code.components) if c.msg_type is not None}
     for msg_type, component in by_type.items():
@@ -168,7 +168,7 @@ def _check_code(
                 help=did_you_mean(name, names) or "it defines no messages",
                 related=(_place(component, code),),
             )
-        elif names is None and package not in (*ROS_MESSAGES, *told):
+        elif names is None and package not in (*ROS_MESSAGES, *in_config):
             yield found(
                 "OBK411",
                 f"`{executable.value}` cannot start: message package `{package}` is not found",

@@ -49,7 +49,7 @@ def no_such_package(
 
 
 def check_executables(context: CheckContext) -> Iterator[Diagnostic]:
-    """Every node's package and executable are there; a missing package is told once."""
+    """Every node's package and executable exist; a missing package is reported once."""
     missing: dict[str, list[Span]] = defaultdict(list)
     looked: dict[str, str] = {}
     for package, executable in _wanted(context.stack):

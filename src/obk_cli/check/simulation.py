@@ -93,9 +93,9 @@ def check_models(context: CheckContext) -> Iterator[Diagnostic]:
             if isinstance(read, ModelFault):
                 yield _unreadable(read, sim.model, context.environment)
             in_block = tuple(_check_block(node, sim, read, context.environment))
-            # What MuJoCo stops at may be what the block was told of already.
-            is_told = any(finding.severity == "error" for finding in in_block)
-            if isinstance(read, ModelRead) and read.fault is not None and not is_told:
+            # What MuJoCo stops at may be what a finding of the block reports already.
+            has_error = any(finding.severity == "error" for finding in in_block)
+            if isinstance(read, ModelRead) and read.fault is not None and not has_error:
                 yield _unreadable(read.fault, sim.model, context.environment)
             yield from in_block
     if skipped is not None:
@@ -196,8 +196,8 @@ _WITHOUT_ACTUATORS = (
 
 
 def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
-    """The simulator can apply the message that it obeys, and it has a value for each actuator."""
-    told: set[tuple[str, Span]] = set()
+    """The simulator can apply the commands that it receives, one value for each actuator."""
+    reported: set[tuple[str, Span]] = set()
     for robot in context.stack.section("robot"):
         if not robot.runs_simulation:
             continue
@@ -209,8 +209,8 @@ def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
             for place, fault in _check_lengths(
                 context.stack, robot, component, context.environment
             ):
-                if place not in told:  # by another robot that obeys the same controller
-                    told.add(place)
+                if place not in reported:  # for another robot with the same controller
+                    reported.add(place)
                     yield fault
 
 

@@ -63,14 +63,14 @@ def _path_spans(node: Node) -> Iterator[Span]:
 
 
 def check_defaults(context: CheckContext) -> Iterator[Diagnostic]:
-    """Keys that say what holds without them; one finding for a key, however often it stands."""
+    """Keys set to their default; one finding for a key, however often it occurs."""
     places: dict[str, list[Span]] = defaultdict(list)
-    cures: dict[str, list[Edit]] = defaultdict(list)
+    edits: dict[str, list[Edit]] = defaultdict(list)
     for node in context.stack.nodes:
         for tree, entry in _written_defaults(node):
             written = f"{entry.key}: {entry.value.span.text}"
             places[written].append(entry.key_span)
-            cures[written] += remove_entry(tree, entry)
+            edits[written] += remove_entry(tree, entry)
     for written, (first, *others) in places.items():
         count = f" {len(others) + 1} times" if others else ""
         yield found(
@@ -79,7 +79,7 @@ def check_defaults(context: CheckContext) -> Iterator[Diagnostic]:
             first,
             help="it can be left out",
             related=(Related(message="here too", span=span) for span in others[:_MOST_SHOWN]),
-            fix=cures[written],
+            fix=edits[written],
         )
 
 

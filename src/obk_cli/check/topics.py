@@ -26,7 +26,7 @@ _OF_MANY = ("/tf", "/tf_static", "/diagnostics", "/rosout")
 """Topics that any number of nodes publish."""
 _OF_OBELISK = tuple(f"{package}/" for package in OBELISK_MESSAGES)
 _MOST_COMPARED = 20_000
-"""Pairs of names; once as many are compared, what dangles is told without a suggestion."""
+"""Pairs of names; once as many are compared, dangling topics are reported without a suggestion."""
 
 
 def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
@@ -166,7 +166,7 @@ def _of_types(end: TopicEnd, publishers: _ByType, kinds: Iterable[str | None]) -
 def _nearest(end: TopicEnd, candidates: Iterable[TopicEnd]) -> list[TopicEnd]:
     """Those that may be meant: of the same type, or much the same name.
 
-    A type of ROS's own says little: an `Image` may be one of any number of cameras.
+    A type of ROS's own is a weak hint: an `Image` may be one of any number of cameras.
     """
     likeness = {other.topic: (_likeness(other, end), other) for other in candidates}
     close = [
@@ -297,7 +297,7 @@ def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Policy:
-    """One setting: the words for much and for little, and what an end says that says nothing."""
+    """One setting: the words for much and for little, and its value at an end."""
 
     written: Callable[[Qos], Spanned[str] | None]
     strong: str
@@ -306,8 +306,8 @@ class _Policy:
     offered: str
 
     def of(self, end: TopicEnd, default: str) -> str:
-        said = self.written(end.qos)
-        return said.value if said else default
+        setting = self.written(end.qos)
+        return setting.value if setting else default
 
 
 _POLICIES = (
@@ -373,9 +373,9 @@ def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
     right = _agreed(known) or _most_common(ends)
     publishers = [end for end in ends if end.direction == "publishes"]
     subscribers = [end for end in ends if end.direction == "subscribes"]
-    told = tuple(_against_other_side(publishers, subscribers, right))
-    yield from told
-    if not told:
+    differing = tuple(_against_other_side(publishers, subscribers, right))
+    yield from differing
+    if not differing:
         for side in (publishers, subscribers):
             yield from _against_own_side(side, right)
 
@@ -411,13 +411,13 @@ def _against_other_side(
 
 
 def _against_own_side(ends: Sequence[TopicEnd], right: str | None) -> Iterator[Diagnostic]:
-    """For a topic whose other side says nothing of its type: those of one side agree, too."""
+    """For a topic without a type on its other side: the ends of one side agree, too."""
     fitting = [end for end in ends if end.known_type == right] or ends[:1]
     yield from (_differs(end, fitting) for end in ends if end.known_type != fitting[0].known_type)
 
 
 def _agreed(types: Iterable[str]) -> str | None:
-    """The one type that the code of all nodes says, None where it says none or several."""
+    """The one type in the code of all nodes, None if there are none or several."""
     every = tuple(types)
     return every[0] if len(every) == 1 else None
 

@@ -19,7 +19,7 @@ from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import STANDARD_INPUT
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS
-from obk_cli.scaffold.questions import Answers, Question
+from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec
 from obk_cli.scaffold.variables import config_snippet
 
 __all__ = ["AddToOptions", "ConfigEdit", "add_to_config", "add_to_options", "with_config_types"]
@@ -48,7 +48,7 @@ def add_to_options(
         return AddToOptions(config=config, device=device, replaces=replaces)
     for option, value in (("--device", device), ("--replace", replaces)):
         if value is not None:
-            raise MisuseError(f"`{option}` says where in a config: give `--add-to CONFIG` too")
+            raise MisuseError(f"`{option}` applies to a config: add `--add-to CONFIG`")
     return None
 
 
@@ -91,7 +91,7 @@ class ConfigEdit:
     def describe(self, *, is_done: bool) -> Added:
         """Describe what was, or would be, changed in the config."""
         source, text = self.added.source, self.added.text
-        later = "note: until it is built, `obk validate` says that there is no such executable"
+        later = "note: until it is built, `obk validate` reports a missing executable"
         return Added(
             config=source.path,
             lines=(
@@ -103,7 +103,7 @@ class ConfigEdit:
         )
 
 
-def add_to_config(options: AddToOptions, answers: Answers) -> ConfigEdit:
+def add_to_config(options: AddToOptions, spec: PackageSpec) -> ConfigEdit:
     """The edit that puts the new node into the config; nothing is written.
 
     Raises:
@@ -115,18 +115,20 @@ def add_to_config(options: AddToOptions, answers: Answers) -> ConfigEdit:
         raise CommandFailedError(f"`{options.config}` cannot be read; nothing was made")
     added = add_node(
         file.source,
-        read_new_node(SECTIONS[answers.kind], config_snippet(answers)),
+        read_new_node(SECTIONS[spec.kind], config_snippet(spec)),
         make_options(None, None),
         device=options.device,
         replaces=options.replaces,
     )
     if isinstance(added, Rejected):
         raise _failure(added)
-    return ConfigEdit(added=added, _file=file, _is_built_later=answers.language == "cpp")
+    return ConfigEdit(added=added, _file=file, _is_built_later=spec.language == "cpp")
 
 
-def with_config_types(question: Question, options: AddToOptions, default: Answers) -> Question:
-    """The question with open message types filled in from the config.
+def with_config_types(
+    request: PackageRequest, options: AddToOptions, default: PackageSpec
+) -> PackageRequest:
+    """The request with open message types filled in from the config.
 
     `default` holds the types otherwise used. Errors in the config are reported by `add_to_config`.
     """
@@ -135,22 +137,22 @@ def with_config_types(question: Question, options: AddToOptions, default: Answer
     if not isinstance(file, Diagnostic):
         stack = compile_source(file.source, make_options(None, None)).config
     if stack is None:
-        return question
+        return request
     new_node = read_new_node(SECTIONS[default.kind], config_snippet(default))
     replaced = (
         find_replaced(stack, new_node.section, options.replaces) if options.replaces else None
     )
     if isinstance(replaced, Rejected):
-        return question
+        return request
     types = {
         component.partition("_")[2]: full
         for component, full in matching_types(new_node, stack, replaced).items()
     }
     return replace(
-        question,
-        ctrl_msg=question.ctrl_msg or types.get("ctrl"),
-        est_msg=question.est_msg or types.get("est"),
-        sensor_msg=question.sensor_msg or types.get("sensor"),
+        request,
+        ctrl_msg=request.ctrl_msg or types.get("ctrl"),
+        est_msg=request.est_msg or types.get("est"),
+        sensor_msg=request.sensor_msg or types.get("sensor"),
     )
 
 

@@ -8,7 +8,7 @@ import typer
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.config.suppressions import may_be_silenced
-from obk_cli.diagnostics.rules import RULES, Rule
+from obk_cli.diagnostics.rules import LOCKSTEP_FAMILY, RULES, Rule
 from obk_cli.errors import MisuseError
 
 __all__ = ["EXAMPLE", "command"]
@@ -48,6 +48,8 @@ def _page(rule: Rule) -> str:
         f"Right:\n{_indented(example['right'])}",
         f"Reported for the wrong one:\n{_indented(example['report'])}",
     ]
+    if rule.code.startswith(LOCKSTEP_FAMILY):
+        parts.append("It is reported by `obk validate --for-test`.")
     parts.append(_how_to_silence(rule.code) if may_be_silenced(rule) else _NEVER_SILENT)
     return "\n\n".join(parts)
 

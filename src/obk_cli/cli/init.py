@@ -18,7 +18,7 @@ from obk_cli.install_source import read_install_source
 from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
 from obk_cli.scaffold.describe import file_lines, unified_diff
 from obk_cli.scaffold.kinds import Problem, check_name
-from obk_cli.scaffold.questions import Answers
+from obk_cli.scaffold.package_spec import PackageSpec
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.scaffold.write import Decision
 from obk_cli.workspace.package_index import PackageIndex, owner_of_package
@@ -78,7 +78,7 @@ def command(
     typer.echo(describe(stack, root, decisions, dry_run=dry_run))
 
 
-def _check(stack: str, root: Path) -> tuple[Answers, ...]:
+def _check(stack: str, root: Path) -> tuple[PackageSpec, ...]:
     if root.exists() and not root.is_dir():
         raise CommandFailedError(f"{short(root)} is a file; a folder was to be made")
     if (root / "package.xml").is_file():

@@ -103,7 +103,7 @@ def _report_change(answer: ChangeAnswer, *, is_json: bool) -> None:
     if is_json:
         print(json.dumps(change_data(answer), indent=1))
         return
-    # The culprit first, as the first sentence says.
+    # The culprit first, as in the first sentence.
     members = sorted(answer.members, key=lambda member: not member.is_culprit)
     width = max((len(member.node) for member in members), default=0)
     for member in members:

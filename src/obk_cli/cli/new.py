@@ -12,13 +12,13 @@ from obk_cli.cli.add_to import add_to_options
 from obk_cli.cli.new_run import NewOptions, find_library, run_new
 from obk_cli.errors import MisuseError
 from obk_cli.scaffold.kinds import RECIPES, Language, Recipe, Release
-from obk_cli.scaffold.questions import (
+from obk_cli.scaffold.package_spec import (
     USUAL_CPP_SENSOR,
     USUAL_CTRL,
     USUAL_EST,
     USUAL_OF_SENSOR,
     USUAL_SENSOR,
-    Question,
+    PackageRequest,
 )
 from obk_cli.scaffold.templates import TemplateLibrary
 
@@ -150,7 +150,7 @@ def new_controller(
     format: Format = "text",
 ) -> None:
     """Make a controller: state estimates in, control messages out."""
-    question = Question(
+    request = PackageRequest(
         kind="controller",
         name=name,
         language=lang,
@@ -159,7 +159,7 @@ def new_controller(
         est_msg=est_msg,
     )
     run_new(
-        question,
+        request,
         NewOptions(
             dest=dest,
             templates=templates,
@@ -192,7 +192,7 @@ def new_estimator(
     format: Format = "text",
 ) -> None:
     """Make an estimator: sensor messages in, state estimates out."""
-    question = Question(
+    request = PackageRequest(
         kind="estimator",
         name=name,
         language=lang,
@@ -201,7 +201,7 @@ def new_estimator(
         sensor_msg=sensor_msg,
     )
     run_new(
-        question,
+        request,
         NewOptions(
             dest=dest,
             templates=templates,
@@ -228,9 +228,9 @@ def new_robot(
     format: Format = "text",
 ) -> None:
     """Make a robot in hardware: control messages in, sensor messages out."""
-    question = Question(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
+    request = PackageRequest(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
     run_new(
-        question,
+        request,
         NewOptions(
             dest=dest,
             templates=templates,
@@ -259,9 +259,9 @@ def new_sensor(
     format: Format = "text",
 ) -> None:
     """Make a sensor beside the robot: sensor messages out."""
-    question = Question(kind="sensor", name=name, sensor_msg=sensor_msg)
+    request = PackageRequest(kind="sensor", name=name, sensor_msg=sensor_msg)
     run_new(
-        question,
+        request,
         NewOptions(
             dest=dest,
             templates=templates,
@@ -286,9 +286,9 @@ def new_msgs(
     format: Format = "text",
 ) -> None:
     """Make a package of message types, to be compiled by `obk build`."""
-    question = Question(kind="msgs", name=name, with_service=srv)
+    request = PackageRequest(kind="msgs", name=name, with_service=srv)
     run_new(
-        question,
+        request,
         NewOptions(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
     )
 
@@ -310,9 +310,9 @@ def new_config(
 
     Where it has no node for a section, that of the example is taken.
     """
-    question = Question(kind="config", name=name)
+    request = PackageRequest(kind="config", name=name)
     run_new(
-        question,
+        request,
         NewOptions(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
     )
 

@@ -1,4 +1,4 @@
-"""The steps of every `obk new`: find the target, check the answers, write files, report them."""
+"""The steps of every `obk new`: find the target, check the spec, write files, report them."""
 
 import os
 import shutil
@@ -34,7 +34,7 @@ from obk_cli.scaffold.describe import (
     unified_diff,
 )
 from obk_cli.scaffold.kinds import Problem
-from obk_cli.scaffold.questions import Answers, Question, check_answers
+from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec, check_request
 from obk_cli.scaffold.templates import TemplateLibrary, open_library
 from obk_cli.scaffold.write import (
     Action,
@@ -112,26 +112,26 @@ class NewOptions:
     """The config that the node is to be added to."""
 
 
-def run_new(question: Question, options: NewOptions) -> None:
-    """Create the files of a question and report them.
+def run_new(request: PackageRequest, options: NewOptions) -> None:
+    """Create the files of a request and report them.
 
     Raises:
         MisuseError: a name or a message type cannot be.
         CommandFailedError: something is in the way; nothing was made.
     """
     config = Path(options.add_to.config) if options.add_to else None
-    target = find_target(options.dest, question.kind, config)
+    target = find_target(options.dest, request.kind, config)
     if target.package is not None:
-        require_suitable_package(target, question)
-    question = _with_model_controls(question, target)
-    answers = _answer(question, target)
+        require_suitable_package(target, request)
+    request = _with_model_controls(request, target)
+    spec = _checked_spec(request, target)
     if options.add_to:
-        answers = _answer(_with_config_types(question, options.add_to, answers), target)
-    _note_missing_packages(answers, target)
+        spec = _checked_spec(_with_config_types(request, options.add_to, spec), target)
+    _note_missing_packages(spec, target)
     library = find_library(options.templates)
-    root = target.folder.resolve() if question.kind == "config" else find_root(target, answers.node)
-    composition = _compose(answers, library, root, target)
-    edit = _plan_edit(options.add_to, answers) if options.add_to else None
+    root = target.folder.resolve() if request.kind == "config" else find_root(target, spec.node)
+    composition = _compose(spec, library, root, target)
+    edit = _plan_edit(options.add_to, spec) if options.add_to else None
     decisions = write_files(
         root,
         composition,
@@ -141,7 +141,7 @@ def run_new(question: Question, options: NewOptions) -> None:
         finish=edit.write if edit else lambda: None,
     )
     result = NewFiles(
-        answers=answers,
+        spec=spec,
         folder=short(root),
         decisions=decisions,
         dry_run=options.dry_run,
@@ -163,7 +163,7 @@ def write_files(
 ) -> tuple[Decision, ...]:
     """Decide on each file, ask on a terminal, write, and `finish`.
 
-    `way_out` says what the user can do when something is in the way.
+    `way_out`: what the user can do if files are in the way.
 
     Raises:
         CommandFailedError: a file is in the way, or the folder cannot be written.
@@ -202,21 +202,21 @@ def _usual_folder() -> Path | None:
     named = os.environ.get("OBK_TEMPLATES")
     if named:
         return Path(named)
-    from platformdirs import user_config_path  # only where nothing else says
+    from platformdirs import user_config_path  # only if nothing else is set
 
     folder = user_config_path("obk") / "templates"
     return folder if folder.is_dir() else None
 
 
-def require_valid(answers: Answers | tuple[Problem, ...]) -> Answers:
-    """The answers.
+def require_valid(checked: PackageSpec | tuple[Problem, ...]) -> PackageSpec:
+    """The spec that a check returned.
 
     Raises:
-        MisuseError: there are problems instead; all of them are in it.
+        MisuseError: the check returned problems; it lists all of them.
     """
-    if isinstance(answers, Answers):
-        return answers
-    *others, last = answers
+    if isinstance(checked, PackageSpec):
+        return checked
+    *others, last = checked
     lines = [f"{problem.sentence} ({problem.help})" for problem in others]
     raise MisuseError("\n".join([*lines, last.sentence]), help=last.help)
 
@@ -234,27 +234,27 @@ def programs() -> str:
     return "" if found and Path(found).parent == folder else f"{short(folder)}/"
 
 
-def _with_model_controls(question: Question, target: TargetFolder) -> Question:
+def _with_model_controls(request: PackageRequest, target: TargetFolder) -> PackageRequest:
     """A controller that gives the model of the workspace as many controls as it has actuators."""
-    model = find_model(target.folder.resolve()) if question.kind == "controller" else None
-    return replace(question, controls=model.actuators) if model and model.actuators else question
+    model = find_model(target.folder.resolve()) if request.kind == "controller" else None
+    return replace(request, controls=model.actuators) if model and model.actuators else request
 
 
-def _answer(question: Question, target: TargetFolder) -> Answers:
-    if question.kind == "config":
-        return require_valid(check_answers(question, owner_of=lambda _: None))
+def _checked_spec(request: PackageRequest, target: TargetFolder) -> PackageSpec:
+    if request.kind == "config":
+        return require_valid(check_request(request, owner_of=lambda _: None))
     index = PackageIndex.around(target.folder, Path.cwd(), os.environ)
     if target.package is not None:
-        answers = check_answers(question, owner_of=owner_of_module, messages=index)
-        return require_valid(answers).in_package(target.package.name)
-    owner_of = partial(owner_of_package, own_folder=target.folder / question.name, index=index)
-    return require_valid(check_answers(question, owner_of=owner_of, messages=index))
+        spec = check_request(request, owner_of=owner_of_module, messages=index)
+        return require_valid(spec).in_package(target.package.name)
+    owner_of = partial(owner_of_package, own_folder=target.folder / request.name, index=index)
+    return require_valid(check_request(request, owner_of=owner_of, messages=index))
 
 
-def _note_missing_packages(answers: Answers, target: TargetFolder) -> None:
+def _note_missing_packages(spec: PackageSpec, target: TargetFolder) -> None:
     """Print a note for each missing message package: it may follow later, or be misspelt."""
     index = PackageIndex.around(target.folder, Path.cwd(), os.environ)
-    used = {message.package for message in answers.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
+    used = {message.package for message in spec.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
     for package in sorted(name for name in used if index.message_names(name) is None):
         near = ask_for(near_names(package, index.message_packages()))
         fix = near or f"`obk new msgs {package}` makes one"
@@ -262,16 +262,16 @@ def _note_missing_packages(answers: Answers, target: TargetFolder) -> None:
 
 
 def _compose(
-    answers: Answers, library: TemplateLibrary, root: Path, target: TargetFolder
+    spec: PackageSpec, library: TemplateLibrary, root: Path, target: TargetFolder
 ) -> Composition:
-    layers = layers_of(answers)
+    layers = layers_of(spec)
     templates = library.read(layers)
-    if answers.kind == "config":
-        return compose_config(answers, templates, root)
+    if spec.kind == "config":
+        return compose_config(spec, templates, root)
     if target.package is None:
-        return compose_package(answers, templates)
+        return compose_package(spec, templates)
     composition = compose_addition(
-        answers,
+        spec,
         templates,
         read_package_texts(root),
         python_folder=target.python_folder,
@@ -281,16 +281,18 @@ def _compose(
     return composition
 
 
-def _with_config_types(question: Question, add_to: AddToOptions, default: Answers) -> Question:
+def _with_config_types(
+    request: PackageRequest, add_to: AddToOptions, default: PackageSpec
+) -> PackageRequest:
     from obk_cli.cli.add_to import with_config_types
 
-    return with_config_types(question, add_to, default)
+    return with_config_types(request, add_to, default)
 
 
-def _plan_edit(add_to: AddToOptions, answers: Answers) -> "ConfigEdit":
+def _plan_edit(add_to: AddToOptions, spec: PackageSpec) -> "ConfigEdit":
     from obk_cli.cli.add_to import add_to_config
 
-    return add_to_config(add_to, answers)
+    return add_to_config(add_to, spec)
 
 
 def _show_conflicts(decisions: tuple[Decision, ...]) -> None:

@@ -14,7 +14,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.scaffold.compose import Composition
 from obk_cli.scaffold.kinds import Kind
 from obk_cli.scaffold.package_files import PackageIdentity, PackageTexts, read_identity
-from obk_cli.scaffold.questions import Answers, Question
+from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec
 from obk_cli.scaffold.stack import (
     Model,
     StackNode,
@@ -97,7 +97,7 @@ def find_root(target: TargetFolder, name: str) -> Path:
     if not real.is_relative_to(target.boundary.resolve()):
         raise CommandFailedError(
             f"{root} is reached through a symbolic link that leads to {real}",
-            help=f"to make the package there, say so: --dest {real.parent}",
+            help=f"to create the package there, add --dest {real.parent}",
         )
     if root.exists() and not root.is_dir():
         raise CommandFailedError(
@@ -127,7 +127,7 @@ def _enclosing_package(folder: Path) -> Path | None:
     return None
 
 
-def require_suitable_package(target: TargetFolder, question: Question) -> None:
+def require_suitable_package(target: TargetFolder, request: PackageRequest) -> None:
     """Reject a package that cannot take the new node.
 
     Raises:
@@ -135,12 +135,12 @@ def require_suitable_package(target: TargetFolder, question: Question) -> None:
     """
     identity = target.package
     assert identity is not None
-    if question.kind == "msgs":
+    if request.kind == "msgs":
         raise CommandFailedError(
             f"`{identity.name}` here is a package already, and messages are in one of their own",
             help=_ELSEWHERE,
         )
-    if question.language == "cpp":
+    if request.language == "cpp":
         raise CommandFailedError(
             f"a C++ node is made as a package of its own, and here is the package "
             f"`{identity.name}`",
@@ -204,7 +204,7 @@ _OWN_MODEL = ".xml.jinja"
 """The template of a model, for a workspace that has none."""
 
 
-def compose_config(answers: Answers, templates: Iterable[Template], root: Path) -> Composition:
+def compose_config(spec: PackageSpec, templates: Iterable[Template], root: Path) -> Composition:
     """A config, and a small model where the workspace has neither a robot nor a model.
 
     Raises:
@@ -213,7 +213,7 @@ def compose_config(answers: Answers, templates: Iterable[Template], root: Path) 
     environment = MachineEnvironment(root, Path.cwd(), os.environ)
     stand_ins = _nodes(environment, _STAND_INS)
     nodes = choose_nodes(_nodes(environment, _executables(environment)), stand_ins)
-    variables = {"node": answers.node, "package": answers.package, "kind": answers.kind}
+    variables = {"node": spec.node, "package": spec.package, "kind": spec.kind}
     given = tuple(templates)
     if any(node.kind == "robot" for node in nodes):
         model, own = None, []
@@ -223,7 +223,7 @@ def compose_config(answers: Answers, templates: Iterable[Template], root: Path) 
     files = render_templates(own, variables)
     if model is None and files:
         model = read_model_text(files[0].content.decode(), files[0].path.as_posix())
-    text = stack_text(StackSketch(name=answers.node, nodes=nodes, model=model))
+    text = stack_text(StackSketch(name=spec.node, nodes=nodes, model=model))
     others = tuple(t for t in given if not t.name.endswith(_OWN_MODEL))
     return Composition(files=(*files, *render_templates(others, {**variables, "stack": text})))
 

@@ -55,7 +55,7 @@ def _require_one(runs: Mapping[Path, Run]) -> None:
         shown = names if len(set(names)) == len(names) else [folder.name for folder in runs]
         raise MisuseError(
             f"several stacks run on this host: {', '.join(sorted(shown))}",
-            help="name one of them, or say `--all`",
+            help="name one of them, or add `--all`",
         )
 
 

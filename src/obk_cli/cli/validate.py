@@ -66,6 +66,10 @@ def command(
     diff: Annotated[
         bool, typer.Option("--diff", help="With --fix: show the changes, write nothing.")
     ] = False,
+    for_test: Annotated[
+        bool,
+        typer.Option("--for-test", help="Also report what may differ between two lock-step runs."),
+    ] = False,
     watch: Annotated[
         bool, typer.Option("--watch", help="Check again when a file changes, until Ctrl-C.")
     ] = False,
@@ -82,7 +86,7 @@ def command(
     """
     require_choice("--format", format, _FORMATS)
     _check_together(configs, format, fix=fix, diff=diff, watch=watch)
-    options = replace(make_options(set_, ignore), including=configs_that_include)
+    options = replace(make_options(set_, ignore), including=configs_that_include, for_test=for_test)
     colour = wants_colour(color)
     if watch:
         _watch(configs, options, colour=colour, verbose=verbose)

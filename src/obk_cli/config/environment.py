@@ -3,6 +3,7 @@
 The adapters answer; tests answer with tables. Looks at nothing itself.
 """
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
@@ -52,6 +53,14 @@ class Command:
     function: str | None = None
     """The function of `module` that is called; None for a module that is run as a program."""
 
+    @property
+    def is_of_this_python(self) -> bool:
+        """Whether it is Python that this interpreter runs, or installed in its environment."""
+        if self.module is None:
+            return False
+        program = Path(self.arguments[0])
+        return program == Path(sys.executable) or program.is_relative_to(sys.prefix)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExecutableMissing:
@@ -92,7 +101,7 @@ class ModelRead:
     wanted_files: tuple[tuple[str, str], ...] = ()
     """Meshes and textures, each by its path under its folder and by its path as written."""
     missing_files: tuple[str, ...] = ()
-    """Those that are not where the model says."""
+    """Those that are not at the path in the model."""
     fault: "ModelFault | None" = None
     """Why MuJoCo cannot compile it; not tried where files are missing."""
 
@@ -142,7 +151,10 @@ class Environment(Protocol):
         """How an executable is started."""
 
     def read_node_code(self, package: str, executable: str) -> "NodeCode | None":
-        """What the Python source of an executable says, None where that cannot be known."""
+        """What the Python source of an executable defines, None if that cannot be known."""
+
+    def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
+        """What in the source of an executable may differ between two lock-step runs."""
 
     def is_cpp(self, package: str, executable: str) -> bool:
         """Whether an executable is in C++, as far as that can be known."""
@@ -174,7 +186,7 @@ class CodeComponent:
     is_required: bool
     """Whether configure fails without settings; False too where that is not known."""
     is_optional: bool
-    """Whether the code says that it may be left out."""
+    """Whether the code marks it as optional."""
     has_default: bool
     """Whether the code brings settings of its own."""
     is_named_in_full: bool

@@ -179,8 +179,8 @@ class Fields:
                 self._unknown(entry, keys)
             elif entry.key in self._no_effect:
                 message = f"`{entry.key}` has no effect"
-                cure = remove_entry(tree, entry)
-                faults.append(found("OBK506", message, entry.key_span, fix=cure))
+                edits = remove_entry(tree, entry)
+                faults.append(found("OBK506", message, entry.key_span, fix=edits))
 
     def _unknown(self, entry: Entry, keys: tuple[str, ...]) -> None:
         useful = [key for key in keys if key not in self._no_effect]
@@ -197,10 +197,10 @@ class Fields:
             self._entries.setdefault(near[0], entry)
         message = f"{self._what} has no key `{entry.key}`"
         meant = sure_name(entry.key, compared)
-        cure: tuple[Edit, ...] = ()
+        edits: tuple[Edit, ...] = ()
         if meant is not None and self.tree.get(meant) is None:
-            cure = respell(entry.key_span, entry.key, meant)
-        self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=cure))
+            edits = respell(entry.key_span, entry.key, meant)
+        self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=edits))
 
     def entry(self, key: str, *, required: bool = False) -> Entry | None:
         """The entry of a key that holds something."""
@@ -268,8 +268,8 @@ class Fields:
         message = f"`{key}` is `{text.value}`, expected one of {list_names(words)}"
         help = ask_for(near_names(text.value, words))
         meant = sure_name(text.value, words)
-        cure = respell(text.span, text.value, meant) if meant else ()
-        self._faults.append(found("OBK105", message, text.span, help=help, fix=cure))
+        edits = respell(text.span, text.value, meant) if meant else ()
+        self._faults.append(found("OBK105", message, text.span, help=help, fix=edits))
         return None
 
     def mapping(self, key: str, *, required: bool = False) -> TreeMap | None:

@@ -1,4 +1,4 @@
-"""Cures that are certain, as edits: another word in a place, a key taken out of a mapping.
+"""Safe fixes, as edits: another word in a place, a key taken out of a mapping.
 
 Spans and entries of the user's text in; edits out, none where the text does not plainly hold what
 is to change: a value that came through an alias, a variable or an escape.

@@ -30,7 +30,7 @@ def locate_stack(
     """The stack with everything that it refers to, and findings about the ray casters' files.
 
     Args:
-        stack: what the config says.
+        stack: what the config contains.
         folder: the config's folder.
         files: loads the files of `config_path`.
         environment: knows packages and the sources of nodes.

@@ -179,14 +179,14 @@ def _renamed(group: TreeMap, faults: Faults) -> TreeMap:
         written = group.get(newer) if newer is not None else None
         if written is not None and plain_value(written.value) == plain_value(entry.value):
             message = f"`{entry.key}` has no effect: `{newer}` has the same value"
-            cure = remove_entry(group, entry)
-            faults.append(found("OBK506", message, entry.key_span, fix=cure))
+            edits = remove_entry(group, entry)
+            faults.append(found("OBK506", message, entry.key_span, fix=edits))
             continue
         if newer is not None and written is None:
             message = f"`{entry.key}` is the older name of `{newer}`"
-            cure = respell(entry.key_span, entry.key, newer)
+            edits = respell(entry.key_span, entry.key, newer)
             help = f"write `{newer}`"
-            faults.append(found("OBK501", message, entry.key_span, help=help, fix=cure))
+            faults.append(found("OBK501", message, entry.key_span, help=help, fix=edits))
             entry = replace(entry, key=newer)
         entries.append(entry)
     return replace(group, entries=tuple(entries))

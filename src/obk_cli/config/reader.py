@@ -185,9 +185,9 @@ def _read_joystick_params(fields: Fields) -> tuple[Parameter, ...]:
         "coalesce_interval_ms": fields.count("coalesce_interval_ms", least=0),
     }
     return tuple(
-        Parameter(name=name, value=said.value, span=said.span, key_span=said.key_span)
-        for name, said in read.items()
-        if said is not None
+        Parameter(name=name, value=given.value, span=given.span, key_span=given.key_span)
+        for name, given in read.items()
+        if given is not None
     )
 
 
@@ -211,8 +211,8 @@ class _StackReader:
                 help = did_you_mean(entry.key, SECTION_KEYS)
                 message = f"device `{device.key}` has no section `{entry.key}`"
                 meant = sure_name(entry.key, SECTION_KEYS)
-                cure = respell(entry.key_span, entry.key, meant) if meant else ()
-                self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=cure))
+                edits = respell(entry.key_span, entry.key, meant) if meant else ()
+                self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=edits))
 
     def read_section(self, section: Entry, device: str) -> None:
         """One section of one device."""

@@ -71,7 +71,7 @@ class TopicEnd:
     ignores_type: bool = False
     """Whether `msg_type` is only a note: the node is in C++."""
     code_type: str | None = None
-    """The type that the node's source says, where that can be read; it is what runs."""
+    """The type in the node's source, if that can be read; it is what runs."""
     qos: Qos = Qos()  # noqa: RUF009  (frozen)
     rate_hz: float | None = None
     component: str | None = None

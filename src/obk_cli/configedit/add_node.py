@@ -1,7 +1,7 @@
 """Add a node to a config: wire it, edit the text, and verify the result by compiling again.
 
 A config's source, a new node and the compiler's options in; the new text and the wiring out, or why
-not. Writes no file. The new text says what it said before and the new node, and has no new error.
+not. Writes no file. The new text has the old content and the new node, and no new error.
 """
 
 from collections import Counter
@@ -84,10 +84,16 @@ class PlannedEnvironment:
         return self.current.find_executable(package, executable)
 
     def read_node_code(self, package: str, executable: str) -> NodeCode | None:
-        """What the Python source of an executable says."""
+        """What the Python source of an executable defines."""
         if (package, executable) == (self.package, self.executable):
             return None
         return self.current.read_node_code(package, executable)
+
+    def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
+        """What in the source of an executable may differ between two lock-step runs."""
+        if (package, executable) == (self.package, self.executable):
+            return ()
+        return self.current.read_hazards(package, executable)
 
     def is_cpp(self, package: str, executable: str) -> bool:
         """Whether an executable is in C++."""
@@ -120,7 +126,7 @@ def new_errors(before: Iterable[Diagnostic], after: Iterable[Diagnostic]) -> tup
 def expected_content(
     tree: TreeMap, place: InsertionPoint, entry: Mapping[str, object], index: int | None
 ) -> object:
-    """What a text is to say: what it says in `tree`, and the node as the last or at `index`."""
+    """The expected content: that of `tree`, with the node as the last or at `index`."""
     plain = plain_value(tree)
     holder = _holder(plain, place)
     nodes = _nodes(holder.get(place.section))
@@ -133,7 +139,7 @@ def expected_content(
 
 
 def content_of(tree: Tree, place: InsertionPoint) -> object:
-    """What a text says, the section of the place as a list."""
+    """The content of a text, the section of the place as a list."""
     plain = plain_value(tree)
     holder = _holder(plain, place)
     holder[place.section] = _nodes(holder.get(place.section))
@@ -328,7 +334,7 @@ def find_replaced(stack: Stack, section: str, name: str) -> Node | Rejected:
     if exact:
         return Rejected(
             sentence=f"`{name}` is {len(exact)} nodes of `{section}`",
-            help=f"say which: {list_names(node.node_name for node in exact)}",
+            help=f"choose one: {list_names(node.node_name for node in exact)}",
         )
     names = [node.node_name for node in nodes]
     return Rejected(
@@ -349,7 +355,7 @@ def _choose_device(tree: TreeMap, stack: Stack, name: str | None) -> str | Rejec
     if len(known) > 1:
         return Rejected(
             sentence=f"the config has {len(known)} devices, and the new node runs on one",
-            help=f"say which: {list_names(known)}",
+            help=f"choose one: {list_names(known)}",
         )
     return known[0]
 

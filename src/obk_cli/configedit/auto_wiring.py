@@ -374,7 +374,7 @@ def matching_types(new_node: NewNode, stack: Stack, replaced: Node | None) -> Ma
     """Component -> full type, for ends whose own type the stack has no use for.
 
     What the node that is `replaced` had counts first; else what the block before publishes, and
-    what a robot obeys.
+    what commands a robot.
     """
     types: dict[str, str] = {}
     for end in new_node.ends:

@@ -100,7 +100,7 @@ class _Fixer:
         return (f for f in outcome.diagnostics if f.fix and not self._is_editable(f))
 
     def _choose(self, outcome: Outcome) -> list[Diagnostic]:
-        """Cures that do not touch each other; what is only style waits for the rest."""
+        """Fixes that do not touch each other; what is only style waits for the rest."""
         refused = {(f.code, f.message) for f in self.refused}
         able = [
             f

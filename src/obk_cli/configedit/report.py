@@ -154,7 +154,7 @@ def _notes(
 
 
 def _comments_within(source: SourceFile, edits: Iterable[Edit]) -> str:
-    """What is said of comments that go with the lines of a node."""
+    """The note about comments that go with the lines of a node."""
     offsets = Offsets.of(source)
     removed = (source.text[offsets.start(e.span) : offsets.end(e.span)] for e in edits)
     count = sum(len(re.findall(r"(?:^|\s)#", text)) for text in removed)

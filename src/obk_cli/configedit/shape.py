@@ -75,7 +75,7 @@ def text_of(entry: Entry | None) -> str | None:
 
 
 def meaning(tree: TreeMap) -> str:
-    """What a config says whichever way it is spelt: equal for two spellings of one thing."""
+    """The meaning of a config, independent of its spelling: equal for both spellings of a key."""
     components = {id(component) for component in components_of(tree)}
     devices = devices_of(tree)
     if not devices and sections_of(tree):

@@ -71,7 +71,7 @@ def in_order(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 def counted(
     diagnostics: Iterable[Diagnostic], *, most: int = _MOST_OF_ONE_RULE
 ) -> tuple[Diagnostic, ...]:
-    """The first findings of every rule; the rest of each is one line that says how many."""
+    """The first findings of every rule; one line counts the rest of each."""
     by_code: dict[str, list[Diagnostic]] = {}
     kept: list[Diagnostic] = []
     for diagnostic in diagnostics:

@@ -42,7 +42,7 @@ class DrawingTrial:
     has_drawn: bool
     """Whether the picture has more than one colour."""
     renderer: str = ""
-    """What drew it, as OpenGL says."""
+    """What drew it, as OpenGL reports it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

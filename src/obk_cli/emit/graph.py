@@ -59,7 +59,7 @@ class GraphNode:
 
     @property
     def facts(self) -> tuple[str, ...]:
-        """What a picture says below the title."""
+        """The lines that a picture shows below the title."""
         model = (f"MuJoCo {PurePath(self.model).name}",) if self.model else ()
         return tuple(printable(fact) for fact in (self.package, self.executable, *model))
 

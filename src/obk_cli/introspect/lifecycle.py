@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["LifecycleRequest", "change_states", "node_states", "possible_transitions"]
 
 LAUNCHES_OWN_S: Final = 60.0
-"""What a launch's own limit is taken for: whoever asks does not know it [s]."""
+"""The assumed limit of a launch: a client does not know it [s]."""
 MARGIN_S: Final = 5.0
 
 
@@ -134,9 +134,9 @@ NOTHING_S: Final = 2.0
 QUIET_S: Final = 1.0
 """After the last one that was found; of a stack, half of the nodes would be a wrong answer [s]."""
 ANSWER_S: Final = 2.0
-"""For a node's state where nothing else is said [s]."""
+"""For a node's state, unless set [s]."""
 TRANSITION_S: Final = 10.0
-"""For one node's transition where nothing else is said [s]."""
+"""For one node's transition, unless set [s]."""
 UP: Final = ("configure", "activate")
 NODE_NAME: Final = "obk_lifecycle"
 
@@ -161,7 +161,7 @@ def _states_in_graph(
     Args:
         environment: of ROS.
         search: which nodes.
-        timeout_s: for those that are known to run, and for each node's answer [s]; None: not said.
+        timeout_s: for those that are known to run, and for each node's answer [s]; None: not set.
 
     Raises:
         CommandFailedError: there is no such node, or no ROS.
@@ -185,7 +185,7 @@ def _change_in_graph(
         transition: `activate`, ...
         search: which nodes.
         timeout_s: for those that are known to run, and for each node's answer and transition [s];
-            None: not said.
+            None: not set.
 
     Raises:
         CommandFailedError: there is no such node, or no ROS.

@@ -151,7 +151,7 @@ class MessageFormatter:
                 yield "---"
 
     def _rows(self, values: dict[str, Plain]) -> Iterator[str]:
-        """A row has the columns of the first one, so that each stays what its name says."""
+        """A row has the columns of the first one, so that each matches its name."""
         cells = {
             name: cell for field, value in values.items() for name, cell in columns(value, field)
         }

@@ -47,13 +47,13 @@ class NodeInfo:
     state: str | None = None
     """Of its life cycle; None: it has none, or does not answer."""
     status: NodeStatus | None = None
-    """What its launcher says, where that runs here."""
+    """What its launcher reports, if that runs on this host."""
     run: str | None = None
     """The run folder's name."""
 
 
 def known_nodes(target: GraphTarget) -> Mapping[str, NodeStatus]:
-    """What the launchers of this host say of their nodes, by full name."""
+    """What the launchers of this host report about their nodes, by full name."""
     asked = (ask_status(folder) for folder in target.runs)
     return {node.node: node for status in asked if status for node in status.nodes}
 

@@ -204,12 +204,7 @@ def is_composable(process: Process, command: Command) -> bool:
     It can if it is Python that this interpreter runs, has a life cycle, and sets no environment
     variables.
     """
-    return (
-        process.has_lifecycle
-        and not process.env
-        and command.module is not None
-        and _is_of_this_python(command)
-    )
+    return process.has_lifecycle and not process.env and command.is_of_this_python
 
 
 def composed_command(
@@ -256,12 +251,6 @@ def _python_path(
     inherited = environment.get("PYTHONPATH")
     parts = [*folders, *([inherited] if inherited else [])]
     return {"PYTHONPATH": ":".join(parts)} if parts else {}
-
-
-def _is_of_this_python(command: Command) -> bool:
-    """Run by this interpreter, or installed in its environment."""
-    program = Path(command.arguments[0])
-    return program == Path(sys.executable) or program.is_relative_to(sys.prefix)
 
 
 NAME: Final = ".gate"

@@ -331,7 +331,7 @@ class Output:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the log files; a run that could not start says in them why."""
+        """Close the log files; those of a run that could not start contain the reason."""
         if isinstance(error, ObkError):
             self.journal.shown(plain(f"failed: {error.message}"))
         self.journal.close()

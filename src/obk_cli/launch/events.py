@@ -275,7 +275,7 @@ class Restarted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoesOnWithout:
-    """Nodes are lost, and the stack runs on as its rules say."""
+    """Nodes are lost, and the stack runs on according to its rules."""
 
     nodes: tuple[str, ...]
 

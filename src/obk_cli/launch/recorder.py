@@ -1,6 +1,6 @@
 """The recorder of a run: a process beside the nodes, started before them and ended after them.
 
-It is no part of the stack: if it fails, a warning says so and the stack goes on. In: what to
+It is no part of the stack: if it fails, a warning is logged and the stack goes on. In: what to
 record. Out: `recording.mcap` in the run's folder.
 """
 

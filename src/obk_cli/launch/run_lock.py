@@ -1,7 +1,7 @@
 """The lock of a run: no two runs with the same nodes on one machine at a time.
 
-A run's folder is made under a file lock of its ROS domain before anything starts, and says at the
-end how the run ended.
+A run's folder is made under a file lock of its ROS domain before anything starts, and
+records at the end how the run ended.
 """
 
 import errno

@@ -212,7 +212,7 @@ class MonitorApp(App[Exception | None]):
         """Ask the user to confirm transitions."""
         view = self._view
         if not self._has_received:
-            return  # the first line says so
+            return  # the first line shows it
         if self._is_busy or view is None or view.has_ended:
             self._show_message("wait for the last one to end" if self._is_busy else "nothing runs")
             return

@@ -194,7 +194,7 @@ def _path(search: FileSearch | None, written: str) -> str:
 def _setting(component: Component) -> Mapping[str, object]:
     """A component's entry as the run time reads it: the same in whichever spelling it was written.
 
-    Both names and the default depth are filled in; what says nothing is left out.
+    Both names and the default depth are filled in; empty settings are left out.
     """
     written = plain_value(component.tree)
     assert isinstance(written, dict)  # a component's tree is a mapping
@@ -234,7 +234,7 @@ def _all_settings(node: Node) -> Mapping[str, object]:
 
 
 def _sim_setting(sim: Sim) -> Mapping[str, object]:
-    """The block for the simulator, its paths resolved; what says nothing is left out."""
+    """The block for the simulator, its paths resolved; empty settings are left out."""
     block = {
         key: value
         for key, value in sim.block.items()

@@ -102,7 +102,7 @@ class Process:
     sensor_groups: tuple[PlannedSensorGroup, ...] = ()
     promises: tuple[Promise, ...] = ()
     on_crash: OnCrash | None = None
-    """What the launcher does when it crashes; None: what the launch says."""
+    """What the launcher does when it crashes; None: as `obk launch` is called with."""
     has_lifecycle: bool = True
     """Whether the node has a life cycle; ROS's joystick node does not."""
 

@@ -125,8 +125,8 @@ def ros_environment(
 
     Args:
         network: who can discover the stack; None keeps what the user has set, else this host only.
-        devices_are_split: whether other hosts run other devices of the stack; then, where neither
-            `network` nor the user says anything, they can be discovered.
+        devices_are_split: whether other hosts run other devices of the stack; then, if neither
+            `network` nor the user sets anything, they can be discovered.
 
     Raises:
         CommandFailedError: ROS_DOMAIN_ID is no domain; to guess another could move a real robot.

@@ -204,7 +204,7 @@ def visible(graph: GraphSnapshot) -> GraphSnapshot:
 
 
 def parameter_nodes(graph: GraphSnapshot) -> tuple[str, ...]:
-    """Full names of the nodes that tell their parameters."""
+    """Full names of the nodes that have parameter services."""
     return tuple(
         name.removesuffix("/list_parameters")
         for name, types in graph.services.items()
@@ -225,7 +225,8 @@ def incompatible_ends(topic: TopicInfo) -> Iterator[str]:
     """Sentences on publishers and subscriptions with incompatible types or QoS."""
     for publisher in topic.publishers:
         for subscription in topic.subscriptions:
-            who = f"{subscription.node or 'a node'} does not hear {publisher.node or 'a node'}: "
+            subscriber, sender = (end.node or "a node" for end in (subscription, publisher))
+            who = f"{subscriber} does not receive from {sender}: "
             if publisher.msg_type != subscription.msg_type:
                 yield f"{who}{subscription.msg_type} is not {publisher.msg_type}"
             asks, offers = _request(subscription.qos), _request(publisher.qos)

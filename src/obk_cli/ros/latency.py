@@ -59,7 +59,7 @@ class DelayMeter:
 
         Args:
             received_ns: when it came [ns since 1970].
-            stamp_ns: what its header says [ns].
+            stamp_ns: the stamp in its header [ns].
             simulated_ns: the simulated time when it came [ns]; None: not known.
         """
         if not stamp_ns:
@@ -133,7 +133,7 @@ def stamp_of(msg_type: str, fields_of: FieldsOf) -> Callable[[Any], int]:
     time = next((name for name, kind in fields.items() if kind == TIME), None)
     if time is None:
         raise CommandFailedError(
-            f"{msg_type} has no header and no stamp, so nothing tells when a message was made"
+            f"{msg_type} has no header and no stamp, so the age of a message is unknown"
         )
     return lambda message: _ns(getattr(message, time))
 

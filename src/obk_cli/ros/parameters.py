@@ -42,7 +42,7 @@ KINDS: Final = (
 ARRAY: Final = "_array"
 LEAST: Final = -(2**63)
 _WRONG_TYPE: Final = "Wrong parameter type"
-"""Begins what rclpy and rclcpp say of it, in words and braces of their own code."""
+"""How the reason starts that rclpy and rclcpp give, in words and braces of their own code."""
 _SWITCHES: Final = {"on": True, "yes": True, "off": False, "no": False}
 """Words that the parameter files of ROS take for a truth value."""
 
@@ -118,7 +118,7 @@ def _array(text: str, items: list[object]) -> NodeParameter:
     kinds = {_kind(item) for item in items}
     if kinds == {"integer", "double"}:
         kinds, items = {"double"}, [float(item) for item in items]  # type: ignore[arg-type]
-    # Nothing tells the type of an empty list; this is what ROS takes it for.
+    # An empty list has no type of its own; this is the one that ROS gives it.
     kind = kinds.pop() if len(kinds) == 1 else "bool" if not items else None
     if kind is None:
         raise MisuseError(
@@ -178,7 +178,7 @@ class NodeParameters:
         """
         values = self._values(names)
         if len(values) != len(names):
-            # Where one has no value, rclpy's nodes tell of none; so each is asked for.
+            # If one has no value, nodes of rclpy return no values at all; so request each alone.
             values = [next(iter(self._values([name])), None) for name in names]
         return {name: _parameter(value) for name, value in zip(names, values, strict=True)}
 

@@ -219,7 +219,7 @@ class RosMeter:
 
     def rates(self) -> Mapping[str, TopicRate]:
         """What was measured by now, by topic."""
-        # Whoever asks may have rested or waited for others: what has come since is counted too.
+        # The caller may have slept or waited for others: count what has come since.
         self._take(time.monotonic())
         now_ns = time.time_ns()
         return {

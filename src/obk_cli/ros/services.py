@@ -1,7 +1,7 @@
 """Call services from a bare participant: send, then poll until a deadline.
 
-A request to a node that dies is never answered, and the answer of one that was not told of the
-client yet is lost. So questions are asked again, and before anything else one is asked.
+A node that dies never responds, and the response of one that has not discovered the client yet is
+lost. So requests are sent again, and a first one is sent before anything else.
 """
 
 import time
@@ -69,7 +69,7 @@ class ServiceClient:
             lambda: self._client.service_server_is_available() or None, timeout_s
         )
         if is_there is None:
-            raise CommandFailedError(f"nobody serves {self._name} within {timeout_s:g} s")
+            raise CommandFailedError(f"no node serves {self._name} within {timeout_s:g} s")
         if not is_question:
             self._wait_until_discovered(end)
         numbers = {self._client.send_request(request)}

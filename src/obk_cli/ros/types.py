@@ -54,7 +54,7 @@ def _require(check: Callable[[Any], Any], python_type: Any) -> None:
         package, section, *_ = f"{python_type.__module__}.".split(".")
         raise CommandFailedError(
             f"the type {package}/{section}/{python_type.__name__} cannot be used here: {error}",
-            help="its package is built for another Python or ROS 2: build it anew, or leave that "
+            help="its package is built for another Python or ROS 2: build it again, or leave that "
             "out of PYTHONPATH",
         ) from error
 
@@ -109,7 +109,7 @@ def raw_type(name: str, hashes: Iterable[str]) -> Any:
 
     Args:
         name: full, `pkg/msg/Name`.
-        hashes: of the type, as publishers tell them.
+        hashes: of the type, as publishers announce them.
 
     Raises:
         CommandFailedError: it is not built here, and the middleware cannot do without.
@@ -219,7 +219,7 @@ def opaque_type(name: str, type_hash: str) -> Any:
 
     Args:
         name: full, `pkg/msg/Name`.
-        type_hash: as publishers tell it.
+        type_hash: as publishers announce it.
 
     Raises:
         CommandFailedError: the middleware is none that does with a type's name, or it is none of

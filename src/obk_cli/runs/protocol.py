@@ -188,7 +188,7 @@ def decode(data: bytes | msgspec.Raw, kind: Any) -> Any:
         kind: the type of the value; fields that it does not have are ignored.
 
     Raises:
-        ValueError: it describes no such value; the message says what is wrong, and where.
+        ValueError: it describes no such value; the message explains what is wrong, and where.
     """
     try:
         return msgspec.json.decode(data, type=kind)

@@ -1,1 +1,1 @@
-"""From a few answers to a ROS 2 package that runs: questions, render, decide, write."""
+"""Create a ROS 2 package that runs from a short request: check, render, decide, write."""

@@ -1,6 +1,6 @@
 """Compose the files of a package, of one node more in it, or of a workspace.
 
-Pure: answers and templates in; files in memory out.
+Pure: a spec and templates in; files in memory out.
 """
 
 from collections.abc import Callable, Iterable
@@ -19,7 +19,7 @@ from obk_cli.scaffold.kinds import (
     recipe_of,
 )
 from obk_cli.scaffold.package_files import PackageTexts, add_console_script, add_dependencies
-from obk_cli.scaffold.questions import Answers, Question, check_answers
+from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec, check_request
 from obk_cli.scaffold.templates import (
     NODE_VARIABLE,
     RenderedFile,
@@ -53,15 +53,15 @@ class Composition:
     edits: tuple[RenderedFile, ...] = ()
 
 
-def layers_of(answers: Answers) -> tuple[str, ...]:
+def layers_of(spec: PackageSpec) -> tuple[str, ...]:
     """The template folders that are to be read."""
-    recipe = recipe_of(answers.kind, answers.language)
-    assert recipe is not None, "the answers have been checked"
-    return (*recipe.layers, SERVICE_LAYER) if answers.with_service else recipe.layers
+    recipe = recipe_of(spec.kind, spec.language)
+    assert recipe is not None, "the spec has been checked"
+    return (*recipe.layers, SERVICE_LAYER) if spec.with_service else recipe.layers
 
 
 def compose_package(
-    answers: Answers,
+    spec: PackageSpec,
     templates: Iterable[Template],
     *,
     topics: str = TOPICS_TO_FILL_IN,
@@ -71,11 +71,11 @@ def compose_package(
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    return Composition(files=render_templates(templates, template_variables(answers, topics)))
+    return Composition(files=render_templates(templates, template_variables(spec, topics)))
 
 
 def compose_addition(
-    answers: Answers,
+    spec: PackageSpec,
     templates: Iterable[Template],
     texts: PackageTexts,
     *,
@@ -86,14 +86,14 @@ def compose_addition(
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    edits = add_console_script(texts, entry_point(answers))
+    edits = add_console_script(texts, entry_point(spec))
     if isinstance(edits, Problem):
         return edits
-    package_xml = add_dependencies(texts.package_xml, dependencies(answers))
+    package_xml = add_dependencies(texts.package_xml, dependencies(spec))
     of_the_node = [template for template in templates if NODE_VARIABLE in template.name]
-    files = render_templates(of_the_node, template_variables(answers))
+    files = render_templates(of_the_node, template_variables(spec))
     return Composition(
-        files=tuple(_moved(file, answers.package, python_folder) for file in files),
+        files=tuple(_moved(file, spec.package, python_folder) for file in files),
         edits=(*(_edited(*edit) for edit in edits.items()), _edited("package.xml", package_xml)),
     )
 
@@ -115,7 +115,7 @@ LONGEST_STACK_NAME: Final = LONGEST_NAME - len("_controller")
 
 def check_stack(
     stack: str, *, owner_of: Callable[[str], str | None]
-) -> tuple[Answers, ...] | Problem:
+) -> tuple[PackageSpec, ...] | Problem:
     """The two packages of a stack of that (checked) name, or why there can be none."""
     if len(stack) > LONGEST_STACK_NAME:
         return Problem(
@@ -123,18 +123,18 @@ def check_stack(
             f"at most {LONGEST_STACK_NAME} were expected",
             help="packages are named after it; choose a shorter name",
         )
-    found: list[Answers] = []
+    found: list[PackageSpec] = []
     for kind in _KINDS:
-        question = Question(kind=kind, name=f"{stack}_{kind}", sensor_msg="ObkJointEncoders")
-        answers = check_answers(question, owner_of=owner_of)
-        if not isinstance(answers, Answers):
-            return answers[0]
-        found.append(answers)
+        request = PackageRequest(kind=kind, name=f"{stack}_{kind}", sensor_msg="ObkJointEncoders")
+        spec = check_request(request, owner_of=owner_of)
+        if not isinstance(spec, PackageSpec):
+            return spec[0]
+        found.append(spec)
     return tuple(found)
 
 
 def compose_workspace(
-    stack: str, packages: tuple[Answers, ...], library: TemplateLibrary, source: InstallSource
+    stack: str, packages: tuple[PackageSpec, ...], library: TemplateLibrary, source: InstallSource
 ) -> tuple[RenderedFile, ...]:
     """Return all files, by their paths in the workspace.
 
@@ -153,10 +153,10 @@ def compose_workspace(
         "is_local_source": source.is_local,
     }
     files = [*render_templates(library.read([WORKSPACE_LAYER]), variables)]
-    for answers in packages:
-        templates = library.read(PACKAGE_OF_WORKSPACE_LAYERS[answers.kind])
-        package = compose_package(answers, templates, topics=f"/{stack}")
-        folder = PurePosixPath("src", answers.package)
+    for spec in packages:
+        templates = library.read(PACKAGE_OF_WORKSPACE_LAYERS[spec.kind])
+        package = compose_package(spec, templates, topics=f"/{stack}")
+        folder = PurePosixPath("src", spec.package)
         files += [
             RenderedFile(path=folder / file.path, content=file.content) for file in package.files
         ]

@@ -1,6 +1,6 @@
 """Describe what was made, or would be: file lists, diffs, next steps, JSON.
 
-Pure: answers and decisions in; text out.
+Pure: a spec and decisions in; text out.
 """
 
 import difflib
@@ -11,7 +11,7 @@ from io import StringIO
 from pathlib import PurePath
 
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
-from obk_cli.scaffold.questions import Answers
+from obk_cli.scaffold.package_spec import PackageSpec
 from obk_cli.scaffold.variables import TOPICS_TO_FILL_IN, config_snippet
 from obk_cli.scaffold.write import Action, Decision
 
@@ -59,7 +59,7 @@ class Added:
 class NewFiles:
     """A run of `obk new`; `folder` and `programs` are as the user would type them."""
 
-    answers: Answers
+    spec: PackageSpec
     folder: str
     decisions: tuple[Decision, ...]
     dry_run: bool
@@ -70,15 +70,15 @@ class NewFiles:
     @property
     def next_commands(self) -> tuple[str, ...]:
         """What to type now."""
-        answers = self.answers
-        if answers.kind == "msgs":
-            return (f"{self.programs}obk build {answers.package}",)
-        if answers.kind == "config":
-            config = PurePath(self.folder, f"{answers.node}.yaml")
+        spec = self.spec
+        if spec.kind == "msgs":
+            return (f"{self.programs}obk build {spec.package}",)
+        if spec.kind == "config":
+            config = PurePath(self.folder, f"{spec.node}.yaml")
             return (f"{self.programs}obk validate {config}", f"{self.programs}obk launch {config}")
-        if answers.language == "cpp":
-            return (f"colcon build --packages-select {answers.package}",)
-        test = PurePath(self.folder, "test", f"test_{answers.node}.py")
+        if spec.language == "cpp":
+            return (f"colcon build --packages-select {spec.package}",)
+        test = PurePath(self.folder, "test", f"test_{spec.node}.py")
         stack = self.added.config if self.added else "CONFIG"
         return (f"{self.programs}python -m pytest {test}", f"{self.programs}obk launch {stack}")
 
@@ -91,9 +91,9 @@ def describe_text(outcome: NewFiles) -> str:
     verb = "would make" if outcome.dry_run else "made"
     return "\n".join(
         [
-            f"{verb} {_subject(outcome.answers)} in {outcome.folder}/",
+            f"{verb} {_subject(outcome.spec)} in {outcome.folder}/",
             *file_lines(outcome.decisions),
-            *(("", *outcome.added.lines) if outcome.added else _config_lines(outcome.answers)),
+            *(("", *outcome.added.lines) if outcome.added else _config_lines(outcome.spec)),
             "",
             "next:",
             *(f"  {command}" for command in outcome.next_commands),
@@ -104,21 +104,21 @@ def describe_text(outcome: NewFiles) -> str:
 
 def describe_json(outcome: NewFiles) -> str:
     """The same as one JSON object."""
-    answers = outcome.answers
-    is_node = answers.kind in NODE_KINDS
+    spec = outcome.spec
+    is_node = spec.kind in NODE_KINDS
     result = {
-        "kind": answers.kind,
-        "language": answers.language if is_node else None,
-        "package": answers.package,
-        "node": answers.node,
+        "kind": spec.kind,
+        "language": spec.language if is_node else None,
+        "package": spec.package,
+        "node": spec.node,
         "folder": outcome.folder,
         "dry_run": outcome.dry_run,
         "files": [
             {"path": str(d.file.path), "action": d.action.value}
             for d in _in_order(outcome.decisions)
         ],
-        "section": SECTIONS[answers.kind] if is_node else None,
-        "config": config_snippet(answers) if is_node else None,
+        "section": SECTIONS[spec.kind] if is_node else None,
+        "config": config_snippet(spec) if is_node else None,
         "added_to": dict(outcome.added.values) if outcome.added else None,
         "next": list(outcome.next_commands),
     }
@@ -138,22 +138,22 @@ def _diff(outcome: NewFiles) -> str:
     return f"{of_files}{outcome.added.diff}" if outcome.added else of_files
 
 
-def _subject(answers: Answers) -> str:
-    if answers.kind == "msgs":
-        return f"the message package `{answers.package}`"
-    if answers.kind == "config":
-        return f"the config `{answers.node}`"
-    return f"the {answers.kind} `{answers.node}`, package `{answers.package}`,"
+def _subject(spec: PackageSpec) -> str:
+    if spec.kind == "msgs":
+        return f"the message package `{spec.package}`"
+    if spec.kind == "config":
+        return f"the config `{spec.node}`"
+    return f"the {spec.kind} `{spec.node}`, package `{spec.package}`,"
 
 
-def _config_lines(answers: Answers) -> tuple[str, ...]:
-    if answers.kind not in NODE_KINDS:
+def _config_lines(spec: PackageSpec) -> tuple[str, ...]:
+    if spec.kind not in NODE_KINDS:
         return ()
     return (
         "",
-        f"what a config says under `{SECTIONS[answers.kind]}:` to run it, {TOPICS_TO_FILL_IN} "
-        "being what its topics begin with; --add-to CONFIG writes it with the config's topics:",
-        *(f"  {line}" for line in config_snippet(answers).splitlines()),
+        f"add to a config under `{SECTIONS[spec.kind]}:`, with your topic prefix instead of "
+        f"{TOPICS_TO_FILL_IN}; --add-to CONFIG does both:",
+        *(f"  {line}" for line in config_snippet(spec).splitlines()),
     )
 
 

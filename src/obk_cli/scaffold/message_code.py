@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from obk_cli.scaffold.questions import MessageType
+from obk_cli.scaffold.package_spec import MessageType
 
 __all__ = [
     "LINE_LENGTH",

@@ -267,7 +267,7 @@ _PACKAGE_END = re.compile(r"^([ \t]*)</package>", re.M)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackageIdentity:
-    """What package.xml says that a package is.
+    """The name and build type of a package in its package.xml.
 
     Source: REP 149 (package.xml format 3): without a build type it is `catkin`.
     """

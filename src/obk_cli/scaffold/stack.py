@@ -12,7 +12,7 @@ from obelisk_spec.sensors import SENSOR_GROUPS
 from obk_cli.config.environment import CodeComponent, NodeFacts
 from obk_cli.config.model import COMPONENT_LISTS, ComponentKind
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
-from obk_cli.scaffold.questions import MessageType
+from obk_cli.scaffold.package_spec import MessageType
 from obk_cli.scaffold.variables import sensor_topic
 
 __all__ = [
@@ -129,8 +129,8 @@ def choose_nodes(
     """One controller, one estimator and perhaps a robot that fit together, and all sensors.
 
     Two controllers would command the same robot, so only one is taken. Without a robot one is
-    simulated; stand-ins take the place of what is missing otherwise. Where nothing fits, the first
-    of each kind is taken, and `obk validate` says what does not fit.
+    simulated; stand-ins take the place of what is missing otherwise. If nothing fits, the first
+    of each kind is taken, and `obk validate` reports what does not fit.
     """
     by_kind: dict[str | None, list[StackNode]] = {}
     for node in found:

@@ -199,7 +199,7 @@ class TemplateLibrary:
     user: Path | None = None
 
     def has_of_user(self, layers: Iterable[str]) -> bool:
-        """Whether the user's folder has a say in these template folders."""
+        """Whether the user's folder overrides one of these template folders."""
         return self.user is not None and any((self.user / layer).is_dir() for layer in layers)
 
     def read(self, layers: Iterable[str]) -> tuple[Template, ...]:

@@ -1,6 +1,6 @@
 """The values that templates may use, and a new node's entry of the config.
 
-Pure: answers in; values and YAML out.
+Pure: a spec in; values and YAML out.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from obk_cli.scaffold.message_code import (
     message_imports,
     reading_code,
 )
-from obk_cli.scaffold.questions import Answers, MessageType
+from obk_cli.scaffold.package_spec import MessageType, PackageSpec
 
 __all__ = [
     "TOPICS_TO_FILL_IN",
@@ -58,51 +58,51 @@ def sensor_topic(message: MessageType, topics: str = TOPICS_TO_FILL_IN) -> str:
     return f"{topics}/{_SENSOR_TOPICS.get(message.full, 'sensor')}"
 
 
-def wires_of(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> dict[str, tuple[Wire, ...]]:
+def wires_of(spec: PackageSpec, topics: str = TOPICS_TO_FILL_IN) -> dict[str, tuple[Wire, ...]]:
     """What a kind of node has under `publishers` and under `subscribers`."""
-    ctrl = (f"{topics}/ctrl", answers.ctrl)
-    est = (f"{topics}/est", answers.est)
-    sensor = (sensor_topic(answers.sensor, topics), answers.sensor)
+    ctrl = (f"{topics}/ctrl", spec.ctrl)
+    est = (f"{topics}/est", spec.est)
+    sensor = (sensor_topic(spec.sensor, topics), spec.sensor)
     publishes = {"controller": ("pub_ctrl", *ctrl), "estimator": ("pub_est", *est)}
     subscribes = {
         "controller": ("sub_est", *est),
         "estimator": ("sub_sensor", *sensor),
         "robot": ("sub_ctrl", *ctrl),
     }
-    publisher = publishes.get(answers.kind, ("pub_sensor", *sensor))
-    subscriber = subscribes.get(answers.kind)
+    publisher = publishes.get(spec.kind, ("pub_sensor", *sensor))
+    subscriber = subscribes.get(spec.kind)
     return {
         "publishers": (Wire(*publisher),),
         "subscribers": (Wire(*subscriber),) if subscriber else (),
     }
 
 
-def config_snippet(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> str:
+def config_snippet(spec: PackageSpec, topics: str = TOPICS_TO_FILL_IN) -> str:
     """The node as one entry of a section's list."""
     timers = {"controller": "timer_ctrl", "estimator": "timer_est"}
     return "\n".join(
         [
-            f"- pkg: {answers.package}",
-            f"  executable: {answers.node}",
-            *(("  is_simulated: false",) if answers.kind == "robot" else ()),
-            *_parameter_lines(answers),
+            f"- pkg: {spec.package}",
+            f"  executable: {spec.node}",
+            *(("  is_simulated: false",) if spec.kind == "robot" else ()),
+            *_parameter_lines(spec),
             *(
                 line
-                for name, wires in wires_of(answers, topics).items()
+                for name, wires in wires_of(spec, topics).items()
                 if wires
                 for line in (f"  {name}:", *(line for wire in wires for line in _lines(wire)))
             ),
             "  timers:",
-            f"    - key: {timers.get(answers.kind, 'timer_sensor')}",
-            f"      timer_period_sec: {_PERIOD_S[answers.kind]}",
+            f"    - key: {timers.get(spec.kind, 'timer_sensor')}",
+            f"      timer_period_sec: {_PERIOD_S[spec.kind]}",
         ]
     )
 
 
-def _parameter_lines(answers: Answers) -> tuple[str, ...]:
+def _parameter_lines(spec: PackageSpec) -> tuple[str, ...]:
     """The parameters that the generated node declares."""
-    is_python_controller = answers.kind == "controller" and answers.language == "py"
-    if is_python_controller and control_code(answers.ctrl).uses_math:
+    is_python_controller = spec.kind == "controller" and spec.language == "py"
+    if is_python_controller and control_code(spec.ctrl).uses_math:
         return ("  params:", "    amplitude: 1.0")
     return ()
 
@@ -124,72 +124,72 @@ _BASES = {
 _LIFECYCLE = "rclpy.lifecycle"
 
 
-def template_variables(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> dict[str, object]:
+def template_variables(spec: PackageSpec, topics: str = TOPICS_TO_FILL_IN) -> dict[str, object]:
     """The variables of a node's package, or of a message package."""
     common: dict[str, object] = {
-        "kind": answers.kind,
-        "package": answers.package,
-        "node": answers.node,
-        "with_service": answers.with_service,
-        "ctrl": answers.ctrl,
-        "est": answers.est,
-        "sensor": answers.sensor,
+        "kind": spec.kind,
+        "package": spec.package,
+        "node": spec.node,
+        "with_service": spec.with_service,
+        "ctrl": spec.ctrl,
+        "est": spec.est,
+        "sensor": spec.sensor,
     }
-    if answers.kind not in NODE_KINDS:
+    if spec.kind not in NODE_KINDS:
         return common
-    return common | _node_variables(answers, topics) | _import_variables(answers)
+    return common | _node_variables(spec, topics) | _import_variables(spec)
 
 
-def dependencies(answers: Answers) -> tuple[str, ...]:
+def dependencies(spec: PackageSpec) -> tuple[str, ...]:
     """The ROS packages that the node needs, sorted."""
-    client = "rclpy" if answers.language == "py" else "rclcpp"
-    return tuple(sorted({client, *(message.package for message in answers.messages)}))
+    client = "rclpy" if spec.language == "py" else "rclcpp"
+    return tuple(sorted({client, *(message.package for message in spec.messages)}))
 
 
-def entry_point(answers: Answers) -> str:
+def entry_point(spec: PackageSpec) -> str:
     """The console script that runs the node."""
-    return f"{answers.node} = {answers.package}.{answers.node}:main"
+    return f"{spec.node} = {spec.package}.{spec.node}:main"
 
 
-def _node_variables(answers: Answers, topics: str) -> dict[str, object]:
-    follows = answers.kind == "robot" and is_position_control(answers.ctrl)
-    positions = "self.positions" if answers.kind == "robot" else "[math.sin(self.t)]"
+def _node_variables(spec: PackageSpec, topics: str) -> dict[str, object]:
+    follows = spec.kind == "robot" and is_position_control(spec.ctrl)
+    positions = "self.positions" if spec.kind == "robot" else "[math.sin(self.t)]"
     return {
-        "class_name": answers.class_name,
-        "description": f"The Obelisk {answers.kind} {answers.node}.",
-        "entry_point": entry_point(answers),
-        "entry_point_noqa": _noqa(entry_point(answers)),
-        "section": SECTIONS[answers.kind],
-        "config_snippet": config_snippet(answers, topics),
-        "control": control_code(answers.ctrl, answers.controls),
-        "estimate": estimate_code(answers.est, answers.sensor),
-        "reading": reading_code(answers.sensor, positions),
+        "class_name": spec.class_name,
+        "description": f"The Obelisk {spec.kind} {spec.node}.",
+        "entry_point": entry_point(spec),
+        "entry_point_noqa": _noqa(entry_point(spec)),
+        "section": SECTIONS[spec.kind],
+        "config_snippet": config_snippet(spec, topics),
+        "control": control_code(spec.ctrl, spec.controls),
+        "estimate": estimate_code(spec.est, spec.sensor),
+        "reading": reading_code(spec.sensor, positions),
         "follows_positions": follows,
-        "dependencies": dependencies(answers),
-        "release": answers.release,
+        "dependencies": dependencies(spec),
+        "release": spec.release,
         "cpp_types": {
-            "ctrl": cpp_type(answers.ctrl),
-            "est": cpp_type(answers.est),
-            "sensor": cpp_type(answers.sensor),
+            "ctrl": cpp_type(spec.ctrl),
+            "est": cpp_type(spec.est),
+            "sensor": cpp_type(spec.sensor),
         },
-        "cpp_headers": tuple(sorted({cpp_header(message) for message in answers.messages})),
-        "cpp_control": cpp_control(answers.ctrl, answers.controls),
-        "cpp_estimate": cpp_estimate(answers.est, answers.sensor),
+        "cpp_headers": tuple(sorted({cpp_header(message) for message in spec.messages})),
+        "cpp_control": cpp_control(spec.ctrl, spec.controls),
+        "cpp_estimate": cpp_estimate(spec.est, spec.sensor),
     }
 
 
-def _import_variables(answers: Answers) -> dict[str, object]:
-    messages = message_imports(answers.messages)
+def _import_variables(spec: PackageSpec) -> dict[str, object]:
+    messages = message_imports(spec.messages)
     node = (
         *messages,
-        _BASES[answers.kind],
+        _BASES[spec.kind],
         ("obelisk_py.core.utils.ros", "spin_obelisk"),
         (_LIFECYCLE, "LifecycleState"),
         (_LIFECYCLE, "TransitionCallbackReturn"),
     )
-    if answers.kind == "sensor":
+    if spec.kind == "sensor":
         node = tuple(name for name in node if name[0] != _LIFECYCLE)
-    own = (f"{answers.package}.{answers.node}", answers.class_name)
+    own = (f"{spec.package}.{spec.node}", spec.class_name)
     test = import_block((*messages, ("obelisk_py.core.utils.ros", "run_transitions")))
     return {
         "node_imports": import_block(node),

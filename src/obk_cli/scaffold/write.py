@@ -41,7 +41,7 @@ class Existing:
     """What stands where a file is to go.
 
     `content` is None where it is no ordinary file inside the package: a folder, or a path that
-    a symbolic link leads elsewhere. `reason` says which; such a place is never written.
+    a symbolic link leads elsewhere. `reason` names the case; such a place is never written.
     """
 
     content: bytes | None
@@ -163,7 +163,7 @@ def _write_files(folder: Path, files: Iterable[RenderedFile]) -> None:
         target = folder / file.path
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(file.content)
-        # Whoever may read a new file may run a script.
+        # A user who may read a new file may run a script.
         mode = target.stat().st_mode
         target.chmod(mode | (mode >> 2 & file.mode & 0o111))
 

@@ -1,1 +1,1 @@
-"""What a node's Python source says of the node; nothing of it is imported or run."""
+"""Read what a node's Python source defines, without importing or running it."""

@@ -88,7 +88,7 @@ class Lineage:
 
     @property
     def can_damp(self) -> bool | None:
-        """Whether the class of a robot says how it brakes; None where that is not known."""
+        """Whether the class of a robot defines how it brakes; None if that is not known."""
         own = [c for c in self.classes if c.full_name != _ROBOT_CLASS]
         if not self.is_whole or len(own) == len(self.classes):
             return None

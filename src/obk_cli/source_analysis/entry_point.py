@@ -1,4 +1,4 @@
-"""From an entry point to what its source says of the node that it runs."""
+"""Read what the source behind an entry point defines for the node that it runs."""
 
 import ast
 from collections.abc import Iterable, Iterator
@@ -8,6 +8,7 @@ from obelisk_spec.suggestions import did_you_mean
 from obk_cli.config.environment import CodeFault, NodeCode, NodeFacts, SourceFaults
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import Span
+from obk_cli.source_analysis.blocking_calls import check_blocking_calls
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Lineage, lineage_of
 from obk_cli.source_analysis.component_use import control_lengths, key_uses
 from obk_cli.source_analysis.imports import (
@@ -33,7 +34,7 @@ from obk_cli.source_analysis.undefined_names import (
     what_import_runs,
 )
 
-__all__ = ["read_node_code"]
+__all__ = ["entry_function", "read_node_code"]
 
 _SPIN = "spin_obelisk"
 
@@ -46,6 +47,8 @@ class _Spun:
     module: Module
     has_arguments: bool
     """Whether the class is made with arguments other than its defaults."""
+    may_have_threads: bool
+    """Whether the program chooses an executor that may run callbacks in parallel."""
 
 
 def read_node_code(
@@ -54,7 +57,7 @@ def read_node_code(
     load: LoadModule,
     places: ImportPlaces | None = None,
 ) -> NodeCode | None:
-    """What the source behind an entry point says; None where it cannot be known from reading.
+    """What the source behind an entry point defines; None if reading cannot show it.
 
     Args:
         module: dotted name of the module.
@@ -77,22 +80,26 @@ def read_node_code(
 def _read(
     entry: Module, function: str | None, library: ModuleLibrary, places: ImportPlaces | None
 ) -> NodeCode | None:
-    runs, module = entry.tree.body, entry
-    if function is not None:
-        if function not in entry.names and not entry.has_more_names:
-            return _no_function(entry, function)
-        definition = library.definition(f"{entry.name}.{function}")
-        match definition.node if definition else None:
-            case ast.FunctionDef(body=body) | ast.AsyncFunctionDef(body=body) if definition:
-                runs, module = body, definition.module
-            case _:
-                runs = []
+    if function is not None and function not in entry.names and not entry.has_more_names:
+        return _no_function(entry, function)
+    module, runs = entry_function(entry, function, library)
     spun = list(_spun_in(runs, module))
     found = _class_of(spun[0], library) if len(spun) == 1 else None
     lineage = lineage_of(found, library) if found else None
     faults = tuple(_faults_of_modules(entry, (module, runs), lineage, library, places))
-    code = _node_code(lineage, library, spun[0].has_arguments, faults) if lineage else None
+    code = _node_code(lineage, library, spun[0], faults) if lineage else None
     return code or (SourceFaults(findings=faults) if faults else None)
+
+
+def entry_function(entry: Module, function: str | None, library: ModuleLibrary) -> EntryFunction:
+    """What a start runs after its imports: all of a program, else the function's statements."""
+    if function is None:
+        return entry, entry.tree.body
+    definition = library.definition(f"{entry.name}.{function}")
+    match definition.node if definition else None:
+        case ast.FunctionDef(body=body) | ast.AsyncFunctionDef(body=body) if definition:
+            return definition.module, body
+    return entry, []
 
 
 def _faults_of_modules(
@@ -145,7 +152,15 @@ def _spun_in(body: Iterable[ast.stmt], module: Module) -> Iterator[_Spun]:
             node_type = node.args[1] if len(node.args) > 1 else keywords.get("node_type")
             if node_type is not None:
                 has_arguments = len(node.args) > 3 or "node_kwargs" in keywords or None in keywords
-                yield _Spun(node_type, module, has_arguments)
+                executor = node.args[2] if len(node.args) > 2 else keywords.get("executor_type")
+                is_parallel = executor is not None and not _is_single_threaded(executor, module)
+                yield _Spun(node_type, module, has_arguments, is_parallel or None in keywords)
+
+
+def _is_single_threaded(executor: ast.expr, module: Module) -> bool:
+    name = dotted_name(executor, module) or ""
+    is_none = isinstance(executor, ast.Constant) and executor.value is None
+    return is_none or name == "rclpy.executors.SingleThreadedExecutor"
 
 
 def _class_of(spun: _Spun, library: ModuleLibrary) -> ClassSource | None:
@@ -157,14 +172,15 @@ def _class_of(spun: _Spun, library: ModuleLibrary) -> ClassSource | None:
 
 
 def _node_code(
-    lineage: Lineage, library: ModuleLibrary, has_arguments: bool, faults: tuple[Diagnostic, ...]
+    lineage: Lineage, library: ModuleLibrary, spun: _Spun, faults: tuple[Diagnostic, ...]
 ) -> NodeFacts | None:
     if not lineage.is_node:
         return None
     source = lineage.classes[0]
-    found = registrations_of(lineage, library, has_arguments=has_arguments)
+    found = registrations_of(lineage, library, has_arguments=spun.has_arguments)
     without_base = check_base_constructor(*found.without_base) if found.without_base else ()
     callbacks = check_callbacks(found.callbacks.values(), lineage, library)
+    waits = () if spun.may_have_threads else check_blocking_calls(lineage)
     return NodeFacts(
         class_name=source.node.name,
         span=span_of(source.node, source.module.source),
@@ -175,6 +191,6 @@ def _node_code(
         missing_methods=tuple(lineage.missing_methods()),
         control_lengths=tuple(control_lengths(lineage, library)),
         key_uses=tuple(key_uses(lineage, library)),
-        findings=(*faults, *without_base, *callbacks),
+        findings=(*faults, *without_base, *callbacks, *waits),
         can_damp=lineage.can_damp,
     )

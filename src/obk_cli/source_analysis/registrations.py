@@ -146,8 +146,8 @@ def bound_arguments(
 ) -> KnownValues:
     """The values of a constructor's parameters; without a call, those of its defaults.
 
-    `**kwargs` counts as None where nothing is in it; `is_open` says that arguments may be given
-    that cannot be seen.
+    `**kwargs` counts as None if nothing is in it; with `is_open` there may be arguments that
+    cannot be seen.
     """
     arguments = function.args
     positional = [*arguments.posonlyargs, *arguments.args]
@@ -341,7 +341,7 @@ _MOST_HELPER_CALLS: Final = 1_000
 
 
 def _takes_names(function: Function) -> bool:
-    """Whether a method registers or declares what its arguments say."""
+    """Whether a method registers or declares what its arguments name."""
     is_plain = function.name != "__init__" and not function.decorator_list
     return is_plain and _mentions(function, "register_obk_", "declare_parameter")
 

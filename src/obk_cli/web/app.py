@@ -261,15 +261,15 @@ class PageApi:
         """The samples since the last call; updates the times in `until_ns`."""
         curves = []
         for field_request, after_ns in until_ns.items():
-            heard = self._fields.data_after(field_request, after_ns)
-            if heard.samples:
-                until_ns[field_request] = heard.samples[-1][0]
+            received = self._fields.data_after(field_request, after_ns)
+            if received.samples:
+                until_ns[field_request] = received.samples[-1][0]
             curves.append(
                 {
                     "curve": f"{field_request.topic} {field_request.field}",
-                    "labels": list(heard.labels),
-                    "fault": heard.fault,
-                    "rows": samples_data(heard.samples),
+                    "labels": list(received.labels),
+                    "fault": received.fault,
+                    "rows": samples_data(received.samples),
                 }
             )
         return {"now_s": wall_s(), "curves": curves}

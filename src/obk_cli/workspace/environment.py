@@ -13,6 +13,7 @@ from obk_cli.config.environment import (
     NodeCode,
     ReplacedMessages,
 )
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.model_cache import cache_folder, read_model_once
 from obk_cli.workspace.model_reader import MjcfElement, has_mujoco, mjcf_elements, mjcf_files
@@ -105,17 +106,19 @@ class MachineEnvironment:
         return self._commands[key]
 
     def read_node_code(self, package: str, executable: str) -> NodeCode | None:
-        """What the Python source of an executable says."""
+        """What the Python source of an executable defines."""
         key = (package, executable)
         if key not in self._codes:
             command = self.find_executable(package, executable)
-            if self._node_sources is None:
-                note = self._note or (lambda _: None)
-                self._node_sources = NodeSources(self.packages, self._shown, note)
             self._codes[key] = (
-                self._node_sources.read(command) if isinstance(command, Command) else None
+                self._sources_of_nodes().read(command) if isinstance(command, Command) else None
             )
         return self._codes[key]
+
+    def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
+        """What in the source of an executable may differ between two lock-step runs."""
+        command = self.find_executable(package, executable)
+        return self._sources_of_nodes().hazards(command) if isinstance(command, Command) else ()
 
     def is_cpp(self, package: str, executable: str) -> bool:
         """Whether an executable is in C++: built, declared, or in a package of that name."""
@@ -156,6 +159,12 @@ class MachineEnvironment:
         line, start = source.line(found.line), found.column - 1
         end = line.find(">", start) + 1 or len(line.rstrip())
         return Span.at(source, found.line, found.column, max(end - start, 1))
+
+    def _sources_of_nodes(self) -> NodeSources:
+        if self._node_sources is None:
+            note = self._note or (lambda _: None)
+            self._node_sources = NodeSources(self.packages, self._shown, note)
+        return self._node_sources
 
     def _note_all(self, paths: Iterable[Path]) -> None:
         if self._note is not None:

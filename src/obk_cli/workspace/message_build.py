@@ -321,7 +321,7 @@ class BuildOptions:
     """How a workspace is built."""
 
     environment: Mapping[str, str]
-    """Its AMENT_PREFIX_PATH says what is below the overlay, its PATH where colcon is."""
+    """Its AMENT_PREFIX_PATH lists what is below the overlay; colcon is found on its PATH."""
     names: tuple[str, ...] = ()
     """Packages to build; none: all."""
     is_clean: bool = False

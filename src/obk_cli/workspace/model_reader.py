@@ -88,7 +88,7 @@ class _Scan:
         """Whole models that this one takes parts of."""
         self._folder = folder
         self._open: list[str] = []
-        # As MuJoCo reads it, whatever encoding the file says that it has.
+        # As MuJoCo reads it, whatever encoding the file declares.
         self._parser = expat.ParserCreate("utf-8")
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = lambda _: self._open.pop()

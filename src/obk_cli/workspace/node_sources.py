@@ -11,6 +11,7 @@ from pathlib import Path
 
 from obelisk_spec.names import OBELISK_MESSAGES
 from obk_cli.config.environment import CodeFault, Command, NodeCode
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
 from obk_cli.source_analysis.imports import ImportPlaces
@@ -46,7 +47,7 @@ class NodeSources:
         self._folders: dict[tuple[str, tuple[Path, ...]], tuple[Path, ...]] = {}
 
     def read(self, command: Command) -> NodeCode | None:
-        """What the source of a command says, None where it is not Python or not to be had."""
+        """What the source of a command defines, None if it is not Python or not found."""
         if command.module is not None:
             return self._read_module(command.module, command.function, command.python_path)
         program = Path(command.arguments[0])
@@ -66,12 +67,25 @@ class NodeSources:
         runs = _RUNS_MODULE.search(text)
         return self._read_module(runs[1], None, ()) if runs else None
 
+    def hazards(self, command: Command) -> tuple[Diagnostic, ...]:
+        """What in the source of a command may differ between two lock-step runs."""
+        if command.module is None:
+            return ()
+        # Only `obk validate --for-test` and lock-step runs ask.
+        from obk_cli.source_analysis.hazards import find_hazards
+
+        path, installed = command.python_path, (command.module.partition(".")[0],)
+        return find_hazards(
+            self._entry_module(command.module, command.function, path),
+            command.function,
+            lambda name: self._load(name, path, installed),
+        )
+
     def _read_module(
         self, module: str, function: str | None, path: tuple[Path, ...]
     ) -> NodeCode | None:
         installed = (module.partition(".")[0],)
-        if function is None and self._is_package(module, path, installed):
-            module = f"{module}.{_PROGRAM}"
+        module = self._entry_module(module, function, path)
         if path and self._find(module, path, installed) is None:
             # A package that is laid out in a way of its own is not looked for further.
             top = self._folders[module.partition(".")[0], path]
@@ -82,6 +96,11 @@ class NodeSources:
             lambda name: self._load(name, path, installed),
             self._import_places(path, installed, runs_here=function is not None),
         )
+
+    def _entry_module(self, module: str, function: str | None, path: tuple[Path, ...]) -> str:
+        """The module whose text a command runs: `__main__` for a package run as a program."""
+        is_program = function is None and self._is_package(module, path, (module.split(".")[0],))
+        return f"{module}.{_PROGRAM}" if is_program else module
 
     def _import_places(
         self, path: tuple[Path, ...], installed: Iterable[str], *, runs_here: bool

@@ -57,7 +57,7 @@ class BuiltPackage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OverlayRecord:
-    """What an overlay says of itself, in `overlay.json`."""
+    """The description of an overlay in its `overlay.json`."""
 
     builder: Builder
     python: str

@@ -212,7 +212,7 @@ class PackageIndex:
         return tuple(sorted(names))
 
     def files_of(self, package: str) -> tuple[Path, ...]:
-        """The files that say what executables a source package has, those it lacks too."""
+        """The files that define the executables of a source package, missing ones too."""
         folder = self.source_packages.get(package)
         return tuple(folder / name for name in _PACKAGE_FILES) if folder else ()
 

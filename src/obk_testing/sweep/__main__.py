@@ -29,8 +29,8 @@ from obk_cli.plan.plan import Plan
 from obk_cli.terminal import visible
 from obk_testing.programs import CompiledStack, compile_stack
 from obk_testing.sweep.cases import (
-    Case,
     FoundTest,
+    SweepCase,
     Varied,
     make_cases,
     parse_varied,
@@ -248,7 +248,7 @@ def _sources(folder: Path) -> Iterator[Path]:
 def _run(
     request: SweepRequest,
     config: Path,
-    cases: Sequence[Case],
+    cases: Sequence[SweepCase],
     store: SweepStore,
     first: WorkerProcess,
 ) -> bool:
@@ -282,7 +282,7 @@ def _run(
 
 @contextmanager
 def _engine(
-    request: SweepRequest, config: Path, scratch: Path, first: WorkerProcess, probe: Case
+    request: SweepRequest, config: Path, scratch: Path, first: WorkerProcess, probe: SweepCase
 ) -> Iterator[Engine]:
     tests = _tests_of(config, request.test)
     if request.engine == "local":

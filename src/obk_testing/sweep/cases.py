@@ -24,10 +24,10 @@ from obk_cli.errors import MisuseError
 from obk_cli.files import read_bytes
 
 __all__ = [
-    "Case",
     "FoundTest",
     "Outcome",
     "Row",
+    "SweepCase",
     "Varied",
     "make_cases",
     "parse_varied",
@@ -66,7 +66,7 @@ class FoundTest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class SweepCase:
     """One run of one test."""
 
     test: str
@@ -284,7 +284,7 @@ def make_cases(
     varied: Sequence[Varied] = (),
     is_grid: bool = False,
     overrides: Sequence[str] = (),
-) -> tuple[Case, ...]:
+) -> tuple[SweepCase, ...]:
     """All cases, in order.
 
     Args:
@@ -303,11 +303,11 @@ def make_cases(
     else:
         samples = [each.sample(seeds) for each in varied]
         points = [(seed, tuple(column[seed] for column in samples)) for seed in range(seeds)]
-    cases: dict[Case, None] = {}
+    cases: dict[SweepCase, None] = {}
     for seed, values in points:
         changes = (*fixed, *zip(paths, values, strict=True))
         for test in tests:
-            case = Case(
+            case = SweepCase(
                 test=test.name,
                 node_id=test.node_id_of(seed),
                 seed=seed if test.takes_seed else None,
@@ -317,7 +317,7 @@ def make_cases(
     return tuple(cases)
 
 
-def rerun_command(config: str, case: Case) -> str:
+def rerun_command(config: str, case: SweepCase) -> str:
     """The command that runs one case again."""
     changes = [word for setting in case.settings for word in ("--set", setting)]
     return shlex.join(["obk", "test", config, "--again", case.node_id, *changes])

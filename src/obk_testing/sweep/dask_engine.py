@@ -24,7 +24,7 @@ from distributed.scheduler import KilledWorker
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.workspace.package_index import find_workspace
-from obk_testing.sweep.cases import Case, Row
+from obk_testing.sweep.cases import Row, SweepCase
 from obk_testing.sweep.engines import Placed, RestartingWorker
 from obk_testing.sweep.worker import machine
 
@@ -47,7 +47,7 @@ class DaskEngine:
         *,
         scheduler: str | None,
         workers: int,
-        probe: Case,
+        probe: SweepCase,
         digest: str,
         is_shipped: bool = False,
     ) -> None:
@@ -102,10 +102,10 @@ class DaskEngine:
     ) -> None:
         self.close()
 
-    def map(self, cases: Iterable[Case]) -> Iterator[Placed]:
+    def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
         """The results of cases, in the order in which they end."""
         waiting = iter(cases)
-        submitted: dict[str, Case] = {}
+        submitted: dict[str, SweepCase] = {}
 
         def submit(count: int) -> list[Any]:
             futures = []
@@ -142,7 +142,7 @@ class DaskEngine:
                 )
             )
 
-    def _placed(self, case: Case, future: Any) -> Placed:
+    def _placed(self, case: SweepCase, future: Any) -> Placed:
         error = future.exception()
         if isinstance(error, KilledWorker):
             died = f"its Dask workers died, the last one at {error.last_worker.address}"
@@ -168,7 +168,7 @@ class _CaseRunner(WorkerPlugin):
         workspace: str,
         archive: bytes,
         is_shipped: bool,
-        probe: Case,
+        probe: SweepCase,
     ) -> None:
         identity = repr((config, tests, probe, os.getpid())).encode() + archive
         self.name = f"obk-sweep-{hashlib.sha256(identity).hexdigest()[:12]}"
@@ -191,7 +191,7 @@ class _CaseRunner(WorkerPlugin):
             each.kill()
             each.close()
 
-    def run(self, case: Case) -> tuple[Row, str, str]:
+    def run(self, case: SweepCase) -> tuple[Row, str, str]:
         """Run a case; also gives the digest of the probe case on this machine, and its CPU."""
         try:
             process = self._idle.get_nowait()
@@ -225,7 +225,7 @@ class _CaseRunner(WorkerPlugin):
         self._config, self._tests = moved(self._config), tuple(map(moved, self._tests))
 
 
-def _run_case(name: str, case: Case) -> tuple[Row, str, str]:
+def _run_case(name: str, case: SweepCase) -> tuple[Row, str, str]:
     runner: Any = get_worker().plugins[name]
     result: tuple[Row, str, str] = runner.run(case)
     return result

@@ -24,7 +24,7 @@ from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
 from obk_cli.errors import CommandFailedError
-from obk_testing.sweep.cases import Case, FoundTest, Row
+from obk_testing.sweep.cases import FoundTest, Row, SweepCase
 from obk_testing.sweep.worker import Hello, WorkerSettings
 
 __all__ = ["Engine", "LocalEngine", "Placed", "RestartingWorker", "WorkerProcess"]
@@ -56,7 +56,7 @@ class Placed:
 class Engine(Protocol):
     """Runs cases."""
 
-    def map(self, cases: Iterable[Case]) -> Iterator[Placed]:
+    def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
         """The results of cases, in the order in which they end."""
 
     def close(self) -> None:
@@ -116,7 +116,7 @@ class WorkerProcess:
         """The process id."""
         return self._process.pid
 
-    def run(self, case: Case) -> Row:
+    def run(self, case: SweepCase) -> Row:
         """Run a case.
 
         Raises:
@@ -183,7 +183,7 @@ class RestartingWorker:
         self._worker = first
         self._is_closed = False
 
-    def run(self, case: Case) -> Row:
+    def run(self, case: SweepCase) -> Row:
         """Run a case, once more if the worker dies."""
         how = ""
         for _ in range(_ATTEMPTS):
@@ -246,7 +246,7 @@ class LocalEngine:
         self._workers = [RestartingWorker(config, tests, scratch, first)]
         self._workers += [RestartingWorker(config, tests, scratch) for _ in range(workers - 1)]
         self._threads: list[threading.Thread] = []
-        self._waiting: deque[Case] = deque()
+        self._waiting: deque[SweepCase] = deque()
 
     def __enter__(self) -> Self:
         return self
@@ -259,7 +259,7 @@ class LocalEngine:
     ) -> None:
         self.close()
 
-    def map(self, cases: Iterable[Case]) -> Iterator[Placed]:
+    def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
         """The results of cases, in the order in which they end."""
         self._waiting = deque(cases)
         results: queue.SimpleQueue[Row | BaseException] = queue.SimpleQueue()

@@ -12,7 +12,7 @@ from typing import Final
 
 from obelisk_spec.suggestions import with_number
 from obk_testing.sweep.cases import rerun_command
-from obk_testing.sweep.summary import Part, Result, Summary, duration_text
+from obk_testing.sweep.summary import PassRate, Result, Summary, duration_text
 
 __all__ = ["report_page"]
 
@@ -117,7 +117,7 @@ def _test_card(test: str, results: Sequence[Result]) -> str:
     )
 
 
-def _rates_chart(parts: Sequence[Part]) -> str:
+def _rates_chart(parts: Sequence[PassRate]) -> str:
     """The share of cases that passed, a bar for each value or part of the range."""
     step = _WIDTH / max(len(parts), 1)
     bars, labels = [], []

@@ -17,7 +17,7 @@ from typing import Final, Self, cast
 
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import unwritable
-from obk_testing.sweep.cases import Case, Outcome, Row
+from obk_testing.sweep.cases import Outcome, Row, SweepCase
 
 __all__ = ["SweepStore", "hashes_of", "installed_sources"]
 
@@ -122,7 +122,7 @@ class SweepStore:
             for key, outcome, why, metrics, digest, seconds, worker in found
         }
 
-    def add(self, case: Case, row: Row) -> None:
+    def add(self, case: SweepCase, row: Row) -> None:
         """Keep a result."""
         with self._database:
             self._database.execute(

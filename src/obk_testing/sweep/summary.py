@@ -7,9 +7,9 @@ from itertools import islice
 from typing import Any, Final
 
 from obelisk_spec.suggestions import with_number
-from obk_testing.sweep.cases import Case, Outcome, Row, rerun_command
+from obk_testing.sweep.cases import Outcome, Row, SweepCase, rerun_command
 
-__all__ = ["Part", "Result", "Summary", "duration_text", "summary_json", "summary_text"]
+__all__ = ["PassRate", "Result", "Summary", "duration_text", "summary_json", "summary_text"]
 
 _PARTS: Final = 10
 _MOST_SHOWN: Final = 5
@@ -21,7 +21,7 @@ _BAD: Final[tuple[Outcome, ...]] = ("died", "failed")
 class Result:
     """A case that has ended."""
 
-    case: Case
+    case: SweepCase
     row: Row
 
     @property
@@ -37,7 +37,7 @@ class Result:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class PassRate:
     """The results for one value of a parameter, or for a part of its range."""
 
     label: str
@@ -110,7 +110,7 @@ class Summary:
                     found.setdefault(result.case.key, (result, f"{word} `{name}`"))
         return tuple(found.values())[:_MOST_WORST]
 
-    def parts(self, test: str, path: str) -> tuple[Part, ...]:
+    def parts(self, test: str, path: str) -> tuple[PassRate, ...]:
         """How a test did over the values of a parameter."""
         results = self.tests[test]
         texts = [dict(result.case.overrides)[path] for result in results]
@@ -137,7 +137,7 @@ def _value(pair: tuple[Result, float]) -> float:
     return pair[1]
 
 
-def _parts_of_range(results: Sequence[Result], numbers: Sequence[float]) -> Iterator[Part]:
+def _parts_of_range(results: Sequence[Result], numbers: Sequence[float]) -> Iterator[PassRate]:
     low, high = min(numbers), max(numbers)
     width = (high - low) / _PARTS
     grouped: list[list[Result]] = [[] for _ in range(_PARTS)]
@@ -148,10 +148,10 @@ def _parts_of_range(results: Sequence[Result], numbers: Sequence[float]) -> Iter
         yield _part(f"{begin:.4g} to {end:.4g}", begin, end, group)
 
 
-def _part(label: str, low: float | None, high: float | None, group: Sequence[Result]) -> Part:
+def _part(label: str, low: float | None, high: float | None, group: Sequence[Result]) -> PassRate:
     counted = [result for result in group if result.row.outcome != "skipped"]
     passed = sum(result.row.outcome == "passed" for result in counted)
-    return Part(label=label, low=low, high=high, passed=passed, count=len(counted))
+    return PassRate(label=label, low=low, high=high, passed=passed, count=len(counted))
 
 
 def duration_text(seconds: float) -> str:
@@ -189,7 +189,7 @@ def summary_text(summary: Summary, report: str) -> str:
     return "\n".join(lines)
 
 
-def _parts_text(path: str, parts: Sequence[Part]) -> Iterator[str]:
+def _parts_text(path: str, parts: Sequence[PassRate]) -> Iterator[str]:
     width = max(len(part.label) for part in parts)
     for number, part in enumerate(parts):
         name = path if number == 0 else " " * len(path)

@@ -4,7 +4,7 @@ It runs pytest with a loop of its own, so a test means the same as under `obk te
 marks, `conftest.py` and rewritten assertions all work. The config is loaded once. Every case has
 fixtures of its own, but for those of the session.
 
-Standard input: a line of JSON for the sweep (`WorkerSettings`), then one for each case (`Case`).
+Standard input: a line of JSON for the sweep (`WorkerSettings`), then a `SweepCase` a line.
 Standard output: a line for the worker (`Hello`), then one for each case (`Row`). What tests and
 nodes print goes to the standard error.
 """
@@ -27,7 +27,7 @@ from typing import Any, Final, TextIO
 import pytest
 
 from obk_cli.optional_deps import distribution_version
-from obk_testing.sweep.cases import Case, FoundTest, Row
+from obk_testing.sweep.cases import FoundTest, Row, SweepCase
 
 __all__ = ["Hello", "WorkerSettings", "machine"]
 
@@ -121,7 +121,7 @@ class _CaseLoop:
         path = os.path.relpath(item.path, self._config.parent)
         return f"{path}::{item.nodeid.partition('::')[2]}"
 
-    def _run(self, pattern: pytest.Function, case: Case) -> Row:
+    def _run(self, pattern: pytest.Function, case: SweepCase) -> Row:
         from obk_testing.plugin import OVERRIDES  # pytest has to load it first
 
         session = pattern.session
@@ -156,10 +156,10 @@ class _CaseLoop:
         print(json.dumps(data, default=str), file=self._results, flush=True)
 
 
-def case_of(data: Mapping[str, Any]) -> Case:
+def case_of(data: Mapping[str, Any]) -> SweepCase:
     """A case from JSON."""
     overrides = tuple((path, value) for path, value in data["overrides"])
-    return Case(**{**data, "overrides": overrides})
+    return SweepCase(**{**data, "overrides": overrides})
 
 
 def _item_of(pattern: pytest.Function, node_id: str) -> pytest.Item:
@@ -180,7 +180,7 @@ def _item_of(pattern: pytest.Function, node_id: str) -> pytest.Item:
     return found
 
 
-def _row(case: Case, reports: Sequence[pytest.TestReport], digest: str, seconds: float) -> Row:
+def _row(case: SweepCase, reports: Sequence[pytest.TestReport], digest: str, seconds: float) -> Row:
     wrong = next((report for report in reports if report.failed), None)
     skipped = next((report for report in reports if report.skipped), None)
     properties = [pair for report in reports for pair in report.user_properties]

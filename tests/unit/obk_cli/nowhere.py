@@ -33,6 +33,9 @@ class Nowhere:
     def read_node_code(self, package: str, executable: str) -> None:
         return None
 
+    def read_hazards(self, package: str, executable: str) -> tuple[()]:
+        return ()
+
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         return None
 

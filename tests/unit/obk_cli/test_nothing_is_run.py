@@ -56,6 +56,7 @@ def workspace(tmp_path: Path) -> Path:
     "words",
     [
         ["validate", "trapped.yaml", "--ignore", "OBK"],
+        ["validate", "trapped.yaml", "--for-test", "--ignore", "OBK"],
         ["compile", "trapped.yaml", "--ignore", "OBK"],
         ["graph", "trapped.yaml", "--ignore", "OBK"],
         ["migrate", "trapped.yaml"],

@@ -239,7 +239,7 @@ class ServiceTable:
         self._services[service.service_name] = (service, node)
 
     def remove(self, service: Service) -> None:
-        """Let nobody call a service any more."""
+        """Reject all further calls of the service."""
         known = self._services.get(service.service_name)
         if known is not None and known[0] is service:
             del self._services[service.service_name]

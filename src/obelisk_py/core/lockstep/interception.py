@@ -2,7 +2,7 @@
 
 While installed, these functions answer by the run in progress, but only inside callbacks and guest
 threads of its nodes: the test runner, DDS and all other threads see the system's time as ever. The
-modules are changed in place, so a module that says `from time import monotonic` has to be imported
+modules are changed in place, so a module with `from time import monotonic` has to be imported
 after the installation.
 """
 

@@ -43,7 +43,7 @@ Event = tuple[int, int, Any, "ScheduledNode | None", Callable[[], object]]
 
 
 class LockstepError(ObeliskError):
-    """What a node does is not possible in lock-step; the message says what to do instead."""
+    """What a node does is not possible in lock-step; the message explains what to do instead."""
 
 
 @dataclass(slots=True, eq=False)

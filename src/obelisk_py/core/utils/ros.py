@@ -32,7 +32,9 @@ def spin_obelisk(
     Args:
         args: command line with `--ros-args ...`; None takes the process's own.
         node_type: the node class.
-        executor_type: an rclpy executor class; None takes the library's `EventLoopExecutor`.
+        executor_type: an rclpy executor class. Without one, and for rclpy's single- and
+            multi-threaded ones, the library's `EventLoopExecutor` runs the callbacks, with the same
+            guarantees; `OBK_EXECUTOR=rclpy` takes rclpy's own.
         node_kwargs: handed to the node class.
 
     Raises:

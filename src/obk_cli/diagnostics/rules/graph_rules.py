@@ -75,7 +75,7 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="the loop is open",
         cause="The robot feeds the estimator, the estimator the controller, the controller the "
-        "robot; one of these does not hear the one before it.",
+        "robot; one of these does not subscribe to the one before it.",
         fix="Subscribe to a topic of the block before.",
     ),
     Rule(

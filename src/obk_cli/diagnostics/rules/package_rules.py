@@ -169,4 +169,15 @@ RULES: tuple[Rule, ...] = (
         cause="Neither the config nor the node's class gives it, so the node cannot be configured.",
         fix="Add `msg_type` to the component, or pass the message class when registering it.",
     ),
+    Rule(
+        code="OBK426",
+        severity="warning",
+        title="a callback that waits for its own executor",
+        cause="One thread runs all callbacks of a node. `client.call(...)` in a callback waits for "
+        "an answer that this thread would have to receive: the node hangs. "
+        "`rclpy.spin_until_future_complete(self, ...)` takes the node from the executor that runs "
+        "it, which runs none of its callbacks afterwards.",
+        fix="Write `await client.call_async(...)` in an `async def` callback, or continue in a "
+        "callback of the future: `client.call_async(...).add_done_callback(...)`.",
+    ),
 )

@@ -1,4 +1,4 @@
-// A running stack as the server tells it; what it is asked for in return are transitions.
+// Shows a running stack as the server reports it, and requests transitions.
 
 import { byId, element, keep, setText } from "./dom.js";
 import { MISSING, clock, commonSpace, milliseconds, rate, shortNode } from "./format.js";
@@ -36,30 +36,30 @@ function connect() {
   });
 }
 
-function showView(told) {
+function showView(shown) {
   const wasWaiting = view === null || view.is_waiting;
-  view = told;
-  if (told.is_waiting) {
-    const cause = told.cause ? `: ${told.cause}` : "";
-    notice(`${told.name || "The stack"} has ended${cause}\nWaiting for the next one.`, told.cause ? "bad" : "");
+  view = shown;
+  if (shown.is_waiting) {
+    const cause = shown.cause ? `: ${shown.cause}` : "";
+    notice(`${shown.name || "The stack"} has ended${cause}\nWaiting for the next one.`, shown.cause ? "bad" : "");
   } else if (wasWaiting) {
     notice("");
   }
-  document.body.classList.toggle("ended", told.is_waiting);
-  document.title = `${told.name || "obk"}: ${standing(told)}`;
-  setText(byId("name"), told.name || "launched elsewhere");
-  showState(byId("state"), standing(told), told.is_waiting);
-  showFacts(told);
-  const actions = told.is_waiting ? [] : told.transitions;
-  showButtons(byId("stack-buttons"), actions, "", `the whole stack ${told.name}`);
-  showNodes(told);
-  showTopics(told);
-  offerTopics(told.topics);
-  showGraph(told);
+  document.body.classList.toggle("ended", shown.is_waiting);
+  document.title = `${shown.name || "obk"}: ${standing(shown)}`;
+  setText(byId("name"), shown.name || "launched elsewhere");
+  showState(byId("state"), standing(shown), shown.is_waiting);
+  showFacts(shown);
+  const actions = shown.is_waiting ? [] : shown.transitions;
+  showButtons(byId("stack-buttons"), actions, "", `the whole stack ${shown.name}`);
+  showNodes(shown);
+  showTopics(shown);
+  offerTopics(shown.topics);
+  showGraph(shown);
 }
 
-function standing(told) {
-  return told.has_ended ? "ended" : told.state || told.phase || "no answer";
+function standing(shown) {
+  return shown.has_ended ? "ended" : shown.state || shown.phase || "no answer";
 }
 
 function showState(target, state, isWrong = false) {
@@ -69,22 +69,22 @@ function showState(target, state, isWrong = false) {
   target.className = `state ${kind}`;
 }
 
-function showFacts(told) {
-  const off = told.topics.filter((topic) => topic.is_off).length;
+function showFacts(shown) {
+  const off = shown.topics.filter((topic) => topic.is_off).length;
   const facts = [
-    ["up", clock(told.uptime_s)],
-    ["domain", String(told.domain)],
-    ["real time", told.realtime_factor === null ? null : `×${told.realtime_factor.toFixed(2)}`],
+    ["up", clock(shown.uptime_s)],
+    ["domain", String(shown.domain)],
+    ["real time", shown.realtime_factor === null ? null : `×${shown.realtime_factor.toFixed(2)}`],
     ["topics off", off ? String(off) : null],
-    ["this page costs", `${told.cost_percent.toFixed(1)} % of a core`],
+    ["this page costs", `${shown.cost_percent.toFixed(1)} % of a core`],
   ].filter(([, value]) => value !== null);
   keep(byId("facts"), facts, ([name]) => name,
     ([name]) => element("div", {}, element("dt", {}, name), element("dd")),
     (child, [, value]) => setText(child.lastChild, value));
 }
 
-function showNodes(told) {
-  keep(byId("nodes").tBodies[0], told.nodes, (node) => node.node, nodeRow, (row, node) => {
+function showNodes(shown) {
+  keep(byId("nodes").tBodies[0], shown.nodes, (node) => node.node, nodeRow, (row, node) => {
     const [name, state, cpu, memory, actions] = row.cells;
     name.title = `${node.node}\n${node.section}${node.pid === null ? "" : `, process ${node.pid}`}`;
     setText(name.firstChild, shortNode(node.node));
@@ -100,7 +100,7 @@ function showNodes(told) {
     const shared = node.shares_process ? "+" : "";
     setText(cpu, node.load ? `${node.load.cpu_percent.toFixed(1)}${shared}` : MISSING);
     setText(memory, node.load ? `${(node.load.memory_bytes / 1e6).toFixed(0)}${shared}` : MISSING);
-    showButtons(actions.firstChild, told.is_waiting ? [] : node.transitions, node.node, shortNode(node.node));
+    showButtons(actions.firstChild, shown.is_waiting ? [] : node.transitions, node.node, shortNode(node.node));
   });
 }
 
@@ -116,10 +116,10 @@ function nodeRow() {
     element("td", { className: "actions" }, element("div", { className: "buttons" })));
 }
 
-function showTopics(told) {
-  const space = commonSpace(told.topics.map((topic) => topic.topic));
+function showTopics(shown) {
+  const space = commonSpace(shown.topics.map((topic) => topic.topic));
   setText(byId("topic-title"), space ? `topic in ${space}` : "topic");
-  keep(byId("topics").tBodies[0], told.topics, (topic) => topic.topic, topicRow, (row, topic) => {
+  keep(byId("topics").tBodies[0], shown.topics, (topic) => topic.topic, topicRow, (row, topic) => {
     const [name, measured, wanted, jitter, age] = row.cells;
     setText(name.firstChild, topic.topic.slice(space.length));
     name.title = [

@@ -37,7 +37,7 @@ export function setCurves(curves) {
   for (const curve of plots.keys()) if (!curves.includes(curve)) plots.delete(curve);
 }
 
-// The whole of what is kept comes anew with each stream.
+// Each new stream starts with all samples that are kept.
 export function beginCurves() {
   for (const curve of wantedCurves()) plots.set(curve, new Plot(curve));
 }

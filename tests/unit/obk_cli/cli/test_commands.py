@@ -220,7 +220,7 @@ def test_standard_input(
         ("validate f --format xml", "`--format xml`: expected one of `text`, `json`, `sarif`, "
          "`github`"),
         ("validate f --ignore OBK9", "`--ignore OBK9` names no rule\n"
-         "  help: did you mean `OBK409` or `OBK319` or `OBK309`?"),
+         "  help: did you mean `OBK609` or `OBK409` or `OBK319`?"),
         ("validate f --color green", "`--color green`: expected `auto`, `always` or `never`"),
         ("compile f --to bmp", "`--to bmp`: expected one of `plan`, `params`, `launch`, "
          "`mermaid`, `dot`, `svg`, `json`"),
@@ -228,8 +228,8 @@ def test_standard_input(
         ("explain OBK20", "there is no rule `OBK20`\n"
          "  help: did you mean `OBK420` or `OBK320` or `OBK220`?"),
         ("new contoller foo", "there is no kind `contoller`\n  help: did you mean `controller`?"),
-        ("new controller foo --device pc", "`--device` says where in a config: give "
-         "`--add-to CONFIG` too"),
+        ("new controller foo --device pc", "`--device` applies to a config: add "
+         "`--add-to CONFIG`"),
         ("new controller foo --add-to -", "`--add-to -`: a file is changed, so it needs one"),
         ("build --workspace none", "`--workspace none`: there is no such folder"),
         ("build --jobs 0", "`--jobs 0`: expected a number of at least 1"),

@@ -36,7 +36,7 @@ def test_commands_and_the_commands_below_them() -> None:
 
 
 def test_options_of_a_command() -> None:
-    assert offered("validate", "--f") == ["--format", "--fix"]
+    assert offered("validate", "--f") == ["--format", "--fix", "--for-test"]
     assert "--version" in offered("--")
 
 

@@ -83,8 +83,9 @@ def test_ends_that_do_not_hear_each_other_are_told() -> None:
         ),
     )
     assert list(incompatible_ends(topic)) == [
-        "/strong does not hear /p: it asks for `reliable`, and `best_effort` is offered",
-        "/strong does not hear /p: it asks for `transient_local`, and `volatile` is offered",
+        "/strong does not receive from /p: it asks for `reliable`, and `best_effort` is offered",
+        "/strong does not receive from /p: "
+        "it asks for `transient_local`, and `volatile` is offered",
     ]
 
 

@@ -1,4 +1,4 @@
-"""Answers, templates and packages in memory for the scaffolding tests."""
+"""Specs, templates and packages in memory for the scaffolding tests."""
 
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
@@ -9,7 +9,7 @@ import pytest
 from obk_cli.files import resource_folder
 from obk_cli.scaffold.compose import compose_package, layers_of
 from obk_cli.scaffold.kinds import Kind
-from obk_cli.scaffold.questions import Answers, Question, check_answers
+from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec, check_request
 from obk_cli.scaffold.templates import RenderedFile, Template, TemplateLibrary
 
 
@@ -19,36 +19,34 @@ def nobody(_name: str) -> str | None:
 
 
 @pytest.fixture
-def answer() -> Callable[..., Answers]:
-    """Checked answers from what a user would type."""
+def make_spec() -> Callable[..., PackageSpec]:
+    """Make a checked spec from what a user would type."""
 
-    def make(kind: Kind = "controller", name: str = "foo", **typed: Any) -> Answers:
-        answers = check_answers(Question(kind=kind, name=name, **typed), owner_of=nobody)
-        assert isinstance(answers, Answers), answers
-        return answers
+    def make(kind: Kind = "controller", name: str = "foo", **typed: Any) -> PackageSpec:
+        spec = check_request(PackageRequest(kind=kind, name=name, **typed), owner_of=nobody)
+        assert isinstance(spec, PackageSpec), spec
+        return spec
 
     return make
 
 
 @pytest.fixture
-def templates() -> Callable[[Answers], tuple[Template, ...]]:
-    """The project's own templates for what was answered."""
-    return lambda answers: TemplateLibrary(own=resource_folder("templates")).read(
-        layers_of(answers)
-    )
+def templates() -> Callable[[PackageSpec], tuple[Template, ...]]:
+    """The project's own templates for a spec."""
+    return lambda spec: TemplateLibrary(own=resource_folder("templates")).read(layers_of(spec))
 
 
 @pytest.fixture
 def package(
-    answer: Callable[..., Answers], templates: Callable[[Answers], tuple[Template, ...]]
+    make_spec: Callable[..., PackageSpec], templates: Callable[[PackageSpec], tuple[Template, ...]]
 ) -> Callable[..., dict[PurePosixPath, RenderedFile]]:
     """The files of a package, by path."""
 
     def make(
         kind: Kind = "controller", name: str = "foo", **typed: Any
     ) -> dict[PurePosixPath, RenderedFile]:
-        answers = answer(kind, name, **typed)
-        made = compose_package(answers, templates(answers))
+        spec = make_spec(kind, name, **typed)
+        made = compose_package(spec, templates(spec))
         assert made.edits == ()
         return {file.path: file for file in made.files}
 

@@ -49,6 +49,12 @@ def errors(config: Path) -> list[str]:
     return [str(finding) for finding in outcome.diagnostics if finding.severity != "info"]
 
 
+def hazards(config: Path) -> set[str]:
+    """The rules about lock-step runs that find something."""
+    options = Options(variables={}, working_folder=Path.cwd(), for_test=True)
+    return {finding.code for finding in compile_config(str(config), options).hazards}
+
+
 @pytest.mark.mujoco
 @pytest.mark.parametrize(
     "arguments",
@@ -73,6 +79,8 @@ def test_the_config_is_as_sound_with_the_new_node(
     is_built_later = "cpp" in arguments
     assert ("until it is built" in said) == is_built_later
     assert [error for error in errors(config) if not is_built_later or "OBK402" not in error] == []
+    by_nature = "OBK611" if is_built_later else "OBK613"
+    assert hazards(config) == ({by_nature} if is_built_later or "robot" in arguments else set())
 
 
 def test_a_node_more_in_a_package_joins_too(

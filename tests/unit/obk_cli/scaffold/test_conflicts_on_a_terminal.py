@@ -11,9 +11,12 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
+from obk_cli.cli.new import app
 from obk_cli.cli.new_run import resolve_conflicts
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.scaffold.write import Action, Decision
+
+from .new_command import printed_by
 
 DEADLINE_S = 30.0
 QUESTION = b"[q]uit? "
@@ -64,10 +67,10 @@ class Dialogue:
 
 
 @pytest.fixture
-def root(tmp_path: Path) -> Path:
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A package in which two files were changed and one was deleted."""
-    code = "from obk_cli.cli.main import main; main(['new', 'controller', 'foo'])"
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True)
+    monkeypatch.chdir(tmp_path)
+    printed_by(app, "controller", "foo")
     root = tmp_path / "foo"
     (root / "README.md").write_text("mine\n")
     (root / "setup.cfg").write_text("mine too\n")

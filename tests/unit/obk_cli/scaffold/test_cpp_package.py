@@ -6,19 +6,20 @@ The library that they are written against is not here: small stand-ins of its he
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 
 import pytest
 
 from obk_cli.scaffold.message_code import cpp_header
-from obk_cli.scaffold.questions import MessageType
+from obk_cli.scaffold.package_spec import MessageType
 from obk_cli.scaffold.templates import RenderedFile
 
 Package = Callable[..., dict[PurePosixPath, RenderedFile]]
 
 COMPILER = next((path for name in ("g++", "clang++", "c++") if (path := shutil.which(name))), None)
+OPTIONS = ("-std=c++17", "-Wall", "-Wextra")
 VARIANTS = [
     ("controller", "foo", {}),
     ("controller", "leg_pd_controller", {"ctrl_msg": "PDFeedForward"}),
@@ -29,6 +30,13 @@ VARIANTS = [
     ("estimator", "foo", {"sensor_msg": "sensor_msgs/Imu", "est_msg": "a_msgs/IMU"}),
 ]
 
+STANDARD = """\
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+"""
+"""What the stand-ins include in every source file anyway."""
 NODE_STAND_IN = """\
 #pragma once
 #include <functional>
@@ -196,36 +204,52 @@ def test_an_estimator_reads_a_message_that_the_library_s_users_have(package: Pac
     assert "msg.q_joints = sensor_msg_->joint_pos;" in source
 
 
+@pytest.fixture(scope="module")
+def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The stand-ins of the library's headers by release, with the standard headers precompiled."""
+    folders = {}
+    for release, registration in REGISTRATION.items():
+        folders[release] = folder = tmp_path_factory.mktemp("stand_ins")
+        node = NODE_STAND_IN % registration
+        write(folder, STAND_INS | {"obelisk_node.h": node, "standard.h": STANDARD})
+        if COMPILER is not None:
+            compiled(COMPILER, *OPTIONS, "-x", "c++-header", "standard.h", cwd=folder)
+    return folders
+
+
+def write(folder: Path, contents: Mapping[str, str | bytes]) -> None:
+    for path, content in contents.items():
+        target = folder / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def compiled(*command: str, cwd: Path) -> None:
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize("release", REGISTRATION)
 @pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
 def test_a_compiler_takes_it(
-    package: Package, tmp_path: Path, kind: str, name: str, typed: dict[str, str], release: str
+    package: Package,
+    stand_ins: dict[str, Path],
+    tmp_path: Path,
+    kind: str,
+    name: str,
+    typed: dict[str, str],
+    release: str,
 ) -> None:
-    if COMPILER is None:  # what can be said without one stands above
+    if COMPILER is None:  # what can be checked without one stands above
         return
     files = package(kind, name, language="cpp", release=release, **typed)
     code = "".join(f.content.decode() for f in files.values() if f.path.suffix == ".h")
     code += "".join(f.content.decode() for f in files.values() if f.path.suffix == ".cpp")
-    stand_ins = STAND_INS | {"obelisk_node.h": NODE_STAND_IN % REGISTRATION[release]}
-    stand_ins |= {
-        header: message_stand_in(header, code) for header in includes_of(files) if "/msg/" in header
-    }
-    for path, content in stand_ins.items():
-        target = tmp_path / "stand_ins" / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(content)
-    for file in files.values():
-        target = tmp_path / "ws/package" / file.path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(file.content)
-    for source in (tmp_path / "ws/package/src").iterdir():
-        options = ["-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-Werror"]
-        folders = ["-I", str(tmp_path / "ws/package/include"), "-I", str(tmp_path / "stand_ins")]
-        done = subprocess.run(
-            [COMPILER, *options, *folders, str(source)],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
+    messages = (header for header in includes_of(files) if "/msg/" in header)
+    write(tmp_path / "messages", {header: message_stand_in(header, code) for header in messages})
+    write(tmp_path / "package", {str(file.path): file.content for file in files.values()})
+    folders = (tmp_path / "package/include", tmp_path / "messages", stand_ins[release])
+    for source in (tmp_path / "package/src").iterdir():
+        places = [option for folder in folders for option in ("-I", str(folder))]
+        options = (*OPTIONS, "-Werror", "-fsyntax-only", *places, "-include", "standard.h")
+        compiled(COMPILER, *options, str(source), cwd=tmp_path)

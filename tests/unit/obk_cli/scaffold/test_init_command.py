@@ -84,7 +84,7 @@ def test_the_config_names_the_schema_that_is_there(here: Path) -> None:
 @pytest.mark.mujoco
 def test_its_config_is_valid_without_a_finding(here: Path) -> None:
     obk_init("my_robot")
-    options = Options(variables={}, working_folder=here)
+    options = Options(variables={}, working_folder=here, for_test=True)
     outcome = compile_config("my_robot/my_robot.yaml", options)
     found = [str(d) for d in outcome.diagnostics]
     # The simulator's package is there only where the tool is installed.

@@ -55,7 +55,7 @@ def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) 
 def test_the_snippet_says_who_would_wire_it(workspace: Path) -> None:
     said = obk_new("estimator", "foo")
     assert (
-        "under `estimation:` to run it, /STACK being what its topics begin with; --add-to CONFIG"
+        "under `estimation:`, with your topic prefix instead of /STACK; --add-to CONFIG"
     ) in said
     assert "    - key: pub_est\n        topic: /STACK/est\n" in said
 
@@ -172,7 +172,7 @@ def test_a_link_that_leads_out_of_the_workspace_is_refused(
     (workspace / "src/foo").symlink_to(elsewhere)
     fault = refused("controller", "foo")
     assert fault.message == f"src/foo is reached through a symbolic link that leads to {elsewhere}"
-    assert fault.help == f"to make the package there, say so: --dest {tmp_path}"
+    assert fault.help == f"to create the package there, add --dest {tmp_path}"
     (workspace / "src/foo").unlink()
     (workspace / "src").rmdir()
     (workspace / "src").symlink_to(elsewhere)

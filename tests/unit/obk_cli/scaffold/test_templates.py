@@ -3,7 +3,7 @@ from pathlib import PurePosixPath
 
 import pytest
 
-from obk_cli.scaffold.questions import Answers
+from obk_cli.scaffold.package_spec import PackageSpec
 from obk_cli.scaffold.templates import (
     RenderedFile,
     Template,
@@ -137,9 +137,9 @@ def test_a_script_is_executable() -> None:
 
 
 def test_rendering_twice_gives_equal_bytes(
-    answer: Callable[..., Answers], templates: Callable[[Answers], tuple[Template, ...]]
+    make_spec: Callable[..., PackageSpec], templates: Callable[[PackageSpec], tuple[Template, ...]]
 ) -> None:
-    answers = answer()
-    variables = template_variables(answers)
-    once = render_templates(templates(answers), variables)
-    assert once == render_templates(templates(answers), variables)
+    spec = make_spec()
+    variables = template_variables(spec)
+    once = render_templates(templates(spec), variables)
+    assert once == render_templates(templates(spec), variables)

@@ -6,8 +6,8 @@ import pytest
 
 from obk_cli.errors import MisuseError
 from obk_testing.sweep.cases import (
-    Case,
     FoundTest,
+    SweepCase,
     make_cases,
     parse_varied,
     rerun_command,
@@ -145,7 +145,7 @@ def test_the_same_path_cannot_be_varied_twice(config: Path) -> None:
 
 
 def test_the_command_for_one_case_can_be_pasted_into_a_shell() -> None:
-    case = Case(
+    case = SweepCase(
         test="tests/test_arm.py::test_push[8]",
         node_id="tests/test_arm.py::test_push[8-seed3]",
         seed=3,

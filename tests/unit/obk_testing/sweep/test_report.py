@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from obk_testing.sweep.cases import Case, Outcome, Row
+from obk_testing.sweep.cases import Outcome, Row, SweepCase
 from obk_testing.sweep.report import report_page
 from obk_testing.sweep.summary import (
     Result,
@@ -20,7 +20,7 @@ PATH = "control.params.gain"
 
 
 def result(seed: int, outcome: Outcome = "passed", gain: str = "1.0", **metrics: float) -> Result:
-    case = Case(
+    case = SweepCase(
         test="tests/test_arm.py::test_push[<b>]",
         node_id=f"tests/test_arm.py::test_push[<b>-seed{seed}]",
         seed=seed,

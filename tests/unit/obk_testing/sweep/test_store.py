@@ -5,10 +5,12 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_testing.sweep.cases import Case, Row
+from obk_testing.sweep.cases import Row, SweepCase
 from obk_testing.sweep.store import SweepStore, hashes_of, installed_sources
 
-CASE = Case(test="t.py::test_a", node_id="t.py::test_a[seed1]", seed=1, overrides=(("a.b", "2"),))
+CASE = SweepCase(
+    test="t.py::test_a", node_id="t.py::test_a[seed1]", seed=1, overrides=(("a.b", "2"),)
+)
 ROW = Row(
     key=CASE.key,
     outcome="failed",

@@ -47,7 +47,7 @@ def pose_reference(source: SensorSource, position: str, orientation: str) -> str
     if of_position != of_orientation:
         source.warn(
             f"the sensor `{position}` is given in the frame `{of_position}` and `{orientation}` in "
-            f"`{of_orientation}`; the message says `{of_position}`. One `reftype` and "
+            f"`{of_orientation}`; the message has `{of_position}`. One `reftype` and "
             "`refname` for both in the model would make it a pose"
         )
     return of_position

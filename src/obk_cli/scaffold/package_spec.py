@@ -1,6 +1,6 @@
-"""What the user wants made: the typed answers, and the checks that they pass.
+"""Check what the user requests from `obk new`: from the words typed to a package spec.
 
-In: the words typed on the command line. Out: `Answers`, or every problem with them at once.
+In: a `PackageRequest`. Out: a `PackageSpec`, or every problem with the request at once.
 Never touches the disk and never imports a message.
 """
 
@@ -27,11 +27,11 @@ __all__ = [
     "USUAL_EST",
     "USUAL_OF_SENSOR",
     "USUAL_SENSOR",
-    "Answers",
     "MessageType",
     "Messages",
-    "Question",
-    "check_answers",
+    "PackageRequest",
+    "PackageSpec",
+    "check_request",
 ]
 
 USUAL_CTRL = "PositionSetpoint"
@@ -89,8 +89,8 @@ class MessageType:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Question:
-    """What was asked for, as typed; a message type that is None is left open."""
+class PackageRequest:
+    """A package as requested on the command line; a message type of None is left open."""
 
     kind: Kind
     name: str
@@ -104,8 +104,8 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answers:
-    """What is to be made; every name in it has been checked."""
+class PackageSpec:
+    """The package to create; every name in it has been checked."""
 
     kind: Kind
     package: str
@@ -138,30 +138,30 @@ class Answers:
         }
         return by_kind.get(self.kind, ())
 
-    def in_package(self, package: str) -> "Answers":
+    def in_package(self, package: str) -> "PackageSpec":
         """The same node in a package of another name."""
         return replace(self, package=package)
 
 
-def check_answers(
-    question: Question,
+def check_request(
+    request: PackageRequest,
     *,
     owner_of: Callable[[str], str | None],
     messages: Messages | None = None,
-) -> Answers | tuple[Problem, ...]:
+) -> PackageSpec | tuple[Problem, ...]:
     """Check all that was typed; the node goes into a new package of its own name.
 
     `owner_of` returns the owner of a top-level module name, None if it is free; `messages` what
-    the packages that are there define; a package that is not may be yet to come.
+    existing packages define; a missing package may be created later.
     """
-    language = _check_language(question)
-    name = check_name(question.name, kind=question.kind, owner_of=owner_of)
-    ctrl = _check_message("--ctrl-msg", question.ctrl_msg or USUAL_CTRL, messages)
-    est = _check_message("--est-msg", question.est_msg or USUAL_EST, messages)
-    usual_sensor = USUAL_CPP_SENSOR if question.language == "cpp" else USUAL_SENSOR
-    if question.kind == "sensor":
+    language = _check_language(request)
+    name = check_name(request.name, kind=request.kind, owner_of=owner_of)
+    ctrl = _check_message("--ctrl-msg", request.ctrl_msg or USUAL_CTRL, messages)
+    est = _check_message("--est-msg", request.est_msg or USUAL_EST, messages)
+    usual_sensor = USUAL_CPP_SENSOR if request.language == "cpp" else USUAL_SENSOR
+    if request.kind == "sensor":
         usual_sensor = USUAL_OF_SENSOR
-    sensor = _check_message("--sensor-msg", question.sensor_msg or usual_sensor, messages)
+    sensor = _check_message("--sensor-msg", request.sensor_msg or usual_sensor, messages)
     if (
         language is None
         and name is None
@@ -169,27 +169,27 @@ def check_answers(
         and isinstance(est, MessageType)
         and isinstance(sensor, MessageType)
     ):
-        answers = Answers(
-            kind=question.kind,
-            package=question.name,
-            node=question.name,
+        spec = PackageSpec(
+            kind=request.kind,
+            package=request.name,
+            node=request.name,
             ctrl=ctrl,
             est=est,
             sensor=sensor,
-            language=question.language,
-            release=question.release,
-            with_service=question.with_service,
-            controls=question.controls,
+            language=request.language,
+            release=request.release,
+            with_service=request.with_service,
+            controls=request.controls,
         )
-        return _check_clashes(answers) or answers
+        return _check_clashes(spec) or spec
     return tuple(p for p in (language, name, ctrl, est, sensor) if isinstance(p, Problem))
 
 
-def _check_language(question: Question) -> Problem | None:
-    if recipe_of(question.kind, question.language) is not None:
+def _check_language(request: PackageRequest) -> Problem | None:
+    if recipe_of(request.kind, request.language) is not None:
         return None
     return Problem(
-        sentence=f"--lang: a {question.kind} is not made in `{question.language}`",
+        sentence=f"--lang: a {request.kind} is not made in `{request.language}`",
         help="leave --lang out; controllers and estimators are made in `cpp` too",
     )
 
@@ -220,22 +220,22 @@ def _check_message(option: str, written: str, messages: Messages | None) -> Mess
     )
 
 
-def _check_clashes(answers: Answers) -> tuple[Problem, ...]:
+def _check_clashes(spec: PackageSpec) -> tuple[Problem, ...]:
     """Two classes of one name cannot both be in the node's module."""
     twice = tuple(
         Problem(
             sentence=f"`{one.full}` and `{other.full}` have the same class name `{one.name}`",
             help="choose message types whose last names differ",
         )
-        for one, other in combinations(answers.messages, 2)
+        for one, other in combinations(spec.messages, 2)
         if one.name == other.name and one != other
     )
-    own = {answers.class_name, *_CLASSES_IN_USE} if answers.kind in NODE_KINDS else set()
+    own = {spec.class_name, *_CLASSES_IN_USE} if spec.kind in NODE_KINDS else set()
     return twice + tuple(
         Problem(
             sentence=f"`{message.full}` has the name of a class that the node's module needs",
             help="choose another name for the node, or another message type",
         )
-        for message in answers.messages
+        for message in spec.messages
         if message.name in own
     )

@@ -3,17 +3,17 @@ from collections.abc import Callable
 import pytest
 
 from obk_cli.scaffold.message_code import has_header
-from obk_cli.scaffold.questions import Answers, MessageType, Question, check_answers
+from obk_cli.scaffold.package_spec import MessageType, PackageRequest, PackageSpec, check_request
 
 
 def nobody(_name: str) -> str | None:
     return None
 
 
-def test_messages_are_resolved_to_their_packages(answer: Callable[..., Answers]) -> None:
-    answers = answer("estimator", "foo", est_msg="nav_msgs/Odometry", sensor_msg="ObkImu")
-    assert answers.est.full == "nav_msgs/msg/Odometry"
-    assert answers.sensor.module == "obelisk_sensor_msgs.msg"
+def test_messages_are_resolved_to_their_packages(make_spec: Callable[..., PackageSpec]) -> None:
+    spec = make_spec("estimator", "foo", est_msg="nav_msgs/Odometry", sensor_msg="ObkImu")
+    assert spec.est.full == "nav_msgs/msg/Odometry"
+    assert spec.sensor.module == "obelisk_sensor_msgs.msg"
 
 
 @pytest.mark.parametrize(
@@ -26,14 +26,16 @@ def test_messages_are_resolved_to_their_packages(answer: Callable[..., Answers])
     ],
 )
 def test_a_config_spells_a_message_bare_where_that_means_the_same(
-    answer: Callable[..., Answers], written: str, spelling: str
+    make_spec: Callable[..., PackageSpec], written: str, spelling: str
 ) -> None:
-    assert answer(ctrl_msg=written).ctrl.spelling == spelling
+    assert make_spec(ctrl_msg=written).ctrl.spelling == spelling
 
 
 def test_every_wrong_answer_is_told_at_once() -> None:
-    question = Question(kind="controller", name="Foo", ctrl_msg="PositionSetpont", est_msg="x/y")
-    problems = check_answers(question, owner_of=nobody)
+    request = PackageRequest(
+        kind="controller", name="Foo", ctrl_msg="PositionSetpont", est_msg="x/y"
+    )
+    problems = check_request(request, owner_of=nobody)
     assert isinstance(problems, tuple)
     assert [p.sentence.partition(";")[0] for p in problems] == [
         "the name `Foo` is not lower snake case",
@@ -45,8 +47,8 @@ def test_every_wrong_answer_is_told_at_once() -> None:
 
 
 def test_a_message_that_an_obelisk_package_does_not_have_is_refused() -> None:
-    question = Question(kind="controller", name="foo", ctrl_msg="obelisk_control_msgs/Nothing")
-    assert isinstance(check_answers(question, owner_of=nobody), tuple)
+    request = PackageRequest(kind="controller", name="foo", ctrl_msg="obelisk_control_msgs/Nothing")
+    assert isinstance(check_request(request, owner_of=nobody), tuple)
 
 
 class ArmMessages:
@@ -60,32 +62,32 @@ class ArmMessages:
 
 
 def test_a_message_of_the_workspace_is_stamped_if_its_definition_has_a_header() -> None:
-    question = Question(kind="controller", name="foo", ctrl_msg="arm_msgs/Reach")
-    known = check_answers(question, owner_of=nobody, messages=ArmMessages())
-    unknown = check_answers(question, owner_of=nobody)
-    assert isinstance(known, Answers)
-    assert isinstance(unknown, Answers)
+    request = PackageRequest(kind="controller", name="foo", ctrl_msg="arm_msgs/Reach")
+    known = check_request(request, owner_of=nobody, messages=ArmMessages())
+    unknown = check_request(request, owner_of=nobody)
+    assert isinstance(known, PackageSpec)
+    assert isinstance(unknown, PackageSpec)
     assert known == unknown
-    assert [has_header(answers.ctrl) for answers in (known, unknown)] == [True, False]
+    assert [has_header(spec.ctrl) for spec in (known, unknown)] == [True, False]
 
 
 def test_a_message_that_a_package_of_the_workspace_does_not_have_is_refused() -> None:
-    question = Question(kind="controller", name="foo", ctrl_msg="arm_msgs/Raech")
-    problems = check_answers(question, owner_of=nobody, messages=ArmMessages())
+    request = PackageRequest(kind="controller", name="foo", ctrl_msg="arm_msgs/Raech")
+    problems = check_request(request, owner_of=nobody, messages=ArmMessages())
     assert isinstance(problems, tuple)
     assert problems[0].sentence == "--ctrl-msg: package `arm_msgs` has no message `Raech`"
     assert problems[0].help == "did you mean `arm_msgs/Reach`?"
-    question = Question(
+    request = PackageRequest(
         kind="controller", name="foo", ctrl_msg="arm_msgs/Reach", est_msg="later_msgs/State"
     )
-    assert isinstance(check_answers(question, owner_of=nobody, messages=ArmMessages()), Answers)
+    assert isinstance(check_request(request, owner_of=nobody, messages=ArmMessages()), PackageSpec)
 
 
 def test_two_messages_of_one_class_name_are_refused() -> None:
-    question = Question(
+    request = PackageRequest(
         kind="controller", name="foo", ctrl_msg="a_msgs/State", est_msg="b_msgs/State"
     )
-    problems = check_answers(question, owner_of=nobody)
+    problems = check_request(request, owner_of=nobody)
     assert isinstance(problems, tuple)
     assert problems[0].sentence == (
         "`a_msgs/msg/State` and `b_msgs/msg/State` have the same class name `State`"
@@ -94,14 +96,14 @@ def test_two_messages_of_one_class_name_are_refused() -> None:
 
 @pytest.mark.parametrize("clash", ["my_msgs/FooController", "my_msgs/ObeliskController"])
 def test_a_message_that_has_the_name_of_another_class_of_the_module_is_refused(clash: str) -> None:
-    question = Question(kind="controller", name="foo", ctrl_msg=clash)
-    problems = check_answers(question, owner_of=nobody)
+    request = PackageRequest(kind="controller", name="foo", ctrl_msg=clash)
+    problems = check_request(request, owner_of=nobody)
     assert isinstance(problems, tuple)
     assert "has the name of a class" in problems[0].sentence
 
 
-def test_the_same_message_in_and_out_is_fine(answer: Callable[..., Answers]) -> None:
-    assert answer(ctrl_msg="JointState", est_msg="JointState").ctrl == MessageType(
+def test_the_same_message_in_and_out_is_fine(make_spec: Callable[..., PackageSpec]) -> None:
+    assert make_spec(ctrl_msg="JointState", est_msg="JointState").ctrl == MessageType(
         package="sensor_msgs", name="JointState"
     )
 
@@ -116,6 +118,6 @@ def test_the_same_message_in_and_out_is_fine(answer: Callable[..., Answers]) -> 
     ],
 )
 def test_the_class_is_named_after_the_node_and_its_kind(
-    answer: Callable[..., Answers], name: str, class_name: str
+    make_spec: Callable[..., PackageSpec], name: str, class_name: str
 ) -> None:
-    assert answer(name=name).class_name == class_name
+    assert make_spec(name=name).class_name == class_name
