@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from obk_testing.programs import LoadedStacks
-from obk_testing.sweep.cases import SweepCase, FoundTest, make_cases
+from obk_testing.sweep.cases import FoundTest, SweepCase, make_cases
 from obk_testing.sweep.engines import LocalEngine, WorkerProcess
 from obk_testing.sweep.worker import WorkerSettings
 from obk_testing.trial import StackTrial
