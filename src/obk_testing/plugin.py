@@ -1,14 +1,18 @@
 """The pytest plugin: the fixtures `stack` and `seed`, in which a config runs in lock-step.
 
 Load it with `-p obk_testing.plugin`, as `obk test` does, so that simulated time is in place before
-test modules and nodes are imported.
+test modules and nodes are imported. A test that fails leaves its trials as recordings and pictures.
 """
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import re
+import sys
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from time import perf_counter
+from typing import Any, Final, Protocol
 
 # Before the first import of rclpy and numpy: no other process sees the nodes, and sums are made in
 # one order.
@@ -19,16 +23,22 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402
 
 from obelisk_py.core.lockstep.interception import intercepted  # noqa: E402
-from obk_testing.programs import LoadedStacks  # noqa: E402
+from obelisk_py.core.lockstep.scheduler import LockstepError  # noqa: E402
+from obk_cli.errors import CommandFailedError  # noqa: E402
+from obk_cli.plan.plan import Plan  # noqa: E402
+from obk_testing.programs import LoadedStack, LoadedStacks  # noqa: E402
+from obk_testing.result import TrialResult  # noqa: E402
+from obk_testing.summary import TrialRecord, record_of, summary_lines  # noqa: E402
 from obk_testing.trial import Schedule, StackTrial  # noqa: E402
 
-__all__ = ["OVERRIDES", "TRIALS", "StartStack"]
+__all__ = ["StartStack", "describe_check", "given_plan", "trials_of"]
 
-OVERRIDES = pytest.StashKey[tuple[Path, tuple[str, ...]]]()
-"""Of the session's config: a config, and `path=value` for each of its trials, before `set`."""
-TRIALS = pytest.StashKey[list[StackTrial]]()
-"""Of a test: the trials that it has started."""
-_INTERCEPTION = pytest.StashKey[ExitStack]()
+_SCHEDULE: Final = ("latency", "jitter", "phases", "compute", "bring_up")
+_SHOWN_LOG: Final = 10
+"""Log entries of a failed trial that its report shows."""
+_WARNING: Final = 30
+_LONGEST_NAME: Final = 120
+_SMOKE: Final = "smoke"
 
 
 class StartStack(Protocol):
@@ -36,15 +46,15 @@ class StartStack(Protocol):
 
     def __call__(
         self,
-        config: str | Path,
+        config: str | Path | None = None,
         *,
         seed: int = 0,
         parameters: Mapping[str, Mapping[str, Any]] | None = None,
         set: Sequence[str] = (),
         keyframe: str | None = None,
-        latency: float = 0.0,
-        jitter: float = 0.0,
-        phases: bool = False,
+        latency: float | None = None,
+        jitter: float | None = None,
+        phases: bool | None = None,
         compute: Mapping[str, float] | None = None,
         bring_up: Mapping[str, float] | None = None,
         watch: Iterable[str] = (),
@@ -53,8 +63,11 @@ class StartStack(Protocol):
     ) -> StackTrial:
         """Bring a stack up in lock-step.
 
+        Unless one of `latency`, `jitter`, `phases`, `compute` and `bring_up` is given, the seed
+        draws the schedule: seed 0 has the ideal one, in which nothing takes time.
+
         Args:
-            config: path, relative to the folder of the test.
+            config: path, relative to the folder of the test; None: the config of `obk test`.
             seed: of everything that is drawn.
             parameters: node -> parameter -> value, before the nodes are configured.
             set: changes of the config, as `obk launch --set` takes them.
@@ -73,6 +86,44 @@ class StartStack(Protocol):
         """
 
 
+@dataclass(slots=True)
+class _Trials:
+    """The trials of one test."""
+
+    started: list[StackTrial] = field(default_factory=list)
+    schedules: set[str] = field(default_factory=set)
+    """`ideal`, `varied` or `own`."""
+    earlier: tuple[TrialResult, ...] = ()
+    """Of the first run of a test that runs twice."""
+    earlier_wall_s: float = 0.0
+    checked: str = ""
+
+    @property
+    def wall_s(self) -> float:
+        """Wall-clock time that the simulation took [s]."""
+        return self.earlier_wall_s + sum(trial.wall_s for trial in self.started)
+
+    def results(self) -> tuple[TrialResult, ...]:
+        return tuple(trial.result() for trial in self.started)
+
+    def close(self) -> None:
+        for trial in self.started:
+            trial.close()
+
+
+@dataclass(slots=True)
+class _Session:
+    """What a test run collects."""
+
+    begin_s: float = field(default_factory=perf_counter)
+    patches: ExitStack = field(default_factory=ExitStack)
+    records: list[TrialRecord] = field(default_factory=list)
+
+
+_SESSION: Final = pytest.StashKey[_Session]()
+_TRIALS: Final = pytest.StashKey[_Trials]()
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options of the plugin."""
     group = parser.getgroup("obk", "closed-loop tests")
@@ -81,29 +132,103 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default="1",
         help="run tests with `seed` for so many seeds; `=17` for one of them",
     )
+    group.addoption(
+        "--twice", action="store_true", help="run each test twice and compare its trials"
+    )
+    group.addoption(
+        "--keep-all", action="store_true", help="keep recordings of tests that pass too"
+    )
+    group.addoption("--keep-none", action="store_true", help="keep no recordings")
+    group.addoption(
+        "--trial-folder",
+        metavar="DIR",
+        help="where recordings and pictures go (default: build/obk-test in the root folder)",
+    )
+    group.addoption("--stack", metavar="CONFIG", help="the config of `stack()` without one")
+    group.addoption(
+        "--stack-set",
+        metavar="PATH=VALUE",
+        action="append",
+        default=[],
+        help="override a value of that config",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Put simulated time in place."""
-    config.stash[_INTERCEPTION] = ExitStack()
-    config.stash[_INTERCEPTION].enter_context(intercepted())
+    _seeds(config)  # a wrong option ends the run here
+    # lark, which ROS's message packages import, still uses it.
+    config.addinivalue_line(
+        "filterwarnings",
+        "ignore:module 'sre_(parse|constants)' is deprecated:DeprecationWarning",
+    )
+    session = config.stash[_SESSION] = _Session()
+    session.patches.enter_context(intercepted())
+    config.pluginmanager.register(_Reports(session), "obk_reports")
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
     """Restore the functions of the system."""
-    config.stash[_INTERCEPTION].close()
+    if _SESSION in config.stash:
+        config.stash[_SESSION].patches.close()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Keep hypothesis out of the summary of tests that do not use it: it takes 0.5 s to import."""
+    plugins = session.config.pluginmanager
+    if "hypothesis" not in sys.modules and plugins.has_plugin("hypothesispytest"):
+        plugins.unregister(name="hypothesispytest")
+
+
+class _Reports:
+    """Collects the records of all reports; with pytest-xdist those of its workers."""
+
+    def __init__(self, session: _Session) -> None:
+        self._session = session
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        record = record_of(report) if report.when == "call" else None
+        if record is not None:
+            self._session.records.append(record)
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Print passed trials, failures and how to repeat them."""
+    session = config.stash[_SESSION]
+    if not session.records:
+        return
+    terminalreporter.section("trials")
+    lines = summary_lines(
+        session.records,
+        config=config.getoption("stack"),
+        overrides=config.getoption("stack_set"),
+        duration_s=perf_counter() - session.begin_s,
+        processes=int(config.getoption("numprocesses", None) or 1),
+    )
+    for line in lines:
+        terminalreporter.line(line)
+
+
+def _seeds(config: pytest.Config) -> Sequence[int]:
+    given = str(config.getoption("--seeds"))
+    match = re.fullmatch(r"(?P<one>=)?(?P<number>\d+)", given)
+    if match is None or not (match["one"] or int(match["number"])):
+        raise pytest.UsageError(f"`--seeds {given}`: expected a number of at least 1, or =SEED")
+    number = int(match["number"])
+    return (number,) if match["one"] else range(number)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run a test that asks for `seed` for each of the seeds."""
     if "seed" in metafunc.fixturenames:
-        given = metafunc.config.getoption("--seeds")
-        seeds = [int(given[1:])] if given.startswith("=") else range(int(given))
+        seeds = _seeds(metafunc.config)
         metafunc.parametrize("seed", seeds, ids=[f"seed{seed}" for seed in seeds])
 
 
 @pytest.fixture(scope="session")
 def _stacks() -> Iterator[LoadedStacks]:
+    """The stacks that are loaded in this process."""
     stacks = LoadedStacks()
     yield stacks
     stacks.close()
@@ -112,27 +237,237 @@ def _stacks() -> Iterator[LoadedStacks]:
 @pytest.fixture
 def stack(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Iterator[StartStack]:
     """`stack("my_robot.yaml")` brings a config up in lock-step; see `StartStack`."""
-    changed, changes = request.config.stash.get(OVERRIDES, (Path(), ()))
-    started = request.node.stash.setdefault(TRIALS, [])
-    with ExitStack() as trials:
+    trials = request.node.stash[_TRIALS] = _Trials()
 
-        def start(config: str | Path, **options: Any) -> StackTrial:
-            path = (request.path.parent / config).resolve()
-            overrides, without = tuple(options.pop("set", ())), tuple(options.pop("without", ()))
-            if path == changed:
-                overrides = (*changes, *overrides)
-            loaded = _stacks.get(path, overrides, without=without)
-            schedule = Schedule(
-                **{
-                    name: options.pop(name)
-                    for name in ("latency", "jitter", "phases", "compute", "bring_up")
-                    if options.get(name) is not None
-                }
-            )
-            trial = trials.enter_context(StackTrial(loaded, schedule=schedule, **options))
-            started.append(trial)
-            return trial
+    def start(config: str | Path | None = None, **options: Any) -> StackTrial:
+        changes = options.pop("set", ())
+        without = tuple(options.pop("without", ()))
+        given = {name: options.pop(name, None) for name in _SCHEDULE}
+        given = {name: value for name, value in given.items() if value is not None}
+        loaded = _load(request, _stacks, config, changes, without)
+        try:
+            schedule = Schedule(**given) if given else None
+            trial = StackTrial(loaded, schedule=schedule, **options)
+        except LockstepError as error:
+            pytest.fail(str(error), pytrace=False)
+        trials.started.append(trial)
+        trials.schedules.add("own" if given else "varied" if trial.seed else "ideal")
+        return trial
 
-        yield start
-    started.clear()
+    yield start
+    trials.close()
+    del request.node.stash[_TRIALS]
     _stacks.trim()
+
+
+def _load(
+    request: pytest.FixtureRequest,
+    stacks: LoadedStacks,
+    config: str | Path | None,
+    changes: Sequence[str] = (),
+    without: tuple[str, ...] = (),
+) -> LoadedStack:
+    """A loaded stack; a config that cannot be loaded fails the test without a traceback."""
+    path, settings = _config_of(request, config)
+    try:
+        return stacks.get(path, (*settings, *changes), without=without)
+    except CommandFailedError as error:
+        help = f"\n  help: {error.help}" if error.help else ""
+        pytest.fail(f"{error.message}{help}", pytrace=False)
+
+
+@pytest.fixture
+def given_plan(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Plan:
+    """The plan of the config of `obk test`."""
+    return _load(request, _stacks, None).plan
+
+
+def _config_of(
+    request: pytest.FixtureRequest, config: str | Path | None
+) -> tuple[Path, Sequence[str]]:
+    """The path of a config, and the overrides of the command line if they are for it."""
+    options = request.config.option
+    given = Path(request.config.invocation_params.dir, options.stack) if options.stack else None
+    if config is None:
+        if given is None:
+            pytest.fail(
+                "`stack()` without a config needs `obk test CONFIG`, or `--stack CONFIG`",
+                pytrace=False,
+            )
+        return given.resolve(), options.stack_set
+    path = (request.path.parent / config).resolve()
+    is_given = given is not None and given.resolve() == path
+    return path, options.stack_set if is_given else ()
+
+
+def trials_of(item: pytest.Item) -> tuple[TrialResult, ...]:
+    """The trials that a test has started, up to now."""
+    trials = item.stash.get(_TRIALS, None)
+    return trials.results() if trials is not None else ()
+
+
+def describe_check(request: pytest.FixtureRequest, sentence: str) -> None:
+    """Have the summary show what a test has checked."""
+    request.node.stash[_TRIALS].checked = sentence
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, object]:
+    """With `--twice`, run a test again with new nodes, and compare its trials."""
+    if not pyfuncitem.config.getoption("twice") or "stack" not in pyfuncitem.funcargs:
+        return (yield)
+    try:
+        result = yield
+        first_error: Exception | None = None
+    except Exception as error:
+        first_error, result = error, None
+    trials = pyfuncitem.stash[_TRIALS]
+    trials.earlier, trials.earlier_wall_s = trials.results(), trials.wall_s
+    trials.close()
+    trials.started.clear()
+    names = pyfuncitem._fixtureinfo.argnames
+    second_error = _error_of(pyfuncitem.obj, {name: pyfuncitem.funcargs[name] for name in names})
+    difference = _first_difference(trials.earlier, trials.results())
+    if difference is not None:
+        pytest.fail(f"a second run of this test differs, first at {difference}", pytrace=False)
+    if (first_error is None) != (second_error is None):
+        pytest.fail(
+            f"one of two runs with the same trials fails: {first_error or second_error}",
+            pytrace=False,
+        )
+    if first_error is not None:
+        raise first_error
+    return result
+
+
+def _error_of(call: Callable[..., object], arguments: Mapping[str, Any]) -> Exception | None:
+    try:
+        call(**arguments)
+    except Exception as error:
+        return error
+    return None
+
+
+def _first_difference(one: Sequence[TrialResult], two: Sequence[TrialResult]) -> str | None:
+    if len(one) != len(two):
+        return f"the number of trials: {len(one)} and {len(two)}"
+    for number, (first, second) in enumerate(zip(one, two, strict=True)):
+        difference = first.first_difference(second)
+        if difference is not None:
+            return difference if len(one) == 1 else f"{difference} of trial {number + 1}"
+    return None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Keep the trials of a test that fails, and record what the summary needs."""
+    report = yield
+    trials = item.stash.get(_TRIALS, None)
+    if report.when == "call" and trials is not None and (trials.started or report.failed):
+        _keep(item, report, trials)
+    return report
+
+
+def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None:
+    config = item.config
+    is_wanted = report.failed or bool(config.getoption("keep_all"))
+    is_kept = is_wanted and not config.getoption("keep_none")
+    node_id = _node_id(item)
+    folder = Path(config.getoption("trial_folder") or config.rootpath / "build" / "obk-test")
+    stem = _stem(node_id)
+    results = trials.results()
+    reason = _reason(report)
+    for old in [*folder.glob(f"{stem}.*")]:
+        old.unlink()
+    files: list[str] = []
+    if is_kept:
+        about = {"test": node_id, "outcome": report.outcome, "reason": reason}
+        kept = [(result, "") for result in results]
+        if trials.earlier and report.failed:
+            kept += [(result, ".first") for result in trials.earlier]
+        try:
+            for number, (result, ending) in enumerate(kept):
+                place = f".{number % len(results) + 1}" if len(results) > 1 else ""
+                path = folder / f"{stem}{place}{ending}.mcap"
+                files += _write(path, result, f"{node_id}, seed {result.seed}: {reason}", about)
+        except (CommandFailedError, OSError) as error:
+            report.sections.append(("trials", f"the recording cannot be written: {error}"))
+    if report.failed:
+        report.sections += [("trial", "\n".join(_account(result))) for result in results]
+    seeds = [trial.seed for trial in trials.started]
+    callspec = getattr(item, "callspec", None)
+    seed = callspec.params.get("seed") if callspec is not None else None
+    record = TrialRecord(
+        node_id=node_id,
+        seed=seed if seed is not None else next(iter(seeds), None),
+        simulated_s=sum(result.duration_s for result in (*results, *trials.earlier)),
+        wall_s=trials.wall_s,
+        trials=len(results) + len(trials.earlier),
+        schedules=tuple(sorted(trials.schedules)),
+        outcome=report.outcome,
+        reason=reason,
+        checked=trials.checked if report.passed else "",
+        files=tuple(files),
+    )
+    item.user_properties.append(record.as_property())
+    report.user_properties.append(record.as_property())
+
+
+def _node_id(item: pytest.Item) -> str:
+    """The id by which the test can be run from the folder of this run."""
+    if item.path.parent == Path(__file__).parent and item.path.stem == _SMOKE:
+        return item.name.replace("test_", "", 1)
+    path = os.path.relpath(item.path, item.config.invocation_params.dir)
+    return "::".join([path, *item.nodeid.split("::")[1:]])
+
+
+def _stem(node_id: str) -> str:
+    """The name of the files of a test."""
+    path, *names = node_id.split("::")
+    words = [Path(path).stem, *names] if names else [path]
+    text = re.sub(r"[^\w=]+", "-", "-".join(words)).strip("-")
+    return text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}-{_short_hash(text)}"
+
+
+def _short_hash(text: str) -> str:
+    import hashlib
+
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def _reason(report: pytest.TestReport) -> str:
+    """Why a test failed, in one line."""
+    if not report.failed:
+        return ""
+    crash = getattr(report.longrepr, "reprcrash", None)
+    text = crash.message if crash is not None else str(report.longrepr)
+    lines = [line for line in text.splitlines() if line.strip()]
+    return lines[0].removeprefix("AssertionError: ") if lines else report.outcome
+
+
+def _write(path: Path, result: TrialResult, title: str, about: Mapping[str, str]) -> Iterator[str]:
+    """Write the recording and, if it can be drawn, the picture of a trial; yields their paths."""
+    from obk_testing.plot import draw_trial, is_drawable
+    from obk_testing.recording import write_recording
+
+    looked_at = dict(result.facts.looked_at)
+    write_recording(path, result, about)
+    yield os.path.relpath(path)
+    result.facts.looked_at.clear()
+    result.facts.looked_at.update(looked_at)
+    picture = path.with_suffix(".png")
+    if is_drawable() and draw_trial(result, title, picture):
+        yield os.path.relpath(picture)
+
+
+def _account(result: TrialResult) -> Iterator[str]:
+    """The lines about a trial in the report of a failed test."""
+    yield f"{result.facts.plan.name}, seed {result.seed}, {result.duration_s:g} s simulated"
+    yield from (f"{one.t:.3f} s: {one.text}" for one in result.facts.interventions)
+    yield from (f"fault: {fault}" for fault in result.faults)
+    yield from (f"note: {note}" for note in result.notes)
+    warnings = [entry for entry in result.log if entry.severity >= _WARNING]
+    for entry in warnings[-_SHOWN_LOG:]:
+        yield f"{entry.time_ns * 1e-9:.4f} s: {entry.name}: {entry.text}"

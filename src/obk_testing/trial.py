@@ -7,8 +7,10 @@ acts at exact times. What it does without a time, it does now.
 import functools
 import gc
 import random
+import time
+import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -30,7 +32,7 @@ from obelisk_py.core.lockstep.surroundings import LockstepRun
 from obelisk_py.core.lockstep.topics import Topic
 from obelisk_spec.suggestions import did_you_mean
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
-from obk_testing.result import StateLog, TrialResult, joints_of
+from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult
 
 __all__ = ["Schedule", "StackTrial"]
 
@@ -38,6 +40,9 @@ _ANSWER_S: Final = 1.0
 """Simulated time that a service may take to answer a test [s]."""
 _KEYFRAME: Final = "ic_keyframe"
 _STUB_DEPTH: Final = 10
+_MOST_JITTER_S: Final = 0.0003
+_LATEST_START_S: Final = 0.02
+"""What a varied schedule draws at most: more than between nodes of one calm host."""
 Vector = Sequence[float] | NDArray[np.float64]
 
 
@@ -55,6 +60,23 @@ class Schedule:
     """Node -> time that each of its callbacks takes."""
     bring_up: Mapping[str, float] = field(default_factory=dict)
     """Node -> when it becomes active; others at once."""
+
+    @classmethod
+    def varied(cls, seed: int, nodes: Iterable[str]) -> Self:
+        """The schedule that a seed draws; seed 0 has the ideal one.
+
+        Args:
+            seed: of the trial.
+            nodes: full names of the nodes that may become active later.
+        """
+        if seed == 0:
+            return cls()
+        draw = random.Random(f"varied schedule {seed}")  # noqa: S311
+        return cls(
+            jitter=draw.uniform(0.0, _MOST_JITTER_S),
+            phases=True,
+            bring_up={node: draw.uniform(0.0, _LATEST_START_S) for node in nodes},
+        )
 
     @property
     def is_ideal(self) -> bool:
@@ -92,7 +114,7 @@ class StackTrial:
             stack: the stack.
             seed: of noise, of unseeded generators, and of what the schedule draws; 0 leaves the
                 noise as the config has it.
-            schedule: None: the ideal one.
+            schedule: None: the one that the seed draws, see `Schedule.varied`.
             parameters: node -> parameter -> value, set before the nodes are configured.
             keyframe: of the model, where the simulation starts; None: as in the config.
             watch: topics that are published although no node subscribes.
@@ -104,13 +126,20 @@ class StackTrial:
         """
         self.stack = stack
         self.seed = seed
-        self.schedule = schedule or Schedule()
+        # Simulators are active at time 0, so that a test can act on them at once.
+        names = [node.process.full_name for node in stack.nodes if not node.process.model]
+        self.schedule = Schedule.varied(seed, names) if schedule is None else schedule
         self.nodes: dict[str, Any] = {}
         """The node objects by full name."""
         self._faults: dict[str, None] = {}
         self._states: StateLog | None = None
         self._pushes: list[_Push] = []
         self._is_closed = False
+        self.wall_s = 0.0
+        """Wall-clock time that `run` has taken [s]."""
+        self.interventions: list[Intervention] = []
+        """What the test did to the stack."""
+        self._looked_at: dict[tuple[str, ...], None] = {}
         # Generators of user code without a seed of their own.
         random.seed(seed)
         np.random.seed(seed % 2**32)
@@ -168,16 +197,27 @@ class StackTrial:
             LockstepError: nodes cause events without end, or a thread does not give its turn back.
         """
         scheduler = self._lockstep.scheduler
-        with self._lockstep.entered():
-            scheduler.run_until(scheduler.now_ns + round(duration * NS_PER_S))
-        self._collect_faults()
+        begin_s = time.perf_counter()
+        try:
+            with self._lockstep.entered():
+                scheduler.run_until(scheduler.now_ns + round(duration * NS_PER_S))
+        finally:
+            self.wall_s += time.perf_counter() - begin_s
+            self._collect_faults()
         return self.result()
 
     def result(self) -> TrialResult:
         """The trial from its start up to now."""
         lockstep = self._lockstep
         return TrialResult(
-            seed=self.seed,
+            facts=TrialFacts(
+                config=self.stack.config,
+                plan=self.stack.plan,
+                seed=self.seed,
+                schedule=asdict(self.schedule),
+                interventions=tuple(self.interventions),
+                looked_at=self._looked_at,
+            ),
             duration_s=self.t,
             topics=lockstep.topics.by_name,
             states=self._states,
@@ -214,6 +254,7 @@ class StackTrial:
             raise LookupError(
                 f"the model has no body `{body}`: {did_you_mean(body, names) or ', '.join(names)}"
             )
+        self._log_intervention(f"push {body} with {_list(force)} N, {_list(torque)} N m", duration)
         now_ns = self._lockstep.scheduler.now_ns
         self._pushes.append(
             _Push(
@@ -234,6 +275,7 @@ class StackTrial:
             share: 0 to 1.
             duration: how long [s].
         """
+        self._log_intervention(f"drop {share:g} of {topic}", duration)
         draw = random.Random(f"drop {topic} {self.seed}")  # noqa: S311
         during = self._during(duration)
         self._topic(topic).rules.append(
@@ -248,6 +290,7 @@ class StackTrial:
             seconds: how much later [s].
             duration: how long this lasts [s].
         """
+        self._log_intervention(f"delay {topic} by {seconds:g} s", duration)
         during, delay_ns = self._during(duration), round(seconds * NS_PER_S)
         self._topic(topic).rules.append(lambda now_ns, _: delay_ns if during(now_ns) else 0)
 
@@ -267,6 +310,7 @@ class StackTrial:
         fields = list(found.message_class.get_fields_and_field_types())
         if field not in fields:
             raise LookupError(f"{topic} has no field `{field}`; it has {', '.join(fields)}")
+        self._log_intervention(f"add noise of {sigma:g} to {topic}.{field}", duration)
         numbers = np.random.default_rng([self.seed, *topic.encode(), *field.encode()])
         during = self._during(duration)
 
@@ -283,6 +327,7 @@ class StackTrial:
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish a message now, as a node outside the stack."""
+        self._log_intervention(f"publish on {topic}")
         with self._lockstep.entered():
             self._lockstep.topics.publish(topic, message)
 
@@ -290,18 +335,21 @@ class StackTrial:
 
     def freeze(self, node: str, duration: float) -> None:
         """Let a node do nothing for some time [s]; what was due meanwhile comes afterwards."""
+        self._log_intervention(f"freeze {node}", duration)
         scheduler, scheduled = self._lockstep.scheduler, self._scheduled(node)
         scheduler.freeze(scheduled)
         self.at(self.t + duration, lambda: scheduler.thaw(scheduled))
 
     def kill(self, node: str) -> None:
         """End a node at once, as SIGKILL does."""
+        self._log_intervention(f"kill {node}")
         self._lockstep.kill(self._scheduled(node))
 
     def restart(self, node: str, after: float = 0.0) -> None:
         """Kill a node, and make and bring up a new one after some time [s]."""
         name = find_node(self.stack.plan, node).full_name
         self.kill(name)
+        self._log_intervention(f"restart {node}", after)
         self.at(self.t + after, functools.partial(self._remake, name))
 
     def call(self, service: str, request: Any = None) -> Any:
@@ -322,6 +370,7 @@ class StackTrial:
         if not services.has(service):
             near = did_you_mean(service, services.names()) or ", ".join(services.names())
             raise LookupError(f"no node serves {service}: {near}")
+        self._log_intervention(f"call {service}")
         answers: list[Any] = []
         with self._lockstep.entered():
             services.call(service, request, None, answers.append)
@@ -340,6 +389,7 @@ class StackTrial:
         Raises:
             LockstepError: the node rejects it; the message has its reason.
         """
+        self._log_intervention(f"set `{name}` of {node} to {value!r}")
         with self._lockstep.entered():
             self._set_parameter(find_node(self.stack.plan, node).full_name, name, value)
 
@@ -375,18 +425,26 @@ class StackTrial:
             return
         self._is_closed = True
         lockstep = self._lockstep
+        nodes = [weakref.ref(node) for node in self.nodes.values()]
         with lockstep.entered():
-            for name, node in reversed(self.nodes.items()):
-                scheduled = lockstep.nodes[name]
-                if node.state_label != "finalized":
-                    lockstep.scheduler.run_as(scheduled, node.trigger_shutdown)
-                lockstep.executor.remove_node(node)
-                lockstep.scheduler.run_as(scheduled, node.destroy_node)
-                scheduled.node = None
-            self.nodes.clear()
+            for name in reversed([*self.nodes]):
+                self._destroy(name)
             lockstep.close()
-        # Without it the nodes keep their names in rcl until a later collection.
-        gc.collect()
+        # Nodes keep their names in rcl until they are collected; what a C extension holds on to
+        # takes a second time.
+        for _ in range(2):
+            gc.collect()
+            if not any(node() for node in nodes):
+                break
+
+    def _destroy(self, name: str) -> None:
+        # A method of its own, so that no variable keeps the last node over the collection.
+        node, scheduled = self.nodes.pop(name), self._lockstep.nodes[name]
+        if node.state_label != "finalized":
+            self._lockstep.scheduler.run_as(scheduled, node.trigger_shutdown)
+        self._lockstep.executor.remove_node(node)
+        self._lockstep.scheduler.run_as(scheduled, node.destroy_node)
+        scheduled.node = None
 
     # --- how
 
@@ -443,11 +501,13 @@ class StackTrial:
     def _observe(self, steps: StepEvents) -> None:
         """Log the states of a simulator, and push its bodies."""
         data, scheduler = steps.robot.mj_data, self._lockstep.scheduler
-        if self._states is None:
-            self._states = StateLog(joints_of(steps.robot.mj_model))
-        states = self._states
         steps.before_step.append(lambda: self._apply_pushes(data))
-        steps.after_step.append(lambda: states.add(scheduler.now_ns, data))
+        name = steps.robot.get_fully_qualified_name()
+        states = self._states
+        if states is None:
+            states = self._states = StateLog(name, steps.robot.mj_model)
+        if states.robot == name:  # of the first simulator, restarted or not
+            steps.after_step.append(lambda: states.add(scheduler.now_ns, data))
 
     def _apply_pushes(self, data: Any) -> None:
         # A step that ends now has begun a step ago.
@@ -474,6 +534,9 @@ class StackTrial:
             raise LookupError(f"no node has the topic `{name}`: {near}")
         return topics[name]
 
+    def _log_intervention(self, text: str, duration: float = 0.0) -> None:
+        self.interventions.append(Intervention(t=self.t, duration=duration, text=text))
+
     def _scheduled(self, node: str) -> ScheduledNode:
         if node in self._lockstep.nodes:
             return self._lockstep.nodes[node]
@@ -499,3 +562,7 @@ class StackTrial:
             for end in node.publishes
             if end.topic not in listened and end.topic not in self._lockstep.topics.by_name
         }
+
+
+def _list(vector: Vector) -> str:
+    return "[" + ", ".join(f"{number:.4g}" for number in vector) + "]"

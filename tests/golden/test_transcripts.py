@@ -106,6 +106,24 @@ OF_ROS = {
 }
 
 
+CLOSED_LOOP = """\
+def test_the_rod_stands_a_push(stack, seed):
+    rod = stack(seed=seed)
+    rod.push("link1", [30.0, 0.0, 0.0], duration=0.1)
+    run = rod.run(0.3)
+    estimates = run["/obelisk/dummy/est"]
+    assert len(estimates) >= 300 - seed
+"""
+OF_TESTS = {
+    "test": (
+        f"test {DUMMY} test_rod.py --seeds 2",
+        "test broken.yaml",
+        f"test {DUMMY} --seeds none",
+        f"test {DUMMY} --again test_x.py::test_push[seed17]",
+    )
+}
+
+
 def transcript(
     commands: tuple[str, ...],
     folder: Path,
@@ -193,6 +211,17 @@ def test_reap_prints_its_transcript(
     compare("reap", text, request.config.getoption("--update-golden"))
 
 
+@pytest.mark.ros
+@pytest.mark.mujoco
+def test_test_prints_its_transcript(
+    tmp_path: Path, repository: Path, request: pytest.FixtureRequest
+) -> None:
+    (tmp_path / "test_rod.py").write_text(CLOSED_LOOP)
+    text = transcript(OF_TESTS["test"], tmp_path, repository)
+    text = re.sub(r"\b\d+\.\d+ ?(s\b|x\b)(?! simulated)", r"<number> \1", text)
+    compare("test", text, request.config.getoption("--update-golden"))
+
+
 @contextmanager
 def orphan() -> Iterator[Mapping[int, str]]:
     """A process whose launcher is gone."""
@@ -224,5 +253,5 @@ def compare(name: str, text: str, is_update: bool) -> None:
 
 def test_every_transcript_is_of_a_command() -> None:
     names = {path.stem for path in TRANSCRIPTS.glob("*.txt")}
-    assert names == COMMANDS.keys() | OF_ROS.keys() | OF_RUNS.keys()
+    assert names == COMMANDS.keys() | OF_ROS.keys() | OF_RUNS.keys() | OF_TESTS.keys()
     assert names <= VERBS.keys()

@@ -42,6 +42,7 @@ VERBS = {
     "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as a picture."),
     "build": Verb("obk_cli.cli.build", "Compile the message packages of the workspace."),
     "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
+    "test": Verb("obk_cli.cli.test", "Test a stack in closed loop, in simulated time."),
     "lifecycle": Verb("obk_cli.cli.lifecycle", "Show or change the life-cycle states of nodes."),
     "ps": Verb("obk_cli.cli.ps", "Show the stacks that are running on this host."),
     "monitor": Verb("obk_cli.cli.monitor", "Watch a running stack: nodes, rates, log."),

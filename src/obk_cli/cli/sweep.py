@@ -3,14 +3,23 @@
 import json
 import os
 import sys
-from typing import Annotated, Final, NoReturn
+from pathlib import Path
+from typing import Annotated, Final
 
 import typer
 
-from obk_cli.cli.config_options import SetOption
+from obk_cli.cli.config_options import (
+    ColourOption,
+    IgnoreOption,
+    SetOption,
+    make_options,
+    valid_plan,
+)
 from obk_cli.cli.options import FormatOption, require_choice, wants_json
+from obk_cli.cli.test import default_tests, lockstep_environment
+from obk_cli.compiler import compile_config
 from obk_cli.errors import MisuseError
-from obk_cli.optional_deps import require_extra, require_ros
+from obk_cli.optional_deps import require_extra
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -29,7 +38,7 @@ def command(
         typer.Argument(
             metavar="[TEST]",
             help="A test, such as `tests/test_arm.py::test_push`, or a file of tests; by default "
-            "every test beside the config that takes `stack`.",
+            "those in `tests/` beside the config, otherwise a smoke test.",
         ),
     ] = None,
     seeds: Annotated[
@@ -74,6 +83,8 @@ def command(
     ] = False,
     format: FormatOption = "text",
     set_: SetOption = None,
+    ignore: IgnoreOption = None,
+    color: ColourOption = "auto",
 ) -> None:
     """Run closed-loop tests for many seeds and values of parameters.
 
@@ -87,14 +98,16 @@ def command(
         raise MisuseError("`obk sweep` loads the config more than once: give a file")
     if scheduler is not None and engine != "dask":
         raise MisuseError("`--scheduler` is for `--engine dask`")
-    require_ros()
-    require_extra("mujoco", "sim")
     require_extra("pytest", "test")
     if engine == "dask":
         require_extra("distributed", "sweep")
+    path = Path(config).resolve()
+    tests = _tests(test, path.parent)
+    plan = valid_plan(compile_config(config, make_options(set_, ignore)), color)
+    environment = lockstep_environment(path.parent, plan, may_build=True, color=color)
     request = {
         "config": config,
-        "test": test,
+        "tests": tests,
         "seeds": seeds,
         "vary": vary or [],
         "is_grid": grid,
@@ -106,11 +119,28 @@ def command(
         "overrides": set_ or [],
         "is_json": is_json,
     }
-    _become("-P", "-m", "obk_testing.sweep", json.dumps(request))
-
-
-def _become(*arguments: str) -> NoReturn:
-    """Replace this process, which may not import the test library, by another Python program."""
     sys.stdout.flush()
     sys.stderr.flush()
-    os.execv(sys.executable, [sys.executable, *arguments])  # noqa: S606 - without a shell
+    # In place of this process, which may not import the library of tests.
+    command = [sys.executable, "-P", "-m", "obk_testing.sweep", json.dumps(request)]
+    os.execve(sys.executable, command, dict(environment))  # noqa: S606 - without a shell
+
+
+def _tests(test: str | None, folder: Path) -> list[str]:
+    """What pytest collects from, as absolute paths; nothing for the smoke test.
+
+    Raises:
+        MisuseError: the file does not exist.
+    """
+    if test is None:
+        beside = default_tests(folder)
+        return [] if beside is None else [str(beside)]
+    path, colons, name = test.partition("::")
+    for start in (Path.cwd(), folder):
+        if (start / path).exists():
+            return [f"{(start / path).resolve()}{colons}{name}"]
+    raise MisuseError(
+        f"the test `{path}` does not exist",
+        help="give its path from here or from the folder of the config, such as "
+        "`tests/test_robot.py::test_it_stands`",
+    )

@@ -27,7 +27,6 @@ from obk_cli.config.environment import Command, ExecutableMissing
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import STATE_MODE, write_text
-from obk_cli.launch.console import CONSOLE_FORMAT
 from obk_cli.launch.options import SIMULATOR
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
@@ -50,6 +49,9 @@ __all__ = [
     "unit_commands",
     "with_clock_page",
 ]
+
+_CONSOLE_FORMAT: Final = "[{severity}] [{time}] [{name}]: {message}"
+"""As RCUTILS_CONSOLE_OUTPUT_FORMAT takes it; rcutils' own, which a user may have changed."""
 
 HOST: Final = "obelisk_py.core.composition"
 FILE: Final = "composed.json"
@@ -230,7 +232,7 @@ def composed_command(
             **environment,
             **_python_path(nodes, environment),
             # `NodeLines` knows the node of a line by this format.
-            "RCUTILS_CONSOLE_OUTPUT_FORMAT": CONSOLE_FORMAT,
+            "RCUTILS_CONSOLE_OUTPUT_FORMAT": _CONSOLE_FORMAT,
         },
     )
 

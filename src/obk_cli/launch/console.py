@@ -27,7 +27,6 @@ from obk_cli.plan.plan import Plan
 from obk_cli.terminal import plain
 
 __all__ = [
-    "CONSOLE_FORMAT",
     "Console",
     "Footer",
     "NodeLines",
@@ -36,9 +35,6 @@ __all__ = [
     "open_console",
     "takes_footer",
 ]
-
-CONSOLE_FORMAT: Final = "[{severity}] [{time}] [{name}]: {message}"
-"""As RCUTILS_CONSOLE_OUTPUT_FORMAT takes it; rcutils' own, which a user may have changed."""
 
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _LOGGED = re.compile(r"\[(?:DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[([^\]]*)\]: ")

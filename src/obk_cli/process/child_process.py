@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-__all__ = ["BoundChild"]
+__all__ = ["BoundChild", "run_in_foreground"]
 
 KILL_S: Final = 5.0
 """How long the kernel may take for a process that was killed [s]."""
@@ -44,9 +44,8 @@ class BoundChild:
             on_line: takes each line of its output and errors, from a thread.
             on_output_end: called when its output has ended, from that thread.
         """
-        binding = [sys.executable, "-I", "-S", str(Path(__file__))]
         self._child = subprocess.Popen(
-            [*binding, str(os.getpid()), *command],
+            [*_binding(), *command],
             env=dict(environment),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -94,6 +93,39 @@ class BoundChild:
             for line in output:
                 self._on_line(line.rstrip("\n"))
         self._on_output_end()
+
+
+def _binding() -> list[str]:
+    return [sys.executable, "-I", "-S", str(Path(__file__)), str(os.getpid())]
+
+
+def run_in_foreground(command: Sequence[str], environment: Mapping[str, str]) -> int | None:
+    """Run a program in this terminal until it ends.
+
+    Ctrl-C and other signals that end this process interrupt the program; a second one kills it.
+
+    Args:
+        command: the program and its arguments.
+        environment: all of its variables.
+
+    Returns:
+        Its exit code, negative for the signal that ended it; None: it was interrupted.
+    """
+    from obk_cli.process.signals import handle_end_signals
+
+    received: list[signal.Signals] = []
+
+    def end(number: signal.Signals) -> None:
+        received.append(number)
+        if len(received) > 1:
+            child.kill()
+        elif number != signal.SIGINT or not sys.stdin.isatty():
+            child.send_signal(signal.SIGINT)  # a terminal sends Ctrl-C to the program too
+
+    bound = [*_binding(), *command]
+    with subprocess.Popen(bound, env=dict(environment)) as child, handle_end_signals(end):
+        exit_code = child.wait()
+    return None if received else exit_code
 
 
 PR_SET_PDEATHSIG = 1

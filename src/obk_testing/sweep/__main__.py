@@ -57,8 +57,8 @@ class SweepRequest:
     """What to run."""
 
     config: str
-    test: str | None = None
-    """As pytest takes it; None: all tests beside the config."""
+    tests: Sequence[str] = ()
+    """As pytest takes them, absolute paths; none: the smoke test."""
     seeds: int = 1
     vary: Sequence[str] = ()
     is_grid: bool = False
@@ -131,7 +131,7 @@ def run_sweep(request: SweepRequest) -> int:
         SweepStore(folder.absolute(), restart=request.is_restart) as store,
         _terminated_as_interrupted(),
     ):
-        first = WorkerProcess(config, _tests_of(config, request.test), store.scratch)
+        first = WorkerProcess(config, tuple(request.tests), store.scratch)
         try:
             tests = _require_tests(first, request)
             hashes = hashes_of(_inputs(compiled, first.hello.files), Path.cwd())
@@ -185,31 +185,13 @@ def _checked(config: Path, varied: Sequence[Varied], overrides: Sequence[str]) -
     return compiled
 
 
-def _tests_of(config: Path, test: str | None) -> tuple[str, ...]:
-    """What pytest collects from, as absolute paths."""
-    if test is None:
-        folder = config.parent / "tests"
-        found = (folder,) if folder.is_dir() else tuple(sorted(config.parent.glob("test_*.py")))
-        return tuple(map(str, found))
-    path, colons, name = test.partition("::")
-    for folder in (Path.cwd(), config.parent):
-        if (folder / path).exists():
-            return (f"{(folder / path).resolve()}{colons}{name}",)
-    raise MisuseError(
-        f"the test `{path}` does not exist",
-        help=f"give it relative to this folder or to {config.parent}, such as "
-        "`tests/test_robot.py::test_it_stands`",
-    )
-
-
 def _require_tests(worker: WorkerProcess, request: SweepRequest) -> tuple[FoundTest, ...]:
     hello = worker.hello
     if hello.problem:
         raise CommandFailedError(f"the tests cannot be collected\n{hello.problem}")
     if not hello.tests:
-        what = f"`{request.test}`" if request.test else "the tests beside the config"
         raise MisuseError(
-            f"{what}: no test takes the fixture `stack`",
+            f"no test of {', '.join(request.tests)} uses the fixture `stack`",
             help="write one: `def test_it_stands(stack, seed): ...`",
         )
     if hello.left_out:
@@ -284,7 +266,7 @@ def _run(
 def _engine(
     request: SweepRequest, config: Path, scratch: Path, first: WorkerProcess, probe: SweepCase
 ) -> Iterator[Engine]:
-    tests = _tests_of(config, request.test)
+    tests = tuple(request.tests)
     if request.engine == "local":
         with LocalEngine(config, tests, scratch, workers=request.workers, first=first) as local:
             yield local

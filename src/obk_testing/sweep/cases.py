@@ -8,7 +8,6 @@ import hashlib
 import json
 import random
 import re
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import product
@@ -31,7 +30,6 @@ __all__ = [
     "Varied",
     "make_cases",
     "parse_varied",
-    "rerun_command",
     "with_types_of_config",
 ]
 
@@ -315,9 +313,3 @@ def make_cases(
             )
             cases[case] = None
     return tuple(cases)
-
-
-def rerun_command(config: str, case: SweepCase) -> str:
-    """The command that runs one case again."""
-    changes = [word for setting in case.settings for word in ("--set", setting)]
-    return shlex.join(["obk", "test", config, "--again", case.node_id, *changes])

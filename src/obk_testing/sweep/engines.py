@@ -97,7 +97,7 @@ class WorkerProcess:
             stderr=self._errors,
             text=True,
             cwd=config.parent,
-            env={**os.environ, **_ENVIRONMENT, "TMPDIR": folder},
+            env={**os.environ, **_ENVIRONMENT, "TMPDIR": folder, "ROS_LOG_DIR": folder},
         )
         try:
             settings = WorkerSettings(config=str(config), tests=tuple(tests), parent=os.getpid())

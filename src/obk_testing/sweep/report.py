@@ -11,7 +11,6 @@ from html import escape
 from typing import Final
 
 from obelisk_spec.suggestions import with_number
-from obk_testing.sweep.cases import rerun_command
 from obk_testing.sweep.summary import PassRate, Result, Summary, duration_text
 
 __all__ = ["report_page"]
@@ -217,7 +216,7 @@ def _worst(summary: Summary) -> Iterator[str]:
         if result.row.metrics:
             values = ", ".join(f"{name} = {_shown(v)}" for name, v in result.row.metrics.items())
             yield f'<p class="dim">{escape(values)}</p>'
-        yield f"<pre>{escape(rerun_command(summary.config, result.case))}</pre></div>"
+        yield f"<pre>{escape(summary.rerun_command(result.case))}</pre></div>"
     hidden = len(summary.bad) - sum(result.is_bad for result, _ in worst)
     if hidden > 0:
         yield f'<p class="dim">{with_number(hidden, "more failed case")} in sweep.sqlite</p>'

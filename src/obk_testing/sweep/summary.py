@@ -7,7 +7,8 @@ from itertools import islice
 from typing import Any, Final
 
 from obelisk_spec.suggestions import with_number
-from obk_testing.sweep.cases import Outcome, Row, SweepCase, rerun_command
+from obk_testing.summary import rerun_command
+from obk_testing.sweep.cases import Outcome, Row, SweepCase
 
 __all__ = ["PassRate", "Result", "Summary", "duration_text", "summary_json", "summary_text"]
 
@@ -110,6 +111,10 @@ class Summary:
                     found.setdefault(result.case.key, (result, f"{word} `{name}`"))
         return tuple(found.values())[:_MOST_WORST]
 
+    def rerun_command(self, case: SweepCase) -> str:
+        """The command that runs a case again."""
+        return rerun_command(self.config, case.settings, case.node_id)
+
     def parts(self, test: str, path: str) -> tuple[PassRate, ...]:
         """How a test did over the values of a parameter."""
         results = self.tests[test]
@@ -177,7 +182,7 @@ def summary_text(summary: Summary, report: str) -> str:
                 lines += _parts_text(path, summary.parts(test, path))
     for result in summary.bad[:_MOST_SHOWN]:
         lines += ["", f"{result.case.test}, {result.title}", f"  {result.row.why}"]
-        lines.append(f"  again: {rerun_command(summary.config, result.case)}")
+        lines.append(f"  again: {summary.rerun_command(result.case)}")
     if len(summary.bad) > _MOST_SHOWN:
         lines += ["", f"{len(summary.bad) - _MOST_SHOWN} more are in the report"]
     lines += [f"note: {note}" for note in summary.notes]
@@ -228,7 +233,7 @@ def summary_json(summary: Summary, report: str, database: str) -> dict[str, Any]
                 "why": result.row.why,
                 "metrics": dict(result.row.metrics),
                 "digest": result.row.digest,
-                "again": rerun_command(summary.config, result.case),
+                "again": summary.rerun_command(result.case),
             }
             for result in summary.bad
         ],

@@ -27,11 +27,13 @@ from typing import Any, Final, TextIO
 import pytest
 
 from obk_cli.optional_deps import distribution_version
+from obk_testing.summary import PROPERTY
 from obk_testing.sweep.cases import FoundTest, Row, SweepCase
 
 __all__ = ["Hello", "WorkerSettings", "machine"]
 
 _PR_SET_PDEATHSIG: Final = 1
+_SMOKE_TEST: Final = Path(__file__).parents[1] / "smoke.py"
 _LIBRARIES: Final = ("obelisk-cli", "mujoco", "numpy", "pytest")
 
 
@@ -42,7 +44,7 @@ class WorkerSettings:
     config: str
     """Absolute path."""
     tests: tuple[str, ...]
-    """Files, folders or tests for pytest, absolute paths."""
+    """Files, folders or tests for pytest, absolute paths; none: the smoke test."""
     parent: int
     """The process that it ends with."""
 
@@ -98,7 +100,9 @@ class _CaseLoop:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Serve cases until the input ends."""
         found = {
-            FoundTest(node_id=self._id(item), takes_seed="seed" in item.fixturenames): item
+            FoundTest(
+                node_id=_id_of(item, self._config.parent), takes_seed="seed" in item.fixturenames
+            ): item
             for item in session.items
             if isinstance(item, pytest.Function) and "stack" in item.fixturenames
         }
@@ -116,20 +120,13 @@ class _CaseLoop:
             self._send(self._run(items[case.test], case).data())
         return True
 
-    def _id(self, item: pytest.Item) -> str:
-        """The id relative to the folder of the config, where pytest has none for other folders."""
-        path = os.path.relpath(item.path, self._config.parent)
-        return f"{path}::{item.nodeid.partition('::')[2]}"
-
     def _run(self, pattern: pytest.Function, case: SweepCase) -> Row:
-        from obk_testing.plugin import OVERRIDES  # pytest has to load it first
-
         session = pattern.session
         session.config.option.seeds = f"={case.seed or 0}"
-        session.config.stash[OVERRIDES] = (self._config, case.settings)
+        session.config.option.stack_set = list(case.settings)
         self._reports, self._digest = [], ""
         begin = perf_counter()
-        item = _item_of(pattern, case.node_id)
+        item = _item_of(pattern, case.node_id, self._config.parent)
         # Only what belongs to the session outlives a case, so that none depends on those before.
         item.config.hook.pytest_runtest_protocol(item=item, nextitem=session)
         return _row(case, self._reports, self._digest, perf_counter() - begin)
@@ -139,11 +136,10 @@ class _CaseLoop:
         self, item: pytest.Item, call: pytest.CallInfo[None]
     ) -> Iterator[None]:
         """Take the digest of the trials while they exist."""
-        from obk_testing.plugin import TRIALS
+        from obk_testing.plugin import trials_of  # pytest has to load it first
 
         if call.when == "call":
-            trials = item.stash.get(TRIALS, [])
-            digests = [trial.result().digest() for trial in trials]
+            digests = [result.digest() for result in trials_of(item)]
             joined = hashlib.sha256("".join(digests).encode()).hexdigest()
             self._digest = digests[0] if len(digests) == 1 else joined if digests else ""
         return (yield)
@@ -162,7 +158,14 @@ def case_of(data: Mapping[str, Any]) -> SweepCase:
     return SweepCase(**{**data, "overrides": overrides})
 
 
-def _item_of(pattern: pytest.Function, node_id: str) -> pytest.Item:
+def _id_of(item: pytest.Item, folder: Path) -> str:
+    """The id of a test relative to a folder; pytest has none for tests outside of it."""
+    if item.path == _SMOKE_TEST:
+        return item.name.removeprefix("test_")
+    return f"{os.path.relpath(item.path, folder)}::{item.nodeid.partition('::')[2]}"
+
+
+def _item_of(pattern: pytest.Function, node_id: str, folder: Path) -> pytest.Item:
     """Make a test for the seed that the session's options name, as collection does."""
     collector: Any = pattern.parent  # a module or a class
     made = collector.ihook.pytest_pycollect_makeitem(
@@ -170,8 +173,7 @@ def _item_of(pattern: pytest.Function, node_id: str) -> pytest.Item:
         name=pattern.originalname,
         obj=getattr(collector.obj, pattern.originalname),
     )
-    name = node_id.partition("::")[2]
-    items = [item for item in made if item.nodeid.partition("::")[2] == name]
+    items = [item for item in made if _id_of(item, folder) == node_id]
     session = pattern.session
     session.config.hook.pytest_collection_modifyitems(
         session=session, config=session.config, items=items
@@ -184,11 +186,12 @@ def _row(case: SweepCase, reports: Sequence[pytest.TestReport], digest: str, sec
     wrong = next((report for report in reports if report.failed), None)
     skipped = next((report for report in reports if report.skipped), None)
     properties = [pair for report in reports for pair in report.user_properties]
+    metrics = {name: value for name, value in properties if name != PROPERTY}
     return Row(
         key=case.key,
         outcome="failed" if wrong else "skipped" if skipped else "passed",
         why=_why(wrong) if wrong else _reason(skipped) if skipped else "",
-        metrics=dict(properties),
+        metrics=metrics,
         digest=digest,
         seconds=seconds,
         worker=f"{platform.node()}:{os.getpid()}",
@@ -227,10 +230,10 @@ def main() -> None:
         return
     arguments = [
         *("-p", "obk_testing.plugin", "-p", "no:cacheprovider", "--quiet", "--tb=short"),
-        "--continue-on-collection-errors",
+        *("--continue-on-collection-errors", "--keep-none", "--stack", settings.config),
         *(["-n0"] if find_spec("xdist") else []),
         f"--rootdir={Path(settings.config).parent}",
-        *settings.tests,
+        *(settings.tests or ("-c", os.devnull, str(_SMOKE_TEST))),
     ]
     sys.exit(pytest.main(arguments, plugins=[_CaseLoop(settings, cases, results)]))
 

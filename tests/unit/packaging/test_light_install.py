@@ -40,10 +40,11 @@ NEEDS = {
     "param": ("ros", ["list"]),
     "service": ("ros", ["list"]),
     "monitor": ("ros", ["--once"]),
+    "test": ("test", ["my_robot/my_robot.yaml"]),
     "record": ("record", []),
     "bag": ("record", ["info", "run.mcap"]),
     "plot": ("plot", ["run.mcap", "est.q"]),
-    "sweep": ("ros", ["my_robot/my_robot.yaml"]),
+    "sweep": ("test", ["my_robot/my_robot.yaml"]),
     "web": ("web", []),
 }
 """Verb -> the extra that it asks for first, and arguments."""

@@ -61,8 +61,9 @@ class Topic:
         self.label = name
         self.message_class = message_class
         self.codec: Any = codec_for(cast(Any, message_class)) or _RclpyCodec(message_class)
-        self.log: list[tuple[int, bytes]] | None = None
-        """Time of publication [ns] and bytes of all messages; None: they are not recorded."""
+        self.log: list[tuple[int, int, bytes]] | None = None
+        """Time of publication [ns], place among the messages of the run and bytes of each message;
+        None: they are not recorded."""
         self.subscribers: tuple[_Subscriber, ...] = ()
         self.publishers: list[RoutedPublisher] = []
         self.rules: list[MessageRule] = []
@@ -183,7 +184,8 @@ class TopicTable:
         topic = self.topic(name, type(message))
         data = topic.codec.pack(message)
         if topic.log is not None:
-            topic.log.append((self._scheduler.time_ns, data))
+            place = self._scheduler.next_place()
+            topic.log.append((self._scheduler.time_ns, place, data))
         for subscriber in topic.subscribers:
             self.send(subscriber, data, self._scheduler.time_ns)
 
@@ -292,7 +294,7 @@ class RoutedPublisher(Publisher):
         if data is None and (topic.log is not None or self._keeps or not subscribers):
             data = topic.codec.pack(message)  # also finds values that cannot be packed
         if topic.log is not None:
-            topic.log.append((sent_ns, data))
+            topic.log.append((sent_ns, scheduler.next_place(), data))
         if self._keeps:
             self.kept.append(data)
         arrives_ns = sent_ns + scheduler.delay_ns()

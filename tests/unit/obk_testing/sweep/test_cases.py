@@ -7,10 +7,8 @@ import pytest
 from obk_cli.errors import MisuseError
 from obk_testing.sweep.cases import (
     FoundTest,
-    SweepCase,
     make_cases,
     parse_varied,
-    rerun_command,
     with_types_of_config,
 )
 
@@ -39,6 +37,7 @@ def config(tmp_path: Path) -> Path:
         ("t.py::test_push[8-seed0]", "t.py::test_push[8]"),
         ("t.py::test_push[seed0-8]", "t.py::test_push[8]"),
         ("t.py::test_push[a-seed0-8]", "t.py::test_push[a-8]"),
+        ("smoke[seed0]", "smoke"),
         ("t.py::TestArm::test_seed0[seed0]", "t.py::TestArm::test_seed0"),
     ],
 )
@@ -142,16 +141,3 @@ def test_the_same_path_cannot_be_varied_twice(config: Path) -> None:
     varied = parse_varied("control.params.gain=1..2")
     with pytest.raises(MisuseError, match="twice"):
         with_types_of_config([varied, varied], config, {})
-
-
-def test_the_command_for_one_case_can_be_pasted_into_a_shell() -> None:
-    case = SweepCase(
-        test="tests/test_arm.py::test_push[8]",
-        node_id="tests/test_arm.py::test_push[8-seed3]",
-        seed=3,
-        overrides=(("control.params.gain", "87.3"),),
-    )
-    assert rerun_command("my arm.yaml", case) == (
-        "obk test 'my arm.yaml' --again 'tests/test_arm.py::test_push[8-seed3]' "
-        "--set control.params.gain=87.3"
-    )

@@ -144,7 +144,10 @@ def test_the_page_is_whole_and_loads_nothing(shown: Summary) -> None:
 
 def test_the_page_shows_failures_with_their_commands() -> None:
     page = Page(report_page(SOME))
-    assert "test_push[<b>-seed1]' --set control.params.gain=2.0" in page.text
+    assert (
+        "obk test arm.yaml --set control.params.gain=2.0 --again "
+        "'tests/test_arm.py::test_push[<b>-seed1]'" in page.text
+    )
     assert "assert 1 < 0" in page.text
     assert "other bits" in page.text
     assert "Some CPU" in page.text

@@ -1,0 +1,259 @@
+"""`obk test CONFIG [TESTS]...`: closed-loop tests in simulated time, by pytest in a child."""
+
+import ast
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from obk_cli.cli.config_options import (
+    ColourOption,
+    ConfigArgument,
+    IgnoreOption,
+    SetOption,
+    make_options,
+    valid_plan,
+)
+from obk_cli.compiler import compile_config
+from obk_cli.errors import EXIT_DONE, EXIT_FAILED, EXIT_INTERRUPTED, MisuseError
+from obk_cli.files import STANDARD_INPUT
+from obk_cli.optional_deps import require_extra
+from obk_cli.plan.plan import Plan
+
+__all__ = ["EXAMPLE", "command", "default_tests", "lockstep_environment"]
+
+EXAMPLE = """\b
+Example: obk test my_robot.yaml
+         obk test my_robot.yaml tests/test_push.py --seeds 100 -j 8
+         obk test my_robot.yaml --again 'tests/test_push.py::test_push[seed17]'
+         obk test my_robot.yaml --twice -- --durations 5
+"""
+SMOKE: Final = "smoke"
+"""What stands for the test of a config without tests."""
+_SMOKE_MODULE: Final = "obk_testing.smoke"
+_NO_TESTS, _MISUSED = 5, 4
+"""Exit codes of pytest."""
+_SEED: Final = re.compile(r"\bseed(\d+)\b")
+_SEEDS: Final = re.compile(r"=?\d+")
+
+
+def command(
+    config: ConfigArgument,
+    tests: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[TESTS]...",
+            help="Files, folders or ids of tests, and after `--` options of pytest.",
+        ),
+    ] = None,
+    seeds: Annotated[
+        str,
+        typer.Option(metavar="N|=K", help="Run tests with `seed` for N seeds, or for seed K only."),
+    ] = "1",
+    again: Annotated[
+        str | None,
+        typer.Option(metavar="NODEID", help="Repeat one trial, as the summary names it."),
+    ] = None,
+    twice: Annotated[
+        bool,
+        typer.Option("--twice", help="Run each test twice; the first difference is a failure."),
+    ] = False,
+    jobs: Annotated[
+        int | None, typer.Option("-j", "--jobs", metavar="N", help="Tests to run side by side.")
+    ] = None,
+    select: Annotated[
+        str | None, typer.Option("-k", metavar="EXPRESSION", help="Run the tests that match.")
+    ] = None,
+    stop_at_first: Annotated[bool, typer.Option("-x", help="Stop at the first failure.")] = False,
+    junitxml: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a JUnit report.")
+    ] = None,
+    keep_all: Annotated[
+        bool, typer.Option("--keep-all", help="Keep recordings of tests that pass, too.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Where recordings and pictures go.",
+            show_default="build/obk-test beside the config",
+        ),
+    ] = None,
+    build: Annotated[
+        bool,
+        typer.Option("--build/--no-build", help="Compile message packages that have changed."),
+    ] = True,
+    set_: SetOption = None,
+    ignore: IgnoreOption = None,
+    color: ColourOption = "auto",
+) -> None:
+    """Test a stack in closed loop, in simulated time, faster than real time and repeatable.
+
+    All nodes run in one process, in lock-step with the simulated robot. TESTS are pytest files
+    whose tests use the fixture `stack`; by default those in `tests/` beside the config. Without
+    any, a smoke test runs: 5 s, no fault, finite values, topics at their rates, twice the same.
+
+    A test that fails leaves a recording and a picture, and the command that repeats it. Hardware is
+    never opened. Exit code 0: all tests passed; 1: a test failed, or the config has errors.
+    """
+    if config == STANDARD_INPUT:
+        raise MisuseError("`obk test` needs the path of a config, not `-`")
+    if _SEEDS.fullmatch(seeds) is None or seeds.lstrip("0") == "":
+        raise MisuseError(f"`--seeds {seeds}`: expected a number of at least 1, or =SEED")
+    if jobs is not None and jobs < 1:
+        raise MisuseError(f"`-j {jobs}`: expected a number of at least 1")
+    if again is not None and tests:
+        raise MisuseError("`--again` names the test already; leave TESTS out")
+    require_extra("pytest", "test")
+    if jobs is not None and jobs > 1:
+        require_extra("xdist", "test")
+    plan = valid_plan(compile_config(config, make_options(set_, ignore)), color)
+    folder = Path(config).resolve().parent
+    if again is not None:
+        tests = [_found_again(again, folder)]
+        seed = _SEED.search(again.partition("[")[2])
+        seeds = f"={seed[1]}" if seed else seeds
+    output = output or folder / "build" / "obk-test"
+    options = [
+        *("-p", "obk_testing.plugin", "-q", "--tb=short", "-rN"),
+        *("--seeds", seeds, "--stack", config, "--trial-folder", str(output)),
+        *(f"--stack-set={override}" for override in set_ or ()),
+        *(("--twice",) if twice else ()),
+        *(("-n", str(jobs)) if jobs is not None and jobs > 1 else ()),
+        *(("-k", select) if select is not None else ()),
+        *(("-x",) if stop_at_first else ()),
+        *(("--junitxml", str(junitxml)) if junitxml is not None else ()),
+        *(("--keep-all",) if keep_all else ()),
+    ]
+    environment = lockstep_environment(folder, plan, may_build=build, color=color)
+    arguments = [*options, *_tests(tests or (), folder, output)]
+    raise typer.Exit(_run_pytest(arguments, environment))
+
+
+def lockstep_environment(
+    folder: Path, plan: Plan, *, may_build: bool, color: str
+) -> Mapping[str, str]:
+    """The variables of the test process: no other process sees its nodes, and sums repeat."""
+    from obk_cli.cli.build import on_overlays
+    from obk_cli.launch.options import require_libraries
+    from obk_cli.launch.process_groups import share_of
+    from obk_cli.ros.environment import LAN_PROFILE, LOCALHOST_PROFILE, ros_environment
+
+    require_libraries(plan, share_of(plan, None, None))
+    environment = ros_environment("localhost")
+    _, environment = on_overlays(folder, environment, plan, may_build=may_build, color=color)
+    variables = {
+        # Both keep messages off shared memory; only the first one opens discovery.
+        name: LAN_PROFILE if value == LOCALHOST_PROFILE else value
+        for name, value in environment.variables.items()
+    }
+    threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    return {
+        **variables,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
+        "PYTHONHASHSEED": "0",
+        **dict.fromkeys(threads, "1"),
+    }
+
+
+def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int:
+    """Run pytest and return the exit code of `obk test`.
+
+    Raises:
+        MisuseError: no test was found.
+    """
+    from obk_cli.process.child_process import run_in_foreground
+
+    with tempfile.TemporaryDirectory(prefix="obk-test-log-") as logs:
+        variables = {**environment, "ROS_LOG_DIR": logs}
+        code = run_in_foreground([sys.executable, "-m", "pytest", *arguments], variables)
+    if code is None:
+        return EXIT_INTERRUPTED
+    if code == _NO_TESTS:
+        raise MisuseError(
+            "no test was run", help="a test is a function `test_...` that uses the fixture `stack`"
+        )
+    if code == _MISUSED:
+        raise MisuseError("pytest rejects its arguments, see above")
+    return EXIT_DONE if code == 0 else EXIT_FAILED
+
+
+def _tests(given: Sequence[str], folder: Path, output: Path) -> Iterator[str]:
+    """The arguments of pytest for what the user names, or for the tests beside the config."""
+    named = [word for word in given if _is_test(word)]
+    if not named:
+        beside = default_tests(folder)
+        named = [SMOKE if beside is None else str(beside)]
+        given = [*given, *named]
+    if all(map(_is_smoke, named)):
+        # The installed module has its own settings, and no files are left beside it.
+        yield from ("-c", os.devnull, "--rootdir", str(folder), "-p", "no:cacheprovider")
+    else:
+        yield from ("-o", f"cache_dir={output / '.pytest_cache'}")
+    for word in given:
+        yield from _smoke_arguments(word) if _is_smoke(word) else (word,)
+
+
+def _is_test(word: str) -> bool:
+    return _is_smoke(word) or Path(word.partition("::")[0]).exists()
+
+
+def _is_smoke(word: str) -> bool:
+    return word.partition("[")[0] == SMOKE and not Path(word).exists()
+
+
+def _smoke_arguments(word: str) -> Iterator[str]:
+    yield "--pyargs"
+    yield f"{_SMOKE_MODULE}::test_{word}" if "[" in word else _SMOKE_MODULE
+
+
+def _found_again(node_id: str, folder: Path) -> str:
+    """A test's id, seen from the working folder or from the folder of the config.
+
+    Raises:
+        MisuseError: its file does not exist.
+    """
+    path, colons, rest = node_id.partition("::")
+    if _is_test(node_id):
+        return node_id
+    if (folder / path).exists():
+        return f"{folder / path}{colons}{rest}"
+    raise MisuseError(
+        f"`--again {node_id}`: there is no file `{path}`",
+        help="copy the id from the summary of `obk test`, such as "
+        "'tests/test_push.py::test_push[seed17]'",
+    )
+
+
+def default_tests(folder: Path) -> Path | None:
+    """The folder `tests` beside a config, if a test in it uses the fixture `stack`."""
+    tests = folder / "tests"
+    patterns = ("test_*.py", "*_test.py", "conftest.py")
+    files = [file for pattern in patterns for file in sorted(tests.rglob(pattern))]
+    return tests if any(_uses_stack(file) for file in files) else None
+
+
+def _uses_stack(path: Path) -> bool:
+    """Whether a function takes `stack`, and it is not a fixture of the file's own.
+
+    Pytest reports a file that cannot be read.
+    """
+    with suppress(OSError, SyntaxError, ValueError):
+        functions = [
+            node
+            for node in ast.walk(ast.parse(path.read_bytes()))
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        ]
+        arguments = {
+            argument.arg
+            for function in functions
+            for argument in (*function.args.args, *function.args.kwonlyargs)
+        }
+        return "stack" in arguments - {function.name for function in functions}
+    return True

@@ -1,0 +1,137 @@
+"""Draw what a test looked at: the arrays that it read, with faults and interventions marked.
+
+Needs matplotlib; `is_drawable` is False without it.
+"""
+
+import importlib.util
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from obk_cli.files import write_bytes
+from obk_cli.record.plot import DPI, HEIGHT_IN, MOST_LINES, MOST_NAMED, WIDTH_IN
+from obk_testing.result import Array, TrialResult
+
+__all__ = ["Signal", "draw_trial", "is_drawable", "signals_of"]
+
+_MOST_SIGNALS: Final = 6
+"""More plots below one another cannot be read."""
+_ERROR: Final = 40
+"""Severity of log entries that are marked."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signal:
+    """Numbers over time."""
+
+    name: str
+    t: Array
+    """Shape `(n,)` [s]."""
+    values: Array
+    """Shape `(n, k)`."""
+    labels: tuple[str, ...]
+    """Of the `k` lines."""
+
+
+def is_drawable() -> bool:
+    """Whether matplotlib is installed."""
+    return importlib.util.find_spec("matplotlib") is not None
+
+
+def signals_of(result: TrialResult) -> tuple[Signal, ...]:
+    """What the test read of a trial, or the positions of the simulator if it read nothing."""
+    keys = [*result.facts.looked_at] or [("qpos",)]
+    signals = (_signal(result, key) for key in keys)
+    return tuple(signal for signal in signals if signal is not None)[-_MOST_SIGNALS:]
+
+
+def _signal(result: TrialResult, key: tuple[str, ...]) -> Signal | None:
+    """The signal of a key of `looked_at`; None: it has no numbers."""
+    labels: tuple[str, ...] = ()
+    try:
+        match key:
+            case ("qpos",):
+                name, t, values = "qpos", result.t, result.qpos
+                labels = _position_labels(result)
+            case ("qvel",):
+                name, t, values = "qvel", result.t, result.qvel
+            case ("joint", joint):
+                name, t, values = f"joint {joint}", result.t, result.joint(joint)
+            case (topic, field):
+                log = result[topic]
+                name, t, values = f"{topic}.{field}", log.t, np.asarray(log[field])
+            case _:
+                return None
+    except LookupError:  # also what made the test fail
+        return None
+    if not len(t) or values.dtype.kind not in "fiub":
+        return None
+    columns = values.reshape(len(t), -1)[:, :MOST_LINES].astype(float)
+    if not labels and columns.shape[1] > 1:
+        labels = tuple(f"[{number}]" for number in range(columns.shape[1]))
+    return Signal(name=name, t=t, values=columns, labels=labels or ("",))
+
+
+def _position_labels(result: TrialResult) -> tuple[str, ...]:
+    assert result.states is not None
+    labels = [f"[{number}]" for number in range(result.qpos.shape[1])]
+    for joint, place in result.states.joints.items():
+        labels[place] = joint
+    return tuple(labels[:MOST_LINES])
+
+
+def draw_trial(result: TrialResult, title: str, path: Path) -> bool:
+    """Write a picture, PNG or SVG by its name; return whether there was anything to draw.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    signals = signals_of(result)
+    if not signals:
+        return False
+    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN * len(signals) + 1.0), layout="constrained")
+    parts = figure.subplots(len(signals), 1, sharex=True, squeeze=False)
+    for part, signal in zip(parts[:, 0], signals, strict=True):
+        for column, label in zip(signal.values.T, signal.labels, strict=True):
+            part.plot(signal.t, column, linewidth=1.0, label=label)
+        part.set_ylabel(signal.name, fontsize="small")
+        part.grid(visible=True, alpha=0.3)
+        _mark(part, result)
+        if 1 < len(signal.labels) <= MOST_NAMED:
+            part.legend(loc="upper right", fontsize="small")
+    parts[-1, 0].set_xlabel("simulated time [s]")
+    events = "\n".join(_events(result))
+    figure.suptitle(f"{title}\n{events}" if events else title, fontsize="small")
+    picture, kind = BytesIO(), path.suffix.removeprefix(".")
+    with matplotlib.rc_context({"svg.hashsalt": "obk", "svg.fonttype": "none"}):
+        metadata = {"Date": None} if kind == "svg" else None
+        figure.savefig(picture, format=kind, dpi=DPI, metadata=metadata)
+    write_bytes(path, picture.getvalue())
+    return True
+
+
+def _mark(part: Any, result: TrialResult) -> None:
+    """Shade interventions, and mark errors that nodes logged."""
+    for one in result.facts.interventions:
+        end = min(one.t + one.duration, result.duration_s)
+        part.axvspan(one.t, end, color="tab:orange", alpha=0.2)
+        part.axvline(one.t, color="tab:orange", linewidth=0.8)
+    for entry in result.log:
+        if entry.severity >= _ERROR:
+            part.axvline(entry.time_ns * 1e-9, color="tab:red", linewidth=0.8, linestyle="--")
+
+
+def _events(result: TrialResult) -> Iterator[str]:
+    most = 4
+    texts = [f"{one.t:.3f} s: {one.text}" for one in result.facts.interventions]
+    texts += [f"fault: {fault.splitlines()[0]}" for fault in result.faults]
+    yield from texts[:most]
+    if len(texts) > most:
+        yield f"and {len(texts) - most} more"

@@ -1,0 +1,125 @@
+"""The test of a config that has no tests: it runs for 5 s, without a fault, twice the same.
+
+`obk test my_robot.yaml` runs it. It checks what holds for any stack: no node fails, every state and
+every message is finite, topics are published at the rates that the config promises, the robot
+accepts its commands, and a second run has the same bits.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+import pytest
+
+from obk_cli.plan.plan import Plan
+from obk_testing.plugin import StartStack, describe_check
+from obk_testing.result import TopicLog, TrialResult
+
+DURATION_S: Final = 5.0
+_SETTLED_S: Final = 1.0
+"""From then on rates are measured, and until then commands may be rejected [s]."""
+_TOLERANCE: Final = 0.1
+"""Of a rate, as a part of it."""
+_DRAWN: Final = ("Image", "CameraInfo", "MarkerArray", "Marker")
+"""Messages that are not asked for: pictures need OpenGL, and take most of the time."""
+_MAY_BE_INFINITE: Final = ("LaserScan", "Range", "PointCloud2", "ObkScan", "MultiEchoLaserScan")
+"""Messages in which a number that is not finite is a measurement: nothing is in range (REP 117)."""
+_REJECTED: Final = "control rejected"
+"""How the robot's report of rejected commands starts."""
+
+
+def test_smoke(
+    stack: StartStack, seed: int, given_plan: Plan, request: pytest.FixtureRequest
+) -> None:
+    """Run the stack twice and check what holds for any stack."""
+    promised = promised_rates(given_plan)
+    trial = stack(seed=seed, watch=promised)
+    run = trial.run(DURATION_S)
+    problems = [*problems_of(run, promised)]
+    if problems:
+        pytest.fail("\n".join(problems), pytrace=False)
+    again = stack(seed=seed, watch=promised).run(DURATION_S)
+    difference = run.first_difference(again)
+    if difference is not None:
+        pytest.fail(f"a second run differs, first at {difference}", pytrace=False)
+    count = sum(1 for topic in run.topics.values() if len(topic))
+    factor = DURATION_S / trial.wall_s if trial.wall_s else float("inf")
+    describe_check(
+        request,
+        f"{DURATION_S:g} s of {given_plan.name} at {factor:.1f}x: "
+        f"{len(given_plan.processes)} nodes, {count} topics, {len(promised)} at their rates, "
+        "no fault, twice the same bits",
+    )
+
+
+def promised_rates(plan: Plan) -> dict[str, float]:
+    """Topic -> rate that the config promises for all its publishers together [Hz]."""
+    rates: defaultdict[str, list[float | None]] = defaultdict(list)
+    for node in plan.processes:
+        for end in node.publishes:
+            drawn = (end.msg_type or "").rpartition("/")[2] in _DRAWN
+            rates[end.topic].append(None if drawn else end.rate_hz)
+    return {
+        topic: sum(rate for rate in all_rates if rate is not None)
+        for topic, all_rates in rates.items()
+        if None not in all_rates
+    }
+
+
+def problems_of(run: TrialResult, promised: dict[str, float]) -> Iterator[str]:
+    """What is wrong with a run, a sentence each."""
+    yield from run.faults
+    if run.states is not None:
+        for name, values in (("positions", run.qpos), ("velocities", run.qvel)):
+            rows = np.nonzero(~np.isfinite(values).all(axis=1))[0]
+            if len(rows):
+                yield f"the {name} of the simulator are not finite at {run.t[rows[0]]:.3f} s"
+    for name, topic in run.topics.items():
+        yield from _not_finite(name, topic)
+    for name, rate_hz in promised.items():
+        yield from _wrong_rate(name, run.topics.get(name), rate_hz)
+    rejected = [
+        entry
+        for entry in run.log
+        if entry.text.startswith(_REJECTED) and entry.time_ns * 1e-9 > DURATION_S - _SETTLED_S
+    ]
+    if rejected:
+        yield f"{rejected[-1].name} still reports after {DURATION_S - _SETTLED_S:g} s: " + (
+            rejected[-1].text
+        )
+
+
+def _not_finite(name: str, topic: TopicLog) -> Iterator[str]:
+    if topic.message_class.__name__ in _MAY_BE_INFINITE:
+        return
+    for t, message in zip(topic.t, topic.messages, strict=True):
+        field = _field_not_finite(message)
+        if field is not None:
+            yield f"{name}: `{field}` is not finite at {t:.3f} s"
+            return
+
+
+def _field_not_finite(message: Any) -> str | None:
+    """The path of the first number in a message that is not finite."""
+    for field, kind in message.get_fields_and_field_types().items():
+        value = getattr(message, field)
+        if "float" in kind or "double" in kind:
+            if not np.isfinite(value).all():
+                return str(field)
+        elif "/" in kind:
+            items = value if "sequence" in kind or "[" in kind else (value,)
+            for item in items:
+                inner = _field_not_finite(item)
+                if inner is not None:
+                    return f"{field}.{inner}"
+    return None
+
+
+def _wrong_rate(name: str, topic: TopicLog | None, rate_hz: float) -> Iterator[str]:
+    times = () if topic is None else topic.t[topic.t > _SETTLED_S]
+    span_s = DURATION_S - _SETTLED_S
+    measured_hz = len(times) / span_s
+    # One message more or less is no other rate.
+    if abs(measured_hz - rate_hz) > _TOLERANCE * rate_hz + 1.0 / span_s:
+        yield f"{name} is published at {measured_hz:.1f} Hz, expected {rate_hz:g} Hz"

@@ -1,0 +1,182 @@
+"""The summary of a test run: passed trials of each test, the worst failures, how to repeat them.
+
+Each test leaves a `TrialRecord` in its report, as plain data that pytest-xdist can send.
+"""
+
+import re
+import shlex
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgspec
+
+from obelisk_spec.suggestions import with_number
+from obk_cli.terminal import plain
+
+__all__ = ["TrialRecord", "record_of", "rerun_command", "summary_lines"]
+
+PROPERTY: Final = "obk_trials"
+"""The name of the record among the properties of a report."""
+_MOST_SHOWN: Final = 3
+"""Failures of one test that are shown in full."""
+_NUMBER: Final = r"(?:np\.\w+\()?(-?\d[\w.+-]*)\)?"
+_COMPARED: Final = re.compile(rf"assert {_NUMBER} (<=?|>=?) {_NUMBER}")
+_LONGEST: Final = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialRecord:
+    """What the summary needs of the trials of one test."""
+
+    node_id: str
+    """As `--again` takes it."""
+    seed: int | None
+    """None: the test has no seed."""
+    simulated_s: float
+    wall_s: float
+    trials: int
+    schedules: tuple[str, ...]
+    """`ideal`, `varied` or `own`, each once."""
+    outcome: str = "passed"
+    reason: str = ""
+    """Why it failed, a line."""
+    checked: str = ""
+    """What a smoke test checked, a line."""
+    files: tuple[str, ...] = ()
+
+    def as_property(self) -> tuple[str, str]:
+        """The record as a property of a report."""
+        return PROPERTY, msgspec.json.encode(self).decode()
+
+
+def record_of(report: Any) -> TrialRecord | None:
+    """The record in a report; None: it has none."""
+    texts = [text for name, text in report.user_properties if name == PROPERTY]
+    return msgspec.json.decode(texts[-1], type=TrialRecord) if texts else None
+
+
+def rerun_command(config: str | None, overrides: Sequence[str], node_id: str) -> str:
+    """The command that repeats a test.
+
+    Args:
+        config: as `obk test` was called with; None: pytest was called.
+        overrides: `--set` options.
+        node_id: of the test.
+    """
+    if config is None:
+        seed = re.search(r"seed(\d+)", node_id.partition("[")[2])
+        seeds = ("--seeds", f"={seed[1]}") if seed else ()
+        return shlex.join(["pytest", "-p", "obk_testing.plugin", *seeds, node_id])
+    settings = (word for setting in overrides for word in ("--set", setting))
+    return shlex.join(["obk", "test", config, *settings, "--again", node_id])
+
+
+def summary_lines(
+    records: Sequence[TrialRecord],
+    *,
+    config: str | None,
+    overrides: Sequence[str],
+    duration_s: float,
+    processes: int,
+) -> Iterator[str]:
+    """The lines of a summary.
+
+    Args:
+        records: of all tests that made trials.
+        config: as `obk test` was called with; None: pytest was called.
+        overrides: `--set` options.
+        duration_s: of the whole test run.
+        processes: that ran tests side by side.
+    """
+    tests: defaultdict[str, list[TrialRecord]] = defaultdict(list)
+    for record in records:
+        tests[_without_seed(record.node_id)].append(record)
+    width = max((len(name) for name in tests), default=0)
+    for name, trials in tests.items():
+        failed = sorted((t for t in trials if t.outcome != "passed"), key=_badness)
+        passed = len(trials) - len(failed)
+        yield f"{plain(name):<{width}}  {passed} of {len(trials)}{_worst(failed)}"
+        yield from (f"  {plain(record.checked)}" for record in trials if record.checked)
+        for record in failed[:_MOST_SHOWN]:
+            yield from _failure(record, config, overrides)
+        if len(failed) > _MOST_SHOWN:
+            others = ", ".join(_seed(record) for record in failed[_MOST_SHOWN:])
+            yield f"  and {_shortened(others)}"
+        for record in trials:
+            if record.outcome == "passed" and record.files:
+                yield f"  kept: {', '.join(record.files)}"
+    yield _total(records, duration_s, processes)
+
+
+def _without_seed(node_id: str) -> str:
+    """The test without its seed; its other parameters stay."""
+    return re.sub(r"\[seed\d+\]|-seed\d+(?=\])|seed\d+-(?=[^\[]*\])", "", node_id)
+
+
+def _seed(record: TrialRecord) -> str:
+    return "no seed" if record.seed is None else f"seed {record.seed}"
+
+
+def _ratio(record: TrialRecord) -> float | None:
+    """By how much a failed comparison misses its limit; None: it compares no two numbers."""
+    compared = _COMPARED.search(record.reason)
+    if compared is None:
+        return None
+    value, limit = float(compared[1]), float(compared[3])
+    if not compared[2].startswith("<"):
+        value, limit = limit, value
+    return value - limit
+
+
+def _badness(record: TrialRecord) -> tuple[float, int]:
+    """A key that sorts the worst failure first: errors, then misses, the largest first."""
+    miss = _ratio(record)
+    return (float("-inf") if miss is None else -miss), record.seed or 0
+
+
+def _worst(failed: Sequence[TrialRecord]) -> str:
+    compared = _COMPARED.search(failed[0].reason) if failed else None
+    if compared is None:
+        return ""
+    value, limit = float(compared[1]), float(compared[3])
+    return f"   worst {value:.4g} (limit {limit:g}), {_seed(failed[0])}"
+
+
+def _failure(record: TrialRecord, config: str | None, overrides: Sequence[str]) -> Iterator[str]:
+    yield f"  {_seed(record)}: {_shortened(plain(record.reason))}"
+    for file in record.files:
+        yield f"    {file}"
+    yield f"    again: {rerun_command(config, overrides, record.node_id)}"
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
+def _total(records: Sequence[TrialRecord], duration_s: float, processes: int) -> str:
+    trials = sum(record.trials for record in records)
+    simulated_s = sum(record.simulated_s for record in records)
+    wall_s = sum(record.wall_s for record in records)
+    kinds = Counter(kind for record in records for kind in record.schedules)
+    names = {
+        "ideal": "ideal schedule",
+        "varied": "schedule varied by seed",
+        "own": "own schedule",
+    }
+    schedules = ", ".join(
+        name if len(kinds) == 1 else f"{name} in {with_number(kinds[kind], 'test')}"
+        for kind, name in names.items()
+        if kind in kinds
+    )
+    return (
+        f"{with_number(trials, 'trial')}, {simulated_s:.1f} s simulated in "
+        f"{_time(duration_s)} on {with_number(processes, 'core')}; "
+        f"{simulated_s / wall_s if wall_s else 0.0:.1f}x real time; {schedules}"
+    )
+
+
+def _time(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes else f"{seconds:.1f} s"
