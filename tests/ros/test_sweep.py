@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import sqlite3
@@ -199,7 +200,7 @@ def test_a_case_whose_worker_always_dies_is_reported(config: Path) -> None:
 @pytest.mark.slow
 def test_what_cannot_be_collected_is_reported(config: Path) -> None:
     tests = config.parent / "tests" / "test_dummy.py"
-    tests.write_text("import no_such_module\n")
+    tests.write_text(f"import no_such_module\n{TESTS}")
     result = obk("sweep", config, "--output", config.parent / "out")
     assert result.returncode == 1
     assert "no_such_module" in result.stderr
@@ -321,3 +322,30 @@ def test_a_worker_process_reports_its_tests(config: Path, tmp_path: Path) -> Non
         assert worker.hello.machine["python"]
     finally:
         worker.close()
+
+
+@pytest.mark.slow
+def test_a_config_without_tests_is_swept_by_the_smoke_test(config: Path) -> None:
+    shutil.rmtree(config.parent / "tests")
+    folder = config.parent / "out"
+    result = obk(
+        *("sweep", config, "--seeds", "2", "-j", "1", "--output", folder, "--format", "json")
+    )
+    assert result.returncode == 0, result.stderr
+    (test,) = json.loads(result.stdout)["tests"]
+    assert (test["test"], test["passed"]) == ("smoke", 2)
+
+
+@pytest.mark.slow
+def test_the_command_of_the_report_repeats_a_case(config: Path) -> None:
+    folder = config.parent / "out"
+    (config.parent / "tests" / "killed").touch()
+    result = obk(
+        *("sweep", config, "tests/test_dummy.py::test_it_stays", "--seeds", "4", "-j", "2"),
+        *("--vary", f"{SIGMA}=0.001..0.1", "--output", folder, "--format", "json"),
+    )
+    (failed,) = json.loads(result.stdout)["failed"]
+    again = obk(*shlex.split(failed["again"])[1:])
+    assert again.returncode == 1
+    (recording,) = config.parent.rglob("*.mcap")
+    assert failed["digest"].encode() in recording.read_bytes()
