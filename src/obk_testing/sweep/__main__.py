@@ -6,10 +6,11 @@ has errors; 2: the request is wrong; 130: interrupted.
 
 import json
 import os
+import shutil
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,13 +26,13 @@ from obk_cli.errors import (
     ObkError,
 )
 from obk_cli.optional_deps import require_extra
-from obk_cli.plan.plan import Plan
 from obk_cli.terminal import visible
 from obk_testing.programs import CompiledStack, compile_stack
 from obk_testing.sweep.cases import (
     FoundTest,
     SweepCase,
     Varied,
+    files_of_config,
     make_cases,
     parse_varied,
     with_types_of_config,
@@ -46,9 +47,8 @@ __all__ = ["SweepRequest", "run_sweep"]
 
 _LINE_S: Final = 10.0
 """Between two lines of progress where they are not overwritten [s]."""
-_SOURCES: Final = frozenset(
-    {".py", ".yaml", ".yml", ".json", ".xml", ".urdf", ".npy", ".npz", ".csv", ".obj", ".stl"}
-)
+_CODE: Final = frozenset({".py"})
+_MODELS: Final = frozenset({".xml", ".mjcf", ".urdf", ".obj", ".stl", ".msh", ".png"})
 _BUILT: Final = frozenset({"__pycache__", "build", ".git", ".venv"})
 
 
@@ -107,6 +107,7 @@ class _Progress:
         )
 
     def _print(self, text: str) -> None:
+        text = text[: shutil.get_terminal_size().columns - 1]  # one line can be overwritten
         end = "" if self._on_terminal else "\n"
         print(f"{self._clear()}{text}", end=end, file=sys.stderr, flush=True)
 
@@ -202,28 +203,24 @@ def _require_tests(worker: WorkerProcess, request: SweepRequest) -> tuple[FoundT
 
 def _inputs(compiled: CompiledStack, tests: Sequence[str]) -> Iterator[Path]:
     """The files that results depend on."""
-    yield compiled.config
+    yield from files_of_config(compiled.config, dict(os.environ))
     for name in tests:
         yield Path(name)
-        yield from (folder / "conftest.py" for folder in (Path(name).parent, *Path(name).parents))
-    yield from _config_files(compiled.plan)
-    folders = {process.package for process in compiled.plan.processes}
-    for package in sorted(folders):
-        if (source := compiled.packages.source_packages.get(package)) is not None:
-            yield from _sources(source)
+        yield from (folder / "conftest.py" for folder in Path(name).parents)
     for process in compiled.plan.processes:
+        for value in process.parameters.values():
+            if isinstance(value, str) and value.startswith("/"):  # such as `params_path`
+                yield Path(value)
+        if (source := compiled.packages.source_packages.get(process.package)) is not None:
+            yield from _files(source, _CODE)
         if process.model:
-            yield from _sources(Path(process.model).parent)
+            yield from _files(Path(process.model).parent, _MODELS)
 
 
-def _config_files(plan: Plan) -> Iterator[Path]:
-    """The files that nodes are written in, the config and what it includes."""
-    yield from {Path(process.origin.path).resolve() for process in plan.processes}
-
-
-def _sources(folder: Path) -> Iterator[Path]:
+def _files(folder: Path, kinds: Collection[str]) -> Iterator[Path]:
     for path in sorted(folder.rglob("*")):
-        if path.suffix.lower() in _SOURCES and _BUILT.isdisjoint(path.parts):
+        is_built = not _BUILT.isdisjoint(path.relative_to(folder).parts)
+        if path.suffix.lower() in kinds and not is_built:
             yield path
 
 

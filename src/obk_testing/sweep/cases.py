@@ -19,6 +19,7 @@ from obk_cli.config.loader import ConfigFiles, load_config
 from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.config.yaml_parser import decode_source
 from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import MisuseError
 from obk_cli.files import read_bytes
 
@@ -28,6 +29,7 @@ __all__ = [
     "Row",
     "SweepCase",
     "Varied",
+    "files_of_config",
     "make_cases",
     "parse_varied",
     "with_types_of_config",
@@ -193,22 +195,29 @@ def with_types_of_config(
     Raises:
         MisuseError: a path does not exist, or its value is of another kind.
     """
-    source = decode_source(str(config), _read(config))
-    if isinstance(source, Diagnostic):
-        raise MisuseError(f"{config}: {source.message}")
-    files = ConfigFiles(source, variables=variables, working_folder=Path.cwd(), read=read_bytes)
-    tree, _ = load_config(source, files, ())
+    tree, _ = _load(config, variables)
     paths = [each.path for each in varied]
     if repeated := {path for path in paths if paths.count(path) > 1}:
         raise MisuseError(f"`--vary {min(repeated)}` is given twice")
     return tuple(_typed(each, _value_at(tree, each.path)) for each in varied)
 
 
-def _read(config: Path) -> bytes:
+def files_of_config(config: Path, variables: Mapping[str, str]) -> tuple[Path, ...]:
+    """The config and the files that it includes."""
+    return tuple(Path(source.path).absolute() for source in _load(config, variables)[1])
+
+
+def _load(config: Path, variables: Mapping[str, str]) -> tuple[Tree | None, Sequence[SourceFile]]:
+    """The values of a config with its includes, and the files they stand in."""
     data = read_bytes(str(config))
     if isinstance(data, str):
         raise MisuseError(f"`{config}` cannot be read: {data}")
-    return data
+    source = decode_source(str(config), data)
+    if isinstance(source, Diagnostic):
+        raise MisuseError(f"{config}: {source.message}")
+    files = ConfigFiles(source, variables=variables, working_folder=Path.cwd(), read=read_bytes)
+    tree, _ = load_config(source, files, ())
+    return tree, files.sources
 
 
 def _typed(varied: Varied, found: TreeScalar) -> Varied:
