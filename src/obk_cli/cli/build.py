@@ -16,6 +16,7 @@ from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.plan.plan import Plan
+from obk_cli.process.interrupt import accept_interrupt
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.terminal import visible
 from obk_cli.workspace.message_build import (
@@ -207,6 +208,7 @@ def _as_command_error(*, colour: bool) -> Iterator[None]:
     except OSError as error:
         raise CommandFailedError(f"the overlay cannot be written: {error}") from error
     except KeyboardInterrupt as error:
+        accept_interrupt()
         raise CommandFailedError("interrupted; the overlay is as it was") from error
 
 

@@ -18,7 +18,8 @@ from click.shell_completion import CompletionItem
 from typer.core import TyperGroup
 
 from obelisk_spec.suggestions import ask_for, did_you_mean
-from obk_cli.errors import EXIT_FAILED, EXIT_INTERRUPTED, MisuseError, ObkError
+from obk_cli.errors import EXIT_FAILED, MisuseError, ObkError
+from obk_cli.process.interrupt import is_interrupted
 
 __all__ = ["VERBS", "root_command", "run"]
 
@@ -158,6 +159,8 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         root_command().main(args=[a for a in given if a != "--debug"], prog_name="obk")
     except ObkError as error:
+        if is_interrupted():
+            raise
         if debug:
             import traceback
 
@@ -165,9 +168,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
         _print_error(error.message, error.help)
         sys.exit(error.exit_code)
     except Exception as error:  # a bug in obk
-        if _is_interruption(error):
-            sys.exit(EXIT_INTERRUPTED)
-        if debug:
+        if debug or is_interrupted():
             raise
         _print_error(*_describe_error(error, given))
         sys.exit(EXIT_FAILED)
@@ -188,13 +189,6 @@ def _escape_unencodable() -> None:
     for output in (sys.stdout, sys.stderr):
         if isinstance(output, TextIOWrapper):
             output.reconfigure(errors="backslashreplace")
-
-
-def _is_interruption(error: BaseException | None) -> bool:
-    """Whether it is Ctrl-C: an extension that is being imported makes an ImportError of that."""
-    while isinstance(error, ImportError):
-        error = error.__cause__
-    return isinstance(error, KeyboardInterrupt)
 
 
 def _print_error(message: str, help: str | None) -> None:

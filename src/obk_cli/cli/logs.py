@@ -4,7 +4,6 @@ import os
 import sys
 from collections import deque
 from collections.abc import Iterable
-from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -13,6 +12,7 @@ from obk_cli.cli.complete import complete_kept_runs
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import explain_os_error
+from obk_cli.process.interrupt import until_interrupt
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.logs import find_log, follow_lines, read_lines
 from obk_cli.terminal import only_colour, plain
@@ -57,7 +57,7 @@ def command(
                 print(f"{path} does not exist: nothing was logged", file=sys.stderr)
             _show(_last(read_lines(path), lines), colour=is_colour)
             return
-        with suppress(KeyboardInterrupt):
+        with until_interrupt():
             _follow(path_lines=iter(follow_lines(path)), last=lines, colour=is_colour)
     except PermissionError as error:
         raise CommandFailedError(f"{path}: {explain_os_error(error)}") from error

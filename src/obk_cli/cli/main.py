@@ -12,9 +12,12 @@ __all__ = ["main"]
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run `obk` and end the process with its exit code."""
     try:
-        from obk_cli.cli.commands import run
+        from obk_cli.process.interrupt import insist_on_interrupt
 
-        run(arguments)
+        with insist_on_interrupt():
+            from obk_cli.cli.commands import run
+
+            run(arguments)
     except KeyboardInterrupt:
         from obk_cli.errors import EXIT_INTERRUPTED
 

@@ -1,6 +1,5 @@
 """`obk validate CONFIG...`: every check, nothing started; with `--watch` again after changes."""
 
-import contextlib
 import os
 import sys
 import time
@@ -34,6 +33,7 @@ from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
 from obk_cli.files import STANDARD_INPUT, read_bytes
+from obk_cli.process.interrupt import until_interrupt
 from obk_cli.report import report_github, report_json, report_sarif, report_text, summary
 from obk_cli.workspace.config_files import configs_that_include
 from obk_cli.workspace.environment import MachineEnvironment
@@ -256,7 +256,7 @@ class WatchedRun:
 
 def check_after_changes(check: Callable[[], Mapping[Path, Mark]], wait: Callable[[], None]) -> None:
     """Run `check` now and after each change of the files that it names, until interrupted."""
-    with contextlib.suppress(KeyboardInterrupt):
+    with until_interrupt():
         while True:
             marks = check()
             while _marks(marks) == marks:

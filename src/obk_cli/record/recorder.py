@@ -36,6 +36,7 @@ from obk_cli.record.recorder_job import (
     unmatched_requests,
 )
 from obk_cli.record.recording import DROPS
+from obk_cli.ros.participant import remove_participant
 from obk_cli.ros.raw_subscription import DropCounter, RawSubscription
 from obk_cli.ros.types import find_type
 from obk_cli.workspace.overlay import underlays_of
@@ -210,6 +211,11 @@ class RosRecorder:
             self._report(f"warning: {sentence}: nothing of it is recorded")
         self._report_drops()
 
+    def close(self) -> None:
+        """Unsubscribe from all topics."""
+        for topic in self._topics.values():
+            topic.raw.close()
+
     def _begin(self, name: str, msg_type: str) -> None:
         try:
             raw = RawSubscription(self._node.handle, name, msg_type, find_type(msg_type))
@@ -274,6 +280,7 @@ def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
             with writer:
                 writer.describe(job.metadata, job.attachments, time.time_ns())
                 recorder = RosRecorder(node, writer, job.request, report)
+                stack.callback(recorder.close)
                 begin = time.monotonic()
                 end = float("inf") if job.duration_s is None else begin + job.duration_s
                 report(f"{BEGUN}{job.path}")
@@ -325,7 +332,7 @@ def _node() -> Iterator[Any]:
                 enable_rosout=False,
                 start_parameter_services=False,
             )
-            stack.callback(node.destroy_node)
+            stack.callback(remove_participant, node.destroy_node)
         except Exception as error:
             raise CommandFailedError(f"ROS 2 does not start: {error}") from error
         yield node

@@ -18,7 +18,11 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import no_ros
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.graph import RosGraph
-from obk_cli.ros.participant import RosParticipant, defer_message_generator
+from obk_cli.ros.participant import (
+    RosParticipant,
+    defer_message_generator,
+    remove_participant,
+)
 from obk_cli.ros.services import ASK_AGAIN_S
 
 __all__ = [
@@ -141,7 +145,7 @@ class LifecycleClient:
         self._thread.join(END_S)
         if not self._thread.is_alive():
             for node in self._nodes:
-                node.destroy_node()
+                remove_participant(node.destroy_node)
 
     def add_node(self, name: str) -> Any:
         """Another rclpy node, without a namespace, that is spun and ended along with ours."""

@@ -11,7 +11,9 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, Final, TypeVar
+from weakref import WeakSet
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import no_ros
@@ -20,7 +22,13 @@ from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.graph import End, GraphSnapshot, Role, TopicInfo, full_name
 from obk_cli.ros.raw_subscription import RawSubscription, offered_qos
 
-__all__ = ["OBSERVER_NODE", "RosParticipant", "defer_message_generator", "open_participant"]
+__all__ = [
+    "OBSERVER_NODE",
+    "RosParticipant",
+    "defer_message_generator",
+    "open_participant",
+    "remove_participant",
+]
 
 PACKAGE: Final = "rosidl_generator_py"
 GENERATOR: Final = f"{PACKAGE}.generate_py_impl"
@@ -96,11 +104,36 @@ def open_participant(
         # The first use of it reports what is wrong.
         with suppress(Exception):
             importlib.import_module(module)
+    participant = RosParticipant(node, rclpy_implementation, environment.domain)
     try:
-        yield RosParticipant(node, rclpy_implementation, environment.domain)
+        yield participant
     finally:
-        node.destroy_when_not_in_use()
+        remove_participant(participant.close)
         context.try_shutdown()
+
+
+def remove_participant(remove: Callable[[], object]) -> None:
+    """Remove a participant with all threads of this process on one core.
+
+    Fast DDS waits for its discovery threads there, and takes the lock that they need again and
+    again without a pause: on another core a thread may not get it for minutes, if another
+    participant leaves at that moment.
+
+    Args:
+        remove: removes it.
+    """
+    cores = os.sched_getaffinity(0)
+    _run_on({min(cores)})
+    try:
+        remove()
+    finally:
+        _run_on(cores)
+
+
+def _run_on(cores: Collection[int]) -> None:
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(ProcessLookupError):  # the thread has ended
+            os.sched_setaffinity(int(thread.name), cores)
 
 
 class RosParticipant:
@@ -119,6 +152,7 @@ class RosParticipant:
             self.name: Final = f"/{node.get_node_name()}"
             """Full name of the participant's own node."""
         self.domain: Final = domain
+        self._subscriptions: WeakSet[RawSubscription] = WeakSet()
         self._functions = functions
         self._begin = time.monotonic()
 
@@ -220,7 +254,15 @@ class RosParticipant:
             python_type: the message's class.
             is_light: cost the publishers little, and miss a message rather.
         """
-        return RawSubscription(self.node, name, msg_type, python_type, is_light=is_light)
+        raw = RawSubscription(self.node, name, msg_type, python_type, is_light=is_light)
+        self._subscriptions.add(raw)
+        return raw
+
+    def close(self) -> None:
+        """Leave the ROS graph, with all subscriptions."""
+        for raw in tuple(self._subscriptions):
+            raw.close()
+        self.node.destroy_when_not_in_use()
 
     def _of(self, ask: Any, node: str, *hidden: bool) -> dict[str, tuple[str, ...]]:
         namespace, _, name = node.rpartition("/")

@@ -27,6 +27,7 @@ from obk_cli.introspect.lifecycle import possible_transitions
 from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_data
+from obk_cli.process.interrupt import until_interrupt
 from obk_cli.ros.types import fields_of, short_type
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, change_data
@@ -94,10 +95,8 @@ class WebServer:
             )
         )
         self._server.should_exit = self._is_ended
-        try:
+        with until_interrupt():  # raised by uvicorn after its shutdown
             self._server.run(sockets=[listener])
-        except KeyboardInterrupt:  # raised again by uvicorn after its shutdown
-            return
 
     def end(self) -> None:
         """End soon; from any thread."""

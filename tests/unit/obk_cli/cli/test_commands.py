@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from obk_cli.cli.commands import VERBS
 from obk_cli.cli.main import main
 from obk_cli.emit.formats import FORMS
+from obk_cli.errors import CommandFailedError
 
 CASES = Path(__file__).parents[3] / "cases"
 SOUND = CASES / "accept/OBK004/topic_twice.yaml"
@@ -115,11 +117,22 @@ def test_a_number_that_a_launch_cannot_use_is_the_only_one_told_of(
     assert (result.code, result.err) == (2, f"error: `{option} {value}`: expected {expected}\n")
 
 
-def test_an_interruption_that_an_extension_made_a_failed_import_of_is_one(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    "error",
+    [
+        ImportError("initialization failed"),
+        RuntimeError("cannot release un-acquired lock"),
+        CommandFailedError("ROS 2 is not available"),
+    ],
+)
+def test_an_interruption_that_a_library_made_an_error_of_is_one(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     def interrupted(*_: object) -> None:
-        raise ImportError("initialization failed") from KeyboardInterrupt()
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise error from None
 
     monkeypatch.setattr("obk_cli.cli.commands._load", interrupted)
     result = Result(capsys, "validate", str(SOUND))
