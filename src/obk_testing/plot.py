@@ -35,6 +35,7 @@ class Signal:
     """Shape `(n, k)`."""
     labels: tuple[str, ...]
     """Of the `k` lines."""
+    unit: str | None = None
 
 
 def is_drawable() -> bool:
@@ -52,6 +53,7 @@ def signals_of(result: TrialResult) -> tuple[Signal, ...]:
 def _signal(result: TrialResult, key: tuple[str, ...]) -> Signal | None:
     """The signal of a key of `looked_at`; None: it has no numbers."""
     labels: tuple[str, ...] = ()
+    unit: str | None = None
     try:
         match key:
             case ("qpos",):
@@ -64,6 +66,7 @@ def _signal(result: TrialResult, key: tuple[str, ...]) -> Signal | None:
             case (topic, field):
                 log = result[topic]
                 name, t, values = f"{topic}.{field}", log.t, np.asarray(log[field])
+                unit = log.unit(field)
             case _:
                 return None
     except LookupError:  # also what made the test fail
@@ -73,7 +76,7 @@ def _signal(result: TrialResult, key: tuple[str, ...]) -> Signal | None:
     columns = values.reshape(len(t), -1)[:, :MOST_LINES].astype(float)
     if not labels and columns.shape[1] > 1:
         labels = tuple(f"[{number}]" for number in range(columns.shape[1]))
-    return Signal(name=name, t=t, values=columns, labels=labels or ("",))
+    return Signal(name=name, t=t, values=columns, labels=labels or ("",), unit=unit)
 
 
 def _position_labels(result: TrialResult) -> tuple[str, ...]:
@@ -101,7 +104,8 @@ def draw_trial(result: TrialResult, title: str, path: Path) -> bool:
     for part, signal in zip(parts[:, 0], signals, strict=True):
         for column, label in zip(signal.values.T, signal.labels, strict=True):
             part.plot(signal.t, column, linewidth=1.0, label=label)
-        part.set_ylabel(signal.name, fontsize="small")
+        name = signal.name if signal.unit is None else f"{signal.name} [{signal.unit}]"
+        part.set_ylabel(name, fontsize="small")
         part.grid(visible=True, alpha=0.3)
         _mark(part, result)
         if 1 < len(signal.labels) <= MOST_NAMED:

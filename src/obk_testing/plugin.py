@@ -6,7 +6,10 @@ test modules and nodes are imported. A test that fails leaves its trials as reco
 
 import os
 import re
+import signal
 import sys
+import threading
+from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -38,6 +41,8 @@ _SHOWN_LOG: Final = 10
 """Log entries of a failed trial that its report shows."""
 _WARNING: Final = 30
 _LONGEST_NAME: Final = 120
+_MOST_KEPT: Final = 10
+"""Failures of one test that each process records; the others can be repeated."""
 _SMOKE: Final = "smoke"
 
 
@@ -118,6 +123,8 @@ class _Session:
     begin_s: float = field(default_factory=perf_counter)
     patches: ExitStack = field(default_factory=ExitStack)
     records: list[TrialRecord] = field(default_factory=list)
+    kept: Counter[str] = field(default_factory=Counter)
+    """Recorded failures by the name of the test, in this process."""
 
 
 _SESSION: Final = pytest.StashKey[_Session]()
@@ -162,6 +169,9 @@ def pytest_configure(config: pytest.Config) -> None:
         "filterwarnings",
         "ignore:module 'sre_(parse|constants)' is deprecated:DeprecationWarning",
     )
+    if threading.current_thread() is threading.main_thread():
+        # As Ctrl-C does, so that nothing is left behind.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     session = config.stash[_SESSION] = _Session()
     session.patches.enter_context(intercepted())
     config.pluginmanager.register(_Reports(session), "obk_reports")
@@ -240,15 +250,19 @@ def stack(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Iterator[Sta
     trials = request.node.stash[_TRIALS] = _Trials()
 
     def start(config: str | Path | None = None, **options: Any) -> StackTrial:
+        __tracebackhide__ = True
         changes = options.pop("set", ())
         without = tuple(options.pop("without", ()))
         given = {name: options.pop(name, None) for name in _SCHEDULE}
         given = {name: value for name, value in given.items() if value is not None}
         loaded = _load(request, _stacks, config, changes, without)
+        schedule = Schedule(**given) if given else None
+        error: LockstepError | None = None
         try:
-            schedule = Schedule(**given) if given else None
             trial = StackTrial(loaded, schedule=schedule, **options)
-        except LockstepError as error:
+        except LockstepError as raised:
+            error = raised
+        if error is not None:
             pytest.fail(str(error), pytrace=False)
         trials.started.append(trial)
         trials.schedules.add("own" if given else "varied" if trial.seed else "ideal")
@@ -271,9 +285,11 @@ def _load(
     path, settings = _config_of(request, config)
     try:
         return stacks.get(path, (*settings, *changes), without=without)
-    except CommandFailedError as error:
-        help = f"\n  help: {error.help}" if error.help else ""
-        pytest.fail(f"{error.message}{help}", pytrace=False)
+    except CommandFailedError as raised:
+        error = raised
+    # Outside of `except`, so that pytest shows no chain.
+    help = f"\n  help: {error.help}" if error.help else ""
+    pytest.fail(f"{error.message}{help}", pytrace=False)
 
 
 @pytest.fixture
@@ -365,16 +381,18 @@ def pytest_runtest_makereport(
     """Keep the trials of a test that fails, and record what the summary needs."""
     report = yield
     trials = item.stash.get(_TRIALS, None)
-    if report.when == "call" and trials is not None and (trials.started or report.failed):
+    is_over = report.when == "call" and not report.skipped
+    if is_over and trials is not None and (trials.started or report.failed):
         _keep(item, report, trials)
     return report
 
 
 def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None:
     config = item.config
-    is_wanted = report.failed or bool(config.getoption("keep_all"))
-    is_kept = is_wanted and not config.getoption("keep_none")
     node_id = _node_id(item)
+    kept_before = config.stash[_SESSION].kept[getattr(item, "originalname", item.name)]
+    is_wanted = bool(config.getoption("keep_all")) or (report.failed and kept_before < _MOST_KEPT)
+    is_kept = is_wanted and not config.getoption("keep_none")
     folder = Path(config.getoption("trial_folder") or config.rootpath / "build" / "obk-test")
     stem = _stem(node_id)
     results = trials.results()
@@ -387,6 +405,7 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
         kept = [(result, "") for result in results]
         if trials.earlier and report.failed:
             kept += [(result, ".first") for result in trials.earlier]
+        config.stash[_SESSION].kept[getattr(item, "originalname", item.name)] += 1
         try:
             for number, (result, ending) in enumerate(kept):
                 place = f".{number % len(results) + 1}" if len(results) > 1 else ""
@@ -444,7 +463,7 @@ def _reason(report: pytest.TestReport) -> str:
     crash = getattr(report.longrepr, "reprcrash", None)
     text = crash.message if crash is not None else str(report.longrepr)
     lines = [line for line in text.splitlines() if line.strip()]
-    return lines[0].removeprefix("AssertionError: ") if lines else report.outcome
+    return re.sub(r"^(AssertionError|Failed): ", "", lines[0]) if lines else report.outcome
 
 
 def _write(path: Path, result: TrialResult, title: str, about: Mapping[str, str]) -> Iterator[str]:

@@ -4,7 +4,10 @@
 each step of the simulator.
 """
 
+import functools
 import hashlib
+import importlib
+import re
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,9 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obelisk_py.core.lockstep.interception import LogEntry
+from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.lockstep.topics import Topic
+from obelisk_py.core.messages import message_name
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.plan.plan import Plan
+from obk_cli.record.recorder import installed_definition
 from obk_cli.ros.field_path import field_steps
 
 __all__ = [
@@ -32,11 +38,14 @@ __all__ = [
     "TrialResult",
 ]
 
+__tracebackhide__ = True
+"""Pytest shows the line of the test, not those in here."""
+
 Array = NDArray[Any]
 Steps = tuple[str | int, ...]
 """Names of fields and places in arrays, outermost first."""
 LogKey = Literal["qpos", "qvel"]
-_NS: Final = 1e-9
+_HALF_NS: Final = 0.5e-9
 _FIRST: Final = -1
 """Place of a state: steps come before the messages of their time."""
 
@@ -168,7 +177,7 @@ class TopicLog:
     @cached_property
     def t(self) -> Array:
         """Times of publication [s], shape `(n,)`."""
-        return np.array([sent_ns for sent_ns, _, _ in self.entries], dtype=np.int64) * _NS
+        return np.array([sent_ns for sent_ns, _, _ in self.entries], dtype=np.int64) / NS_PER_S
 
     @cached_property
     def messages(self) -> Sequence[Any]:
@@ -185,7 +194,7 @@ class TopicLog:
         if "header" not in self.message_class.get_fields_and_field_types():
             raise LookupError(f"the messages of {self.label} have no header")
         stamps = [message.header.stamp for message in self.messages]
-        return np.array([stamp.sec + stamp.nanosec * _NS for stamp in stamps])
+        return np.array([stamp.sec + stamp.nanosec / NS_PER_S for stamp in stamps])
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -255,13 +264,32 @@ class TopicLog:
             help = did_you_mean(str(name), known) or f"it has {', '.join(known) or 'none'}"
             raise AttributeError(f"{where} has no field `{name}`: {help}")
 
+    def unit(self, field: str) -> str | None:
+        """The unit of a field, such as `rad/s`; None if its definition names none.
+
+        Args:
+            field: its path, such as `q_joints` or `pose.position.x`.
+        """
+        message_class, unit = self.message_class, None
+        for name in re.sub(r"\[\d+\]", "", field).split("."):
+            kind = message_class.get_fields_and_field_types().get(name)
+            if kind is None:
+                return None
+            # The vector of a message such as an Imu has the unit, its x has none of its own.
+            unit = _unit_of(message_name(message_class), name) or unit
+            inner = re.search(r"([a-z]\w*)/(\w+)", kind)
+            if inner is not None:
+                module = importlib.import_module(f"{inner[1]}.msg")
+                message_class = getattr(module, inner[2])
+        return unit
+
     def at(self, t: float) -> Any:
         """The newest message at a time [s].
 
         Raises:
             LookupError: none was published by then.
         """
-        place = int(np.searchsorted(self.t, t + _NS / 2, side="right")) - 1
+        place = int(np.searchsorted(self.t, t + _HALF_NS, side="right")) - 1
         if place < 0:
             raise LookupError(f"{self.label}: no message by {t:g} s")
         return self.unpack(self._log[place][2])
@@ -301,6 +329,23 @@ def _numbers(value: Any) -> Iterator[float]:
     elif hasattr(value, "get_fields_and_field_types"):
         for name in value.get_fields_and_field_types():
             yield from _numbers(getattr(value, name))
+
+
+_UNIT: Final = re.compile(r"\[([^\[\]]+)\]")
+
+
+@functools.cache
+def _unit_of(msg_type: str, field: str) -> str | None:
+    """The unit in the comment of a field, `[rad]`; None if it has several or none."""
+    package, _, name = msg_type.split("/")
+    comment: list[str] = []
+    for line in (installed_definition(package, name) or "").splitlines():
+        code, _, text = line.partition("#")
+        if code.split()[1:2] == [field]:
+            units = _UNIT.findall(" ".join([*comment, text]))
+            return str(units[0]) if len(units) == 1 else None
+        comment = [] if code.strip() or not line.strip() else [*comment, text]
+    return None
 
 
 class StateLog:
@@ -393,7 +438,7 @@ class TrialResult:
     @cached_property
     def t(self) -> Array:
         """Times of the states [s], shape `(n,)`."""
-        return np.array(self._require_states().times_ns[: self._count], dtype=np.int64) * _NS
+        return np.array(self._require_states().times_ns[: self._count], dtype=np.int64) / NS_PER_S
 
     @property
     def qpos(self) -> Array:
@@ -451,7 +496,7 @@ class TrialResult:
     def first_difference(self, other: "TrialResult") -> str | None:
         """The place where two runs part, as a sentence; None: they are the same to the bit."""
         found = sorted([*self._state_differences(other), *self._message_differences(other)])
-        return f"{found[0][0] * _NS:.6f} s: {found[0][2]}" if found else None
+        return f"{found[0][0] / NS_PER_S:.6f} s: {found[0][2]}" if found else None
 
     def close_to(
         self, other: "TrialResult | str | Path", *, atol: float, fields: Iterable[str] = ()

@@ -117,7 +117,7 @@ def _field_not_finite(message: Any) -> str | None:
 
 
 def _wrong_rate(name: str, topic: TopicLog | None, rate_hz: float) -> Iterator[str]:
-    times = () if topic is None else topic.t[topic.t > _SETTLED_S]
+    times = () if topic is None else topic.t[topic.t >= _SETTLED_S]
     span_s = DURATION_S - _SETTLED_S
     measured_hz = len(times) / span_s
     # One message more or less is no other rate.

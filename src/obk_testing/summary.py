@@ -116,7 +116,7 @@ def _without_seed(node_id: str) -> str:
 
 
 def _seed(record: TrialRecord) -> str:
-    return "no seed" if record.seed is None else f"seed {record.seed}"
+    return "failed" if record.seed is None else f"seed {record.seed}"
 
 
 def _ratio(record: TrialRecord) -> float | None:

@@ -36,6 +36,9 @@ from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult
 
 __all__ = ["Schedule", "StackTrial"]
 
+__tracebackhide__ = True
+"""Pytest shows the line of the test, not those in here."""
+
 _ANSWER_S: Final = 1.0
 """Simulated time that a service may take to answer a test [s]."""
 _KEYFRAME: Final = "ic_keyframe"
@@ -335,15 +338,16 @@ class StackTrial:
 
     def freeze(self, node: str, duration: float) -> None:
         """Let a node do nothing for some time [s]; what was due meanwhile comes afterwards."""
-        self._log_intervention(f"freeze {node}", duration)
         scheduler, scheduled = self._lockstep.scheduler, self._scheduled(node)
+        self._log_intervention(f"freeze {node}", duration)
         scheduler.freeze(scheduled)
         self.at(self.t + duration, lambda: scheduler.thaw(scheduled))
 
     def kill(self, node: str) -> None:
         """End a node at once, as SIGKILL does."""
+        scheduled = self._scheduled(node)
         self._log_intervention(f"kill {node}")
-        self._lockstep.kill(self._scheduled(node))
+        self._lockstep.kill(scheduled)
 
     def restart(self, node: str, after: float = 0.0) -> None:
         """Kill a node, and make and bring up a new one after some time [s]."""
@@ -387,6 +391,7 @@ class StackTrial:
         """Set a parameter of a node now.
 
         Raises:
+            LookupError: the node has no such parameter.
             LockstepError: the node rejects it; the message has its reason.
         """
         self._log_intervention(f"set `{name}` of {node} to {value!r}")
@@ -483,6 +488,9 @@ class StackTrial:
 
     def _set_parameter(self, name: str, parameter: str, value: Any) -> None:
         node, scheduled = self.nodes[name], self._lockstep.nodes[name]
+        if not node.has_parameter(parameter):
+            near = did_you_mean(parameter, node.list_parameters([], 0).names)
+            raise LookupError(f"{name} has no parameter `{parameter}`: {near}")
         make: Any = Parameter
         setting = make(parameter, value=value)
         results = self._lockstep.scheduler.run_as(

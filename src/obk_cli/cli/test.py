@@ -7,6 +7,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -18,6 +19,7 @@ from obk_cli.cli.config_options import (
     IgnoreOption,
     SetOption,
     make_options,
+    print_findings,
     valid_plan,
 )
 from obk_cli.compiler import compile_config
@@ -113,7 +115,9 @@ def command(
     require_extra("pytest", "test")
     if jobs is not None and jobs > 1:
         require_extra("xdist", "test")
-    plan = valid_plan(compile_config(config, make_options(set_, ignore)), color)
+    outcome = compile_config(config, replace(make_options(set_, ignore), for_test=True))
+    plan = valid_plan(outcome, color)
+    print_findings(outcome.hazards, color)
     folder = Path(config).resolve().parent
     if again is not None:
         tests = [_found_again(again, folder)]
@@ -170,8 +174,15 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
     """
     from obk_cli.process.child_process import run_in_foreground
 
-    with tempfile.TemporaryDirectory(prefix="obk-test-log-") as logs:
-        variables = {**environment, "ROS_LOG_DIR": logs}
+    # What the tests leave in it goes with it, also when workers are killed; pytest's own folders
+    # stay where users look for them.
+    with tempfile.TemporaryDirectory(prefix="obk-test-") as scratch:
+        variables = {
+            "PYTEST_DEBUG_TEMPROOT": tempfile.gettempdir(),
+            **environment,
+            "TMPDIR": scratch,
+            "ROS_LOG_DIR": str(Path(scratch, "log")),
+        }
         code = run_in_foreground([sys.executable, "-m", "pytest", *arguments], variables)
     if code is None:
         return EXIT_INTERRUPTED

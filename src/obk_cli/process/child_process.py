@@ -17,12 +17,15 @@ import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from time import monotonic
 from typing import Final
 
 __all__ = ["BoundChild", "run_in_foreground"]
 
 KILL_S: Final = 5.0
 """How long the kernel may take for a process that was killed [s]."""
+_REPEATED_S: Final = 0.5
+"""Signals closer together are one: a process and its group are often sent the same [s]."""
 
 
 class BoundChild:
@@ -113,19 +116,19 @@ def run_in_foreground(command: Sequence[str], environment: Mapping[str, str]) ->
     """
     from obk_cli.process.signals import handle_end_signals
 
-    received: list[signal.Signals] = []
+    received_s: list[float] = []
 
     def end(number: signal.Signals) -> None:
-        received.append(number)
-        if len(received) > 1:
+        received_s.append(monotonic())
+        if received_s[-1] - received_s[0] > _REPEATED_S:
             child.kill()
-        elif number != signal.SIGINT or not sys.stdin.isatty():
+        elif len(received_s) == 1 and (number != signal.SIGINT or not sys.stdin.isatty()):
             child.send_signal(signal.SIGINT)  # a terminal sends Ctrl-C to the program too
 
     bound = [*_binding(), *command]
     with subprocess.Popen(bound, env=dict(environment)) as child, handle_end_signals(end):
         exit_code = child.wait()
-    return None if received else exit_code
+    return None if received_s else exit_code
 
 
 PR_SET_PDEATHSIG = 1

@@ -202,7 +202,7 @@ def _why(report: pytest.TestReport) -> str:
     """The first line of what a failed test shows."""
     crash = getattr(report.longrepr, "reprcrash", None)
     text = str(report.longrepr) if crash is None else str(crash.message)
-    first = text.strip().partition("\n")[0].removeprefix("AssertionError: ")
+    first = re.sub(r"^(AssertionError|Failed): ", "", text.strip().partition("\n")[0])
     place = f" ({Path(crash.path).name}:{crash.lineno})" if crash is not None else ""
     phase = "" if report.when == "call" else f"{report.when}: "
     return f"{phase}{first}{place}"

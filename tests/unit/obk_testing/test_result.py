@@ -115,6 +115,16 @@ def test_a_joint_by_its_name() -> None:
         log.joint("elbw", "q_joints")
 
 
+def test_units_are_those_of_the_definition() -> None:
+    log = result(topic("/est", estimate(1, 2)))["/est"]
+    assert log.unit("q_joints") == log.unit("q_joints[1]") == "rad or m"
+    assert log.unit("joint_names") is None
+    assert log.unit("nothing") is None
+    assert log.unit("q_base") == "m"
+    assert log.unit("v_base") is None, "two units"
+    assert log.unit("header.stamp.sec") is None
+
+
 def test_the_newest_message_at_a_time() -> None:
     log = result(topic("/x", *numbers(1, 2), times_ms=(10, 20)))["/x"]
     assert log.at(0.015).data == 1

@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.process.child_process import BoundChild
+from obk_cli.process.child_process import BoundChild, run_in_foreground
 from obk_cli.process.signals import freeze, kill, thaw
 from obk_cli.ros.environment import free_domain
 
@@ -46,9 +46,37 @@ def test_a_child_has_a_session_of_its_own_and_is_killed_at_the_close() -> None:
     assert child.exit_code == -signal.SIGKILL
 
 
+def test_a_program_in_the_foreground_gives_its_exit_code() -> None:
+    program = [sys.executable, "-c", "import sys; sys.exit(3)"]
+    assert run_in_foreground(program, os.environ) == 3
+
+
+WAITING = """
+import sys, time
+try:
+    open(sys.argv[1], "w").close()
+    time.sleep(1000)
+except KeyboardInterrupt:
+    open(sys.argv[1] + ".end", "w").close()
+"""
+
+
+def test_a_signal_interrupts_the_program_in_the_foreground(tmp_path: Path) -> None:
+    started = tmp_path / "started"
+
+    def end() -> None:
+        eventually(started.exists, "the start of the program")
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=end).start()
+    program = [sys.executable, "-c", WAITING, str(started)]
+    assert run_in_foreground(program, os.environ) is None
+    assert (tmp_path / "started.end").exists()
+
+
 STARTER = """
 import os, sys, time
-from obk_cli.process.child_process import BoundChild
+from obk_cli.process.child_process import BoundChild, run_in_foreground
 child = BoundChild(["sleep", "60"], os.environ, on_line=print, on_output_end=lambda: None)
 while "sleep" not in open(f"/proc/{child.pid}/cmdline").read().split("\\0")[0]:
     time.sleep(0.01)
