@@ -49,6 +49,8 @@ _LINE_S: Final = 10.0
 """Between two lines of progress where they are not overwritten [s]."""
 _CODE: Final = frozenset({".py"})
 _MODELS: Final = frozenset({".xml", ".mjcf", ".urdf", ".obj", ".stl", ".msh", ".png"})
+_OF_ANY_RUN: Final = ("cores", "system")
+"""What the bits of a run do not depend on."""
 _BUILT: Final = frozenset({"__pycache__", "build", ".git", ".venv"})
 
 
@@ -136,7 +138,8 @@ def run_sweep(request: SweepRequest) -> int:
         try:
             tests = _require_tests(first, request)
             hashes = hashes_of(_inputs(compiled, first.hello.files), Path.cwd())
-            store.require_same_inputs({**hashes, **installed_sources()})
+            versions = {name: text for name, text in machine().items() if name not in _OF_ANY_RUN}
+            store.require_same_inputs({**hashes, **installed_sources(), **versions})
             cases = make_cases(
                 tests,
                 seeds=request.seeds,
@@ -197,7 +200,7 @@ def _require_tests(worker: WorkerProcess, request: SweepRequest) -> tuple[FoundT
         )
     if hello.left_out:
         count = with_number(hello.left_out, "test")
-        print(f"without {count} that do not take `stack`", file=sys.stderr)
+        print(f"without {count} that do not use `stack`", file=sys.stderr)
     return hello.tests
 
 
@@ -234,7 +237,7 @@ def _run(
     """Run the cases without a result; whether all of them have ended."""
     rows = store.rows()
     pending = [case for case in cases if case.key not in rows]
-    bad = sum(row.outcome in ("failed", "died") for row in rows.values())
+    bad = sum(rows[case.key].is_bad for case in cases if case.key in rows)
     done = len(cases) - len(pending)
     if done:
         print(f"continuing: {done} of {with_number(len(cases), 'case')} done", file=sys.stderr)
@@ -247,7 +250,7 @@ def _run(
         with _engine(request, config, store.scratch, first, cases[0]) as engine:
             for placed in engine.map(pending):
                 store.add(by_key[placed.row.key], placed.row)
-                progress.add(is_bad=placed.row.outcome in ("failed", "died"))
+                progress.add(is_bad=placed.row.is_bad)
                 if placed.note and placed.note not in seen:
                     seen.add(placed.note)
                     store.add_note(placed.note)

@@ -105,6 +105,11 @@ class Row:
     """Wall time [s]."""
     worker: str = ""
 
+    @property
+    def is_bad(self) -> bool:
+        """Whether the case failed or could not be run."""
+        return self.outcome in ("failed", "died")
+
     def data(self) -> dict[str, Any]:
         """The row for JSON."""
         return asdict(self)

@@ -208,7 +208,7 @@ def _worst(summary: Summary) -> Iterator[str]:
         return
     yield "<h2>Worst cases</h2>"
     for result, reason in worst:
-        kind = "bad" if result.is_bad else "dim"
+        kind = "bad" if result.row.is_bad else "dim"
         yield f'<div class="card"><h3>{escape(result.case.test)}</h3>'
         yield f"<p>{escape(result.title)}: <span class={kind}>{escape(reason)}</span></p>"
         if result.row.why:
@@ -217,7 +217,7 @@ def _worst(summary: Summary) -> Iterator[str]:
             values = ", ".join(f"{name} = {_shown(v)}" for name, v in result.row.metrics.items())
             yield f'<p class="dim">{escape(values)}</p>'
         yield f"<pre>{escape(summary.rerun_command(result.case))}</pre></div>"
-    hidden = len(summary.bad) - sum(result.is_bad for result, _ in worst)
+    hidden = len(summary.bad) - sum(result.row.is_bad for result, _ in worst)
     if hidden > 0:
         yield f'<p class="dim">{with_number(hidden, "more failed case")} in sweep.sqlite</p>'
 

@@ -26,11 +26,6 @@ class Result:
     row: Row
 
     @property
-    def is_bad(self) -> bool:
-        """Whether the case failed or could not be run."""
-        return self.row.outcome in _BAD
-
-    @property
     def title(self) -> str:
         """What sets the case apart from others of its test."""
         seed = () if self.case.seed is None else (f"seed {self.case.seed}",)
