@@ -21,7 +21,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help setup demo test test-unit test-slow check golden docs bench clean
 .PHONY: lock audit wheel release
 .PHONY: $(addprefix docs-,pages pictures site)
-.PHONY: $(addprefix bench-,all loop tool launches simulator looking summary soak soak-short fuzz)
+.PHONY: $(addprefix bench-,all loop tool launches simulator looking lockstep summary soak soak-short fuzz)
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -37,7 +37,7 @@ make golden      rewrite the expected outputs of the tests
 make docs        rewrite the generated pages and pictures
                    PART=pictures  pictures of a running stack too; PART=site  pages without a network
 make bench       all benchmarks with a goal; GO_ON=1, PARTS="loop tool", QUICK=1
-                   PART=loop|tool|launches|simulator|looking|summary  one, with all its rounds
+                   PART=loop|tool|launches|simulator|looking|lockstep|summary  one, with all its rounds
                    PART=soak|soak-short|fuzz                          SECONDS=60
 make clean       remove the environment and everything built
 
@@ -112,7 +112,7 @@ bench-all: setup $(PEER)
 endif
 
 # One part and its whole: more rounds than in `make bench`, an hour of the simulator's time.
-bench-loop bench-launches bench-simulator: bench-%: setup
+bench-loop bench-launches bench-simulator bench-lockstep: bench-%: setup
 	$(BIN)/python -m benchmarks.$*
 
 bench-tool: setup $(PEER)

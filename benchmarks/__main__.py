@@ -52,6 +52,7 @@ PROGRAMS: Final = (
         words=("benchmarks.simulator", "--only", "cost", "realtime"),
         minutes=2.0,
     ),
+    Program(name="lockstep", words=("benchmarks.lockstep",), minutes=2.5),
     Program(name="loop", words=("benchmarks.loop",), minutes=26.0),
 )
 

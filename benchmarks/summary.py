@@ -253,6 +253,57 @@ GOALS: Final = (
         figure=at("launches", "up_s", "median"),
     ),
     Goal(what="its end", most=1.0, unit=" s", figure=at("launches", "down_s", "median")),
+    Goal(
+        what="lock-step run of the dummy, everything recorded",
+        least=14,
+        unit=" x real time",
+        figure=at("lockstep", "factors", "dummy", "best"),
+    ),
+    Goal(
+        what="the same, of the arm",
+        least=9,
+        unit=" x real time",
+        figure=at("lockstep", "factors", "arm", "best"),
+    ),
+    Goal(
+        what="the same, of the quadruped",
+        least=4.5,
+        unit=" x real time",
+        figure=at("lockstep", "factors", "quadruped", "best"),
+    ),
+    Goal(
+        what="the same, of 31 nodes at 1 kHz",
+        least=1.9,
+        unit=" x real time",
+        figure=at("lockstep", "factors", "many", "best"),
+    ),
+    Goal(
+        what="5 s trials of the dummy per minute",
+        least=130,
+        figure=at("lockstep", "trials", "dummy", "per_minute"),
+    ),
+    Goal(
+        what="the same, of the arm",
+        least=90,
+        figure=at("lockstep", "trials", "arm", "per_minute"),
+    ),
+    Goal(
+        what="the same, of the quadruped",
+        least=48,
+        figure=at("lockstep", "trials", "quadruped", "per_minute"),
+    ),
+    Goal(
+        what="start of a further trial",
+        most=60,
+        unit=" ms",
+        figure=at("lockstep", "start", "further_ms"),
+    ),
+    Goal(
+        what="memory of 200 trials of the arm",
+        most=220,
+        unit=" MB",
+        figure=at("lockstep", "memory", "most_mb"),
+    ),
 )
 
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from obk_cli.files import write_bytes
 from obk_cli.record.plot import DPI, HEIGHT_IN, MOST_LINES, MOST_NAMED, WIDTH_IN
-from obk_testing.result import Array, TrialResult
+from obk_testing.result import TrialResult
+from obk_testing.topic_log import Array
 
 __all__ = ["Signal", "draw_trial", "is_drawable", "signals_of"]
 

@@ -24,11 +24,19 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import pytest  # noqa: E402
+from rclpy.logging import LoggingSeverity, set_logger_level  # noqa: E402
 
 from obelisk_py.core.lockstep.interception import intercepted  # noqa: E402
 from obelisk_py.core.lockstep.scheduler import LockstepError  # noqa: E402
 from obk_cli.errors import CommandFailedError  # noqa: E402
 from obk_cli.plan.plan import Plan  # noqa: E402
+from obk_testing.kept_trials import (  # noqa: E402
+    account_of,
+    failure_reason,
+    file_stem,
+    node_id_of,
+    write_trial,
+)
 from obk_testing.programs import LoadedStack, LoadedStacks  # noqa: E402
 from obk_testing.result import TrialResult  # noqa: E402
 from obk_testing.summary import TrialRecord, record_of, summary_lines  # noqa: E402
@@ -37,13 +45,8 @@ from obk_testing.trial import Schedule, StackTrial  # noqa: E402
 __all__ = ["StartStack", "describe_check", "given_plan", "trials_of"]
 
 _SCHEDULE: Final = ("latency", "jitter", "phases", "compute", "bring_up")
-_SHOWN_LOG: Final = 10
-"""Log entries of a failed trial that its report shows."""
-_WARNING: Final = 30
-_LONGEST_NAME: Final = 120
 _MOST_KEPT: Final = 10
 """Failures of one test that each process records; the others can be repeated."""
-_SMOKE: Final = "smoke"
 
 
 class StartStack(Protocol):
@@ -172,6 +175,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if threading.current_thread() is threading.main_thread():
         # As Ctrl-C does, so that nothing is left behind.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Nodes of several trials have the same names; in lock-step /rosout takes another way.
+    set_logger_level("rcl.logging_rosout", LoggingSeverity.ERROR)
     session = config.stash[_SESSION] = _Session()
     session.patches.enter_context(intercepted())
     config.pluginmanager.register(_Reports(session), "obk_reports")
@@ -215,9 +220,13 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
         overrides=config.getoption("stack_set"),
         duration_s=perf_counter() - session.begin_s,
         processes=int(config.getoption("numprocesses", None) or 1),
+        twice=config.getoption("twice"),
     )
     for line in lines:
         terminalreporter.line(line)
+    seeds = str(config.getoption("seeds"))
+    if seeds != "1" and not any("seed" in record.node_id for record in session.records):
+        terminalreporter.line(f"note: `--seeds {seeds}` has no effect: no test takes `seed`")
 
 
 def _seeds(config: pytest.Config) -> Sequence[int]:
@@ -345,7 +354,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, o
     second_error = _error_of(pyfuncitem.obj, {name: pyfuncitem.funcargs[name] for name in names})
     difference = _first_difference(trials.earlier, trials.results())
     if difference is not None:
-        pytest.fail(f"a second run of this test differs, first at {difference}", pytrace=False)
+        pytest.fail(f"a second run of this test differs: {difference}", pytrace=False)
     if (first_error is None) != (second_error is None):
         pytest.fail(
             f"one of two runs with the same trials fails: {first_error or second_error}",
@@ -366,11 +375,15 @@ def _error_of(call: Callable[..., object], arguments: Mapping[str, Any]) -> Exce
 
 def _first_difference(one: Sequence[TrialResult], two: Sequence[TrialResult]) -> str | None:
     if len(one) != len(two):
-        return f"the number of trials: {len(one)} and {len(two)}"
+        return f"{len(one)} and {len(two)} trials"
     for number, (first, second) in enumerate(zip(one, two, strict=True)):
         difference = first.first_difference(second)
         if difference is not None:
-            return difference if len(one) == 1 else f"{difference} of trial {number + 1}"
+            return (
+                f"first at {difference}"
+                if len(one) == 1
+                else (f"trial {number + 1}, first at {difference}")
+            )
     return None
 
 
@@ -389,32 +402,32 @@ def pytest_runtest_makereport(
 
 def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None:
     config = item.config
-    node_id = _node_id(item)
-    kept_before = config.stash[_SESSION].kept[getattr(item, "originalname", item.name)]
-    is_wanted = bool(config.getoption("keep_all")) or (report.failed and kept_before < _MOST_KEPT)
+    node_id = node_id_of(item)
+    kept_before, name = config.stash[_SESSION].kept, getattr(item, "originalname", item.name)
+    is_new = report.failed and kept_before[name] < _MOST_KEPT
+    is_wanted = is_new or bool(config.getoption("keep_all"))
     is_kept = is_wanted and not config.getoption("keep_none")
     folder = Path(config.getoption("trial_folder") or config.rootpath / "build" / "obk-test")
-    stem = _stem(node_id)
+    stem = file_stem(item)
     results = trials.results()
-    reason = _reason(report)
+    reason = failure_reason(report)
     for old in [*folder.glob(f"{stem}.*")]:
         old.unlink()
     files: list[str] = []
     if is_kept:
         about = {"test": node_id, "outcome": report.outcome, "reason": reason}
-        kept = [(result, "") for result in results]
-        if trials.earlier and report.failed:
-            kept += [(result, ".first") for result in trials.earlier]
-        config.stash[_SESSION].kept[getattr(item, "originalname", item.name)] += 1
+        kept_before[name] += 1
         try:
-            for number, (result, ending) in enumerate(kept):
-                place = f".{number % len(results) + 1}" if len(results) > 1 else ""
-                path = folder / f"{stem}{place}{ending}.mcap"
-                files += _write(path, result, f"{node_id}, seed {result.seed}: {reason}", about)
+            for ending, kept in (("", results), (".first", trials.earlier)):
+                for number, result in enumerate(kept):
+                    place = f".{number + 1}" if len(kept) > 1 else ""
+                    path = folder / f"{stem}{place}{ending}.mcap"
+                    title = f"{node_id}, seed {result.seed}: {reason}"
+                    files += write_trial(path, result, title, about)
         except (CommandFailedError, OSError) as error:
             report.sections.append(("trials", f"the recording cannot be written: {error}"))
     if report.failed:
-        report.sections += [("trial", "\n".join(_account(result))) for result in results]
+        report.sections += [("trial", "\n".join(account_of(result))) for result in results]
     seeds = [trial.seed for trial in trials.started]
     callspec = getattr(item, "callspec", None)
     seed = callspec.params.get("seed") if callspec is not None else None
@@ -432,61 +445,3 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
     )
     item.user_properties.append(record.as_property())
     report.user_properties.append(record.as_property())
-
-
-def _node_id(item: pytest.Item) -> str:
-    """The id by which the test can be run from the folder of this run."""
-    if item.path.parent == Path(__file__).parent and item.path.stem == _SMOKE:
-        return item.name.replace("test_", "", 1)
-    path = os.path.relpath(item.path, item.config.invocation_params.dir)
-    return "::".join([path, *item.nodeid.split("::")[1:]])
-
-
-def _stem(node_id: str) -> str:
-    """The name of the files of a test."""
-    path, *names = node_id.split("::")
-    words = [Path(path).stem, *names] if names else [path]
-    text = re.sub(r"[^\w=]+", "-", "-".join(words)).strip("-")
-    return text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}-{_short_hash(text)}"
-
-
-def _short_hash(text: str) -> str:
-    import hashlib
-
-    return hashlib.sha256(text.encode()).hexdigest()[:8]
-
-
-def _reason(report: pytest.TestReport) -> str:
-    """Why a test failed, in one line."""
-    if not report.failed:
-        return ""
-    crash = getattr(report.longrepr, "reprcrash", None)
-    text = crash.message if crash is not None else str(report.longrepr)
-    lines = [line for line in text.splitlines() if line.strip()]
-    return re.sub(r"^(AssertionError|Failed): ", "", lines[0]) if lines else report.outcome
-
-
-def _write(path: Path, result: TrialResult, title: str, about: Mapping[str, str]) -> Iterator[str]:
-    """Write the recording and, if it can be drawn, the picture of a trial; yields their paths."""
-    from obk_testing.plot import draw_trial, is_drawable
-    from obk_testing.recording import write_recording
-
-    looked_at = dict(result.facts.looked_at)
-    write_recording(path, result, about)
-    yield os.path.relpath(path)
-    result.facts.looked_at.clear()
-    result.facts.looked_at.update(looked_at)
-    picture = path.with_suffix(".png")
-    if is_drawable() and draw_trial(result, title, picture):
-        yield os.path.relpath(picture)
-
-
-def _account(result: TrialResult) -> Iterator[str]:
-    """The lines about a trial in the report of a failed test."""
-    yield f"{result.facts.plan.name}, seed {result.seed}, {result.duration_s:g} s simulated"
-    yield from (f"{one.t:.3f} s: {one.text}" for one in result.facts.interventions)
-    yield from (f"fault: {fault}" for fault in result.faults)
-    yield from (f"note: {note}" for note in result.notes)
-    warnings = [entry for entry in result.log if entry.severity >= _WARNING]
-    for entry in warnings[-_SHOWN_LOG:]:
-        yield f"{entry.time_ns * 1e-9:.4f} s: {entry.name}: {entry.text}"

@@ -6,6 +6,7 @@ they asked for, so no attribute of a node passes from one trial to the next.
 """
 
 import copy
+import ctypes
 import gc
 import os
 import shutil
@@ -28,6 +29,7 @@ from obelisk_py.core.composition import (
     set_log_levels,
 )
 from obelisk_py.core.lifecycle import node_arguments
+from obelisk_py.core.lockstep.interception import refuse_plain_nodes
 from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
 from obelisk_spec.values import ParameterValue
 from obk_cli.compiler import Options, Outcome, compile_config
@@ -39,8 +41,9 @@ from obk_cli.plan.plan import Plan, Process
 from obk_cli.report import report_text
 from obk_cli.workspace.package_index import PackageIndex
 
-__all__ = ["LoadedStack", "LoadedStacks", "compile_stack"]
+__all__ = ["LoadedStack", "LoadedStacks", "compile_stack", "load_stack"]
 
+_TRIALS_OF_A_PARTICIPANT: Final = 20
 _NOT_FOR_TESTS: Final = {"viewer": "none", "render": ""}
 """Parameters of the simulator that open windows or write files."""
 
@@ -54,6 +57,8 @@ class CompiledStack:
     packages: PackageIndex
     environment: Environment | None
     """The packages and models that were looked up."""
+    unclear_robots: frozenset[str] = frozenset()
+    """Robots, by full name, of which the config does not say whether they are hardware."""
 
 
 def compile_stack(
@@ -91,11 +96,17 @@ def compile_stack(
     left_out = _full_names(outcome.plan, without)
     nodes = tuple(each for each in outcome.plan.processes if each.full_name not in left_out)
     packages = PackageIndex.around(config.parent, Path.cwd(), dict(os.environ))
+    unclear = frozenset(
+        robot.full_name
+        for robot in outcome.config.section("robot")
+        if robot.is_simulated is None and not robot.runs_simulation
+    )
     return CompiledStack(
         config=config,
         plan=replace(outcome.plan, processes=nodes),
         packages=packages,
         environment=outcome.environment,
+        unclear_robots=unclear,
     )
 
 
@@ -164,6 +175,73 @@ def _replaced(arguments: Sequence[str], old: str, new: str) -> tuple[str, ...]:
     return tuple(new if argument == old else argument for argument in arguments)
 
 
+class Participant:
+    """DDS's participant of this process, which takes longer to make than the nodes of a trial.
+
+    It grows with every node that it has had, so a new one takes its place now and then.
+    """
+
+    def __init__(self) -> None:
+        """Make none yet."""
+        self._stacks = self._trials = self._trials_since = 0
+        self._owns_context = False
+        self._keeper: Any = None
+
+    def open(self) -> None:
+        """Make it for the first stack."""
+        if not rclpy.ok():
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            self._owns_context = True
+        self._stacks += 1
+        if self._keeper is None:
+            self._make()
+
+    def close(self) -> None:
+        """Destroy it after the last stack."""
+        self._stacks -= 1
+        if self._stacks == 0:
+            self._destroy()
+            if self._owns_context:
+                rclpy.try_shutdown()
+            self._owns_context = False
+
+    def enter(self) -> None:
+        """Keep it during a trial."""
+        self._trials += 1
+        self._trials_since += 1
+
+    def leave(self) -> None:
+        """End a trial; perhaps make a new participant."""
+        self._trials -= 1
+        if self._trials == 0 and self._trials_since >= _TRIALS_OF_A_PARTICIPANT:
+            self._destroy()
+            _return_memory()
+            self._make()
+
+    def _make(self) -> None:
+        # With its first node; it goes with the last.
+        self._keeper = rclpy.create_node(
+            "obk_test", start_parameter_services=False, enable_rosout=False
+        )
+        self._trials_since = 0
+
+    def _destroy(self) -> None:
+        self._keeper.destroy_node()
+        self._keeper = None
+        gc.collect()
+
+
+def _return_memory() -> None:
+    """Return what the C library keeps of freed memory, if it is glibc."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
+
+
+_participant: Final = Participant()
+"""One for the process, as rclpy's context is."""
+
+
 class LoadedStack:
     """The programs of a config; makes the nodes of its trials."""
 
@@ -178,34 +256,40 @@ class LoadedStack:
         self.config = compiled.config
         self.environment = compiled.environment
         self._is_variant = False
+        self.participant = _participant
+        self.unclear_robots = compiled.unclear_robots
         self.nodes: list[LoadedNode] = []
         self._ready, self._over = threading.Event(), threading.Event()
         self._error: BaseException | None = None
+        self._thread: threading.Thread | None = None
         self._resources = ExitStack()
-        if not rclpy.ok():
-            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        with ExitStack() as failed:
+            failed.callback(self.close)
+            self._load(compiled)
+            failed.pop_all()
+        gc.collect()
+        gc.freeze()  # what is loaded now need not be looked through after each trial
+
+    def _load(self, compiled: CompiledStack) -> None:
+        self.participant.open()
+        self._resources.callback(self.participant.close)
         programs = self._programs(compiled)
         arguments = sys.argv
         self._thread = threading.Thread(
             target=self._run_all, args=[programs], name="programs", daemon=True
         )
-        self._thread.start()
-        self._ready.wait()
+        with refuse_plain_nodes():
+            self._thread.start()
+            self._ready.wait()
         sys.argv = arguments  # each program has its own until it waits
         if self._error is not None:
             raise self._error
-        # Keeps DDS's participant, which takes longer to make than all nodes of a trial.
-        self._keeper: Any = rclpy.create_node(
-            "obk_test", start_parameter_services=False, enable_rosout=False
-        )
-        gc.collect()
-        gc.freeze()  # what is loaded now need not be looked through after each trial
 
     def close(self) -> None:
         """Let the programs end."""
         self._over.set()
-        self._thread.join(5.0)
-        self._keeper.destroy_node()
+        if self._thread is not None:
+            self._thread.join(5.0)
         self._resources.close()
 
     def with_parameters(self, plan: Plan) -> "LoadedStack":
@@ -311,6 +395,13 @@ def _for_tests(node: Process) -> Process:
         return node
     parameters: Mapping[str, ParameterValue] = {**node.parameters, **_NOT_FOR_TESTS}
     return replace(node, parameters=parameters)
+
+
+def load_stack(
+    config: Path, overrides: Sequence[str] = (), *, without: Iterable[str] = ()
+) -> LoadedStack:
+    """Compile and load a config; the arguments and errors are those of `compile_stack`."""
+    return LoadedStack(compile_stack(config, overrides, without=without))
 
 
 _MOST_VARIANTS: Final = 8

@@ -23,7 +23,8 @@ from obk_cli.record.mcap_reader import messages_of
 from obk_cli.record.mcap_writer import BagWriter
 from obk_cli.record.plot import resolve_topic
 from obk_cli.record.recorder import installed_definition, schema_text
-from obk_testing.result import Array, StateLog, TrialResult
+from obk_testing.result import StateLog, TrialResult
+from obk_testing.topic_log import Array
 
 __all__ = ["STATE_TOPIC", "read_signals", "write_recording"]
 

@@ -4,36 +4,27 @@
 each step of the simulator.
 """
 
-import functools
 import hashlib
-import importlib
-import re
-from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import islice
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from obelisk_py.core.lockstep.interception import LogEntry
 from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.lockstep.topics import Topic
-from obelisk_py.core.messages import message_name
 from obelisk_spec.suggestions import did_you_mean
+from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan
-from obk_cli.record.recorder import installed_definition
-from obk_cli.ros.field_path import field_steps
+from obk_testing.topic_log import Array, TopicLog
 
 __all__ = [
     "Comparison",
-    "FieldLog",
     "Intervention",
     "StateLog",
-    "TopicLog",
     "TrialFacts",
     "TrialResult",
 ]
@@ -41,11 +32,6 @@ __all__ = [
 __tracebackhide__ = True
 """Pytest shows the line of the test, not those in here."""
 
-Array = NDArray[Any]
-Steps = tuple[str | int, ...]
-"""Names of fields and places in arrays, outermost first."""
-LogKey = Literal["qpos", "qvel"]
-_HALF_NS: Final = 0.5e-9
 _FIRST: Final = -1
 """Place of a state: steps come before the messages of their time."""
 
@@ -87,265 +73,6 @@ class Comparison:
 
     def __repr__(self) -> str:
         return self.difference or "the runs agree"
-
-
-class FieldLog:
-    """A field of messages that is itself a message; its fields are attributes.
-
-    As an array, it has a row for each message and a column for each of its numbers.
-    """
-
-    def __init__(self, log: "TopicLog", steps: Steps, values: Sequence[Any]) -> None:
-        """Take the values of the field, one for each message."""
-        self._log = log
-        self._steps = steps
-        self._values = values
-
-    def __repr__(self) -> str:
-        return f"<{self._log.label}.{_path(self._steps)}: {len(self)} messages>"
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def __iter__(self) -> Iterator[Any]:
-        return iter(self._values)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        del copy
-        return np.array([list(_numbers(value)) for value in self._values], dtype or float)
-
-    def __getitem__(self, place: Any) -> Any:
-        return np.asarray(self)[place]
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return self._log.field((*self._steps, name))
-
-
-class TopicLog:
-    """The messages of one topic; `messages.q_joints` is an array with a row for each.
-
-    A field of a field is `messages.pose.position.x` or `messages["pose.position.x"]`. The second
-    form also reads fields that are called as something here, such as `t` or `at`.
-    """
-
-    def __init__(
-        self,
-        label: str,
-        message_class: type[Any],
-        log: Sequence[tuple[int, int, bytes]],
-        unpack: Callable[[bytes], Any],
-        on_look: Callable[[tuple[str, ...]], None] = lambda _: None,
-    ) -> None:
-        """Take the messages of a topic.
-
-        Args:
-            label: name of the topic.
-            message_class: of its messages.
-            log: time of publication [ns], place among all messages, and bytes; what is added
-                later is left out.
-            unpack: bytes -> message.
-            on_look: called with topic and field when a field is read.
-        """
-        self.label = label
-        self.message_class = message_class
-        self.unpack = unpack
-        self._log = log
-        self._count = len(log)
-        self._on_look = on_look
-
-    @classmethod
-    def of(cls, topic: Topic, on_look: Callable[[tuple[str, ...]], None]) -> "TopicLog":
-        """What a topic has logged so far."""
-        return cls(topic.label, topic.message_class, topic.log or (), topic.codec.unpack, on_look)
-
-    def __repr__(self) -> str:
-        return f"<{self.label}: {self._count} messages>"
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __iter__(self) -> Iterator[Any]:
-        return iter(self.messages)
-
-    @cached_property
-    def entries(self) -> Sequence[tuple[int, int, bytes]]:
-        """Time of publication [ns], place among all messages of the run, bytes."""
-        return tuple(islice(self._log, self._count))
-
-    @cached_property
-    def t(self) -> Array:
-        """Times of publication [s], shape `(n,)`."""
-        return np.array([sent_ns for sent_ns, _, _ in self.entries], dtype=np.int64) / NS_PER_S
-
-    @cached_property
-    def messages(self) -> Sequence[Any]:
-        """The messages."""
-        return tuple(self.unpack(data) for _, _, data in self.entries)
-
-    @cached_property
-    def stamps(self) -> Array:
-        """Times in the headers of the messages [s], shape `(n,)`.
-
-        Raises:
-            LookupError: the messages have no header.
-        """
-        if "header" not in self.message_class.get_fields_and_field_types():
-            raise LookupError(f"the messages of {self.label} have no header")
-        stamps = [message.header.stamp for message in self.messages]
-        return np.array([stamp.sec + stamp.nanosec / NS_PER_S for stamp in stamps])
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return self.field((name,))
-
-    def __getitem__(self, path: str) -> Any:
-        """A field by its path, such as `pose.position.x` or `ranges[0]`.
-
-        Raises:
-            LookupError: the messages have no such field.
-        """
-        steps = field_steps(f".{path}")
-        if not steps:
-            raise LookupError(f"`{path}` is no field: expected such as pose.position or ranges[0]")
-        try:
-            return self.field(steps)
-        except AttributeError as error:
-            raise LookupError(str(error)) from error
-
-    def field(self, steps: Steps) -> Any:
-        """The values of a field.
-
-        Args:
-            steps: names and places in arrays, outermost first.
-
-        Returns:
-            An array with a row for each message; for a field that is itself a message, a
-            `FieldLog`.
-
-        Raises:
-            AttributeError: the messages have no such field.
-            LookupError: an array of a message is shorter, or its length varies.
-        """
-        self._on_look((self.label, _path(steps)))
-        values: list[Any] = list(self.messages)
-        if not values:
-            self._require(self.message_class, steps[0], ())
-        for number, step in enumerate(steps):
-            if isinstance(step, int):
-                values = [self._item(value, step, steps[:number]) for value in values]
-            elif values:
-                self._require(type(values[0]), step, steps[:number])
-                values = [getattr(value, step) for value in values]
-        if values and hasattr(type(values[0]), "get_fields_and_field_types"):
-            return FieldLog(self, steps, values)
-        try:
-            return np.array(values)
-        except ValueError as error:
-            raise LookupError(
-                f"{self.label}: the length of `{_path(steps)}` varies, so it is no array; read it "
-                "from `.messages`"
-            ) from error
-
-    def _item(self, value: Any, place: int, steps: Steps) -> Any:
-        if isinstance(value, str) or not hasattr(value, "__getitem__"):
-            raise AttributeError(f"{self.label}: `{_path(steps)}` is no array")
-        if place >= len(value):
-            raise LookupError(f"{self.label}: `{_path(steps)}` has only {len(value)} items")
-        return value[place]
-
-    def _require(self, kind: type[Any], name: str | int, before: Steps) -> None:
-        find = getattr(kind, "get_fields_and_field_types", None)
-        known = list(find()) if find is not None else []
-        if name not in known:
-            where = f"`{_path(before)}` of {self.label}" if before else self.label
-            help = did_you_mean(str(name), known) or f"it has {', '.join(known) or 'none'}"
-            raise AttributeError(f"{where} has no field `{name}`: {help}")
-
-    def unit(self, field: str) -> str | None:
-        """The unit of a field, such as `rad/s`; None if its definition names none.
-
-        Args:
-            field: its path, such as `q_joints` or `pose.position.x`.
-        """
-        message_class, unit = self.message_class, None
-        for name in re.sub(r"\[\d+\]", "", field).split("."):
-            kind = message_class.get_fields_and_field_types().get(name)
-            if kind is None:
-                return None
-            # The vector of a message such as an Imu has the unit, its x has none of its own.
-            unit = _unit_of(message_name(message_class), name) or unit
-            inner = re.search(r"([a-z]\w*)/(\w+)", kind)
-            if inner is not None:
-                module = importlib.import_module(f"{inner[1]}.msg")
-                message_class = getattr(module, inner[2])
-        return unit
-
-    def at(self, t: float) -> Any:
-        """The newest message at a time [s].
-
-        Raises:
-            LookupError: none was published by then.
-        """
-        place = int(np.searchsorted(self.t, t + _HALF_NS, side="right")) - 1
-        if place < 0:
-            raise LookupError(f"{self.label}: no message by {t:g} s")
-        return self.unpack(self._log[place][2])
-
-    def joint(self, name: str, field: str) -> Array:
-        """A field of one joint, by the names in the messages, shape `(n,)`.
-
-        Args:
-            name: of the joint.
-            field: an array with an item for each joint, such as `q_joints`.
-
-        Raises:
-            LookupError: the messages name no such joint.
-            AttributeError: they have no such field.
-        """
-        first = self.messages[0] if len(self) else None
-        names = list(getattr(first, "joint_names", ()) or getattr(first, "name", ()))
-        if name not in names:
-            help = did_you_mean(name, names) or f"they name {', '.join(names) or 'none'}"
-            raise LookupError(f"the messages of {self.label} name no joint `{name}`: {help}")
-        column: Array = self[f"{field}[{names.index(name)}]"]
-        return column
-
-
-def _path(steps: Steps) -> str:
-    text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps)
-    return text.removeprefix(".")
-
-
-def _numbers(value: Any) -> Iterator[float]:
-    """The numbers in a message, those of arrays too, in its order."""
-    if isinstance(value, bool | int | float | np.number):
-        yield float(value)
-    elif isinstance(value, np.ndarray | array | list | tuple):
-        for item in value:
-            yield from _numbers(item)
-    elif hasattr(value, "get_fields_and_field_types"):
-        for name in value.get_fields_and_field_types():
-            yield from _numbers(getattr(value, name))
-
-
-_UNIT: Final = re.compile(r"\[([^\[\]]+)\]")
-
-
-@functools.cache
-def _unit_of(msg_type: str, field: str) -> str | None:
-    """The unit in the comment of a field, `[rad]`; None if it has several or none."""
-    package, _, name = msg_type.split("/")
-    comment: list[str] = []
-    for line in (installed_definition(package, name) or "").splitlines():
-        code, _, text = line.partition("#")
-        if code.split()[1:2] == [field]:
-            units = _UNIT.findall(" ".join([*comment, text]))
-            return str(units[0]) if len(units) == 1 else None
-        comment = [] if code.strip() or not line.strip() else [*comment, text]
-    return None
 
 
 class StateLog:
@@ -513,8 +240,7 @@ class TrialResult:
             True in a condition if they agree; shown as the greatest difference otherwise.
 
         Raises:
-            LookupError: a run lacks a field or the states.
-            CommandFailedError: the file cannot be read.
+            LookupError: a run lacks a field or the states, or the file cannot be read.
         """
         names = tuple(fields)
         if isinstance(other, TrialResult):
@@ -523,7 +249,11 @@ class TrialResult:
             from obk_testing.recording import read_signals
 
             width = None if self.states is None else self._qpos.shape[1]
-            theirs = read_signals(Path(other), names, positions=width)
+            try:
+                theirs = read_signals(Path(other), names, positions=width)
+            except CommandFailedError as error:
+                help = "`obk test --keep-all` leaves recordings of tests that pass"
+                raise LookupError(f"{error.message}\n  help: {error.help or help}") from None
         for name, (t, mine) in self.signals(names).items():
             difference = _compare(name, t, mine, theirs[name][1], atol)
             if difference is not None:

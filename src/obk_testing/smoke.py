@@ -14,7 +14,8 @@ import pytest
 
 from obk_cli.plan.plan import Plan
 from obk_testing.plugin import StartStack, describe_check
-from obk_testing.result import TopicLog, TrialResult
+from obk_testing.result import TrialResult
+from obk_testing.topic_log import TopicLog
 
 DURATION_S: Final = 5.0
 _SETTLED_S: Final = 1.0

@@ -57,20 +57,24 @@ def record_of(report: Any) -> TrialRecord | None:
     return msgspec.json.decode(texts[-1], type=TrialRecord) if texts else None
 
 
-def rerun_command(config: str | None, overrides: Sequence[str], node_id: str) -> str:
+def rerun_command(
+    config: str | None, overrides: Sequence[str], node_id: str, *, twice: bool = False
+) -> str:
     """The command that repeats a test.
 
     Args:
         config: as `obk test` was called with; None: pytest was called.
         overrides: `--set` options.
         node_id: of the test.
+        twice: whether `--twice` was given.
     """
+    options = ("--twice",) if twice else ()
     if config is None:
-        seed = re.search(r"seed(\d+)", node_id.partition("[")[2])
+        seed = re.search(r"\bseed(\d+)\b", node_id.partition("[")[2])
         seeds = ("--seeds", f"={seed[1]}") if seed else ()
-        return shlex.join(["pytest", "-p", "obk_testing.plugin", *seeds, node_id])
+        return shlex.join(["pytest", "-p", "obk_testing.plugin", *options, *seeds, node_id])
     settings = (word for setting in overrides for word in ("--set", setting))
-    return shlex.join(["obk", "test", config, *settings, "--again", node_id])
+    return shlex.join(["obk", "test", config, *settings, *options, "--again", node_id])
 
 
 def summary_lines(
@@ -80,6 +84,7 @@ def summary_lines(
     overrides: Sequence[str],
     duration_s: float,
     processes: int,
+    twice: bool = False,
 ) -> Iterator[str]:
     """The lines of a summary.
 
@@ -89,6 +94,7 @@ def summary_lines(
         overrides: `--set` options.
         duration_s: of the whole test run.
         processes: that ran tests side by side.
+        twice: whether `--twice` was given.
     """
     tests: defaultdict[str, list[TrialRecord]] = defaultdict(list)
     for record in records:
@@ -100,7 +106,8 @@ def summary_lines(
         yield f"{plain(name):<{width}}  {passed} of {len(trials)}{_worst(failed)}"
         yield from (f"  {plain(record.checked)}" for record in trials if record.checked)
         for record in failed[:_MOST_SHOWN]:
-            yield from _failure(record, config, overrides)
+            again = rerun_command(config, overrides, record.node_id, twice=twice)
+            yield from _failure(record, again)
         if len(failed) > _MOST_SHOWN:
             others = ", ".join(_seed(record) for record in failed[_MOST_SHOWN:])
             yield f"  and {_shortened(others)}"
@@ -144,11 +151,11 @@ def _worst(failed: Sequence[TrialRecord]) -> str:
     return f"   worst {value:.4g} (limit {limit:g}), {_seed(failed[0])}"
 
 
-def _failure(record: TrialRecord, config: str | None, overrides: Sequence[str]) -> Iterator[str]:
+def _failure(record: TrialRecord, again: str) -> Iterator[str]:
     yield f"  {_seed(record)}: {_shortened(plain(record.reason))}"
     for file in record.files:
         yield f"    {file}"
-    yield f"    again: {rerun_command(config, overrides, record.node_id)}"
+    yield f"    again: {again}"
 
 
 def _shortened(text: str) -> str:

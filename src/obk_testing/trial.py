@@ -10,12 +10,14 @@ import random
 import time
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from types import TracebackType
 from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
@@ -30,6 +32,7 @@ from obelisk_py.core.lockstep.scheduler import (
 from obelisk_py.core.lockstep.simulator import StepEvents
 from obelisk_py.core.lockstep.surroundings import LockstepRun
 from obelisk_py.core.lockstep.topics import Topic
+from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_spec.suggestions import did_you_mean
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
 from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult
@@ -42,6 +45,8 @@ __tracebackhide__ = True
 _ANSWER_S: Final = 1.0
 """Simulated time that a service may take to answer a test [s]."""
 _KEYFRAME: Final = "ic_keyframe"
+_BEFORE: Final = {"configure": "unconfigured", "activate": "inactive"}
+"""The state that a transition starts from."""
 _STUB_DEPTH: Final = 10
 _MOST_JITTER_S: Final = 0.0003
 _LATEST_START_S: Final = 0.02
@@ -137,15 +142,12 @@ class StackTrial:
         self._faults: dict[str, None] = {}
         self._states: StateLog | None = None
         self._pushes: list[_Push] = []
-        self._is_closed = False
+        self._is_closed = self._has_begun = False
         self.wall_s = 0.0
         """Wall-clock time that `run` has taken [s]."""
         self.interventions: list[Intervention] = []
         """What the test did to the stack."""
         self._looked_at: dict[tuple[str, ...], None] = {}
-        # Generators of user code without a seed of their own.
-        random.seed(seed)
-        np.random.seed(seed % 2**32)
         recorded = None if record is None else frozenset(record)
         self._lockstep = LockstepRun(
             seed=seed,
@@ -165,6 +167,8 @@ class StackTrial:
             simulators = [node for node in stack.plan.processes if node.model]
             for node in simulators:
                 self._parameters.setdefault(node.full_name, {})[_KEYFRAME] = keyframe
+        stack.participant.enter()
+        self._has_begun = True
         try:
             self._bring_up()
         except BaseException:
@@ -346,6 +350,7 @@ class StackTrial:
     def kill(self, node: str) -> None:
         """End a node at once, as SIGKILL does."""
         scheduled = self._scheduled(node)
+        self._collect_faults()
         self._log_intervention(f"kill {node}")
         self._lockstep.kill(scheduled)
 
@@ -432,8 +437,11 @@ class StackTrial:
         lockstep = self._lockstep
         nodes = [weakref.ref(node) for node in self.nodes.values()]
         with lockstep.entered():
-            for name in reversed([*self.nodes]):
-                self._destroy(name)
+            while self.nodes:
+                name, node = self.nodes.popitem()
+                _destroy(lockstep, lockstep.nodes[name], node)
+                lockstep.nodes[name].node = None
+                del node
             lockstep.close()
         # Nodes keep their names in rcl until they are collected; what a C extension holds on to
         # takes a second time.
@@ -441,15 +449,8 @@ class StackTrial:
             gc.collect()
             if not any(node() for node in nodes):
                 break
-
-    def _destroy(self, name: str) -> None:
-        # A method of its own, so that no variable keeps the last node over the collection.
-        node, scheduled = self.nodes.pop(name), self._lockstep.nodes[name]
-        if node.state_label != "finalized":
-            self._lockstep.scheduler.run_as(scheduled, node.trigger_shutdown)
-        self._lockstep.executor.remove_node(node)
-        self._lockstep.scheduler.run_as(scheduled, node.destroy_node)
-        scheduled.node = None
+        if self._has_begun:
+            self.stack.participant.leave()
 
     # --- how
 
@@ -466,25 +467,29 @@ class StackTrial:
             for name in self.nodes:
                 start_s = self._start_s.get(name, 0.0)
                 if start_s > 0.0:
-                    self.at(start_s, functools.partial(self._transition, name, "activate"))
+                    self.at(start_s, functools.partial(self._try_transition, name, "activate"))
                 else:
                     self._transition(name, "activate")
+            self._lockstep.scheduler.check()
 
     def _make(self, loaded: LoadedNode) -> None:
         name = loaded.process.full_name
         compute_s = self._compute_s.get(name, 0.0)
-        self.nodes[name] = self._lockstep.make_node(name, loaded.make, compute_s)
+        node = self.nodes[name] = self._lockstep.make_node(name, loaded.make, compute_s)
+        if name in self.stack.unclear_robots and not isinstance(node, ObeliskSimRobot):
+            raise LockstepError(
+                f"{loaded.process.origin}: the robot {name} ({type(node).__name__}) is no "
+                "simulator that obk knows, and a test never opens hardware. If it is simulated, "
+                "write `is_simulated: true`"
+            )
         for parameter, value in self._parameters.get(name, {}).items():
             self._set_parameter(name, parameter, value)
 
     def _remake(self, name: str) -> None:
-        old = self.nodes.pop(name)
-        self._lockstep.executor.remove_node(old)
-        dead = ScheduledNode(name=name, node=old, is_alive=False)
-        self._lockstep.scheduler.run_as(dead, old.destroy_node)
+        _destroy(self._lockstep, self._lockstep.nodes[name], self.nodes.pop(name))
         self._make(next(node for node in self.stack.nodes if node.process.full_name == name))
-        self._transition(name, "configure")
-        self._transition(name, "activate")
+        self._try_transition(name, "configure")
+        self._try_transition(name, "activate")
 
     def _set_parameter(self, name: str, parameter: str, value: Any) -> None:
         node, scheduled = self.nodes[name], self._lockstep.nodes[name]
@@ -503,8 +508,15 @@ class StackTrial:
         node = self.nodes[name]
         trigger = getattr(node, f"trigger_{label}")
         result = self._lockstep.scheduler.run_as(self._lockstep.nodes[name], trigger)
+        self._lockstep.scheduler.check()
         if result != TransitionCallbackReturn.SUCCESS:
             raise LockstepError(f"{name} did not {label}: {node.last_fault}")
+
+    def _try_transition(self, name: str, label: str) -> None:
+        """Take a node to a state during the run, unless it has ended or is elsewhere by now."""
+        node, scheduled = self.nodes[name], self._lockstep.nodes[name]
+        if scheduled.is_alive and node.state_label == _BEFORE[label]:
+            self._lockstep.scheduler.run_as(scheduled, getattr(node, f"trigger_{label}"))
 
     def _observe(self, steps: StepEvents) -> None:
         """Log the states of a simulator, and push its bodies."""
@@ -559,6 +571,7 @@ class StackTrial:
         for name, node in self.nodes.items():
             if node.last_fault is not None:
                 self._faults[f"{name}: {node.last_fault}"] = None
+        self._faults |= dict.fromkeys(self._lockstep.faults)
 
     def _unpublished(self) -> dict[str, str]:
         """Why topics of the plan have no messages."""
@@ -574,3 +587,15 @@ class StackTrial:
 
 def _list(vector: Vector) -> str:
     return "[" + ", ".join(f"{number:.4g}" for number in vector) + "]"
+
+
+def _destroy(lockstep: LockstepRun, scheduled: ScheduledNode, node: Any) -> None:
+    """Shut a node down, and with it the nodes that its code has made; nothing is published."""
+    lockstep.kill(scheduled)
+    for each in (*reversed(scheduled.others), node):
+        lockstep.executor.remove_node(each)
+        with suppress(InvalidHandle):  # its own code may have destroyed it
+            if isinstance(each, GuardedLifecycleNode) and each.state_label != "finalized":
+                lockstep.scheduler.run_as(scheduled, each.trigger_shutdown)
+            lockstep.scheduler.run_as(scheduled, each.destroy_node)
+    scheduled.others.clear()

@@ -119,7 +119,7 @@ def test_twice_finds_what_is_not_repeatable(folder: Path) -> None:
     assert re.search("test_it_stays +1 of 1", done.stdout)
     assert re.search("test_two_trials +1 of 1", done.stdout)
     assert re.search("test_not_repeatable +0 of 1", done.stdout)
-    assert "a second run of this test differs, first at 0.011000 s: " in done.stdout
+    assert "a second run of this test differs: first at 0.011000 s: " in done.stdout
 
 
 def test_a_config_without_tests_gets_a_smoke_test(folder: Path) -> None:

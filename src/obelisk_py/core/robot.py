@@ -431,10 +431,13 @@ class ObeliskSimRobot(ObeliskRobot):
             return
         # A loop that reads `lock` ends there; another one, wherever it is.
         interruption = threading.Timer(LOOP_GRACE_S, _end_loop, [self._simulator])
-        if not self._knows_stop:
+        may_need_interruption = self._simulator.is_alive() and not self._knows_stop
+        if may_need_interruption:
             interruption.start()
         self._simulator.join(0 if self._is_stuck else LONGEST_STOP_S)
         interruption.cancel()
+        if may_need_interruption:
+            interruption.join()  # it holds the simulator, and so the node
         self._is_stuck = self._simulator.is_alive()
         if self._is_stuck:
             raise ObeliskError(

@@ -134,6 +134,7 @@ def command(
         *(("-x",) if stop_at_first else ()),
         *(("--junitxml", str(junitxml)) if junitxml is not None else ()),
         *(("--keep-all",) if keep_all else ()),
+        *(() if color == "auto" else ("--color", "yes" if color == "always" else "no")),
     ]
     environment = lockstep_environment(folder, plan, may_build=build, color=color)
     arguments = [*options, *_tests(tests or (), folder, output)]

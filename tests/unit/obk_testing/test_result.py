@@ -13,7 +13,8 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from obelisk_py.core.lockstep.topics import Topic
 from obk_cli.plan.plan import Plan
-from obk_testing.result import StateLog, TopicLog, TrialFacts, TrialResult
+from obk_testing.result import StateLog, TrialFacts, TrialResult
+from obk_testing.topic_log import TopicLog
 
 PLAN = Plan(name="stack", processes=())
 MS = 1_000_000

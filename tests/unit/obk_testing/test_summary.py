@@ -72,6 +72,11 @@ def test_the_command_repeats_overrides_too() -> None:
     assert command == "obk test arm.yaml --set control.params.kp=50 --again 't.py::test_x[seed1]'"
 
 
+def test_a_comparison_is_repeated_as_one() -> None:
+    command = rerun_command("arm.yaml", (), "t.py::test_x", twice=True)
+    assert command == "obk test arm.yaml --twice --again t.py::test_x"
+
+
 def test_without_obk_test_pytest_repeats_it() -> None:
     command = rerun_command(None, (), "t.py::test_x[seed17]")
     assert command == "pytest -p obk_testing.plugin --seeds =17 't.py::test_x[seed17]'"

@@ -7,7 +7,7 @@ what C keeps of the goals, and passes messages to its counterparts in events.
 
 import functools
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -29,11 +29,18 @@ class ActionTable:
         self.servers: dict[str, ServerHandle] = {}
         self.clients: dict[str, list[ClientHandle]] = {}
 
+    def remove(self, handle: "_Handle") -> None:
+        """Remove a server or client."""
+        self._keep(lambda each: each is not handle)
+
     def leave(self, node: ScheduledNode) -> None:
         """Remove the servers and clients of a node."""
-        self.servers = {n: each for n, each in self.servers.items() if each.owner is not node}
+        self._keep(lambda each: each.owner is not node)
+
+    def _keep(self, is_kept: "Callable[[_Handle], bool]") -> None:
+        self.servers = {name: each for name, each in self.servers.items() if is_kept(each)}
         for name, clients in self.clients.items():
-            self.clients[name] = [each for each in clients if each.owner is not node]
+            self.clients[name] = [each for each in clients if is_kept(each)]
 
 
 @contextmanager
@@ -83,6 +90,11 @@ class _Handle:
         due_ns = scheduler.time_ns + scheduler.delay_ns()
         arrive = functools.partial(self._arrive, kind, item)
         scheduler.push(due_ns, MESSAGE, self.owner, arrive)
+
+    def destroy_when_not_in_use(self) -> None:
+        """Leave the table; called by rclpy's `destroy`."""
+        self.table.remove(self)
+        super().destroy_when_not_in_use()  # type: ignore[misc]
 
     def _arrive(self, kind: str, item: Any) -> None:
         self.inbox.put(kind, item)

@@ -7,6 +7,7 @@ from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.time import Time
 
+from obelisk_py.core.lockstep.guest_thread import take_time
 from obelisk_py.core.lockstep.scheduler import NS_PER_S, Scheduler
 
 __all__ = ["LockstepClock", "make_clock"]
@@ -32,7 +33,7 @@ class LockstepClock(ROSClock):
             raise ValueError("until's clock type does not match this clock's type")
         left_ns = until.nanoseconds - self.scheduler.time_ns
         if left_ns > 0:
-            self.scheduler.sleep(left_ns / NS_PER_S, "Clock.sleep_until")
+            take_time(self.scheduler, left_ns / NS_PER_S)
         return True
 
     @property

@@ -1,7 +1,6 @@
 """Timers, rates, services and clients of nodes in lock-step; their classes are rclpy's."""
 
 import functools
-import sys
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -12,13 +11,14 @@ from rclpy.service import Service
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from obelisk_py.core.lockstep.guest_thread import GuestThread
+from obelisk_py.core.lockstep.guest_thread import GuestThread, take_time
 from obelisk_py.core.lockstep.scheduler import (
     MESSAGE,
     NS_PER_S,
     LockstepError,
     ScheduledNode,
     Scheduler,
+    user_place,
 )
 from obelisk_py.core.lockstep.tasks import LockstepExecutor
 
@@ -128,10 +128,12 @@ def _call_timer(timer: LockstepTimer, start: int) -> bool:
     scheduler, period_ns = timer._scheduler, timer._period_ns
     now_ns = timer._last_ns = scheduler.now_ns
     timer._next_ns += period_ns
-    if timer._next_ns < now_ns and period_ns:
+    if timer._next_ns <= now_ns and period_ns:
         # As rcl_timer_call: missed periods are left out.
         timer._next_ns += (1 + (now_ns - timer._next_ns) // period_ns) * period_ns
     timer._schedule()
+    if timer.callback is None:
+        return True
     result = timer.callback()
     if result is not None and hasattr(result, "__await__"):
         executor = timer._node.node.executor
@@ -149,6 +151,7 @@ class LockstepRate:
         self._period_ns = period_ns
         self._next_ns = scheduler.time_ns + period_ns
         self._is_destroyed = False
+        self._timer = None  # what `Node.destroy_rate` looks for
 
     def sleep(self) -> None:
         """Take time until the next multiple of the period.
@@ -161,12 +164,7 @@ class LockstepRate:
         now_ns = self._scheduler.time_ns
         while self._next_ns <= now_ns:
             self._next_ns += self._period_ns
-        left_s = (self._next_ns - now_ns) / NS_PER_S
-        thread = threading.current_thread()
-        if isinstance(thread, GuestThread):
-            thread.sleep(left_s)
-        else:
-            self._scheduler.sleep(left_s, "Rate.sleep")
+        take_time(self._scheduler, (self._next_ns - now_ns) / NS_PER_S)
 
     def destroy(self) -> None:
         """Let `sleep` raise from now on."""
@@ -278,6 +276,8 @@ class ServiceTable:
         scheduler = self._scheduler
 
         def answer() -> None:
+            if self._services.get(name, (None,))[0] is not service:
+                return
             kind: Any = service.srv_type
             response = service.callback(request or kind.Request(), kind.Response())
             if hasattr(response, "__await__"):
@@ -287,7 +287,7 @@ class ServiceTable:
                 respond(response)
 
         def respond(response: Any) -> None:
-            due_ns = scheduler.time_ns + scheduler.delay_ns()
+            due_ns = scheduler.time_ns + server.compute_ns + scheduler.delay_ns()
             scheduler.push(due_ns, MESSAGE, client, functools.partial(answered, response))
 
         scheduler.push(scheduler.time_ns + scheduler.delay_ns(), MESSAGE, server, answer)
@@ -301,7 +301,9 @@ class LockstepClient(Client):
     """A client whose requests go to a service of its run; made of rclpy's by `adopt_client`."""
 
     services: ServiceTable
+    scheduler: Scheduler
     owner: ScheduledNode
+    is_destroyed = False
 
     def call_async(self, request: Any) -> Future:
         """A future of the response.
@@ -313,8 +315,18 @@ class LockstepClient(Client):
         if not isinstance(request, kind.Request):
             raise TypeError(f"Expected {kind.Request}, got {type(request)}")
         future = Future(executor=self.owner.node.executor)
-        self.services.call(self.service_name, request, self.owner, future.set_result)
+
+        def answered(response: Any) -> None:
+            if not self.is_destroyed and not future.done():
+                future.set_result(response)
+
+        self.services.call(self.service_name, request, self.owner, answered)
         return future
+
+    def destroy(self) -> None:
+        """Let no response arrive any more."""
+        self.is_destroyed = True
+        super().destroy()
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """The response, on a thread of the node's own.
@@ -324,11 +336,12 @@ class LockstepClient(Client):
         """
         thread = threading.current_thread()
         if not isinstance(thread, GuestThread):
-            caller = sys._getframe(1)
-            raise LockstepError(
-                f"{self.owner.name} waits in a callback for the response of {self.service_name} "
-                f"({caller.f_code.co_filename}:{caller.f_lineno}): with one thread that is a "
-                "deadlock. Use call_async with `await` or a done callback"
+            raise self.scheduler.stop(
+                LockstepError(
+                    f"{self.owner.name} waits in a callback for the response of "
+                    f"{self.service_name} ({user_place()}): with one thread that is a deadlock. "
+                    "Use call_async with `await` or a done callback"
+                )
             )
         future = self.call_async(request)
         thread.wait_for(future.done, timeout_sec)
@@ -339,14 +352,29 @@ class LockstepClient(Client):
         return self.services.has(self.service_name)
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
-        """Whether a node serves this name; a callback cannot wait for it."""
+        """Whether a node serves this name; a callback that waits for it takes the whole time.
+
+        Raises:
+            LockstepError: a callback waits without a timeout, and no node serves the name.
+        """
         thread = threading.current_thread()
         if isinstance(thread, GuestThread):
             thread.wait_for(self.service_is_ready, timeout_sec)
+        elif not self.service_is_ready() and timeout_sec is None:
+            raise self.scheduler.stop(
+                LockstepError(
+                    f"{self.owner.name} waits without a timeout for the service "
+                    f"{self.service_name} ({user_place()}), which no node serves"
+                )
+            )
+        elif not self.service_is_ready() and timeout_sec:
+            self.scheduler.sleep(timeout_sec)
         return self.service_is_ready()
 
 
-def adopt_client(client: Any, services: ServiceTable, owner: ScheduledNode) -> None:
+def adopt_client(
+    client: Any, scheduler: Scheduler, services: ServiceTable, owner: ScheduledNode
+) -> None:
     """Let the requests of a client of rclpy's go to the services of a run."""
     client.__class__ = LockstepClient
-    client.services, client.owner = services, owner
+    client.scheduler, client.services, client.owner = scheduler, services, owner

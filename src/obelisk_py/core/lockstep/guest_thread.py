@@ -1,6 +1,8 @@
 """A node's own thread in lock-step: it runs during its turn, which it ends by sleeping."""
 
+import sys
 import threading
+import traceback
 from collections.abc import Callable
 from typing import Final
 
@@ -12,7 +14,7 @@ from obelisk_py.core.lockstep.scheduler import (
     Scheduler,
 )
 
-__all__ = ["GuestThread"]
+__all__ = ["GuestThread", "take_time"]
 
 LONGEST_TURN_S: Final = 5.0
 """Wall time that a turn may take without a sleep [s]; then it waits for something that no other
@@ -37,6 +39,8 @@ class GuestThread(threading.Thread):
         """When its next turn is [ns]; None: it has ended."""
         self._error: BaseException | None = None
         self._is_ending = False
+        self._is_last_sleep = False
+        """Whether a loop that should have ended by now sleeps once more."""
         self._has_begun = False
 
     def start(self) -> None:
@@ -55,8 +59,15 @@ class GuestThread(threading.Thread):
             self._turn_over.release()
 
     def sleep(self, seconds: float) -> None:
-        """End this turn; the next one is so much later. Called on this thread."""
+        """End this turn; the next one is so much later. Called on this thread.
+
+        Raises:
+            SystemExit: the thread has to end, and its loop has not noticed.
+        """
         if self._is_ending:
+            if self._is_last_sleep:
+                raise SystemExit
+            self._is_last_sleep = True
             return
         self._wake_ns = self._scheduler.time_ns + max(0, round(seconds * NS_PER_S))
         self._turn_over.release()
@@ -66,9 +77,12 @@ class GuestThread(threading.Thread):
         """Sleep until a condition holds; called on this thread."""
         end_ns = None if timeout_s is None else self._scheduler.time_ns + timeout_s * NS_PER_S
         while not condition() and not self._is_ending:
-            if end_ns is not None and self._scheduler.time_ns >= end_ns:
-                return False
-            self.sleep(_LOOK_S)
+            left_s = _LOOK_S
+            if end_ns is not None:
+                left_s = min(left_s, (end_ns - self._scheduler.time_ns) / NS_PER_S)
+                if left_s <= 0.0:
+                    return False
+            self.sleep(left_s)
         return condition()
 
     def is_alive(self) -> bool:
@@ -94,10 +108,25 @@ class GuestThread(threading.Thread):
         if not self._turn_over.acquire(timeout=LONGEST_TURN_S):
             raise LockstepError(
                 f"the thread `{self.name}` of {self._node.name} neither slept nor ended within "
-                f"{LONGEST_TURN_S:g} s: a thread in lock-step has to call `time.sleep`"
+                f"{LONGEST_TURN_S:g} s: a thread in lock-step has to call `time.sleep`. It is in\n"
+                f"{self._stack()}"
             )
         if self._error is not None:
             raise self._error
         if self._wake_ns is not None:
             self._scheduler.push(self._wake_ns, STEP, self._node, self._turn)
         return True
+
+    def _stack(self) -> str:
+        """What the thread executes now."""
+        frame = sys._current_frames().get(self.ident or 0)
+        return "".join(traceback.format_stack(frame)) if frame is not None else "no frame"
+
+
+def take_time(scheduler: Scheduler, seconds: float) -> None:
+    """Let the calling guest thread or callback take simulated time."""
+    thread = threading.current_thread()
+    if isinstance(thread, GuestThread):
+        thread.sleep(seconds)
+    else:
+        scheduler.sleep(seconds)

@@ -3,10 +3,11 @@
 While installed, these functions answer by the run in progress, but only inside callbacks and guest
 threads of its nodes: the test runner, DDS and all other threads see the system's time as ever. The
 modules are changed in place, so a module with `from time import monotonic` has to be imported
-after the installation.
+after the installation. What cannot be simulated, such as an executor that spins, is an error.
 """
 
 import datetime
+import functools
 import os
 import random
 import sys
@@ -15,19 +16,32 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Final
+from types import FrameType
+from typing import Any, Final, cast
 
+from rclpy import utilities
 from rclpy.clock import Clock
+from rclpy.context import Context
+from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
 from rclpy.time import Time
 
-from obelisk_py.core.lockstep.guest_thread import GuestThread
-from obelisk_py.core.lockstep.scheduler import NS_PER_S, Scheduler
+from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.lockstep.guest_thread import GuestThread, take_time
+from obelisk_py.core.lockstep.scheduler import NS_PER_S, LockstepError, Scheduler, user_place
 
-__all__ = ["Interception", "LogEntry", "intercepted", "run_in_progress"]
+__all__ = ["Interception", "LogEntry", "intercepted", "refuse_plain_nodes", "run_in_progress"]
 
 _IN_SECONDS: Final = ("time", "monotonic", "perf_counter")
 _IN_NANOSECONDS: Final = ("time_ns", "monotonic_ns", "perf_counter_ns")
+_OF_A_TIME: Final = ("localtime", "gmtime", "ctime")
+"""Functions of `time` that take the present unless they are given a time."""
+_CLOCKS: Final = ("CLOCK_REALTIME", "CLOCK_MONOTONIC", "CLOCK_MONOTONIC_RAW", "CLOCK_BOOTTIME")
+"""Clocks of the system that show the time, not what a process or thread has used."""
+_LIBRARY: Final = ("obelisk_py.", "rclpy.", "threading.", "mujoco.")
+"""Modules whose own waits and threads are not the user's."""
+_SEED_BITS: Final = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +67,8 @@ class Interception:
     entropy: random.Random
     """In place of the system's randomness, so that unseeded generators repeat too."""
     log: list[LogEntry] = field(default_factory=list)
+    has_threads: bool = False
+    """Whether a node has started a thread that is not in lock-step."""
 
     def is_inside(self) -> bool:
         """Whether the caller is a callback or a guest thread of the run."""
@@ -104,15 +120,31 @@ def _replacements() -> Iterator[tuple[Any, str, Any]]:
         yield time, name, _simulated(getattr(time, name), in_seconds=True)
     for name in _IN_NANOSECONDS:
         yield time, name, _simulated(getattr(time, name), in_seconds=False)
+    yield time, "clock_gettime", _clock_function(time.clock_gettime, in_seconds=True)
+    yield time, "clock_gettime_ns", _clock_function(time.clock_gettime_ns, in_seconds=False)
+    for name in _OF_A_TIME:
+        yield time, name, _of_present(getattr(time, name))
     yield time, "sleep", _sleep_function(time.sleep)
+    yield threading.Event, "wait", _wait_function(threading.Event.wait)
     yield datetime, "datetime", _datetime_class(datetime.datetime)
     yield Clock, "now", _now_of_clocks(Clock.now)
+    yield Clock, "sleep_until", _sleep_of_clocks(Clock.sleep_until)
     urandom = _urandom_function(os.urandom)
     yield os, "urandom", urandom
     yield random, "_urandom", urandom
+    # C seeds generators from the system without asking `os`.
+    seed = _seed_function(random.Random.seed)
+    yield random.Random, "seed", seed
+    yield random, "seed", functools.partial(seed, cast(Any, random.seed).__self__)
     yield threading.Thread, "start", _start_function(threading.Thread.start)
     log = rclpy_implementation.rclpy_logging_rcutils_log
     yield rclpy_implementation, "rclpy_logging_rcutils_log", _log_function(log)
+    yield Node, "__init__", _node_constructor(Node.__init__)
+    yield Executor, "wait_for_ready_callbacks", _wait_of_executor(Executor.wait_for_ready_callbacks)
+    for name in ("shutdown", "try_shutdown"):
+        yield Context, name, _shutdown_function(getattr(Context, name))
+    default = _default_context_function(utilities.get_default_context)
+    yield utilities, "get_default_context", default
 
 
 def _simulated(real: Callable[[], Any], *, in_seconds: bool) -> Callable[[], Any]:
@@ -126,23 +158,69 @@ def _simulated(real: Callable[[], Any], *, in_seconds: bool) -> Callable[[], Any
     return call
 
 
+def _clock_function(real: Callable[[int], Any], *, in_seconds: bool) -> Callable[[int], Any]:
+    simulated = frozenset(getattr(time, name) for name in _CLOCKS if hasattr(time, name))
+
+    def call(clock: int) -> Any:
+        run = _process.inside()
+        if run is None or clock not in simulated:
+            return real(clock)
+        time_ns = run.scheduler.time_ns
+        return time_ns / NS_PER_S if in_seconds else time_ns
+
+    return call
+
+
+def _of_present(real: Callable[..., Any]) -> Callable[..., Any]:
+    def call(seconds: float | None = None) -> Any:
+        run = _process.inside()
+        if seconds is None and run is not None:
+            seconds = run.scheduler.time_ns / NS_PER_S
+        return real(seconds)
+
+    return call
+
+
 def _sleep_function(real: Callable[[float], None]) -> Callable[[float], None]:
     def sleep(seconds: float) -> None:
-        run = _process.inside()
-        thread = threading.current_thread()
-        if run is None:
+        run, thread = _process.inside(), threading.current_thread()
+        if isinstance(thread, GuestThread):
+            thread.sleep(seconds)  # also while it comes to its end after the run
+        elif run is None:
             real(seconds)
-        elif isinstance(thread, GuestThread):
-            thread.sleep(seconds)
         else:
-            run.scheduler.sleep(seconds, _caller())
+            run.scheduler.sleep(seconds)
 
     return sleep
 
 
-def _caller() -> str:
-    code = sys._getframe(2)
-    return f"{code.f_code.co_filename}:{code.f_lineno}"
+def _wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
+    def wait(self: threading.Event, timeout: float | None = None) -> bool:
+        run = _process.inside()
+        if run is None or _is_library(sys._getframe(1)):
+            return real(self, timeout)
+        thread = threading.current_thread()
+        if isinstance(thread, GuestThread):
+            return thread.wait_for(self.is_set, timeout)
+        if self.is_set() or run.has_threads:
+            return real(self, timeout)
+        if timeout is None:
+            node = run.scheduler.running
+            raise run.scheduler.stop(
+                LockstepError(
+                    f"{node.name if node else 'a callback'} waits in a callback for an event "
+                    f"({user_place()}), which no other callback can set meanwhile: with one thread "
+                    "that is a deadlock. Use `await` or a done callback"
+                )
+            )
+        run.scheduler.sleep(timeout)
+        return False
+
+    return wait
+
+
+def _is_library(frame: FrameType) -> bool:
+    return f"{frame.f_globals.get('__name__', '')}.".startswith(_LIBRARY)
 
 
 def _datetime_class(real: type[datetime.datetime]) -> type[datetime.datetime]:
@@ -187,6 +265,19 @@ def _now_of_clocks(real: Callable[[Any], Time]) -> Callable[[Any], Time]:
     return now
 
 
+def _sleep_of_clocks(real: Callable[..., bool]) -> Callable[..., bool]:
+    def sleep_until(self: Clock, until: Time, context: Context | None = None) -> bool:
+        run = _process.inside()
+        if run is None or until.clock_type != self.clock_type:
+            return real(self, until, context)
+        left_ns = until.nanoseconds - run.scheduler.time_ns
+        if left_ns > 0:
+            take_time(run.scheduler, left_ns / NS_PER_S)
+        return True
+
+    return sleep_until
+
+
 def _urandom_function(real: Callable[[int], bytes]) -> Callable[[int], bytes]:
     def urandom(size: int) -> bytes:
         run = _process.inside()
@@ -195,24 +286,105 @@ def _urandom_function(real: Callable[[int], bytes]) -> Callable[[int], bytes]:
     return urandom
 
 
+def _seed_function(real: Callable[..., None]) -> Callable[..., None]:
+    def seed(self: random.Random, a: Any = None, version: int = 2) -> None:
+        run = _process.inside()
+        if a is None and run is not None:
+            a = run.entropy.getrandbits(_SEED_BITS)
+        real(self, a, version)
+
+    return seed
+
+
 def _start_function(real: Callable[[threading.Thread], None]) -> Callable[[Any], None]:
     def start(self: threading.Thread) -> None:
         run = _process.inside()
-        if run is not None and not isinstance(self, GuestThread) and not _is_of_library(self):
-            node = run.scheduler.running
+        if run is not None and not _is_library(sys._getframe(1)):
+            run.has_threads = True
+            node, place = run.scheduler.running, user_place()
             run.scheduler.note(
-                ("thread", self.name),
-                f"{node.name if node else 'a callback'} starts the thread `{self.name}`, which is "
-                "not in lock-step: what it does may differ from run to run",
+                ("thread", place),
+                f"{node.name if node else 'a callback'} starts the thread `{self.name}` in "
+                f"{place}, which is not in lock-step: what it does may differ from run to run",
             )
         real(self)
 
     return start
 
 
-def _is_of_library(thread: threading.Thread) -> bool:
-    """Whether a thread belongs to a camera of the simulator, which waits for it."""
-    return thread.name.startswith("camera ")
+def _node_constructor(real: Callable[..., None]) -> Callable[..., None]:
+    def construct(self: Node, node_name: str, *args: Any, **kwargs: Any) -> None:
+        run = _process.inside()
+        if run is not None and not isinstance(self, GuardedLifecycleNode):
+            raise run.scheduler.stop(_plain_node_error(node_name))
+        real(self, node_name, *args, **kwargs)
+
+    return construct
+
+
+def _plain_node_error(name: str) -> LockstepError:
+    return LockstepError(
+        f"the plain rclpy node `{name}` ({user_place()}) cannot be in lock-step: its messages and "
+        "timers would be those of DDS. Derive its class from `ObeliskNode` or another base class "
+        "of the library, or leave the node out and put something in its place with `stub`"
+    )
+
+
+@contextmanager
+def refuse_plain_nodes() -> Iterator[None]:
+    """While entered, a plain rclpy node is an error on every thread; for programs that load.
+
+    Raises:
+        LockstepError: a program makes such a node.
+    """
+    real = Node.__init__
+
+    def construct(self: Node, node_name: str, *args: Any, **kwargs: Any) -> None:
+        if not isinstance(self, GuardedLifecycleNode):
+            raise _plain_node_error(node_name)
+        real(self, node_name, *args, **kwargs)
+
+    setattr(Node, "__init__", construct)  # noqa: B010 - mypy
+    try:
+        yield
+    finally:
+        setattr(Node, "__init__", real)  # noqa: B010
+
+
+def _wait_of_executor(real: Callable[..., Any]) -> Callable[..., Any]:
+    def wait_for_ready_callbacks(self: Executor, *args: Any, **kwargs: Any) -> Any:
+        run = _process.inside()
+        if run is not None:
+            node = run.scheduler.running
+            raise run.scheduler.stop(
+                LockstepError(
+                    f"{node.name if node else 'a node'} spins an executor in a callback "
+                    f"({user_place()}): in a real run it waits for itself. Use `await`, or a done "
+                    "callback of the future"
+                )
+            )
+        return real(self, *args, **kwargs)
+
+    return wait_for_ready_callbacks
+
+
+def _shutdown_function(real: Callable[[Context], None]) -> Callable[[Context], None]:
+    def shutdown(self: Context) -> None:
+        run = _process.inside()
+        if run is None or run.scheduler.running is None:
+            real(self)
+        else:
+            run.scheduler.on_exit(run.scheduler.running, "ended its process by `rclpy.shutdown()`")
+
+    return shutdown
+
+
+def _default_context_function(real: Callable[..., Context]) -> Callable[..., Context]:
+    def get_default_context(*, shutting_down: bool = False) -> Context:
+        # Otherwise rclpy forgets the context before it shuts it down.
+        return real(shutting_down=shutting_down and _process.inside() is None)
+
+    return get_default_context
 
 
 def _log_function(real: Callable[..., None]) -> Callable[..., None]:

@@ -11,9 +11,11 @@ events are put off. Nodes share nothing but messages, so no other node can notic
 
 import heapq
 import random
+import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import FrameType
 from typing import Any, Final
 
 from obelisk_py.core.exceptions import ObeliskError
@@ -28,13 +30,19 @@ __all__ = [
     "ScheduledNode",
     "Scheduler",
     "TimingModel",
+    "user_place",
 ]
 
 NS_PER_S: Final = 1_000_000_000
+_LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.")
+_STOP: Final = -1
+"""Kind of the event that ends a run with an error: before all others of its time."""
 STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
 """Kinds of events, in the order in which those of one time run."""
 MOST_AT_ONE_TIME: Final = 100_000
 """Events without progress of time, after which a run ends."""
+_LONGEST_CALLBACK_NS: Final = 1_000 * NS_PER_S
+"""Time that a callback may sleep; a longer one waits for what cannot come meanwhile."""
 _TRACED: Final = 64
 """Events that show what the nodes do without end."""
 
@@ -53,6 +61,8 @@ class ScheduledNode:
     name: str
     """Full name."""
     node: Any
+    others: list[Any] = field(default_factory=list)
+    """Nodes that its code has made: as in one process, they share its turns."""
     compute_ns: int = 0
     """Time that each of its callbacks takes [ns]."""
     is_alive: bool = True
@@ -93,7 +103,8 @@ class Scheduler:
         """The node whose callback runs."""
         self.thread_id = threading.get_ident()
         self.random = random.Random(f"schedule {seed}")  # noqa: S311
-        self.events_run = 0
+        self.on_exit: Callable[[ScheduledNode, str], None] = lambda _node, _how: None
+        """Called when the code of a node ends its process."""
         self.notes: list[str] = []
         """What the user should know about this run, each once, with its time."""
         self.latency_ns = round(timing.latency * NS_PER_S)
@@ -160,8 +171,25 @@ class Scheduler:
         """Run all events up to a time [ns], those at it included.
 
         Raises:
-            LockstepError: the nodes cause events without end at one time.
+            LockstepError: the nodes cause events without end at one time, or one of them did what
+                is not possible in lock-step.
         """
+        try:
+            while True:
+                try:
+                    self._run_events(end_ns)
+                    break
+                except SystemExit as ended:
+                    node = self.running
+                    self.offset_ns = 0
+                    if node is None:
+                        raise
+                    self.on_exit(node, f"ended its process by `SystemExit({ended.code!r})`")
+            self.now_ns = max(self.now_ns, end_ns)
+        finally:
+            self.running, self.offset_ns = None, 0
+
+    def _run_events(self, end_ns: int) -> None:
         heap, pop, push = self._heap, heapq.heappop, heapq.heappush
         count = progress = 0
         while heap and heap[0][0] <= end_ns:
@@ -173,7 +201,8 @@ class Scheduler:
                 if node.is_frozen:
                     node.held.append(event)
                     continue
-                if node.busy_until_ns > due_ns:
+                # Steps, of a simulator or a guest thread, do not wait for the node's callbacks.
+                if kind and node.busy_until_ns > due_ns:
                     # In the order in which they were due first, so that none starves.
                     order = place if kind == _PUT_OFF else (due_ns, kind, place)
                     push(heap, (node.busy_until_ns, _PUT_OFF, order, node, call))
@@ -189,8 +218,28 @@ class Scheduler:
                 node.busy_until_ns = due_ns + self.offset_ns + node.compute_ns
             self.offset_ns = 0
         self.running = None
-        self.now_ns = max(self.now_ns, end_ns)
-        self.events_run += count
+
+    def stop(self, error: LockstepError) -> LockstepError:
+        """End the run with an error, whatever the running callback does with it.
+
+        Returns:
+            The error, for the callback to raise.
+        """
+
+        def fail() -> None:
+            raise error
+
+        heapq.heappush(self._heap, (self.now_ns, _STOP, 0, None, fail))
+        return error
+
+    def check(self) -> None:
+        """Raise the error that ends the run, if there is one.
+
+        Raises:
+            LockstepError: a node did what is not possible in lock-step.
+        """
+        if self._heap and self._heap[0][1] == _STOP:
+            self._heap[0][4]()
 
     def run_as(self, node: ScheduledNode, call: Callable[[], Any]) -> Any:
         """Call something of a node outside of its events, such as a transition."""
@@ -201,18 +250,25 @@ class Scheduler:
         finally:
             self.running, self.offset_ns = before, offset_ns
 
-    def sleep(self, seconds: float, where: str) -> None:
-        """Let the running callback take time.
+    def sleep(self, seconds: float) -> None:
+        """Let the running callback take time, and note where it sleeps.
 
-        Args:
-            seconds: how long.
-            where: the place of the call, for the note.
+        Raises:
+            LockstepError: it sleeps without end.
         """
-        name = self.running.name if self.running else "a callback"
+        name, where = self.running.name if self.running else "a callback", user_place()
         self.note(
             ("sleep", where), f"{name} sleeps in {where}: counted as computing time of this node"
         )
         self.offset_ns += max(0, round(seconds * NS_PER_S))
+        if self.offset_ns > _LONGEST_CALLBACK_NS:
+            raise self.stop(
+                LockstepError(
+                    f"{name} has slept for {self.offset_ns / NS_PER_S:,.0f} s in one callback, at "
+                    f"last in {where}: what it waits for cannot come while it waits. Use `await`, "
+                    "a done callback or a timer"
+                )
+            )
 
     def note(self, key: object, text: str) -> None:
         """Keep a note, unless there is one with this key."""
@@ -241,9 +297,8 @@ class Scheduler:
         names: dict[str, None] = {}
         for _ in range(_TRACED):
             *_, node, call = event
-            what = str(getattr(call, "__self__", "") or getattr(call, "func", call))
-            if node is not None or what:
-                names.setdefault(f"{node.name if node else '-'} ({_label_of(call)})")
+            if node is not None:
+                names.setdefault(f"{node.name} ({_label_of(call)})")
             self.running = node
             call()
             self.offset_ns = 0
@@ -256,7 +311,17 @@ class Scheduler:
         )
 
 
+def user_place() -> str:
+    """`file:line` of the innermost call outside this library and rclpy."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and frame.f_back is not None:
+        if not f"{frame.f_globals.get('__name__', '')}.".startswith(_LIBRARIES):
+            break
+        frame = frame.f_back
+    return f"{frame.f_code.co_filename}:{frame.f_lineno}" if frame is not None else "?"
+
+
 def _label_of(call: Callable[[], object]) -> str:
     """What an event is about: the topic, service or timer."""
-    owner = getattr(call, "args", (None,))[0] if hasattr(call, "args") else None
+    owner = next(iter(getattr(call, "args", ())), None)
     return str(getattr(owner, "label", None) or getattr(call, "__qualname__", type(call).__name__))

@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, Final
 
+import numpy as np
 import rclpy.node as rclpy_node
 from rclpy.action import ActionClient, ActionServer
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
+from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.service import Service
 from rclpy.subscription import Subscription
@@ -32,6 +34,7 @@ from obelisk_py.core.lockstep.scheduler import (
     ScheduledNode,
     Scheduler,
     TimingModel,
+    user_place,
 )
 from obelisk_py.core.lockstep.simulator import StepEvents
 from obelisk_py.core.lockstep.tasks import LockstepExecutor
@@ -46,7 +49,7 @@ from obelisk_py.core.surroundings import SteppedRobot, Surroundings, Watchdog, n
 
 __all__ = ["LockstepRun", "LockstepSurroundings"]
 
-_UNSUPPORTED_EVENTS: Final = ("DEADLINE", "LIVELINESS", "LIFESPAN")
+_UNSUPPORTED_EVENTS: Final = ("DEADLINE", "LIVELINESS", "MATCHED", "MESSAGE_LOST")
 
 
 class LockstepRun:
@@ -86,11 +89,16 @@ class LockstepRun:
         """The simulators that are stepped, by the node's full name."""
         self.on_simulator = on_simulator
         self.clock = make_clock(self.scheduler)
+        self._generators = _GlobalGenerators(seed)
+        self.faults: list[str] = []
+        """Why processes of nodes have ended."""
+        self.scheduler.on_exit = self._end
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """While entered, new nodes are in this run, and their code sees its time."""
+        """While entered, new nodes are in this run, and their code sees its time and chance."""
         with ExitStack() as stack:
+            stack.enter_context(self._generators.in_place())
             stack.enter_context(run_in_progress(self.interception))
             stack.enter_context(lockstep_actions(self.actions))
             stack.enter_context(new_nodes_are_in(LockstepSurroundings(self)))
@@ -107,7 +115,6 @@ class LockstepRun:
         scheduled = ScheduledNode(name=name, node=None, compute_ns=round(compute_s * NS_PER_S))
         self.nodes[name] = scheduled
         node = self.scheduler.run_as(scheduled, make)
-        scheduled.node = node
         self.executor.add_node(node)
         return node
 
@@ -117,9 +124,18 @@ class LockstepRun:
         if owner is None:
             owner = self.scheduler.running
             assert owner is not None
-            owner.node = node
             node._scheduled = owner
+            if owner.node is None:
+                owner.node = node
+            else:
+                owner.others.append(node)
         return owner
+
+    def _end(self, node: ScheduledNode, how: str) -> None:
+        """End a node whose code ends its process."""
+        self.scheduler.note(("end", node.name), f"{node.name} {how}")
+        self.faults.append(f"{node.name} {how} at {self.scheduler.time_ns / NS_PER_S:.6f} s")
+        self.kill(node)
 
     def kill(self, node: ScheduledNode) -> None:
         """End a node as SIGKILL ends its process: it does nothing any more."""
@@ -140,6 +156,31 @@ class LockstepRun:
         self.executor.shutdown()
 
 
+class _GlobalGenerators:
+    """The states of `random` and `numpy.random` for the nodes of one run.
+
+    What a test or another run draws in between does not change what these nodes draw.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._states: tuple[Any, Any] = (
+            random.Random(seed).getstate(),  # noqa: S311
+            np.random.RandomState(seed % 2**32).get_state(),
+        )
+
+    @contextmanager
+    def in_place(self) -> Iterator[None]:
+        before = random.getstate(), np.random.get_state()
+        random.setstate(self._states[0])
+        np.random.set_state(self._states[1])
+        try:
+            yield
+        finally:
+            self._states = random.getstate(), np.random.get_state()
+            random.setstate(before[0])
+            np.random.set_state(before[1])
+
+
 class LockstepSurroundings(Surroundings):
     """A lock-step run in place of DDS, clocks and threads."""
 
@@ -154,13 +195,16 @@ class LockstepSurroundings(Surroundings):
     @contextmanager
     def construction(self, node: Any) -> Iterator[None]:
         """Entered while rclpy constructs a node, which makes its own clock."""
-        self._run.scheduled(node)
+        owner = self._run.scheduled(node)
         module: Any = rclpy_node
         ros_clock, module.ROSClock = module.ROSClock, lambda: self._run.clock
         try:
             yield
         finally:
             module.ROSClock = ros_clock
+        if owner.node is not node:
+            # A node that another one makes takes its turns with it.
+            self._run.executor.add_node(node)
 
     def publisher_class(self, context: Any, *, has_lifecycle: bool) -> Any:
         """The class of a new publisher."""
@@ -213,8 +257,7 @@ class LockstepSurroundings(Surroundings):
     def adopt(self, node: Any, entity: Any) -> None:
         """Take over an entity of a node.
 
-        Raises:
-            LockstepError: it needs QoS events, which only DDS has.
+        One that needs QoS events, which only DDS has, ends the run with an error.
         """
         owner = self._run.scheduled(node)
         if isinstance(entity, RoutedPublisher):
@@ -224,7 +267,7 @@ class LockstepSurroundings(Surroundings):
         elif isinstance(entity, Service):
             self._run.services.add(owner, entity)
         elif isinstance(entity, Client):
-            adopt_client(entity, self._run.services, owner)
+            adopt_client(entity, self._scheduler, self._run.services, owner)
         elif isinstance(entity, ActionServer):
             entity._handle.attach(owner, entity)
         elif isinstance(entity, ActionClient):
@@ -234,13 +277,26 @@ class LockstepSurroundings(Surroundings):
         elif isinstance(entity, EventHandler):
             name = getattr(entity.event_type, "name", "")
             if any(part in name for part in _UNSUPPORTED_EVENTS):
-                raise LockstepError(
-                    f"{owner.name} has a callback of the QoS event {name}, which only DDS raises"
+                self._scheduler.stop(
+                    LockstepError(
+                        f"{owner.name} has a callback of the QoS event {name} ({user_place()}), "
+                        "which only DDS raises: it would never be called in lock-step"
+                    )
                 )
 
     def _adopt_guard(self, owner: ScheduledNode, guard: Any) -> None:
+        def call() -> None:
+            try:
+                with guard.handle:
+                    result = guard.callback()
+            except InvalidHandle:
+                return  # destroyed since
+            if hasattr(result, "__await__"):
+                self._run.executor.run_coroutine(result, owner)
+
         def trigger() -> None:
-            self._scheduler.push(self._scheduler.time_ns, MESSAGE, owner, guard.callback)
+            with guard.handle:  # raises if the guard condition is destroyed
+                self._scheduler.push(self._scheduler.time_ns, MESSAGE, owner, call)
 
         guard.trigger = trigger
 

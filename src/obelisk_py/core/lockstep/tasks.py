@@ -12,7 +12,7 @@ from typing import Any
 from rclpy.executors import Executor
 from rclpy.task import Future, Task
 
-from obelisk_py.core.lockstep.scheduler import MESSAGE, LockstepError, ScheduledNode, Scheduler
+from obelisk_py.core.lockstep.scheduler import MESSAGE, ScheduledNode, Scheduler
 
 __all__ = ["LockstepExecutor"]
 
@@ -42,27 +42,6 @@ class LockstepExecutor(Executor):
         task._handler = coroutine
         self._run(task, node)
 
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Fail: there is nothing to spin.
-
-        Raises:
-            LockstepError: always.
-        """
-        del timeout_sec
-        raise LockstepError(
-            "a node spins an executor in a callback; in a real run that waits for itself. Use "
-            "`await`, or a done callback of the future"
-        )
-
-    def spin_once_until_future_complete(self, future: Any, timeout_sec: Any = None) -> None:
-        """Fail: there is nothing to spin.
-
-        Raises:
-            LockstepError: always.
-        """
-        del future
-        self.spin_once(timeout_sec)
-
     def _push(self, task: Task, node: ScheduledNode | None) -> None:
         call = functools.partial(self._run, task, node)
         self._scheduler.push(self._scheduler.time_ns, MESSAGE, node, call)
@@ -71,8 +50,11 @@ class LockstepExecutor(Executor):
         coroutine = task._handler
         task()
         if task.done() or task.cancelled():
+            # The callbacks of the library's nodes are guarded; a task of the user's own is not.
             if (error := task.exception()) is not None:
-                raise error
+                if node is None:
+                    raise error
+                node.node.fail(error, "a task of the executor")
             return
         future = _awaited_future(coroutine)
         resume = functools.partial(self._push, task, node)

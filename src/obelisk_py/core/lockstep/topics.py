@@ -76,10 +76,21 @@ class Topic:
 class _Subscriber:
     """A subscription and its history."""
 
-    __slots__ = ("call", "depth", "label", "node", "queue", "raw", "subscription", "unpack")
+    __slots__ = (
+        "call",
+        "depth",
+        "label",
+        "node",
+        "queue",
+        "raw",
+        "subscription",
+        "topic",
+        "unpack",
+    )
 
     def __init__(self, node: ScheduledNode, subscription: Subscription, topic: Topic) -> None:
         profile = subscription.qos_profile
+        self.topic = topic
         self.label = topic.label
         self.node = node
         self.subscription = subscription
@@ -104,7 +115,7 @@ class _Subscriber:
             now_ns = node.get_clock().now().nanoseconds
             infos = (_info(sent_ns, now_ns),) if has_info else ()
             if is_coroutine:
-                node.executor.create_task(callback, message, *infos)
+                node.executor.run_coroutine(callback(message, *infos), self.node)
             else:
                 callback(message, *infos)
 
@@ -166,6 +177,8 @@ class TopicTable:
         topic = self.topic(subscription.topic_name, cast(Any, subscription.msg_type))
         subscriber = _Subscriber(node, subscription, topic)
         topic.subscribers = (*topic.subscribers, subscriber)
+        if subscription.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
+            return
         for publisher in topic.publishers:
             if matches(publisher, subscriber):
                 for data in publisher.kept:
@@ -174,10 +187,14 @@ class TopicTable:
     def unsubscribe(self, subscription: Subscription) -> None:
         """Deliver nothing more to a subscription."""
         topic = self.by_name.get(subscription.topic_name)
-        if topic is not None:
-            topic.subscribers = tuple(
-                each for each in topic.subscribers if each.subscription is not subscription
-            )
+        for subscriber in topic.subscribers if topic is not None else ():
+            if subscriber.subscription is subscription:
+                self._close(subscriber)
+
+    def _close(self, subscriber: _Subscriber) -> None:
+        topic = subscriber.topic
+        topic.subscribers = tuple(each for each in topic.subscribers if each is not subscriber)
+        subscriber.queue.clear()
 
     def publish(self, name: str, message: Any) -> None:
         """Publish a message as a node outside the run does; it takes no time."""
@@ -192,8 +209,12 @@ class TopicTable:
     def leave(self, node: ScheduledNode) -> None:
         """Remove all endpoints of a node."""
         for topic in self.by_name.values():
-            topic.subscribers = tuple(each for each in topic.subscribers if each.node is not node)
-            topic.publishers = [each for each in topic.publishers if each.owner is not node]
+            for subscriber in topic.subscribers:
+                if subscriber.node is node:
+                    self._close(subscriber)
+            for publisher in list(topic.publishers):
+                if publisher.owner is node:
+                    publisher.leave()
 
     def send(self, subscriber: _Subscriber, message: Any, arrives_ns: int) -> None:
         """Deliver a message or its bytes to one subscription at a time [ns]."""
@@ -207,7 +228,8 @@ class TopicTable:
             self._enqueue(subscriber, place, sent_ns, message)
 
     def _arrive(self, subscriber: _Subscriber, place: int, sent_ns: int, message: Any) -> bool:
-        self._enqueue(subscriber, place, sent_ns, message)
+        if subscriber in subscriber.topic.subscribers:
+            self._enqueue(subscriber, place, sent_ns, message)
         return False
 
     def _enqueue(self, subscriber: _Subscriber, place: int, sent_ns: int, message: Any) -> None:
@@ -317,7 +339,18 @@ class RoutedPublisher(Publisher):
         if self._all is not subscribers:
             self._all = subscribers
             self._matched = tuple(each for each in subscribers if matches(self, each))
+            for each in subscribers:
+                if each not in self._matched:
+                    self._note_mismatch(each)
         return self._matched
+
+    def _note_mismatch(self, subscriber: _Subscriber) -> None:
+        ends = self.owner.name, subscriber.node.name
+        self._scheduler.note(
+            ("qos", self._topic.label, *ends),
+            f"{self._topic.label}: the quality of service that {ends[0]} offers does not match "
+            f"what {ends[1]} requests, so no message passes between them",
+        )
 
     def get_subscription_count(self) -> int:
         """The number of matching subscriptions; a watched topic has one more."""
@@ -328,11 +361,20 @@ class RoutedPublisher(Publisher):
         del timeout
         return True
 
-    def destroy(self) -> None:
-        """Destroy the publisher; for `Node.destroy_publisher`."""
+    def leave(self) -> None:
+        """Publish nothing any more, to no subscription and no record."""
         if self in self._topic.publishers:
             self._topic.publishers.remove(self)
+        self.send = _ignore  # type: ignore[assignment, method-assign]
+
+    def destroy(self) -> None:
+        """Destroy the publisher; for `Node.destroy_publisher`."""
+        self.leave()
         super().destroy()
+
+
+def _ignore(_message: Any) -> None:
+    """Publish nothing."""
 
 
 class LockstepPublisher(RoutedPublisher):

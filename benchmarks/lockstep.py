@@ -1,0 +1,230 @@
+"""What lock-step runs cost: real-time factors, trials per minute, start, memory, and their digests.
+
+    python -m benchmarks.lockstep [--only PART...] [--rounds N] [--trials N]
+
+Everything is recorded, as in a test, and seconds are processor time of the whole process, which
+other work on the machine disturbs least. Each part runs in a process of its own.
+
+- factors: simulated seconds per second of processor time of the three examples, and of 31 nodes at
+  1 kHz each; the best of some rounds, and all of them.
+- trials: trials of 5 s per minute, with their nodes, in a warm process.
+- start: of a further trial of the arm, until its nodes are active, and its end.
+- memory: resident memory during 200 trials of the arm.
+- digests: of five runs in one process and of one in each of three with other hash seeds.
+
+Writes `benchmarks/results/lockstep.json`; exit code 1 if digests differ.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+import yaml
+
+from benchmarks.stolen import StolenTime, warn_of_stolen_time
+from obelisk_py.core.lockstep.interception import intercepted
+from obk_testing.programs import load_stack
+from obk_testing.trial import StackTrial
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+RESULT: Final = ROOT / "benchmarks" / "results" / "lockstep.json"
+BUILD: Final = ROOT / "build" / "benchmarks" / "lockstep"
+EXAMPLES: Final = {
+    "dummy": ROOT / "examples" / "dummy" / "dummy_new.yaml",
+    "arm": ROOT / "examples" / "arm" / "arm.yaml",
+    "quadruped": ROOT / "examples" / "quadruped" / "quadruped.yaml",
+}
+LOOPS: Final = 15
+"""Pairs of a controller and an estimator beside the simulator of the many nodes."""
+SETTINGS: Final = {
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+TRIAL_S: Final = 5.0
+DIGEST_S: Final = 0.5
+SHORT_S: Final = 0.5
+MB: Final = 1e6
+
+
+def many_nodes() -> Path:
+    """Write the config of 31 nodes at 1 kHz: the dummy with 15 controllers and estimators."""
+    dummy = yaml.safe_load(EXAMPLES["dummy"].read_text(encoding="utf-8"))
+    control, estimation = dummy["control"], dummy["estimation"]
+    dummy["robot"]["sim"]["model_xml_path"] = str(EXAMPLES["dummy"].with_name("dummy.xml"))
+    dummy["control"], dummy["estimation"] = [], []
+    for number in range(LOOPS):
+        command = "/obelisk/dummy/ctrl" if number == 0 else f"/loop_{number}/ctrl"
+        controller = {k: v for k, v in control.items() if k != "params_path"}
+        publisher = {**control["publishers"][0], "topic": command}
+        estimate = {"topic": f"/loop_{number}/est"}
+        subscriber = {**control["subscribers"][0], **estimate}
+        dummy["control"].append(
+            {**controller, "publishers": [publisher], "subscribers": [subscriber]}
+        )
+        output = {**estimation["publishers"][0], **estimate}
+        dummy["estimation"].append({**estimation, "publishers": [output]})
+    BUILD.mkdir(parents=True, exist_ok=True)
+    path = BUILD / "many.yaml"
+    path.write_text(yaml.safe_dump({**dummy, "config": "many"}), encoding="utf-8")
+    return path
+
+
+def factors(asked: argparse.Namespace) -> dict[str, Any]:
+    """Simulated seconds per second of processor time."""
+    found: dict[str, Any] = {}
+    for name, config in {**EXAMPLES, "many": many_nodes()}.items():
+        duration_s = 1.0 if name == "many" else 3.0
+        stack = load_stack(config)
+        rounds = []
+        for seed in range(asked.rounds):
+            with StackTrial(stack, seed=seed) as trial:
+                rounds.append(duration_s / used_s(lambda t=trial, d=duration_s: t.run(d)))
+        stack.close()
+        found[name] = {"best": round(max(rounds), 2), "rounds": [round(each, 2) for each in rounds]}
+    return found
+
+
+def trials(asked: argparse.Namespace) -> dict[str, Any]:
+    """Trials of 5 s per minute of processor time, from making the nodes to their end."""
+    found: dict[str, Any] = {}
+    for name, config in EXAMPLES.items():
+        stack = load_stack(config)
+        seconds = [used_s(lambda s=stack: whole_trial(s, TRIAL_S)) for _ in range(asked.rounds + 1)]
+        stack.close()
+        found[name] = {"per_minute": round(60 / min(seconds[1:]), 1)}
+    return found
+
+
+def start(_asked: argparse.Namespace) -> dict[str, Any]:
+    """Processor time until the nodes of a further trial of the arm are active, and of its end."""
+    stack, starts, ends = load_stack(EXAMPLES["arm"]), [], []
+    for seed in range(40):
+        begin_s = time.process_time()
+        trial = StackTrial(stack, seed=seed)
+        active_s = time.process_time()
+        trial.run(0.01)
+        over_s = time.process_time()
+        trial.close()
+        starts.append(1e3 * (active_s - begin_s))
+        ends.append(1e3 * (time.process_time() - over_s))
+    stack.close()
+    return {
+        "first_ms": round(starts[0], 1),
+        "further_ms": round(statistics.median(starts[1:]), 1),
+        "end_ms": round(statistics.median(ends), 1),
+    }
+
+
+def memory(asked: argparse.Namespace) -> dict[str, Any]:
+    """Resident memory [MB] during trials of the arm."""
+    stack, process, sizes = load_stack(EXAMPLES["arm"]), psutil.Process(), []
+    for _ in range(asked.trials):
+        whole_trial(stack, SHORT_S)
+        sizes.append(process.memory_info().rss / MB)
+    stack.close()
+    return {
+        "trials": asked.trials,
+        "first_mb": round(sizes[0], 1),
+        "last_mb": round(sizes[-1], 1),
+        "most_mb": round(max(sizes), 1),
+    }
+
+
+def digests(_asked: argparse.Namespace) -> dict[str, Any]:
+    """The digest of each example, of five runs."""
+    found: dict[str, Any] = {}
+    for name, config in EXAMPLES.items():
+        stack = load_stack(config)
+        found[name] = sorted({whole_trial(stack, DIGEST_S) for _ in range(5)})
+        stack.close()
+    return found
+
+
+PARTS: Final[dict[str, Callable[[argparse.Namespace], dict[str, Any]]]] = {
+    "factors": factors,
+    "trials": trials,
+    "start": start,
+    "memory": memory,
+    "digests": digests,
+}
+
+
+def used_s(call: Callable[[], object]) -> float:
+    """Processor time of this process in a call [s]."""
+    begin_s = time.process_time()
+    call()
+    return time.process_time() - begin_s
+
+
+def whole_trial(stack: Any, duration_s: float) -> str:
+    """Make a trial, run and end it; returns its digest."""
+    with StackTrial(stack, seed=1) as trial:
+        return str(trial.run(duration_s).digest())
+
+
+def in_a_process(part: str, asked: argparse.Namespace, hash_seed: int) -> dict[str, Any]:
+    """Run a part in a process of its own."""
+    words = ["--part", part, "--rounds", str(asked.rounds), "--trials", str(asked.trials)]
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.lockstep", *words],
+        cwd=ROOT,
+        env={**os.environ, **SETTINGS, "PYTHONHASHSEED": str(hash_seed)},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def options() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="benchmarks.lockstep")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--rounds", type=int, default=4)
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--part", choices=PARTS, help=argparse.SUPPRESS)
+    return parser.parse_args()
+
+
+def main() -> int:
+    """Run the parts, write the results and compare the digests."""
+    asked = options()
+    if asked.part is not None:
+        with intercepted():
+            print(json.dumps(PARTS[asked.part](asked)))
+        return 0
+    stolen = StolenTime()
+    result: dict[str, Any] = json.loads(RESULT.read_text()) if RESULT.exists() else {}
+    same = True
+    for part in asked.only:
+        result[part] = in_a_process(part, asked, 0)
+        if part == "digests":
+            found = [result[part], *(in_a_process(part, asked, seed) for seed in (1, 2, 3))]
+            sets = {name: {d for each in found for d in each[name]} for name in EXAMPLES}
+            result[part] = {name: sorted(each) for name, each in sets.items()}
+            same = all(len(each) == 1 for each in sets.values())
+        print(part, json.dumps(result[part]), flush=True)
+    result["machine"] = {
+        "python": platform.python_version(),
+        "cpus": os.cpu_count(),
+        "load": round(os.getloadavg()[0], 1),
+    }
+    result["stolen_percent"] = stolen.percent()
+    warn_of_stolen_time(result["stolen_percent"])
+    RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return 0 if same else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,111 @@
+"""The simulator in lock-step: its services, old commands, pushes and restarts."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from std_srvs.srv import SetBool
+
+from obk_testing.trial import StackTrial
+
+pytestmark = pytest.mark.mujoco
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+DUMMY = EXAMPLES / "dummy" / "dummy_new.yaml"
+ARM = EXAMPLES / "arm" / "arm.yaml"
+ROBOT = "/obelisk_robot_0"
+
+Start = Callable[..., StackTrial]
+
+
+def _controls(trial: StackTrial) -> list[float]:
+    """What the actuators are set to."""
+    controls: list[float] = trial.nodes[ROBOT].mj_data.ctrl.tolist()
+    return controls
+
+
+def test_pause_step_and_reset(start_config: Start) -> None:
+    trial = start_config(DUMMY)
+    begin = trial.run(0.001).qpos[0]
+    trial.run(0.199)
+    assert trial.call(f"{ROBOT}/pause", SetBool.Request(data=True)).success
+    steps = len(set(trial.run(0.1).qpos[:, 0].tolist()))
+    trial.run(0.1)
+    assert len(set(trial.result().qpos[:, 0].tolist())) == steps
+    trial.call(f"{ROBOT}/step")
+    assert len(set(trial.run(0.01).qpos[:, 0].tolist())) == steps + 1
+    assert trial.call(f"{ROBOT}/pause", SetBool.Request(data=False)).success
+    trial.run(0.1)
+    assert trial.call(f"{ROBOT}/reset").success
+    run = trial.run(0.001)
+    np.testing.assert_allclose(run.qpos[-1], begin, atol=1e-3)
+    assert not run.faults
+
+
+@pytest.mark.parametrize("action", ["hold", "zero", "damp"])
+def test_old_commands_are_acted_on_at_the_step_after_the_deadline(
+    start_config: Start, action: str
+) -> None:
+    settings = ("max_age_sec=0.05", f"stale_action={action}")
+    trial = start_config(DUMMY, *(f"robot.subscribers[0].{each}" for each in settings))
+    trial.run(0.5)
+    trial.kill("control")
+    trial.run(0.05)
+    last = _controls(trial)
+    trial.run(0.003)
+    after = _controls(trial)
+    assert last != [0.0]
+    if action == "zero":
+        assert after == [0.0]
+    elif action == "hold":
+        assert after == last
+    else:  # a position servo holds the position where it was
+        np.testing.assert_allclose(after, trial.nodes[ROBOT].mj_data.qpos, atol=0.01)
+    run = trial.run(1.0)
+    assert any(entry.severity >= 30 and "0.5" in entry.text for entry in run.log)
+
+
+def test_a_restarted_simulator_steps_on(start_config: Start) -> None:
+    trial = start_config(DUMMY)
+    trial.run(0.2)
+    trial.restart("robot", after=0.1)
+    run = trial.run(0.3)
+    assert not run.faults
+    np.testing.assert_allclose(run.t[[199, 200]], [0.2, 0.301], atol=1e-9)
+    assert run.t[-1] == pytest.approx(0.5)
+    assert run.qpos[200, 0] == pytest.approx(0.5, abs=0.01)  # the keyframe
+    trial.push("link1", [200.0, 0.0, 0.0], duration=0.01)
+    before = run.qvel[-1, 0]
+    assert abs(trial.run(0.01).qvel[-1, 0] - before) > 0.1
+
+
+def test_a_frozen_simulator_loses_the_time(start_config: Start) -> None:
+    trial = start_config(DUMMY)
+    trial.run(0.1)
+    trial.freeze("robot", 0.1)
+    run = trial.run(0.2)
+    assert not ((run.t > 0.1005) & (run.t < 0.1995)).any()
+    assert run.t[-1] == pytest.approx(0.3)
+
+
+def test_a_push_lasts_as_long_as_it_should(start_config: Start) -> None:
+    trial, still = start_config(ARM), start_config(ARM)
+    for each in (trial, still):
+        each.run(0.1)
+    trial.push("forearm", [0.0, 50.0, 0.0], duration=0.02)
+    pushed, plain = trial.run(0.1), still.run(0.1)
+    first = int(np.flatnonzero((pushed.qpos != plain.qpos).any(axis=1))[0])
+    assert pushed.t[first] == pytest.approx(0.1, abs=0.003)
+    data: Any = trial.nodes[ROBOT].mj_data
+    assert not data.xfrc_applied.any()
+    with pytest.raises(LookupError, match="forearm"):
+        trial.push("forarm", [1.0, 0.0, 0.0], duration=0.1)
+
+
+def test_the_noise_of_sensors_has_the_seed(start_config: Start) -> None:
+    runs = [start_config(ARM, seed=seed).run(0.05) for seed in (0, 0, 1)]
+    readings = [np.array([m.joint_pos for m in run["/arm/encoders"].messages]) for run in runs]
+    assert (readings[0] == readings[1]).all()
+    assert (readings[0] != readings[2]).any()

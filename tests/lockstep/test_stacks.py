@@ -1,0 +1,262 @@
+"""Stacks without MuJoCo in lock-step: programs, robots, faults, restarts and stand-ins."""
+
+import functools
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_estimator_msgs.msg import EstimatedState
+from obelisk_sensor_msgs.msg import JointEncoders
+
+from obelisk_py.core.lockstep import guest_thread
+from obelisk_py.core.lockstep.scheduler import LockstepError
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch import commands
+from obk_cli.launch.commands import Command
+from obk_cli.plan.plan import Process
+from obk_testing import programs
+from obk_testing.programs import load_stack
+from obk_testing.trial import Schedule, StackTrial
+
+CONFIG = Path(__file__).parent / "workspace" / "hazards.yaml"
+CONTROL, ESTIMATION, ROBOT = "/obelisk_control_0", "/obelisk_estimation_0", "/obelisk_robot_0"
+
+Start = Callable[..., StackTrial]
+
+
+@pytest.fixture
+def start(start_config: Start) -> Start:
+    """Starts trials of the config, with changes of it."""
+    return functools.partial(start_config, CONFIG)
+
+
+def test_components_of_the_config_run_on_simulated_time(start: Start) -> None:
+    run = start().run(0.5)
+    views = run["/hazards/views"].data
+    assert len(views) == 50
+    np.testing.assert_allclose(
+        views[:, 0], views[:, 1], atol=1e-12
+    )  # self.t and `from time import ...`
+    np.testing.assert_allclose(views[:, 0], np.arange(1, 51) * 0.01, atol=1e-9)
+    assert views[-1, 2] > 0.1  # the loop is closed
+    assert not run.faults
+    assert not run.notes
+
+
+@pytest.mark.parametrize("loop", ["sleep", "wait", "existing"])
+def test_a_simulator_with_a_thread_of_its_own_is_a_guest(start: Start, loop: str) -> None:
+    digests = set()
+    for _ in range(2):
+        trial = start(parameters={ROBOT: {"loop": loop}})
+        run = trial.run(0.3)
+        assert len(run["/hazards/joint_encoders"]) == 61
+        assert not run.faults
+        assert not run.notes
+        digests.add(run.digest())
+        trial.close()
+    assert len(digests) == 1
+    assert "simulator" not in [thread.name for thread in threading.enumerate()]
+
+
+def test_a_simulator_that_never_sleeps_is_an_error_with_its_stack(
+    start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guest_thread, "LONGEST_TURN_S", 0.5)
+    trial = start(parameters={ROBOT: {"loop": "busy"}}, record=())
+    with pytest.raises(LockstepError, match=r"`simulator` of /obelisk_robot_0(.|\n)*run_simulator"):
+        trial.run(0.1)
+
+
+def test_a_simulator_that_raises_fails_its_node(start: Start) -> None:
+    trial = start(parameters={ROBOT: {"loop": "raise"}})
+    run = trial.run(0.3)
+    assert trial.nodes[ROBOT].state_label == "unconfigured"
+    (fault,) = run.faults
+    assert "the simulation diverges" in fault
+    assert "robots.py" in fault
+
+
+def test_a_callback_that_raises_is_a_fault_with_its_place(start: Start) -> None:
+    trial = start(parameters={CONTROL: {"fault": "compute"}})
+    run = trial.run(1.0)
+    assert trial.nodes[CONTROL].state_label == "unconfigured"
+    assert trial.nodes[ESTIMATION].state_label == "active"
+    (fault,) = run.faults
+    assert fault.startswith(CONTROL)
+    assert "ValueError: on purpose" in fault
+    assert "controller.py" in fault
+    assert len(run["/hazards/ctrl"]) == 49
+    assert any("on purpose" in entry.text for entry in run.log)
+
+
+def test_a_node_that_cannot_be_configured_ends_the_bring_up(start: Start) -> None:
+    with pytest.raises(LockstepError, match=r"/obelisk_control_0 did not configure.*not today"):
+        start(parameters={CONTROL: {"fault": "configure"}})
+
+
+def test_hardware_is_refused_before_a_node_is_made(start: Start) -> None:
+    with pytest.raises(CommandFailedError, match="/obelisk_robot_0 is hardware"):
+        start("robot.is_simulated=false")
+
+
+def test_a_robot_that_is_no_simulator_is_refused_unless_the_config_says_it_is(
+    start: Start,
+) -> None:
+    with pytest.raises(LockstepError, match=r"/obelisk_robot_0 \(Drive\) is no simulator"):
+        start("robot.executable=drive")
+    from hazards_py.robots import open_drives  # found once its program is loaded
+
+    assert not open_drives
+    trial = start("robot.executable=drive", "robot.is_simulated=true")
+    assert len(trial.run(0.1)["/hazards/joint_encoders"]) == 20
+
+
+def test_a_node_that_cannot_be_in_lockstep_is_named_with_what_to_do(
+    start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def is_composable(process: Process, command: Command) -> bool:
+        return process.section != "control" and commands.is_composable(process, command)
+
+    monkeypatch.setattr(programs, "is_composable", is_composable)
+    with pytest.raises(CommandFailedError, match=r"/obelisk_control_0 \(hazards_py/con") as error:
+        start("control.params.fault=none")
+    assert "without=['/obelisk_control_0']" in str(error.value.help)
+    assert not start("control.params.fault=none", without=("control",)).run(0.1).faults
+
+
+def test_a_plain_node_in_a_program_is_an_error(start: Start) -> None:
+    with pytest.raises(LockstepError, match=r"plain rclpy node `helper` \(.*programs\.py:\d+\)"):
+        start("control.executable=helper")
+
+
+def test_a_program_without_a_node_is_an_error(start: Start) -> None:
+    with pytest.raises(CommandFailedError, match="ended without a call of spin_obelisk"):
+        start("control.executable=no_spin")
+
+
+def test_a_stub_stands_in_for_a_node(start: Start) -> None:
+    trial = start(without=("estimation",))
+
+    def estimate(message: JointEncoders) -> dict[str, Any]:
+        return {"/hazards/est": EstimatedState(q_joints=[message.y[0] + 1.0])}
+
+    trial.stub("/stand_in", on="/hazards/joint_encoders", do=estimate, kind=JointEncoders)
+    run = trial.run(0.1)
+    assert run["/hazards/views"].data[-1, 2] >= 1.0
+    assert not run.faults
+
+
+@pytest.mark.parametrize(
+    ("action", "expected"),
+    [("hold", []), ("zero", [(0.56, 0.0)]), ("damp", [(0.56, "damped")])],
+)
+def test_old_commands_are_acted_on_at_the_simulated_time(
+    start: Start, action: str, expected: list[Any]
+) -> None:
+    settings = ("max_age_sec=0.06", f"stale_action={action}")
+    trial = start(*(f"robot.subscribers[0].{each}" for each in settings))
+    trial.run(0.5)
+    trial.kill("control")
+    applied = trial.nodes[ROBOT].applied
+    count = len(applied)
+    run = trial.run(1.0)
+    assert [(round(t, 6), what) for t, what in applied[count:]] == expected
+    assert any("0.5" in entry.text for entry in run.log if entry.severity >= 30)
+
+
+def test_freeze_delays_and_kill_ends_a_node(start: Start) -> None:
+    trial = start()
+    trial.run(0.2)
+    trial.freeze("control", 0.1)
+    trial.run(0.2)
+    trial.kill("control")
+    times = trial.run(0.2)["/hazards/ctrl"].t
+    np.testing.assert_allclose(times[19:22], [0.2, 0.3, 0.31], atol=1e-9)
+    assert times[-1] == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("node", ["control", "estimation", "robot"])
+def test_a_restarted_node_goes_on(start: Start, node: str) -> None:
+    trial = start()
+    trial.run(0.2)
+    before = dict(trial.nodes)
+    trial.restart(node, after=0.1)
+    run = trial.run(0.5)
+    assert not run.faults
+    assert all(each.state_label == "active" for each in trial.nodes.values())
+    assert sum(trial.nodes[name] is not before[name] for name in before) == 1
+    assert run["/hazards/ctrl"].t[-1] == pytest.approx(0.7)
+    assert run["/hazards/views"].at(0.7).data[2] > 0.1
+
+
+def test_a_node_is_killed_or_restarted_while_it_comes_up(start: Start) -> None:
+    schedule = Schedule(bring_up={"control": 0.3, "estimation": 0.2})
+    trial = start(schedule=schedule)
+    trial.run(0.1)
+    assert trial.nodes[CONTROL].state_label == "inactive"
+    trial.restart("control")
+    trial.kill("estimation")
+    run = trial.run(0.4)
+    assert trial.nodes[CONTROL].state_label == "active"
+    assert trial.nodes[ESTIMATION].state_label == "inactive"
+    assert not run.faults
+
+
+def test_a_restart_that_fails_is_a_fault(start: Start) -> None:
+    trial = start()
+    trial.run(0.1)
+    trial._parameters[CONTROL] = {"fault": "configure"}
+    trial.restart("control")
+    run = trial.run(0.1)
+    assert "not today" in run.faults[0]
+
+
+def test_computing_time_and_latency_of_a_schedule(start: Start) -> None:
+    schedule = Schedule(latency=0.001, compute={"estimation": 0.002})
+    run = start(schedule=schedule).run(0.1)
+    # The estimator ticks at 10 ms and publishes at 12 ms; the controller receives it at 13 ms.
+    assert run["/hazards/est"].t[1] == pytest.approx(0.022)
+
+
+def test_verbs_on_topics(start: Start) -> None:
+    trial = start(seed=4)
+    trial.run(0.1)
+    trial.drop("/hazards/est", duration=0.1)
+    lost = trial.run(0.1)["/hazards/views"].data
+    assert len(set(lost[11:19, 2])) == 1
+    trial.delay("/hazards/est", 0.05, duration=0.1)
+    trial.noise("/hazards/joint_encoders", "y", 0.1)
+    trial.publish("/hazards/ctrl", PositionSetpoint(u_mujoco=[7.0]))
+    run = trial.run(0.1)
+    assert 7.0 in [u for _, u in trial.nodes[ROBOT].applied]
+    assert not run.faults
+    with pytest.raises(LookupError, match="no node has the topic"):
+        trial.drop("/hazards/estimate")
+
+
+def test_a_parameter_that_a_node_rejects_is_an_error(start: Start) -> None:
+    trial = start()
+    trial.set_parameter("robot", "loop", "wait")
+    with pytest.raises(LockstepError, match="rejects `loop`"):
+        trial.set_parameter("robot", "loop", 3)
+
+
+@pytest.mark.usefixtures("_lockstep_process")
+def test_nothing_is_left_of_a_stack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    threads, arguments = threading.active_count(), list(sys.argv)
+    stack = load_stack(CONFIG)
+    assert list(tmp_path.iterdir())  # the parameters
+    for seed in range(3):
+        with StackTrial(stack, seed=seed) as trial:
+            trial.run(0.05)
+    stack.close()
+    assert threading.active_count() == threads
+    assert not list(tmp_path.iterdir())
+    assert sys.argv == arguments

@@ -1,0 +1,257 @@
+"""What code asks the system for, in lock-step: time, dates, sleep, chance, threads and logs."""
+
+import datetime
+import random
+import threading
+import time
+import uuid
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
+
+from obelisk_py.core.lockstep import guest_thread
+from obelisk_py.core.lockstep.scheduler import LockstepError
+
+from .world import World, seconds
+
+
+def _in_callback(world: World, read: Callable[[], Any], t: float = 1.5) -> Any:
+    """What `read` returns in a callback at a time."""
+    node = world.node()
+    seen: list[Any] = []
+    world.at(node, t, lambda: seen.append(read()))
+    world.run(t)
+    assert node.last_fault is None, node.last_fault
+    return seen[0]
+
+
+READS: dict[str, Callable[[], float]] = {
+    "time": lambda: time.time(),
+    "monotonic": lambda: time.monotonic(),
+    "perf_counter": lambda: time.perf_counter(),
+    "time_ns": lambda: time.time_ns() / 1e9,
+    "monotonic_ns": lambda: time.monotonic_ns() / 1e9,
+    "perf_counter_ns": lambda: time.perf_counter_ns() / 1e9,
+    "clock_gettime": lambda: time.clock_gettime(time.CLOCK_MONOTONIC),
+    "datetime.now": lambda: datetime.datetime.now().timestamp(),
+    "datetime.now(UTC)": lambda: datetime.datetime.now(datetime.UTC).timestamp(),
+    "datetime.today": lambda: datetime.datetime.today().timestamp(),
+    "gmtime": lambda: time.gmtime().tm_sec + 0.5,
+    "system clock": lambda: Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds / 1e9,
+    "steady clock": lambda: Clock(clock_type=ClockType.STEADY_TIME).now().nanoseconds / 1e9,
+    "ROS clock": lambda: Clock(clock_type=ClockType.ROS_TIME).now().nanoseconds / 1e9,
+}
+
+
+@pytest.mark.parametrize("name", READS)
+def test_every_clock_is_simulated_in_callbacks_and_only_there(world: World, name: str) -> None:
+    before = READS[name]()
+    assert _in_callback(world, READS[name]) == 1.5
+    assert READS[name]() != 1.5
+    assert READS[name]() == before or name == "gmtime" or READS[name]() > before
+
+
+def test_dates_of_the_system_are_dates(world: World) -> None:
+    now = _in_callback(world, lambda: datetime.datetime.now(datetime.UTC))
+    assert isinstance(now, datetime.datetime)
+    assert isinstance(datetime.datetime.fromtimestamp(0), datetime.date)
+    assert now - datetime.datetime.fromtimestamp(0, datetime.UTC) == datetime.timedelta(seconds=1.5)
+
+
+SLEEPS: dict[str, Callable[[Any], object]] = {
+    "time.sleep": lambda _: time.sleep(0.03),
+    "Rate.sleep": lambda node: node.create_rate(1 / 0.03).sleep(),
+    "sleep_for": lambda node: node.get_clock().sleep_for(Duration(seconds=0.03)),
+    "own clock": lambda _: Clock(clock_type=ClockType.STEADY_TIME).sleep_for(
+        Duration(seconds=0.03)
+    ),
+    "event": lambda _: threading.Event().wait(0.03),
+}
+
+
+@pytest.mark.parametrize("name", SLEEPS)
+def test_sleep_makes_only_its_node_late_and_is_noted_once(world: World, name: str) -> None:
+    sleeper, other = world.node("sleeper"), world.node("other")
+    times: dict[str, list[float]] = {"sleeper": [], "other": [], "after": []}
+
+    def tick() -> None:
+        times["sleeper"].append(seconds(sleeper))
+        SLEEPS[name](sleeper)
+        times["after"].append(seconds(sleeper))
+
+    sleeper.create_timer(0.02, tick)
+    other.create_timer(0.02, lambda: times["other"].append(seconds(other)))
+    begin = time.monotonic()
+    world.run(0.1)
+    assert times == {
+        "sleeper": [0.02, 0.05, 0.08],
+        "after": [0.05, 0.08, 0.11],
+        "other": [0.02, 0.04, 0.06, 0.08, 0.1],
+    }
+    assert time.monotonic() - begin < 60.0
+    (note,) = world.notes
+    assert "/sleeper" in note
+    assert "test_system.py:" in note
+
+
+def test_a_callback_that_polls_without_end_is_an_error(world: World) -> None:
+    node = world.node()
+
+    def poll() -> None:
+        while True:
+            time.sleep(0.1)
+
+    world.at(node, 0.1, poll)
+    with pytest.raises(LockstepError, match=r"/node has slept for 1,000 s .*test_system\.py:\d+"):
+        world.run(0.2)
+
+
+def test_an_event_that_no_callback_can_set_is_an_error(world: World) -> None:
+    node = world.node()
+    world.at(node, 0.1, lambda: threading.Event().wait())
+    with pytest.raises(LockstepError, match=r"/node waits .*test_system\.py:\d+.*deadlock"):
+        world.run(0.2)
+
+
+CHANCES: dict[str, Callable[[], Any]] = {
+    "default_rng": lambda: np.random.default_rng().random(),
+    "RandomState": lambda: np.random.RandomState().random_sample(),
+    "np.random": lambda: np.random.random(),
+    "random": lambda: random.random(),
+    "Random()": lambda: random.Random().random(),
+    "SystemRandom": lambda: random.SystemRandom().random(),
+    "seed()": lambda: (random.seed(), random.random())[1],
+    "np.random.seed()": lambda: (np.random.seed(), np.random.random())[1],
+    "uuid4": lambda: uuid.uuid4().hex,
+}
+
+
+@pytest.mark.parametrize("name", CHANCES)
+def test_chance_without_a_seed_has_that_of_the_run(
+    make_world: Callable[..., World], name: str
+) -> None:
+    def draw(seed: int) -> Any:
+        return _in_callback(make_world(seed=seed), CHANCES[name])
+
+    first = draw(1)
+    random.random()
+    np.random.random()
+    assert draw(1) == first
+    assert draw(2) != first
+    assert CHANCES[name]() != first
+
+
+def test_draws_outside_of_the_run_change_nothing(make_world: Callable[..., World]) -> None:
+    def draws(between: Callable[[], object]) -> list[float]:
+        world = make_world(seed=3)
+        node = world.node()
+        seen: list[float] = []
+        node.create_timer(0.1, lambda: seen.extend((random.random(), np.random.random())))
+        for _ in range(3):
+            world.run(0.1)
+            between()
+        return seen
+
+    random.seed(5)
+    own = random.random()
+    assert draws(lambda: None) == draws(lambda: (random.random(), np.random.random()))
+    random.seed(5)
+    draws(lambda: None)
+    assert random.random() == own
+
+
+def test_a_thread_of_its_own_is_noted_once(world: World) -> None:
+    node = world.node()
+    ran: list[float] = []
+
+    def start() -> None:
+        thread = threading.Thread(target=lambda: ran.append(time.time()), name="users")
+        thread.start()
+        thread.join()
+
+    node.create_timer(0.1, start)
+    world.run(0.3)
+    assert len(ran) == 3
+    assert min(ran) > 1e9  # the thread sees the system's time
+    (note,) = world.notes
+    assert "/node starts the thread `users`" in note
+    assert "test_system.py:" in note
+
+
+def test_a_guest_thread_sleeps_in_simulated_time(world: World) -> None:
+    node = world.node()
+    seen: list[tuple[float, float]] = []
+    stop = threading.Event()
+
+    def loop() -> None:
+        while not stop.is_set():
+            seen.append((seconds(node), time.time()))
+            time.sleep(0.01)
+            stop.wait(0.01)
+
+    thread = node.surroundings.make_thread(node, loop, "guest")
+    thread.start()
+    world.run(0.05)
+    assert seen == [(0.0, 0.0), (0.02, 0.02), (0.04, 0.04)]
+    stop.set()
+    thread.join()
+    assert not thread.is_alive()
+
+
+def test_a_guest_thread_that_does_not_notice_its_end_is_ended(world: World) -> None:
+    node = world.node()
+    rounds: list[int] = []
+
+    def loop() -> None:
+        while True:
+            rounds.append(1)
+            time.sleep(0.01)
+
+    thread = node.surroundings.make_thread(node, loop, "guest")
+    thread.start()
+    world.run(0.025)
+    thread.join()
+    assert not thread.is_alive()
+    assert len(rounds) == 3 + 2
+
+
+def test_a_guest_thread_that_never_sleeps_is_an_error_with_its_stack(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guest_thread, "LONGEST_TURN_S", 0.3)
+    node = world.node()
+    ended = threading.Event()
+
+    def computes_for_ever() -> None:
+        while not ended.is_set():
+            pass
+
+    thread = node.surroundings.make_thread(node, computes_for_ever, "guest")
+    thread.start()
+    with pytest.raises(LockstepError, match=r"`guest` of /node(.|\n)*in computes_for_ever"):
+        world.run(0.1)
+    ended.set()
+    thread.join()
+    assert not thread.is_alive()
+
+
+def test_logs_have_the_simulated_time_and_their_place(world: World) -> None:
+    node = world.node()
+    world.at(node, 0.25, lambda: node.get_logger().warning("look at this"))
+    world.run(0.3)
+    (entry,) = world.lockstep.interception.log
+    assert (entry.time_ns, entry.severity, entry.text) == (250_000_000, 30, "look at this")
+    assert "test_system.py:" in entry.place
+
+
+def test_a_throttled_log_is_throttled_by_simulated_time(world: World) -> None:
+    node = world.node()
+    logger = node.get_logger()
+    node.create_timer(0.01, lambda: logger.info("often", throttle_duration_sec=0.05))
+    world.run(0.2)
+    assert world.log.count("often") == 4

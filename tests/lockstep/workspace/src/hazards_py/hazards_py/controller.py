@@ -1,0 +1,45 @@
+"""A controller that publishes what it sees of time, chance and its components."""
+
+from time import monotonic
+
+import numpy as np
+from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_estimator_msgs.msg import EstimatedState
+from std_msgs.msg import Float64MultiArray
+
+from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.utils.ros import spin_obelisk
+
+
+class Controller(ObeliskController):
+    """Follows a sine; its parameter `fault` lets a callback raise or configuring fail."""
+
+    def __init__(self, node_name: str = "controller") -> None:
+        super().__init__(node_name, PositionSetpoint, EstimatedState)
+        self.declare_parameter("fault", "none")
+        self.views = self.create_publisher(Float64MultiArray, "/hazards/views", 10)
+        self.estimate = 0.0
+        made = self.get_parameter("fault").value
+        assert made == "none"
+
+    def on_configure(self, state):
+        if self.get_parameter("fault").value == "configure":
+            raise RuntimeError("not today")
+        return super().on_configure(state)
+
+    def update_x_hat(self, x_hat_msg):
+        self.estimate = x_hat_msg.q_joints[0]
+
+    def compute_control(self):
+        if self.get_parameter("fault").value == "compute" and self.t >= 0.5:
+            raise ValueError("on purpose")
+        chance = np.random.default_rng().random()
+        self.views.publish(Float64MultiArray(data=[self.t, monotonic(), self.estimate, chance]))
+        message = PositionSetpoint(u_mujoco=[float(np.sin(self.t))])
+        self.obk_publishers["pub_ctrl"].publish(message)
+        return message
+
+
+def main(args=None):
+    """Run the node."""
+    spin_obelisk(args, Controller)

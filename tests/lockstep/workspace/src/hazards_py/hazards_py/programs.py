@@ -1,0 +1,19 @@
+"""Programs that cannot be in lock-step."""
+
+import rclpy
+
+from obelisk_py.core.utils.ros import spin_obelisk
+
+from .controller import Controller
+
+
+def with_helper(args=None):
+    """Make a plain node beside the one that spins."""
+    if not rclpy.ok():
+        rclpy.init()
+    rclpy.create_node("helper")
+    spin_obelisk(args, Controller)
+
+
+def without_spin(args=None):
+    """End without a node."""
