@@ -128,7 +128,7 @@ def _rates_chart(parts: Sequence[PassRate]) -> str:
         bars.append(f"{_bar('ok', x, width, share)}</g>")
         middle = x + width / 2
         labels.append(
-            _label(middle, _HEAD - 4, f"{100 * share:.0f}%" if part.count else "", "middle")
+            _label(middle, _HEAD - 4, f"{100 * share:.0f}" if part.count else "", "middle")
         )
         if part.low is None:
             labels.append(_label(middle, _HEAD + _HEIGHT + 14, _short(part.label), "middle"))
