@@ -42,7 +42,7 @@ from obk_testing.result import TrialResult  # noqa: E402
 from obk_testing.summary import TrialRecord, record_of, summary_lines  # noqa: E402
 from obk_testing.trial import Schedule, StackTrial  # noqa: E402
 
-__all__ = ["StartStack", "describe_check", "given_plan", "trials_of"]
+__all__ = ["StartStack", "trials_of"]
 
 _SCHEDULE: Final = ("latency", "jitter", "phases", "compute", "bring_up")
 _MOST_KEPT: Final = 10
@@ -331,9 +331,14 @@ def trials_of(item: pytest.Item) -> tuple[TrialResult, ...]:
     return trials.results() if trials is not None else ()
 
 
-def describe_check(request: pytest.FixtureRequest, sentence: str) -> None:
-    """Have the summary show what a test has checked."""
-    request.node.stash[_TRIALS].checked = sentence
+@pytest.fixture
+def describe_check(request: pytest.FixtureRequest) -> Callable[[str], None]:
+    """Have the summary show what a test has checked, in a sentence."""
+
+    def describe(sentence: str) -> None:
+        request.node.stash[_TRIALS].checked = sentence
+
+    return describe
 
 
 @pytest.hookimpl(wrapper=True)

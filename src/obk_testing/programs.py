@@ -43,6 +43,7 @@ from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["LoadedStack", "LoadedStacks", "compile_stack", "load_stack"]
 
+_DISCOVERY: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _TRIALS_OF_A_PARTICIPANT: Final = 20
 _NOT_FOR_TESTS: Final = {"viewer": "none", "render": ""}
 """Parameters of the simulator that open windows or write files."""
@@ -190,7 +191,13 @@ class Participant:
     def open(self) -> None:
         """Make it for the first stack."""
         if not rclpy.ok():
+            before = os.environ.get(_DISCOVERY)
+            os.environ[_DISCOVERY] = "OFF"  # no other process sees the nodes
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            if before is None:
+                del os.environ[_DISCOVERY]
+            else:
+                os.environ[_DISCOVERY] = before
             self._owns_context = True
         self._stacks += 1
         if self._keeper is None:
@@ -213,7 +220,8 @@ class Participant:
     def leave(self) -> None:
         """End a trial; perhaps make a new participant."""
         self._trials -= 1
-        if self._trials == 0 and self._trials_since >= _TRIALS_OF_A_PARTICIPANT:
+        is_due = self._trials_since >= _TRIALS_OF_A_PARTICIPANT
+        if self._trials == 0 and is_due and self._keeper is not None:
             self._destroy()
             _return_memory()
             self._make()

@@ -6,16 +6,18 @@ accepts its commands, and a second run has the same bits.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
-from typing import Any, Final
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
 
 from obk_cli.plan.plan import Plan
-from obk_testing.plugin import StartStack, describe_check
 from obk_testing.result import TrialResult
 from obk_testing.topic_log import TopicLog
+
+if TYPE_CHECKING:  # the plugin changes the environment of the process that imports it
+    from obk_testing.plugin import StartStack
 
 DURATION_S: Final = 5.0
 _SETTLED_S: Final = 1.0
@@ -31,7 +33,7 @@ _REJECTED: Final = "control rejected"
 
 
 def test_smoke(
-    stack: StartStack, seed: int, given_plan: Plan, request: pytest.FixtureRequest
+    stack: "StartStack", seed: int, given_plan: Plan, describe_check: Callable[[str], None]
 ) -> None:
     """Run the stack twice and check what holds for any stack."""
     promised = promised_rates(given_plan)
@@ -47,7 +49,6 @@ def test_smoke(
     count = sum(1 for topic in run.topics.values() if len(topic))
     factor = DURATION_S / trial.wall_s if trial.wall_s else float("inf")
     describe_check(
-        request,
         f"{DURATION_S:g} s of {given_plan.name} at {factor:.1f}x: "
         f"{len(given_plan.processes)} nodes, {count} topics, {len(promised)} at their rates, "
         "no fault, twice the same bits",

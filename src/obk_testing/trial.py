@@ -160,6 +160,13 @@ class StackTrial:
             is_recorded=lambda topic: recorded is None or topic in recorded,
             on_simulator=self._observe,
         )
+        for process in stack.plan.processes:
+            if process.env:
+                self._lockstep.scheduler.note(
+                    ("env", process.full_name),
+                    f"{process.full_name} is without its environment variables "
+                    f"({', '.join(process.env)}): all nodes share this process",
+                )
         self._compute_s = self._by_full_name(self.schedule.compute)
         self._start_s = self._by_full_name(self.schedule.bring_up)
         self._parameters = {n: dict(p) for n, p in self._by_full_name(parameters or {}).items()}

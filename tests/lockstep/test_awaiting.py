@@ -17,6 +17,8 @@ from obelisk_py.core.lockstep.scheduler import LockstepError, TimingModel
 
 from .world import World, seconds
 
+pytestmark = pytest.mark.ros
+
 
 def _serve(node: Any, name: str = "/hello") -> Any:
     def answer(_request: Any, response: Any) -> Any:

@@ -10,7 +10,7 @@ import pytest
 
 from obk_testing.trial import Schedule, StackTrial
 
-pytestmark = pytest.mark.mujoco
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DUMMY = EXAMPLES / "dummy" / "dummy_new.yaml"

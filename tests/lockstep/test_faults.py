@@ -14,6 +14,8 @@ from obelisk_py.core.lockstep.scheduler import LockstepError
 
 from .world import World, seconds
 
+pytestmark = pytest.mark.ros
+
 
 def test_a_callback_that_raises_takes_only_its_node_down(world: World) -> None:
     node, other = world.node(), world.node("other")

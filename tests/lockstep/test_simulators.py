@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool
 
 from obk_testing.trial import StackTrial
 
-pytestmark = pytest.mark.mujoco
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DUMMY = EXAMPLES / "dummy" / "dummy_new.yaml"

@@ -1,6 +1,8 @@
 """Stacks without MuJoCo in lock-step: programs, robots, faults, restarts and stand-ins."""
 
 import functools
+import os
+import subprocess
 import sys
 import tempfile
 import threading
@@ -23,6 +25,8 @@ from obk_cli.plan.plan import Process
 from obk_testing import programs
 from obk_testing.programs import load_stack
 from obk_testing.trial import Schedule, StackTrial
+
+pytestmark = pytest.mark.ros
 
 CONFIG = Path(__file__).parent / "workspace" / "hazards.yaml"
 CONTROL, ESTIMATION, ROBOT = "/obelisk_control_0", "/obelisk_estimation_0", "/obelisk_robot_0"
@@ -128,6 +132,31 @@ def test_a_node_that_cannot_be_in_lockstep_is_named_with_what_to_do(
         start("control.params.fault=none")
     assert "without=['/obelisk_control_0']" in str(error.value.help)
     assert not start("control.params.fault=none", without=("control",)).run(0.1).faults
+
+
+def test_environment_variables_of_a_node_are_noted(start: Start) -> None:
+    run = start("control.env.SPEED=fast").run(0.01)
+    (note,) = run.notes
+    assert "/obelisk_control_0" in note
+    assert "SPEED" in note
+
+
+def test_no_other_participant_sees_the_nodes(start: Start) -> None:
+    start().run(0.05)
+    look = (
+        "import rclpy, time; rclpy.init(); node = rclpy.create_node('look'); time.sleep(1.0);"
+        "print(sorted(node.get_node_names()))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", look],
+        env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=100,
+    )
+    assert "obelisk_control_0" not in done.stdout
+    assert "look" in done.stdout
 
 
 def test_a_plain_node_in_a_program_is_an_error(start: Start) -> None:

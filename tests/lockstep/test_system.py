@@ -1,5 +1,6 @@
 """What code asks the system for, in lock-step: time, dates, sleep, chance, threads and logs."""
 
+import asyncio
 import datetime
 import random
 import threading
@@ -18,6 +19,8 @@ from obelisk_py.core.lockstep import guest_thread
 from obelisk_py.core.lockstep.scheduler import LockstepError
 
 from .world import World, seconds
+
+pytestmark = pytest.mark.ros
 
 
 def _in_callback(world: World, read: Callable[[], Any], t: float = 1.5) -> Any:
@@ -70,6 +73,7 @@ SLEEPS: dict[str, Callable[[Any], object]] = {
     "own clock": lambda _: Clock(clock_type=ClockType.STEADY_TIME).sleep_for(
         Duration(seconds=0.03)
     ),
+    "asyncio": lambda _: asyncio.run(asyncio.sleep(0.03)),
     "event": lambda _: threading.Event().wait(0.03),
 }
 

@@ -14,6 +14,8 @@ from obelisk_py.core.lockstep.scheduler import TimingModel
 
 from .world import World, seconds
 
+pytestmark = pytest.mark.ros
+
 CLOCKS = (ClockType.ROS_TIME, ClockType.STEADY_TIME, ClockType.SYSTEM_TIME)
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import (
     DurabilityPolicy,
@@ -19,6 +20,8 @@ from std_msgs.msg import Float64, String
 from obelisk_py.core.lockstep.scheduler import LockstepError, TimingModel
 
 from .world import World, seconds
+
+pytestmark = pytest.mark.ros
 
 LATCHED = QoSProfile(depth=2, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -189,6 +192,28 @@ def test_a_destroyed_subscription_receives_nothing_that_is_on_its_way(
     assert publisher.get_subscription_count() == 0
 
 
+@pytest.mark.parametrize("is_frozen", [False, True])
+def test_messages_overtake_each_other_and_none_is_lost(world: World, is_frozen: bool) -> None:
+    sender, receiver = world.node("sender"), world.node("receiver")
+    seen: list[float] = []
+    publisher = sender.create_publisher(Float64, "/number", 10)
+    receiver.create_subscription(Float64, "/number", lambda m: seen.append(m.data), 10)
+    delays_ns = iter([50_000_000, 10_000_000, 30_000_000, 0])
+    world.lockstep.topics.by_name["/number"].rules.append(lambda _now, _message: next(delays_ns))
+    for number in range(4):
+        world.at(
+            sender,
+            0.1 + 0.001 * number,
+            lambda n=number: publisher.publish(Float64(data=float(n))),
+        )
+    if is_frozen:
+        world.scheduler.freeze(world.lockstep.nodes["/receiver"])
+    world.run(0.2)
+    world.scheduler.thaw(world.lockstep.nodes["/receiver"])
+    world.run(0.1)
+    assert seen == [3.0, 1.0, 2.0, 0.0]
+
+
 def test_a_destroyed_publisher_is_gone(world: World) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")
     seen: list[Any] = []
@@ -224,6 +249,14 @@ def test_quality_of_service_events_are_refused_by_name(world: World) -> None:
     world.at(node, 0.1, subscribe)
     with pytest.raises(LockstepError, match=r"REQUESTED_DEADLINE_MISSED \(.*test_topics\.py:\d+\)"):
         world.run(0.2)
+
+
+def test_a_lifespan_is_noted(world: World) -> None:
+    world.node().create_publisher(
+        String, "/text", QoSProfile(depth=1, lifespan=Duration(seconds=1))
+    )
+    (note,) = world.notes
+    assert "/text with a lifespan" in note
 
 
 def test_nodes_that_answer_each_other_without_end_are_named(world: World) -> None:

@@ -18,6 +18,8 @@ from obelisk_py.core.lockstep.scheduler import NS_PER_S, TimingModel
 
 from ..lockstep.world import World, lockstep_process  # noqa: TID252 - shared by folders of tests
 
+pytestmark = pytest.mark.ros
+
 MS = 1_000_000
 DURATION_MS = 200
 
@@ -183,6 +185,7 @@ def test_timers_are_those_of_rcl(
         world.run(0.0)
         assert ticks == expected
         assert ours.time_until_next_call() == theirs.time_until_next_call()
+        assert ours.time_since_last_call() == theirs.time_since_last_call()
     theirs.destroy()
     world.close()
 

@@ -104,7 +104,7 @@ class _Handle:
             executor.run_coroutine(waitable.execute(waitable.take_data()), self.owner)
 
 
-class ServerHandle(rclpy_implementation.ActionServer, _Handle):  # type: ignore[misc]
+class ServerHandle(_Handle, rclpy_implementation.ActionServer):  # type: ignore[misc]
     """The handle of an action server."""
 
     def __init__(self, table: ActionTable, node: Any, clock: Any, kind: Any, name: str, *qos: Any):
@@ -143,7 +143,10 @@ class ServerHandle(rclpy_implementation.ActionServer, _Handle):  # type: ignore[
     def publish_status(self) -> None:
         message = self.action_type.Impl.GoalStatusMessage()
         for goal in self.waitable._goal_handles.values():
-            status = GoalStatus(status=goal.status)
+            if (handle := goal._goal_handle) is None:
+                continue  # destroyed
+            # Not `goal.status`: its lock is held while its state changes.
+            status = GoalStatus(status=handle.get_status())
             status.goal_info = goal._goal_info
             message.status_list.append(status)
         self._publish("status", message)
@@ -166,7 +169,7 @@ class _Request:
         self._client.receive(kind, (self._sequence, response))
 
 
-class ClientHandle(rclpy_implementation.ActionClient, _Handle):  # type: ignore[misc]
+class ClientHandle(_Handle, rclpy_implementation.ActionClient):  # type: ignore[misc]
     """The handle of an action client."""
 
     def __init__(self, table: ActionTable, node: Any, kind: Any, name: str, *qos: Any) -> None:

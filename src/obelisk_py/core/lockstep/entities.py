@@ -60,6 +60,7 @@ class LockstepTimer(Timer):
         self._is_canceled = True
         self._next_ns = 0
         self._last_ns: int | None = None
+        self._made_ns = scheduler.time_ns
         self._executor_event = False
         if autostart:
             self.reset()
@@ -109,8 +110,9 @@ class LockstepTimer(Timer):
         self._schedule()
 
     def time_since_last_call(self) -> int:
-        """Simulated time since the last call [ns]."""
-        return self._scheduler.time_ns - (self._last_ns or 0)
+        """Simulated time since the last call, or since the timer was made [ns]."""
+        last_ns = self._made_ns if self._last_ns is None else self._last_ns
+        return self._scheduler.time_ns - last_ns
 
     def time_until_next_call(self) -> int | None:
         """Simulated time until the next call [ns]; None if the timer is stopped."""

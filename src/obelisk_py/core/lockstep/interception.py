@@ -9,7 +9,9 @@ after the installation. What cannot be simulated, such as an executor that spins
 import datetime
 import functools
 import os
+import queue  # noqa: F401 - takes its own reference to the real clock at its import
 import random
+import selectors
 import sys
 import threading
 import time
@@ -39,8 +41,10 @@ _OF_A_TIME: Final = ("localtime", "gmtime", "ctime")
 """Functions of `time` that take the present unless they are given a time."""
 _CLOCKS: Final = ("CLOCK_REALTIME", "CLOCK_MONOTONIC", "CLOCK_MONOTONIC_RAW", "CLOCK_BOOTTIME")
 """Clocks of the system that show the time, not what a process or thread has used."""
-_LIBRARY: Final = ("obelisk_py.", "rclpy.", "threading.", "mujoco.")
-"""Modules whose own waits and threads are not the user's."""
+_EVENT_LOOPS: Final = ("asyncio.",)
+_OWN_WAITS: Final = ("obelisk_py.", "threading.")
+_OWN_THREADS: Final = (*_OWN_WAITS, "rclpy.", "mujoco.")
+"""Modules whose waits and threads are not the user's."""
 _SEED_BITS: Final = 256
 
 
@@ -125,6 +129,8 @@ def _replacements() -> Iterator[tuple[Any, str, Any]]:
     for name in _OF_A_TIME:
         yield time, name, _of_present(getattr(time, name))
     yield time, "sleep", _sleep_function(time.sleep)
+    selector = selectors.DefaultSelector
+    yield selector, "select", _select_function(selector.select)
     yield threading.Event, "wait", _wait_function(threading.Event.wait)
     yield datetime, "datetime", _datetime_class(datetime.datetime)
     yield Clock, "now", _now_of_clocks(Clock.now)
@@ -197,7 +203,8 @@ def _sleep_function(real: Callable[[float], None]) -> Callable[[float], None]:
 def _wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
     def wait(self: threading.Event, timeout: float | None = None) -> bool:
         run = _process.inside()
-        if run is None or _is_library(sys._getframe(1)):
+        # Events that rclpy waits for are those of calls that block, such as `send_goal`.
+        if run is None or _is_of(_OWN_WAITS, sys._getframe(1)):
             return real(self, timeout)
         thread = threading.current_thread()
         if isinstance(thread, GuestThread):
@@ -219,8 +226,21 @@ def _wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
     return wait
 
 
-def _is_library(frame: FrameType) -> bool:
-    return f"{frame.f_globals.get('__name__', '')}.".startswith(_LIBRARY)
+def _select_function(real: Callable[..., Any]) -> Callable[..., Any]:
+    def select(self: selectors.BaseSelector, timeout: float | None = None) -> Any:
+        run = _process.inside()
+        if run is None or not timeout or not _is_of(_EVENT_LOOPS, sys._getframe(1)):
+            return real(self, timeout)
+        ready = real(self, 0)
+        if not ready:
+            take_time(run.scheduler, timeout)  # `asyncio.sleep` waits here
+        return ready
+
+    return select
+
+
+def _is_of(modules: tuple[str, ...], frame: FrameType) -> bool:
+    return f"{frame.f_globals.get('__name__', '')}.".startswith(modules)
 
 
 def _datetime_class(real: type[datetime.datetime]) -> type[datetime.datetime]:
@@ -299,7 +319,7 @@ def _seed_function(real: Callable[..., None]) -> Callable[..., None]:
 def _start_function(real: Callable[[threading.Thread], None]) -> Callable[[Any], None]:
     def start(self: threading.Thread) -> None:
         run = _process.inside()
-        if run is not None and not _is_library(sys._getframe(1)):
+        if run is not None and not _is_of(_OWN_THREADS, sys._getframe(1)):
             run.has_threads = True
             node, place = run.scheduler.running, user_place()
             run.scheduler.note(

@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 NS_PER_S: Final = 1_000_000_000
-_LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.")
+_LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.", "asyncio.")
 _STOP: Final = -1
 """Kind of the event that ends a run with an error: before all others of its time."""
 STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
@@ -284,8 +284,12 @@ class Scheduler:
         """Run what a frozen node had to put off, and go on."""
         node.is_frozen = False
         held, node.held = node.held, []
-        for due_ns, *rest in held:
-            heapq.heappush(self._heap, (max(due_ns, self.now_ns), *rest))
+        for due_ns, kind, place, _, call in held:
+            if kind in (STEP, _PUT_OFF):
+                event = (max(due_ns, self.now_ns), kind, place, node, call)
+            else:  # in the order in which they were due, as after a busy time
+                event = (max(due_ns, self.now_ns), _PUT_OFF, (due_ns, kind, place), node, call)
+            heapq.heappush(self._heap, event)
 
     def clear(self) -> None:
         """Forget all events, and the nodes with them."""

@@ -35,6 +35,8 @@ MessageRule = Callable[[int, Any], int | None]
 """Time of publication [ns], message or bytes -> further delay [ns]; None: the message is lost."""
 _INTERNAL: Final = ("/parameter_events", "/rosout", "/diagnostics")
 """Topics that are not recorded: what nodes log is kept with its text."""
+_LONGEST_LIFESPAN_NS: Final = 10**18
+"""Longer ones are infinite, in the units of one middleware or another [ns]."""
 _UNLIMITED: Final = 1 << 31
 
 
@@ -206,6 +208,13 @@ class TopicTable:
         for subscriber in topic.subscribers:
             self.send(subscriber, data, self._scheduler.time_ns)
 
+    def note_lifespan(self, node: ScheduledNode, name: str) -> None:
+        """Note that the messages of a publisher do not expire."""
+        self._scheduler.note(
+            ("lifespan", name, node.name),
+            f"{node.name} publishes {name} with a lifespan, which has no effect in lock-step",
+        )
+
     def leave(self, node: ScheduledNode) -> None:
         """Remove all endpoints of a node."""
         for topic in self.by_name.values():
@@ -248,9 +257,14 @@ class TopicTable:
 
 def _deliver(subscriber: _Subscriber, place: int) -> bool:
     queue = subscriber.queue
-    if not queue or queue[0][0] != place:
-        return False  # newer messages have pushed it out
-    _, sent_ns, message = queue.popleft()
+    if queue and queue[0][0] == place:
+        _, sent_ns, message = queue.popleft()
+    else:
+        found = next((each for each in queue if each[0] == place), None)
+        if found is None:
+            return False  # newer messages have pushed it out
+        queue.remove(found)  # it has overtaken others on its way
+        _, sent_ns, message = found
     if not subscriber.raw and isinstance(message, bytes):
         message = subscriber.unpack(message)
     subscriber.call(message, sent_ns)
@@ -289,6 +303,8 @@ class RoutedPublisher(Publisher):
             keeps_all = profile.history == HistoryPolicy.KEEP_ALL
             self.kept = deque(maxlen=None if keeps_all else max(1, profile.depth))
         self._keeps = self.kept.maxlen != 0
+        if 0 < profile.lifespan.nanoseconds < _LONGEST_LIFESPAN_NS:
+            table.note_lifespan(node, self.topic_name)
         self._table = table
         self._scheduler = table._scheduler
         self._topic = table.topic(self.topic_name, cast(Any, self.msg_type))

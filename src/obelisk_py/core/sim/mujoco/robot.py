@@ -437,8 +437,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _make_simulator(self, stop: threading.Event) -> threading.Thread:
         assert self._stepper is not None
-        self._stepper.begin()
-        return self.surroundings.drive(self, self) or super()._make_simulator(stop)
+        steps = self.surroundings.drive(self, self)
+        if steps is None:
+            return super()._make_simulator(stop)
+        self._stepper.begin()  # the thread of a normal run does so itself
+        return steps
 
     def _start_watchdog(self) -> None:
         """No thread: the stepping thread checks the age before each step."""
