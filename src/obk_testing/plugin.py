@@ -37,13 +37,13 @@ from obk_testing.kept_trials import (  # noqa: E402
     node_id_of,
     write_trial,
 )
-from obk_testing.programs import LoadedStack, load_stack  # noqa: E402
+from obk_testing.programs import LoadedStack, LoadedStacks  # noqa: E402
 from obk_testing.result import TrialResult  # noqa: E402
 from obk_testing.schedule import BringUp, Schedule, bring_up_times  # noqa: E402
 from obk_testing.summary import TrialRecord, record_of, summary_lines  # noqa: E402
 from obk_testing.trial import StackTrial  # noqa: E402
 
-__all__ = ["StartStack"]
+__all__ = ["StartStack", "trials_of"]
 
 _SCHEDULE: Final = ("latency", "jitter", "phases", "compute", "bring_up")
 _MOST_KEPT: Final = 10
@@ -132,8 +132,6 @@ class _Session:
     """Recorded failures by the name of the test, in this process."""
 
 
-_Stacks = dict[tuple[Path, tuple[str, ...], tuple[str, ...]], LoadedStack]
-"""By config, changes, and nodes left out."""
 _SESSION: Final = pytest.StashKey[_Session]()
 _TRIALS: Final = pytest.StashKey[_Trials]()
 
@@ -152,6 +150,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--keep-all", action="store_true", help="keep recordings of tests that pass too"
     )
+    group.addoption("--keep-none", action="store_true", help="keep no recordings")
     group.addoption(
         "--trial-folder",
         metavar="DIR",
@@ -249,16 +248,15 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 @pytest.fixture(scope="session")
-def _stacks() -> Iterator[_Stacks]:
+def _stacks() -> Iterator[LoadedStacks]:
     """The stacks that are loaded in this process."""
-    stacks: _Stacks = {}
+    stacks = LoadedStacks()
     yield stacks
-    for loaded in stacks.values():
-        loaded.close()
+    stacks.close()
 
 
 @pytest.fixture
-def stack(request: pytest.FixtureRequest, _stacks: _Stacks) -> Iterator[StartStack]:
+def stack(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Iterator[StartStack]:
     """`stack("my_robot.yaml")` brings a config up in lock-step; see `StartStack`."""
     trials = request.node.stash[_TRIALS] = _Trials()
 
@@ -287,27 +285,24 @@ def stack(request: pytest.FixtureRequest, _stacks: _Stacks) -> Iterator[StartSta
     yield start
     trials.close()
     del request.node.stash[_TRIALS]
+    _stacks.trim()
 
 
 def _load(
     request: pytest.FixtureRequest,
-    stacks: _Stacks,
+    stacks: LoadedStacks,
     config: str | Path | None,
     changes: Sequence[str] = (),
     without: tuple[str, ...] = (),
 ) -> LoadedStack:
     """A loaded stack; a config that cannot be loaded fails the test without a traceback."""
     path, settings = _config_of(request, config)
-    key = (path, (*settings, *changes), without)
-    error: CommandFailedError | None = None
-    if key not in stacks:
-        try:
-            stacks[key] = load_stack(path, key[1], without=without)
-        except CommandFailedError as raised:
-            error = raised
-    if error is not None:
-        _fail(error)
-    return stacks[key]
+    loaded: LoadedStack | CommandFailedError
+    try:
+        loaded = stacks.get(path, (*settings, *changes), without=without)
+    except CommandFailedError as error:
+        loaded = error
+    return loaded if isinstance(loaded, LoadedStack) else _fail(loaded)
 
 
 def _fail(error: CommandFailedError | LockstepError) -> NoReturn:
@@ -317,7 +312,7 @@ def _fail(error: CommandFailedError | LockstepError) -> NoReturn:
 
 
 @pytest.fixture
-def given_plan(request: pytest.FixtureRequest, _stacks: _Stacks) -> Plan:
+def given_plan(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Plan:
     """The plan of the config of `obk test`."""
     return _load(request, _stacks, None).plan
 
@@ -338,6 +333,12 @@ def _config_of(
     path = (request.path.parent / config).resolve()
     is_given = given is not None and given.resolve() == path
     return path, options.stack_set if is_given else ()
+
+
+def trials_of(item: pytest.Item) -> tuple[TrialResult, ...]:
+    """The trials that a test has started, up to now."""
+    trials = item.stash.get(_TRIALS, None)
+    return trials.results() if trials is not None else ()
 
 
 @pytest.fixture
@@ -419,7 +420,8 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
     node_id = node_id_of(item)
     kept_before, name = config.stash[_SESSION].kept, getattr(item, "originalname", item.name)
     is_new = report.failed and kept_before[name] < _MOST_KEPT
-    is_kept = is_new or bool(config.getoption("keep_all"))
+    is_wanted = is_new or bool(config.getoption("keep_all"))
+    is_kept = is_wanted and not config.getoption("keep_none")
     folder = Path(config.getoption("trial_folder") or config.rootpath / "build" / "obk-test")
     stem = file_stem(item)
     results = trials.results()

@@ -5,9 +5,11 @@ they stay, on a thread of their own, until the process ends. Every trial makes n
 they asked for, so no attribute of a node passes from one trial to the next.
 """
 
+import copy
 import ctypes
 import gc
 import os
+import shutil
 import sys
 import tempfile
 import threading
@@ -31,6 +33,7 @@ from obelisk_py.core.lockstep.interception import refuse_plain_nodes
 from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
 from obelisk_spec.values import ParameterValue
 from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.config.environment import Environment
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import find_executables, is_composable, ros_arguments
@@ -38,7 +41,7 @@ from obk_cli.plan.plan import Plan, Process
 from obk_cli.report import report_text
 from obk_cli.workspace.package_index import PackageIndex
 
-__all__ = ["LoadedStack", "compile_stack", "load_stack"]
+__all__ = ["LoadedStack", "LoadedStacks", "compile_stack", "load_stack"]
 
 _DISCOVERY: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _TRIALS_OF_A_PARTICIPANT: Final = 20
@@ -53,12 +56,18 @@ class CompiledStack:
     config: Path
     plan: Plan
     packages: PackageIndex
+    environment: Environment | None
+    """The packages and models that were looked up."""
     unclear_robots: frozenset[str] = frozenset()
     """Robots, by full name, of which the config does not say whether they are hardware."""
 
 
 def compile_stack(
-    config: Path, overrides: Sequence[str] = (), *, without: Iterable[str] = ()
+    config: Path,
+    overrides: Sequence[str] = (),
+    *,
+    without: Iterable[str] = (),
+    environment: Environment | None = None,
 ) -> CompiledStack:
     """Compile a config for tests.
 
@@ -66,12 +75,16 @@ def compile_stack(
         config: the file.
         overrides: `path=value`, as `--set` takes them.
         without: full names of nodes that are left out.
+        environment: of an earlier compilation of the same config, which saves time.
 
     Raises:
         CommandFailedError: it has errors, its robot is hardware, or a node cannot be in lock-step.
     """
     options = Options(
-        variables=dict(os.environ), working_folder=Path.cwd(), overrides=tuple(overrides)
+        variables=dict(os.environ),
+        working_folder=Path.cwd(),
+        overrides=tuple(overrides),
+        environment=environment,
     )
     outcome = compile_config(str(config), options)
     if outcome.plan is None or outcome.config is None:
@@ -93,6 +106,7 @@ def compile_stack(
         config=config,
         plan=replace(outcome.plan, processes=nodes),
         packages=packages,
+        environment=outcome.environment,
         unclear_robots=unclear,
     )
 
@@ -146,6 +160,20 @@ class LoadedNode:
         set_log_levels(logger_name(self.program.node), arguments)
         with self.program.command_line(), node_arguments(arguments):
             return self.request.make()
+
+    def with_parameters(self, process: Process, old: str, new: str) -> "LoadedNode":
+        """The same program with another file of parameters."""
+        program, request = self.program, self.request
+        return replace(
+            self,
+            process=process,
+            program=replace(program, arguments=_replaced(program.arguments, old, new)),
+            request=replace(request, args=_replaced(request.args, old, new)),
+        )
+
+
+def _replaced(arguments: Sequence[str], old: str, new: str) -> tuple[str, ...]:
+    return tuple(new if argument == old else argument for argument in arguments)
 
 
 class Participant:
@@ -234,6 +262,8 @@ class LoadedStack:
         """
         self.plan = compiled.plan
         self.config = compiled.config
+        self.environment = compiled.environment
+        self._is_variant = False
         self.participant = _participant
         self.unclear_robots = compiled.unclear_robots
         self.nodes: list[LoadedNode] = []
@@ -270,6 +300,32 @@ class LoadedStack:
             self._thread.join(5.0)
         self._resources.close()
 
+    def with_parameters(self, plan: Plan) -> "LoadedStack":
+        """The same programs with the parameters of another plan, open until this one is closed.
+
+        Args:
+            plan: differs from the plan of this stack in parameters only.
+        """
+        other = copy.copy(self)
+        other.plan = plan
+        other._is_variant = True
+        other._folder = Path(tempfile.mkdtemp(dir=self._folder))
+        processes = {process.full_name: process for process in plan.processes}
+        other.nodes = [
+            node.with_parameters(
+                processes[node.process.full_name],
+                str(self._folder / params_file_name(node.process)),
+                str(_write_parameters(processes[node.process.full_name], other._folder)),
+            )
+            for node in self.nodes
+        ]
+        return other
+
+    def remove_parameters(self) -> None:
+        """Remove the files of `with_parameters`; no node can be made then."""
+        if self._is_variant:
+            shutil.rmtree(self._folder)
+
     def _programs(self, compiled: CompiledStack) -> list[tuple[Process, Program]]:
         nodes = compiled.plan.processes
         executables = find_executables(nodes, compiled.packages)
@@ -283,15 +339,16 @@ class LoadedStack:
                     "something in its place with `stub`",
                 )
         # Parameters may be secret; the folder belongs to this user only.
-        folder = self._resources.enter_context(tempfile.TemporaryDirectory(prefix="obk-test-"))
+        self._folder = Path(
+            self._resources.enter_context(tempfile.TemporaryDirectory(prefix="obk-test-"))
+        )
         programs = []
         for tier in compiled.plan.tiers:
             for node in tier:
                 command = executables[node.full_name]
                 new = [str(path) for path in command.python_path if str(path) not in sys.path]
                 sys.path[:0] = new
-                path = Path(folder) / params_file_name(node)
-                path.write_text(emit_params((_for_tests(node),)), encoding="utf-8")
+                path = _write_parameters(node, self._folder)
                 assert command.module is not None
                 program = Program(
                     node=node.full_name,
@@ -335,6 +392,12 @@ class LoadedStack:
             )
 
 
+def _write_parameters(node: Process, folder: Path) -> Path:
+    path = folder / params_file_name(node)
+    path.write_text(emit_params((_for_tests(node),)), encoding="utf-8")
+    return path
+
+
 def _for_tests(node: Process) -> Process:
     if not node.model:
         return node
@@ -347,3 +410,61 @@ def load_stack(
 ) -> LoadedStack:
     """Compile and load a config; the arguments and errors are those of `compile_stack`."""
     return LoadedStack(compile_stack(config, overrides, without=without))
+
+
+_MOST_VARIANTS: Final = 8
+"""Loaded stacks that are kept between two tests."""
+
+
+class LoadedStacks:
+    """The stacks of a session; variants of a config that differ in parameters share programs."""
+
+    def __init__(self) -> None:
+        self._programs: list[tuple[Path, tuple[str, ...], LoadedStack]] = []
+        """Config, nodes left out, and the stack, in the order of loading."""
+        self._variants: dict[tuple[Path, tuple[str, ...], tuple[str, ...]], LoadedStack] = {}
+
+    def get(
+        self, config: Path, overrides: Sequence[str] = (), *, without: Iterable[str] = ()
+    ) -> LoadedStack:
+        """A stack, compiled and loaded unless it is; arguments and errors of `compile_stack`."""
+        key = (config, tuple(without), tuple(overrides))
+        if key in self._variants:
+            return self._variants[key]
+        loaded = [stack for *of, stack in self._programs if tuple(of) == key[:2]]
+        environment = loaded[0].environment if loaded else None
+        compiled = compile_stack(config, overrides, without=key[1], environment=environment)
+        bare = _without_parameters(compiled.plan)
+        same = (stack for stack in loaded if _without_parameters(stack.plan) == bare)
+        stack = next(same, None)
+        if stack is None:
+            stack = LoadedStack(compiled)
+            self._programs.append((*key[:2], stack))
+        else:
+            stack = stack.with_parameters(compiled.plan)
+        self._variants[key] = stack
+        return stack
+
+    def trim(self) -> None:
+        """Let go of the oldest stacks; no trial of theirs may be running."""
+        if len(self._variants) <= _MOST_VARIANTS:
+            return
+        for stack in self._variants.values():
+            stack.remove_parameters()
+        self._variants = {}
+        # The first one stays: most variants share its programs.
+        for *_, stack in self._programs[1:]:
+            stack.close()
+        del self._programs[1:]
+
+    def close(self) -> None:
+        """Let the programs end."""
+        self._variants.clear()
+        for *_, stack in self._programs:
+            stack.close()
+        self._programs.clear()
+
+
+def _without_parameters(plan: Plan) -> Plan:
+    nodes = tuple(replace(node, parameters={}) for node in plan.processes)
+    return replace(plan, processes=nodes)

@@ -85,6 +85,13 @@ COMMANDS = {
         "new controller class",
     ),
     "stop": ("stop", "stop dummy --all"),
+    "sweep": (
+        "sweep missing.yaml",
+        f"sweep {DUMMY} --vary onboard.robt[0].is_simulated=true,false",
+        f"sweep {DUMMY} --vary onboard.control[0].timers[0].timer_period_sec=0.001",
+        f"sweep {DUMMY} --vary onboard.control[0].timers[0].timer_period_sec=0..1",
+        f"sweep {DUMMY} --engine ray",
+    ),
     "logs": ("logs", "logs dummy"),
     # Not all checks: what they find depends on the machine.
     "doctor": ("doctor --list", "doctor workspce", "doctor folders workspace"),

@@ -49,6 +49,7 @@ SLOW = {
     "docs/how-to/looking-into-a-stack.md",
     "docs/how-to/recording.md",
     "docs/how-to/running.md",
+    "docs/how-to/sweeps.md",
     "docs/how-to/viewing.md",
     "examples/arm/README.md",
     "examples/dummy/README.md",
@@ -179,6 +180,10 @@ SETUPS = {
     "docs/how-to/own-robot.md": Setup(is_calm=False, varying=((USUAL_PORT, free_port()),)),
     "docs/how-to/recording.md": Setup(is_calm=False, check=plot_is_a_picture),
     "docs/how-to/scaffolding.md": Setup(check=workspace_was_made),
+    # The line of progress is overwritten.
+    "docs/how-to/sweeps.md": Setup(
+        varying=(("\ntests/test_arm.py::", "\n...tests/test_arm.py::"),)
+    ),
     "docs/how-to/variants.md": Setup(check=variants_differ_in_the_robot),
     "docs/how-to/viewing.md": Setup(
         is_up=re.compile(r"http://127"),

@@ -60,6 +60,7 @@ VERBS = {
     "doctor": Verb("obk_cli.cli.doctor", "Check this machine and explain how to fix problems."),
     "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
     "rehearse": Verb("obk_cli.cli.rehearse", "Test how a stack reacts when its nodes fail."),
+    "sweep": Verb("obk_cli.cli.sweep", "Run closed-loop tests for many seeds and parameters."),
     "explain": Verb("obk_cli.cli.explain", "Explain a rule and how to fix what it reports."),
     "migrate": Verb("obk_cli.cli.migrate", "Rewrite a config into the newer spelling, or back."),
     "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),

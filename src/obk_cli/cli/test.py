@@ -28,7 +28,7 @@ from obk_cli.files import STANDARD_INPUT
 from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import Plan
 
-__all__ = ["EXAMPLE", "command", "default_tests"]
+__all__ = ["EXAMPLE", "command", "default_tests", "lockstep_environment"]
 
 EXAMPLE = """\b
 Example: obk test my_robot.yaml
@@ -136,12 +136,14 @@ def command(
         *(("--keep-all",) if keep_all else ()),
         *(() if color == "auto" else ("--color", "yes" if color == "always" else "no")),
     ]
-    environment = _environment(folder, plan, may_build=build, color=color)
+    environment = lockstep_environment(folder, plan, may_build=build, color=color)
     arguments = [*options, *_tests(tests or (), folder, output)]
     raise typer.Exit(_run_pytest(arguments, environment))
 
 
-def _environment(folder: Path, plan: Plan, *, may_build: bool, color: str) -> Mapping[str, str]:
+def lockstep_environment(
+    folder: Path, plan: Plan, *, may_build: bool, color: str
+) -> Mapping[str, str]:
     """The variables of the test process: no other process sees its nodes, and sums repeat."""
     from obk_cli.cli.build import on_overlays
     from obk_cli.launch.options import require_libraries

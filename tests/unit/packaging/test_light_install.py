@@ -44,6 +44,7 @@ NEEDS = {
     "record": ("record", []),
     "bag": ("record", ["info", "run.mcap"]),
     "plot": ("plot", ["run.mcap", "est.q"]),
+    "sweep": ("test", ["my_robot/my_robot.yaml"]),
     "web": ("web", []),
 }
 """Verb -> the extra that it asks for first, and arguments."""

@@ -1,0 +1,146 @@
+"""`obk sweep CONFIG [TEST]`: run closed-loop tests for many seeds and values of parameters."""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from obk_cli.cli.config_options import (
+    ColourOption,
+    IgnoreOption,
+    SetOption,
+    make_options,
+    valid_plan,
+)
+from obk_cli.cli.options import FormatOption, require_choice, wants_json
+from obk_cli.cli.test import default_tests, lockstep_environment
+from obk_cli.compiler import compile_config
+from obk_cli.errors import MisuseError
+from obk_cli.optional_deps import require_extra
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = """\b
+Example: obk sweep examples/arm/arm.yaml --seeds 1000
+         obk sweep examples/arm/arm.yaml --vary control.params.move_s=2..3 --seeds 50
+         obk sweep config.yaml --vary control.params.gain=1..9:5 --grid
+"""
+ENGINES: Final = ("local", "dask")
+
+
+def command(
+    config: Annotated[str, typer.Argument(metavar="CONFIG", help="The config.")],
+    test: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[TEST]",
+            help="A test, such as `tests/test_arm.py::test_push`, or a file of tests; by default "
+            "those in `tests/` beside the config, otherwise a smoke test.",
+        ),
+    ] = None,
+    seeds: Annotated[
+        int,
+        typer.Option(min=1, help="Number of seeds; with `--vary`, of samples, each with a seed."),
+    ] = 1,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH=RANGE",
+            help="Vary a value of the config: `50..200`, or a list `1,2,5`; may be repeated.",
+        ),
+    ] = None,
+    grid: Annotated[
+        bool,
+        typer.Option(
+            "--grid",
+            help="Run every combination of values with every seed; ranges as `50..200:7`. By "
+            "default, samples of a Latin hypercube.",
+        ),
+    ] = False,
+    jobs: Annotated[
+        int | None, typer.Option("-j", "--jobs", min=1, help="Worker processes; one per core.")
+    ] = None,
+    engine: Annotated[
+        str,
+        typer.Option(metavar="|".join(ENGINES), help="Where cases run; `dask` needs the extra."),
+    ] = "local",
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Dask scheduler, such as tcp://host:8786; by default a cluster on this machine.",
+        ),
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(metavar="FOLDER", help="Folder for results; build/obk-sweep/NAME by default."),
+    ] = None,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Remove existing results and run all cases.")
+    ] = False,
+    format: FormatOption = "text",
+    set_: SetOption = None,
+    ignore: IgnoreOption = None,
+    color: ColourOption = "auto",
+) -> None:
+    """Run closed-loop tests for many seeds and values of parameters.
+
+    Results are kept in a database; an interrupted sweep continues when the same command runs
+    again. `report.html` shows pass rates, distributions and the worst cases with the commands that
+    run them again. Exit code 0: all cases passed; 1: one did not, or the config has errors.
+    """
+    is_json = wants_json(format)
+    require_choice("--engine", engine, ENGINES)
+    if config == "-":
+        raise MisuseError("`obk sweep` loads the config more than once: give a file")
+    if scheduler is not None and engine != "dask":
+        raise MisuseError("`--scheduler` is for `--engine dask`")
+    require_extra("pytest", "test")
+    if engine == "dask":
+        require_extra("distributed", "sweep")
+    path = Path(config).resolve()
+    tests = _tests(test, path.parent)
+    plan = valid_plan(compile_config(config, make_options(set_, ignore)), color)
+    environment = lockstep_environment(path.parent, plan, may_build=True, color=color)
+    request = {
+        "config": config,
+        "tests": tests,
+        "seeds": seeds,
+        "vary": vary or [],
+        "is_grid": grid,
+        "workers": jobs or os.cpu_count() or 1,
+        "engine": engine,
+        "scheduler": scheduler,
+        "output": output,
+        "is_restart": restart,
+        "overrides": set_ or [],
+        "is_json": is_json,
+    }
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # In place of this process, which may not import the library of tests.
+    command = [sys.executable, "-P", "-m", "obk_testing.sweep", json.dumps(request)]
+    os.execve(sys.executable, command, dict(environment))  # noqa: S606 - without a shell
+
+
+def _tests(test: str | None, folder: Path) -> list[str]:
+    """What pytest collects from, as absolute paths; nothing for the smoke test.
+
+    Raises:
+        MisuseError: the file does not exist.
+    """
+    if test is None:
+        beside = default_tests(folder)
+        return [] if beside is None else [str(beside)]
+    path, colons, name = test.partition("::")
+    for start in (Path.cwd(), folder):
+        if (start / path).exists():
+            return [f"{(start / path).resolve()}{colons}{name}"]
+    raise MisuseError(
+        f"the test `{path}` does not exist",
+        help="give its path from here or from the folder of the config, such as "
+        "`tests/test_robot.py::test_it_stands`",
+    )

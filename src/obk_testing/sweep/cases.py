@@ -1,0 +1,329 @@
+"""The cases of a sweep, each a test with a seed and changes of the config, and their results.
+
+Cases are a function of the command line and of the tests alone, so every engine, on any number of
+workers, runs the same ones.
+"""
+
+import hashlib
+import json
+import random
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from obelisk_spec.suggestions import did_you_mean
+from obk_cli.config.loader import ConfigFiles, load_config
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.config.yaml_parser import decode_source
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import SourceFile
+from obk_cli.errors import MisuseError
+from obk_cli.files import read_bytes
+
+__all__ = [
+    "FoundTest",
+    "Outcome",
+    "Row",
+    "SweepCase",
+    "Varied",
+    "files_of_config",
+    "make_cases",
+    "parse_varied",
+    "with_types_of_config",
+]
+
+Outcome = Literal["passed", "failed", "skipped", "died"]
+_SEED: Final = re.compile(r"(?<=[\[-])seed0(?=[\]-])")
+"""The part of a test's id that pytest makes of the first seed."""
+_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_RANGE: Final = re.compile(rf"({_NUMBER})\.\.({_NUMBER})(?::(\d+))?")
+_DIGITS: Final = 6
+"""Significant digits of a value that is drawn, few enough to be typed again."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundTest:
+    """A test that takes `stack`."""
+
+    node_id: str
+    """The id that pytest has for it, relative to the config's folder; of seed 0 if it takes one."""
+    takes_seed: bool
+
+    @property
+    def name(self) -> str:
+        """The id without the seed: `tests/test_arm.py::test_push[8]`."""
+        if not self.takes_seed:
+            return self.node_id
+        name = _SEED.sub("", self.node_id, count=1)
+        return name.replace("[-", "[").replace("--", "-").replace("-]", "]").removesuffix("[]")
+
+    def node_id_of(self, seed: int) -> str:
+        """The id for a seed."""
+        return _SEED.sub(f"seed{seed}", self.node_id, count=1) if self.takes_seed else self.node_id
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepCase:
+    """One run of one test."""
+
+    test: str
+    """Its id without the seed."""
+    node_id: str
+    seed: int | None
+    """None: the test takes none."""
+    overrides: tuple[tuple[str, str], ...] = ()
+    """Path of the config -> value, as `--set` takes them."""
+
+    @property
+    def key(self) -> str:
+        """Identifies the case in every sweep."""
+        text = json.dumps([self.node_id, self.overrides])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """The overrides as `--set` takes them."""
+        return tuple(f"{path}={value}" for path, value in self.overrides)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """The result of a case."""
+
+    key: str
+    outcome: Outcome
+    why: str = ""
+    """The first line of the failed assertion, or what else went wrong."""
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    """What the test has recorded with `record_property`."""
+    digest: str = ""
+    """Of all trials of the case; empty if it started none."""
+    seconds: float = 0.0
+    """Wall time [s]."""
+    worker: str = ""
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether the case failed or could not be run."""
+        return self.outcome in ("failed", "died")
+
+    def data(self) -> dict[str, Any]:
+        """The row for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Varied:
+    """A value of the config that is varied."""
+
+    path: str
+    low: float = 0.0
+    high: float = 0.0
+    steps: int | None = None
+    """Values of a range in a grid."""
+    values: tuple[str, ...] = ()
+    """The values of a list; empty for a range."""
+    is_integer: bool = False
+
+    def ends(self) -> tuple[str, ...]:
+        """The values to check before the first case: the ends of the range, or the whole list."""
+        return self.values or (self._text(self.low), self._text(self.high))
+
+    def grid(self) -> tuple[str, ...]:
+        """All values of a grid.
+
+        Raises:
+            MisuseError: a range without a number of values.
+        """
+        if self.values:
+            return self.values
+        if self.steps is None:
+            raise MisuseError(
+                f"`--vary {self.path}`: a grid needs the number of values of a range",
+                help=f"write it behind the range: `{self.path}={self.low:g}..{self.high:g}:5`",
+            )
+        last = max(self.steps - 1, 1)
+        width = self.high - self.low
+        drawn = (self._text(self.low + width * step / last) for step in range(self.steps))
+        return tuple(dict.fromkeys(drawn))
+
+    def sample(self, count: int) -> list[str]:
+        """One value in each of so many equal parts of the range, in an order drawn by the path."""
+        draw = random.Random(f"obk sweep {self.path} {count}")  # noqa: S311 - not for security
+        parts = list(range(count))
+        draw.shuffle(parts)
+        if self.values:
+            return [self.values[part * len(self.values) // count] for part in parts]
+        width = self.high - self.low
+        return [self._text(self.low + width * (part + draw.random()) / count) for part in parts]
+
+    def _text(self, value: float) -> str:
+        return str(round(value)) if self.is_integer else repr(float(f"{value:.{_DIGITS}g}"))
+
+
+def parse_varied(text: str) -> Varied:
+    """Read `PATH=LOW..HIGH`, `PATH=LOW..HIGH:COUNT` or `PATH=VALUE,VALUE,...`.
+
+    Raises:
+        MisuseError: it is none of them.
+    """
+    path, equals, values = text.partition("=")
+    found = _RANGE.fullmatch(values)
+    if not equals or not path or not values:
+        raise MisuseError(
+            f"`--vary {text}`: expected PATH=RANGE",
+            help="such as `control.params.gain=50..200` or `control.params.mode=soft,stiff`",
+        )
+    if found is None:
+        listed = tuple(value.strip() for value in values.split(","))
+        if len(listed) < 2 or not all(listed):
+            raise MisuseError(
+                f"`--vary {text}`: `{values}` is no range and no list",
+                help="write `PATH=50..200` or `PATH=1,2,5`",
+            )
+        return Varied(path=path, values=listed)
+    low, high = float(found[1]), float(found[2])
+    steps = None if found[3] is None else int(found[3])
+    if low >= high or steps == 0:
+        raise MisuseError(f"`--vary {text}`: the range `{values}` is empty")
+    return Varied(path=path, low=low, high=high, steps=steps)
+
+
+def with_types_of_config(
+    varied: Sequence[Varied], config: Path, variables: Mapping[str, str]
+) -> tuple[Varied, ...]:
+    """Check that the config has what is varied; integers stay integers.
+
+    Raises:
+        MisuseError: a path does not exist, or its value is of another kind.
+    """
+    tree, _ = _load(config, variables)
+    paths = [each.path for each in varied]
+    if repeated := {path for path in paths if paths.count(path) > 1}:
+        raise MisuseError(f"`--vary {min(repeated)}` is given twice")
+    return tuple(_typed(each, _value_at(tree, each.path)) for each in varied)
+
+
+def files_of_config(config: Path, variables: Mapping[str, str]) -> tuple[Path, ...]:
+    """The config and the files that it includes."""
+    return tuple(Path(source.path).absolute() for source in _load(config, variables)[1])
+
+
+def _load(config: Path, variables: Mapping[str, str]) -> tuple[Tree | None, Sequence[SourceFile]]:
+    """The values of a config with its includes, and the files they stand in."""
+    data = read_bytes(str(config))
+    if isinstance(data, str):
+        raise MisuseError(f"`{config}` cannot be read: {data}")
+    source = decode_source(str(config), data)
+    if isinstance(source, Diagnostic):
+        raise MisuseError(f"{config}: {source.message}")
+    files = ConfigFiles(source, variables=variables, working_folder=Path.cwd(), read=read_bytes)
+    tree, _ = load_config(source, files, ())
+    return tree, files.sources
+
+
+def _typed(varied: Varied, found: TreeScalar) -> Varied:
+    place = f"{found.span.path}:{found.span.line}:{found.span.column}"
+    is_number = isinstance(found.value, int | float) and not isinstance(found.value, bool)
+    if varied.values:
+        return varied
+    if not is_number:
+        raise MisuseError(
+            f"`--vary {varied.path}`: a range is of numbers, and the value is {kind_of(found)} "
+            f"({place})",
+            help=f"list its values: `{varied.path}=A,B`",
+        )
+    if not isinstance(found.value, int):
+        return varied
+    if not (varied.low.is_integer() and varied.high.is_integer()):
+        raise MisuseError(
+            f"`--vary {varied.path}`: the value is an integer ({place}), "
+            f"{varied.low:g}..{varied.high:g} is not a range of integers",
+            help="write the value in the config with a decimal point if it is a number of any kind",
+        )
+    return Varied(
+        path=varied.path, low=varied.low, high=varied.high, steps=varied.steps, is_integer=True
+    )
+
+
+def _value_at(tree: Tree | None, path: str) -> TreeScalar:
+    """The scalar at a path of the config."""
+    done = ""
+    for step in re.findall(r"[^.\[\]]+|\[\d+\]", path):
+        if step.startswith("["):
+            tree = _item(tree, int(step[1:-1]), path, done)
+        else:
+            tree = _entry(tree, step, path, done)
+        done = f"{done}{step}" if step.startswith("[") else f"{done}.{step}".lstrip(".")
+    if isinstance(tree, TreeScalar):
+        return tree
+    what = "nothing" if tree is None else kind_of(tree)
+    first = "[0]" if isinstance(tree, TreeList) else ".NAME"
+    raise MisuseError(
+        f"`--vary {path}`: there is {what}, not a single value",
+        help=f"vary one of its values, such as `{path}{first}`",
+    )
+
+
+def _item(tree: Tree | None, number: int, path: str, done: str) -> Tree | None:
+    if isinstance(tree, TreeMap) and number == 0:
+        return tree  # a mapping stands for a list of one
+    if not isinstance(tree, TreeList) or number >= len(tree.items):
+        count = len(tree.items) if isinstance(tree, TreeList) else 0
+        raise MisuseError(f"`--vary {path}`: `{done}` has {count} items, no [{number}]")
+    return tree.items[number]
+
+
+def _entry(tree: Tree | None, key: str, path: str, done: str) -> Tree | None:
+    entry = tree.get(key) if isinstance(tree, TreeMap) else None
+    if entry is None:
+        known = [each.key for each in tree] if isinstance(tree, TreeMap) else []
+        raise MisuseError(
+            f"`--vary {path}`: {f'`{done}`' if done else 'the config'} has no `{key}`",
+            help=did_you_mean(key, known)
+            or (f"it has {', '.join(known)}" if known else "write the value in the config first"),
+        )
+    return entry.value
+
+
+def make_cases(
+    tests: Sequence[FoundTest],
+    *,
+    seeds: int,
+    varied: Sequence[Varied] = (),
+    is_grid: bool = False,
+    overrides: Sequence[str] = (),
+) -> tuple[SweepCase, ...]:
+    """All cases, in order.
+
+    Args:
+        tests: what is run for every point.
+        seeds: how many seeds; with `varied` and no grid, how many samples, each with its own seed.
+        varied: values of the config.
+        is_grid: every combination of values with every seed, not a Latin hypercube.
+        overrides: `path=value` for all cases.
+    """
+    fixed = [(path, value) for path, _, value in (each.partition("=") for each in overrides)]
+    paths = [each.path for each in varied]
+    points: list[tuple[int, tuple[str, ...]]]
+    if is_grid:
+        combinations = product(*(each.grid() for each in varied))
+        points = [(seed, values) for values in combinations for seed in range(seeds)]
+    else:
+        samples = [each.sample(seeds) for each in varied]
+        points = [(seed, tuple(column[seed] for column in samples)) for seed in range(seeds)]
+    cases: dict[SweepCase, None] = {}
+    for seed, values in points:
+        changes = (*fixed, *zip(paths, values, strict=True))
+        for test in tests:
+            case = SweepCase(
+                test=test.name,
+                node_id=test.node_id_of(seed),
+                seed=seed if test.takes_seed else None,
+                overrides=changes,
+            )
+            cases[case] = None
+    return tuple(cases)

@@ -1,0 +1,244 @@
+"""Run the cases of a sweep on a Dask cluster, of this machine or of several.
+
+Every Dask worker runs cases in processes of its own, as `LocalEngine` does. It uses the workspace
+at the same path if its files are the same there, and otherwise a copy that the sweep ships.
+"""
+
+import hashlib
+import io
+import os
+import queue
+import zipfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Any, Final, Self
+
+import dask
+from distributed import Client, LocalCluster, Worker, as_completed, get_worker
+from distributed.diagnostics.plugin import WorkerPlugin
+from distributed.scheduler import KilledWorker
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.workspace.package_index import find_workspace
+from obk_testing.sweep.cases import Row, SweepCase
+from obk_testing.sweep.engines import Placed, RestartingWorker
+from obk_testing.sweep.worker import machine
+
+__all__ = ["DaskEngine"]
+
+_NOT_SHIPPED: Final = frozenset(
+    {".git", ".venv", "__pycache__", "build", "install", "log", ".pytest_cache", "node_modules"}
+)
+_CONNECT_S: Final = 10
+
+
+class DaskEngine:
+    """Workers of a Dask cluster."""
+
+    def __init__(
+        self,
+        config: Path,
+        tests: Sequence[str],
+        scratch: Path,
+        *,
+        scheduler: str | None,
+        workers: int,
+        probe: SweepCase,
+        digest: str,
+        is_shipped: bool = False,
+    ) -> None:
+        """Connect, and prepare every worker.
+
+        Args:
+            config: absolute path.
+            tests: as a worker process takes them.
+            scratch: a folder for temporary files.
+            scheduler: address; None: start a cluster on this machine.
+            workers: of that cluster.
+            probe: the case that every worker runs first.
+            digest: of the probe case on this machine.
+            is_shipped: use the copy of the workspace even where the same files exist.
+
+        Raises:
+            CommandFailedError: the scheduler does not answer.
+        """
+        self._digest = digest
+        self._resources = ExitStack()
+        try:
+            address = scheduler or self._start_cluster(workers, scratch)
+            self._client: Any = self._resources.enter_context(
+                Client(address, timeout=_CONNECT_S, set_as_default=False)
+            )
+        except OSError as error:
+            self._resources.close()
+            raise CommandFailedError(
+                f"the Dask scheduler at {scheduler} does not answer: {error}",
+                help="`dask scheduler` starts one, `dask worker ADDRESS` a worker",
+            ) from error
+        workspace = find_workspace(config.parent)
+        runner = _CaseRunner(
+            config=str(config),
+            tests=tuple(tests),
+            workspace=str(workspace),
+            archive=b"" if scheduler is None and not is_shipped else zipped(workspace),
+            is_shipped=is_shipped,
+            probe=probe,
+        )
+        self._name = runner.name
+        self._client.register_plugin(runner, name=runner.name)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
+        """The results of cases, in the order in which they end."""
+        waiting = iter(cases)
+        submitted: dict[str, SweepCase] = {}
+
+        def submit(count: int) -> list[Any]:
+            futures = []
+            for case in islice(waiting, count):
+                future = self._client.submit(_run_case, self._name, case, pure=False)
+                submitted[future.key] = case
+                futures.append(future)
+            return futures
+
+        # Some more than can run, so that no worker waits for the network.
+        ahead = 2 * max(1, sum(self._client.nthreads().values()))
+        futures = as_completed(submit(ahead), loop=self._client.loop)
+        for future in futures:
+            yield self._placed(submitted.pop(future.key), future)
+            futures.update(submit(1))
+
+    def close(self) -> None:
+        """End the workers' processes, and the cluster if it was started here."""
+        # A cluster that has ended has no workers to clean up.
+        with suppress(OSError, TimeoutError, ValueError):
+            self._client.unregister_worker_plugin(self._name)
+        self._resources.close()
+
+    def _start_cluster(self, workers: int, scratch: Path) -> Any:
+        folder = TemporaryDirectory(prefix="dask-", dir=scratch, ignore_cleanup_errors=True)
+        with dask.config.set({"distributed.admin.system-monitor.gil.enabled": False}):
+            return self._resources.enter_context(
+                LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    memory_limit=0,
+                    local_directory=self._resources.enter_context(folder),
+                )
+            )
+
+    def _placed(self, case: SweepCase, future: Any) -> Placed:
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            died = f"its Dask workers died, the last one at {error.last_worker.address}"
+            return Placed(row=Row(key=case.key, outcome="died", why=died))
+        if error is not None:
+            raise error
+        row, digest, cpu = future.result()
+        if digest == self._digest:
+            return Placed(row=row)
+        name = row.worker.partition(":")[0]
+        note = f"worker {name} computes other bits (CPU {cpu}): its results are statistics"
+        return Placed(row=row, note=f"{note}, not replays")
+
+
+class _CaseRunner(WorkerPlugin):
+    """What a Dask worker has for the cases of a sweep."""
+
+    def __init__(
+        self,
+        *,
+        config: str,
+        tests: tuple[str, ...],
+        workspace: str,
+        archive: bytes,
+        is_shipped: bool,
+        probe: SweepCase,
+    ) -> None:
+        identity = repr((config, tests, probe, os.getpid())).encode() + archive
+        self.name = f"obk-sweep-{hashlib.sha256(identity).hexdigest()[:12]}"
+        self._config, self._tests, self._workspace = config, tests, workspace
+        self._archive, self._is_shipped, self._probe = archive, is_shipped, probe
+
+    def setup(self, worker: Worker) -> None:
+        """Prepare a Dask worker; called by Dask on each, also on those that join later."""
+        self._scratch = Path(worker.local_directory) / self.name
+        self._scratch.mkdir(exist_ok=True)
+        if self._is_shipped or not self._has_same_files():
+            self._unpack()
+        self._idle: queue.SimpleQueue[RestartingWorker] = queue.SimpleQueue()
+        self._all: list[RestartingWorker] = []
+        self._digest = ""
+
+    def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - Dask's
+        """End the processes; called by Dask."""
+        for each in self._all:
+            each.kill()
+            each.close()
+
+    def run(self, case: SweepCase) -> tuple[Row, str, str]:
+        """Run a case; also gives the digest of the probe case on this machine, and its CPU."""
+        try:
+            process = self._idle.get_nowait()
+        except queue.Empty:
+            process = RestartingWorker(Path(self._config), self._tests, self._scratch)
+            self._all.append(process)
+        if not self._digest:
+            self._digest = process.run(self._probe).digest or "none"
+        row = process.run(case)
+        self._idle.put(process)
+        return row, self._digest, machine()["cpu"]
+
+    def _has_same_files(self) -> bool:
+        if not self._archive:
+            return True
+        with zipfile.ZipFile(io.BytesIO(self._archive)) as archive:
+            for name in archive.namelist():
+                path = Path(self._workspace) / name
+                if not path.is_file() or path.read_bytes() != archive.read(name):
+                    return False
+        return True
+
+    def _unpack(self) -> None:
+        folder = self._scratch / "workspace"
+        with zipfile.ZipFile(io.BytesIO(self._archive)) as archive:
+            archive.extractall(folder)
+
+        def moved(path: str) -> str:
+            return str(folder / Path(path).relative_to(self._workspace))
+
+        self._config, self._tests = moved(self._config), tuple(map(moved, self._tests))
+
+
+def _run_case(name: str, case: SweepCase) -> tuple[Row, str, str]:
+    runner: Any = get_worker().plugins[name]
+    result: tuple[Row, str, str] = runner.run(case)
+    return result
+
+
+def zipped(workspace: Path) -> bytes:
+    """The files of a workspace without what is built from them."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+        for folder, folders, files in os.walk(workspace):
+            folders[:] = sorted(name for name in folders if name not in _NOT_SHIPPED)
+            for name in sorted(files):
+                path = Path(folder) / name
+                if path.is_file():
+                    archive.write(path, path.relative_to(workspace))
+    return data.getvalue()

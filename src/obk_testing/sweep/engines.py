@@ -1,0 +1,299 @@
+"""Run the cases of a sweep in processes of this machine.
+
+Every engine runs cases in `WorkerProcess`es: interpreters of their own with a fixed hash seed and
+one thread for linear algebra. So no result depends on the engine, the order or the number of
+workers. `ProcessPoolExecutor` does not fit: it ends all workers when one dies, and a Dask worker,
+which is a daemon, may not start one.
+"""
+
+import json
+import os
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Protocol, Self
+
+from obk_cli.errors import CommandFailedError
+from obk_testing.sweep.cases import FoundTest, Row, SweepCase
+from obk_testing.sweep.worker import Hello, WorkerSettings
+
+__all__ = ["Engine", "LocalEngine", "Placed", "RestartingWorker", "WorkerProcess"]
+
+_CASES_A_WORKER: Final = 200
+"""Cases after which a worker is replaced: every trial leaves 0.3 MB behind."""
+_ATTEMPTS: Final = 2
+_END_S: Final = 10.0
+"""How long a worker may take to end after its last case [s]."""
+_ENVIRONMENT: Final = {
+    "PYTHONHASHSEED": "0",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
+    "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # a killed worker would leave files in /dev/shm
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placed:
+    """A result and where it was computed."""
+
+    row: Row
+    note: str = ""
+    """What is special about the worker."""
+
+
+class Engine(Protocol):
+    """Runs cases."""
+
+    def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
+        """The results of cases, in the order in which they end."""
+
+    def close(self) -> None:
+        """End all workers, at once if they are busy."""
+
+
+class _WorkerDiedError(Exception):
+    """A worker ended in the middle of a case; the text says how."""
+
+
+class WorkerProcess:
+    """A process that runs one case at a time."""
+
+    def __init__(self, config: Path, tests: Sequence[str], scratch: Path) -> None:
+        """Start it and wait until it has collected the tests.
+
+        Args:
+            config: absolute path.
+            tests: files, folders or tests for pytest, absolute paths.
+            scratch: the folder for its temporary files.
+
+        Raises:
+            CommandFailedError: it cannot collect them.
+        """
+        self.cases = 0
+        self._resources = ExitStack()
+        # Removed by this process, because a worker that is killed leaves its files behind.
+        folder = self._resources.enter_context(
+            tempfile.TemporaryDirectory(prefix="worker-", dir=scratch, ignore_cleanup_errors=True)
+        )
+        self._errors = self._resources.enter_context(
+            (Path(folder) / "errors").open("w+", encoding="utf-8", errors="replace")
+        )
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "obk_testing.sweep.worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            text=True,
+            cwd=config.parent,
+            env={**os.environ, **_ENVIRONMENT, "TMPDIR": folder, "ROS_LOG_DIR": folder},
+        )
+        try:
+            settings = WorkerSettings(config=str(config), tests=tuple(tests), parent=os.getpid())
+            hello = self._ask(asdict(settings))
+        except _WorkerDiedError as error:
+            self.close()
+            raise CommandFailedError(f"a worker of the sweep cannot start: {error}") from error
+        except BaseException:
+            self.close()
+            raise
+        tests_found = tuple(FoundTest(**each) for each in hello["tests"])
+        self.hello = Hello(**{**hello, "tests": tests_found, "files": tuple(hello["files"])})
+
+    @property
+    def pid(self) -> int:
+        """The process id."""
+        return self._process.pid
+
+    def run(self, case: SweepCase) -> Row:
+        """Run a case.
+
+        Raises:
+            _WorkerDiedError: the process ended.
+        """
+        self.cases += 1
+        return Row(**self._ask(asdict(case)))
+
+    def kill(self) -> None:
+        """End it at once; a case that is running fails."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """Let it end, and remove what it leaves."""
+        with self._resources:
+            assert self._process.stdin is not None
+            assert self._process.stdout is not None
+            try:
+                self._process.stdin.close()
+                self._process.wait(_END_S)
+            except (OSError, subprocess.TimeoutExpired):
+                self._process.kill()
+                self._process.wait()
+            self._process.stdout.close()
+
+    def _ask(self, data: Mapping[str, Any]) -> dict[str, Any]:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(json.dumps(data) + "\n")
+            self._process.stdin.flush()
+            line = self._process.stdout.readline()
+        except OSError:
+            line = ""
+        if not line.endswith("\n"):
+            self._process.kill()
+            raise _WorkerDiedError(self._end())
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def _end(self) -> str:
+        """How the process ended, with the last line that it printed."""
+        code = self._process.wait()
+        how = f"exit code {code}"
+        if code < 0:
+            how = f"signal {-code} ({signal.Signals(-code).name})"
+        self._errors.seek(0)
+        lines = [line.strip() for line in self._errors.read().splitlines() if line.strip()]
+        return f"{how}: {lines[-1]}" if lines else how
+
+
+class RestartingWorker:
+    """Runs cases in a worker that is replaced when it dies, and after many cases."""
+
+    def __init__(
+        self,
+        config: Path,
+        tests: Sequence[str],
+        scratch: Path,
+        first: WorkerProcess | None = None,
+    ) -> None:
+        """Take over a first worker, if there is one; the other arguments are those of a worker."""
+        self._config, self._tests, self._scratch = config, tests, scratch
+        self._worker = first
+        self._is_closed = False
+
+    def run(self, case: SweepCase) -> Row:
+        """Run a case, once more if the worker dies."""
+        how = ""
+        for _ in range(_ATTEMPTS):
+            worker = self._started()
+            try:
+                return worker.run(case)
+            except _WorkerDiedError as error:
+                how = str(error)
+                self._drop()
+                if self._is_closed:
+                    break
+        why = f"its worker died {_ATTEMPTS} times: {how}"
+        return Row(key=case.key, outcome="died", why=why, worker=socket.gethostname())
+
+    def kill(self) -> None:
+        """End the worker at once, from any thread."""
+        self._is_closed = True
+        if self._worker is not None:
+            self._worker.kill()
+
+    def close(self) -> None:
+        """End the worker."""
+        self._is_closed = True
+        self._drop()
+
+    def _started(self) -> WorkerProcess:
+        if self._worker is not None and self._worker.cases >= _CASES_A_WORKER:
+            self._drop()
+        if self._worker is None:
+            self._worker = WorkerProcess(self._config, self._tests, self._scratch)
+        return self._worker
+
+    def _drop(self) -> None:
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.close()
+
+
+class LocalEngine:
+    """Worker processes of this machine."""
+
+    def __init__(
+        self,
+        config: Path,
+        tests: Sequence[str],
+        scratch: Path,
+        *,
+        workers: int,
+        first: WorkerProcess | None = None,
+    ) -> None:
+        """Take over a first worker; the others start with the first case.
+
+        Args:
+            config: absolute path.
+            tests: as a worker takes them.
+            scratch: as a worker takes it.
+            workers: how many.
+            first: one that has started already.
+        """
+        self._workers = [RestartingWorker(config, tests, scratch, first)]
+        self._workers += [RestartingWorker(config, tests, scratch) for _ in range(workers - 1)]
+        self._threads: list[threading.Thread] = []
+        self._waiting: deque[SweepCase] = deque()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
+        """The results of cases, in the order in which they end."""
+        self._waiting = deque(cases)
+        results: queue.SimpleQueue[Row | BaseException] = queue.SimpleQueue()
+        count = len(self._waiting)
+        # A worker ends with the thread that has started it, so threads last as long as workers.
+        for worker in self._workers[:count]:
+            thread = threading.Thread(target=self._serve, args=[worker, results], daemon=True)
+            self._threads.append(thread)
+            thread.start()
+        for _ in range(count):
+            result = results.get()
+            if isinstance(result, BaseException):
+                raise result
+            yield Placed(row=result)
+
+    def close(self) -> None:
+        """End all workers, at once if they are busy."""
+        self._waiting.clear()
+        for worker in self._workers:
+            if self._threads:
+                worker.kill()
+        for thread in self._threads:
+            thread.join()
+        for worker in self._workers:
+            worker.close()
+
+    def _serve(
+        self, worker: RestartingWorker, results: "queue.SimpleQueue[Row | BaseException]"
+    ) -> None:
+        try:
+            while self._waiting:
+                results.put(worker.run(self._waiting.popleft()))
+        except IndexError:
+            pass  # another worker took the last one
+        except BaseException as error:
+            results.put(error)
+        worker.close()

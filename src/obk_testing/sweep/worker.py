@@ -1,0 +1,242 @@
+"""A process that runs cases of a sweep: `python -m obk_testing.sweep.worker`.
+
+It runs pytest with a loop of its own, so a test means the same as under `obk test`: fixtures,
+marks, `conftest.py` and rewritten assertions all work. The config is loaded once. Every case has
+fixtures of its own, but for those of the session.
+
+Standard input: a line of JSON for the sweep (`WorkerSettings`), then a `SweepCase` a line.
+Standard output: a line for the worker (`Hello`), then one for each case (`Row`). What tests and
+nodes print goes to the standard error.
+"""
+
+import ctypes
+import hashlib
+import json
+import os
+import platform
+import re
+import signal
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Final, TextIO
+
+import pytest
+
+from obk_cli.optional_deps import distribution_version
+from obk_testing.summary import PROPERTY
+from obk_testing.sweep.cases import FoundTest, Row, SweepCase
+
+__all__ = ["Hello", "WorkerSettings", "machine"]
+
+_PR_SET_PDEATHSIG: Final = 1
+_SMOKE_TEST: Final = Path(__file__).parents[1] / "smoke.py"
+_LIBRARIES: Final = ("obelisk-cli", "mujoco", "numpy", "pytest")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkerSettings:
+    """What a worker runs."""
+
+    config: str
+    """Absolute path."""
+    tests: tuple[str, ...]
+    """Files, folders or tests for pytest, absolute paths; none: the smoke test."""
+    parent: int
+    """The process that it ends with."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hello:
+    """What a worker reports when it is ready."""
+
+    tests: tuple[FoundTest, ...]
+    files: tuple[str, ...]
+    """The modules of the tests."""
+    left_out: int
+    """Tests that do not take `stack`."""
+    problem: str
+    """Why tests could not be collected; empty if they could."""
+    machine: Mapping[str, str]
+
+
+def machine() -> dict[str, str]:
+    """What the bits of a run depend on besides its inputs."""
+    cpu = re.search(r"^model name\s*: (.*)$", _text(Path("/proc/cpuinfo")), re.MULTILINE)
+    versions = {name: distribution_version(name) or "" for name in _LIBRARIES}
+    return {
+        "cpu": cpu[1].strip() if cpu else platform.machine(),
+        "cores": str(os.cpu_count()),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        **{name: version for name, version in versions.items() if version},
+    }
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+
+
+class _CaseLoop:
+    """The pytest plugin that finds the tests of a sweep and runs cases as they come."""
+
+    def __init__(self, settings: WorkerSettings, cases: TextIO, results: TextIO) -> None:
+        self._config = Path(settings.config)
+        self._cases = cases
+        self._results = results
+        self._reports: list[pytest.TestReport] = []
+        self._problems: list[str] = []
+        self._digest = ""
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """Keep why a module cannot be imported."""
+        if report.failed:
+            self._problems.append(str(report.longrepr))
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Serve cases until the input ends."""
+        found = {
+            FoundTest(
+                node_id=_id_of(item, self._config.parent), takes_seed="seed" in item.fixturenames
+            ): item
+            for item in session.items
+            if isinstance(item, pytest.Function) and "stack" in item.fixturenames
+        }
+        hello = Hello(
+            tests=tuple(found),
+            files=tuple(sorted({str(item.path) for item in session.items})),
+            left_out=len(session.items) - len(found),
+            problem="\n".join(self._problems),
+            machine=machine(),
+        )
+        self._send(asdict(hello))
+        items = {test.name: item for test, item in found.items()}
+        for line in self._cases:
+            case = case_of(json.loads(line))
+            self._send(self._run(items[case.test], case).data())
+        return True
+
+    def _run(self, pattern: pytest.Function, case: SweepCase) -> Row:
+        session = pattern.session
+        session.config.option.seeds = f"={case.seed or 0}"
+        session.config.option.stack_set = list(case.settings)
+        self._reports, self._digest = [], ""
+        begin = perf_counter()
+        item = _item_of(pattern, case.node_id, self._config.parent)
+        # Only what belongs to the session outlives a case, so that none depends on those before.
+        item.config.hook.pytest_runtest_protocol(item=item, nextitem=session)
+        return _row(case, self._reports, self._digest, perf_counter() - begin)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(
+        self, item: pytest.Item, call: pytest.CallInfo[None]
+    ) -> Iterator[None]:
+        """Take the digest of the trials while they exist."""
+        from obk_testing.plugin import trials_of  # pytest has to load it first
+
+        if call.when == "call":
+            digests = [result.digest() for result in trials_of(item)]
+            joined = hashlib.sha256("".join(digests).encode()).hexdigest()
+            self._digest = digests[0] if len(digests) == 1 else joined if digests else ""
+        return (yield)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Keep the reports of the case."""
+        self._reports.append(report)
+
+    def _send(self, data: Mapping[str, Any]) -> None:
+        print(json.dumps(data, default=str), file=self._results, flush=True)
+
+
+def case_of(data: Mapping[str, Any]) -> SweepCase:
+    """A case from JSON."""
+    overrides = tuple((path, value) for path, value in data["overrides"])
+    return SweepCase(**{**data, "overrides": overrides})
+
+
+def _id_of(item: pytest.Item, folder: Path) -> str:
+    """The id of a test relative to a folder; pytest has none for tests outside of it."""
+    if item.path == _SMOKE_TEST:
+        return item.name.removeprefix("test_")
+    return f"{os.path.relpath(item.path, folder)}::{item.nodeid.partition('::')[2]}"
+
+
+def _item_of(pattern: pytest.Function, node_id: str, folder: Path) -> pytest.Item:
+    """Make a test for the seed that the session's options name, as collection does."""
+    collector: Any = pattern.parent  # a module or a class
+    made = collector.ihook.pytest_pycollect_makeitem(
+        collector=collector,
+        name=pattern.originalname,
+        obj=getattr(collector.obj, pattern.originalname),
+    )
+    items = [item for item in made if _id_of(item, folder) == node_id]
+    session = pattern.session
+    session.config.hook.pytest_collection_modifyitems(
+        session=session, config=session.config, items=items
+    )
+    found: pytest.Item = items[0]
+    return found
+
+
+def _row(case: SweepCase, reports: Sequence[pytest.TestReport], digest: str, seconds: float) -> Row:
+    wrong = next((report for report in reports if report.failed), None)
+    skipped = next((report for report in reports if report.skipped), None)
+    properties = [pair for report in reports for pair in report.user_properties]
+    metrics = {name: value for name, value in properties if name != PROPERTY}
+    return Row(
+        key=case.key,
+        outcome="failed" if wrong else "skipped" if skipped else "passed",
+        why=_why(wrong) if wrong else _reason(skipped) if skipped else "",
+        metrics=metrics,
+        digest=digest,
+        seconds=seconds,
+        worker=f"{platform.node()}:{os.getpid()}",
+    )
+
+
+def _why(report: pytest.TestReport) -> str:
+    """The first line of what a failed test shows."""
+    crash = getattr(report.longrepr, "reprcrash", None)
+    text = str(report.longrepr) if crash is None else str(crash.message)
+    first = re.sub(r"^(AssertionError|Failed): ", "", text.strip().partition("\n")[0])
+    place = f" ({Path(crash.path).name}:{crash.lineno})" if crash is not None else ""
+    phase = "" if report.when == "call" else f"{report.when}: "
+    return f"{phase}{first}{place}"
+
+
+def _reason(report: pytest.TestReport) -> str:
+    reason = report.longrepr
+    return str(reason[2] if isinstance(reason, tuple) else reason or "expected to fail")
+
+
+def main() -> None:
+    """Run the cases of the standard input."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one
+    cases = os.fdopen(os.dup(0), encoding="utf-8")
+    results = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    with Path(os.devnull).open(encoding="utf-8") as nothing:
+        os.dup2(nothing.fileno(), 0)
+    given = json.loads(cases.readline() or "null")
+    if given is None:
+        return
+    settings = WorkerSettings(**{**given, "tests": tuple(given["tests"])})
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != settings.parent:
+        return
+    arguments = [
+        *("-p", "obk_testing.plugin", "-p", "no:cacheprovider", "--quiet", "--tb=short"),
+        *("--continue-on-collection-errors", "--keep-none", "--stack", settings.config),
+        *(["-n0"] if find_spec("xdist") else []),
+        f"--rootdir={Path(settings.config).parent}",
+        *(settings.tests or ("-c", os.devnull, str(_SMOKE_TEST))),
+    ]
+    sys.exit(pytest.main(arguments, plugins=[_CaseLoop(settings, cases, results)]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,351 @@
+"""`obk sweep` with real workers: same results everywhere, interrupted, continued, and reported."""
+
+import json
+import os
+import shlex
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from obk_testing.programs import LoadedStacks
+from obk_testing.sweep.cases import FoundTest, SweepCase, make_cases
+from obk_testing.sweep.engines import LocalEngine, WorkerProcess
+from obk_testing.sweep.worker import WorkerSettings
+from obk_testing.trial import StackTrial
+
+from .stack import OBK, eventually, marked, obk
+
+pytestmark = pytest.mark.ros
+
+SIGMA = "robot.sim[0].sensor_settings[1].noise.joint_pos.sigma"
+PERIOD = "control.timers[0].timer_period_sec"
+NOISY = "/obelisk/dummy/obk_joint_encoders"
+TESTS = f"""\
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+FLAG = Path(__file__).with_name("killed")
+
+
+def test_it_stays(stack, seed, record_property):
+    if seed == 1 and not FLAG.exists():
+        FLAG.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    run = stack("../dummy.yaml", seed=seed, watch=["{NOISY}"]).run(0.1)
+    record_property("end", float(run.qpos[-1, 0]))
+    assert seed != 3, "three"
+    assert not run.faults
+
+
+@pytest.fixture(scope="module")
+def calls():
+    return []
+
+
+@pytest.mark.parametrize("late_ms", [0, 2])
+def test_it_stands_delays(stack, late_ms, calls):
+    calls.append(late_ms)
+    dummy = stack("../dummy.yaml")
+    dummy.delay("/obelisk/dummy/est", late_ms / 1000)
+    dummy.run(0.05)
+    assert calls == [late_ms]
+
+
+def test_without_a_stack():
+    assert False
+
+
+@pytest.mark.skipif(True, reason="not now")
+def test_later(stack, seed):
+    assert False
+"""
+STAYS = FoundTest(node_id="tests/test_dummy.py::test_it_stays[seed0]", takes_seed=True)
+
+
+@pytest.fixture
+def config(repository: Path, tmp_path: Path) -> Path:
+    """The dummy with noise and tests, in a folder of its own."""
+    dummy = repository / "examples" / "dummy"
+    for name in ("dummy.xml", "dummy_params.txt"):
+        shutil.copy(dummy / name, tmp_path)
+    text = (dummy / "dummy_new.yaml").read_text()
+    plain = "sensor_names: {joint_pos: jointpos, joint_vel: jointvel}\n"
+    assert text.count(plain) == 1
+    noisy = f"{plain}        noise: {{joint_pos: {{sigma: 0.01}}}}\n"
+    path = tmp_path / "dummy.yaml"
+    path.write_text(text.replace(plain, noisy))
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "test_dummy.py").write_text(TESTS)
+    return path
+
+
+def digests(folder: Path) -> dict[int, str]:
+    """Seed -> digest of the test with a seed that passed."""
+    with closing(sqlite3.connect(folder / "sweep.sqlite")) as database:
+        rows = "SELECT seed, digest FROM rows WHERE digest != '' AND seed IS NOT NULL"
+        return dict(database.execute(rows))
+
+
+def run_alone(config: Path, cases: list[SweepCase], workers: int = 1) -> dict[int | None, str]:
+    scratch = config.parent / "scratch"
+    scratch.mkdir(exist_ok=True)
+    tests = (str(config.parent / "tests"),)
+    seeds = {case.key: case.seed for case in cases}
+    with LocalEngine(config, tests, scratch, workers=workers) as engine:
+        rows = [placed.row for placed in engine.map(cases)]
+    assert not list(scratch.iterdir())
+    return {seeds[row.key]: row.digest for row in rows}
+
+
+def test_a_sweep_runs_reports_and_has_the_results_of_any_order(config: Path) -> None:
+    folder = config.parent / "out"
+    command = ("sweep", config, "--seeds", "5", "-j", "2", "--output", folder, "--format", "json")
+    result = obk(*command)
+    assert result.returncode == 1, result.stderr
+    assert "without 1 test" in result.stderr
+    summary = json.loads(result.stdout)
+    assert (summary["cases"], summary["done"]) == (12, 12)
+    # The worker that was killed in seed 1 cost no case.
+    assert summary["outcomes"] == {"passed": 6, "failed": 1, "skipped": 5}
+    (failed,) = summary["failed"]
+    assert failed["seed"] == 3
+    assert "three" in failed["why"]
+    assert failed["metrics"].keys() == {"end"}
+    assert "test_it_stays[seed3]" in failed["again"]
+    assert sorted(path.name for path in folder.iterdir()) == ["report.html", "sweep.sqlite"]
+
+    # Nothing runs again, and the report is the same.
+    page = (folder / "report.html").read_text()
+    again = obk(*command)
+    assert (again.returncode, again.stdout) == (1, result.stdout)
+    assert (folder / "report.html").read_text() == page
+
+    # One worker, the other way round.
+    cases = [*make_cases([STAYS], seeds=5)]
+    assert run_alone(config, cases[::-1]) == digests(folder)
+
+    # A test that has changed since makes results of another sweep.
+    (config.parent / "tests" / "test_dummy.py").write_text(TESTS.replace("three", "four"))
+    changed = obk(*command)
+    assert changed.returncode == 2
+    assert "test_dummy.py changed" in changed.stderr
+
+
+def test_a_sweep_that_was_killed_continues_where_it_was(config: Path) -> None:
+    folder = config.parent / "out"
+    command = ["sweep", str(config), "tests/test_dummy.py::test_it_stays", "--seeds", "9"]
+    command += ["-j", "2", "--output", str(folder), "--vary", f"{SIGMA}=0.001..0.1"]
+    sweep = subprocess.Popen([OBK, *command], start_new_session=True, stderr=subprocess.DEVNULL)
+    eventually(lambda: folder.exists() and count(folder) >= 2, "two results")
+    os.killpg(sweep.pid, signal.SIGKILL)
+    sweep.wait()
+    eventually(lambda: not marked(), "the end of the workers")
+    before = digests(folder)
+    result = obk(*command)
+    assert "continuing" in result.stderr
+    assert result.returncode == 1
+    assert before.items() <= digests(folder).items()
+    assert len(set(digests(folder).values())) == 9
+    assert sorted(path.name for path in folder.iterdir()) == ["report.html", "sweep.sqlite"]
+
+
+def count(folder: Path) -> int:
+    try:
+        with closing(sqlite3.connect(folder / "sweep.sqlite")) as database:
+            return int(database.execute("SELECT count(*) FROM rows").fetchone()[0])
+    except sqlite3.Error:
+        return 0  # not written yet
+
+
+@pytest.mark.slow
+def test_workers_end_with_the_sweep(config: Path) -> None:
+    folder = config.parent / "out"
+    command = [OBK, "sweep", str(config), "--seeds", "500", "-j", "1", "--output", str(folder)]
+    for number in (signal.SIGKILL, signal.SIGINT):
+        sweep = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        had = count(folder)
+        eventually(lambda had=had: count(folder) > had, "a result")  # type: ignore[misc]
+        sweep.send_signal(number)
+        _, errors = sweep.communicate()
+        eventually(lambda: not marked(), "the end of the workers")
+    assert sweep.returncode == 130
+    assert "the same command continues" in errors
+    assert (folder / "report.html").exists()
+
+
+@pytest.mark.slow
+def test_a_case_whose_worker_always_dies_is_reported(config: Path) -> None:
+    tests = config.parent / "tests" / "test_dummy.py"
+    tests.write_text(TESTS.replace("not FLAG.exists()", "True"))
+    folder = config.parent / "out"
+    result = obk(
+        *("sweep", config, "tests/test_dummy.py::test_it_stays", "--seeds", "3", "-j", "1"),
+        *("--output", folder, "--format", "json"),
+    )
+    (failed,) = json.loads(result.stdout)["failed"]
+    assert (failed["seed"], failed["outcome"]) == (1, "died")
+    assert "SIGKILL" in failed["why"]
+    assert digests(folder).keys() == {0, 2}
+
+
+@pytest.mark.slow
+def test_what_cannot_be_collected_is_reported(config: Path) -> None:
+    tests = config.parent / "tests" / "test_dummy.py"
+    tests.write_text(f"import no_such_module\n{TESTS}")
+    result = obk("sweep", config, "--output", config.parent / "out")
+    assert result.returncode == 1
+    assert "no_such_module" in result.stderr
+    assert "Traceback (most" not in result.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--vary", "control.params.gian=1..2"), "has no `params`"),
+        (("--vary", f"{PERIOD}=-1..1"), "has errors"),
+        (("no_tests.py",), "does not exist"),
+        (("tests/test_dummy.py::test_without_a_stack",), "`stack`"),
+        (("--scheduler", "tcp://127.0.0.1:9"), "--engine dask"),
+    ],
+)
+def test_misuse_is_found_before_anything_runs(
+    config: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    folder = config.parent / "out"
+    result = obk("sweep", config, *arguments, "--output", folder)
+    assert result.returncode in (1, 2)
+    assert words in result.stderr
+    assert not list(folder.glob("report.html"))
+
+
+def test_shared_programs_give_the_bits_of_a_fresh_load(config: Path) -> None:
+    changed = (f"{SIGMA}=0.05", "robot.sim[0].num_steps_per_viz=8")
+
+    def digest(stacks: LoadedStacks, *overrides: str) -> str:
+        with StackTrial(stacks.get(config, overrides), seed=4, watch=[NOISY]) as trial:
+            return trial.run(0.05).digest()
+
+    shared, fresh = LoadedStacks(), LoadedStacks()
+    try:
+        plain = digest(shared)
+        assert digest(shared, *changed) == digest(fresh, *changed) != plain
+        # Another period is another program's timer.
+        assert digest(shared, f"{PERIOD}=0.002") == digest(fresh, f"{PERIOD}=0.002") != plain
+        assert digest(shared) == plain
+    finally:
+        shared.close()
+        fresh.close()
+
+
+def test_a_worker_without_its_parent_does_not_start(config: Path) -> None:
+    settings = WorkerSettings(config=str(config), tests=(), parent=1)
+    data = json.dumps({"config": settings.config, "tests": [], "parent": settings.parent})
+    worker = ["-m", "obk_testing.sweep.worker"]
+    result = subprocess.run(
+        [OBK.with_name("python"), *worker], input=data + "\n", capture_output=True, text=True
+    )
+    assert (result.returncode, result.stdout) == (0, "")
+
+
+DASK = """\
+import json
+import sys
+from pathlib import Path
+
+from obk_testing.sweep.cases import FoundTest, make_cases
+from obk_testing.sweep.dask_engine import DaskEngine
+
+if __name__ == "__main__":
+    folder, node_id, digest = Path(sys.argv[1]), *sys.argv[2:]
+    cases = make_cases([FoundTest(node_id=node_id, takes_seed=True)], seeds=6)
+    seeds = {case.key: case.seed for case in cases}
+    with DaskEngine(
+        folder / "dummy.yaml",
+        (str(folder / "tests"),),
+        folder / "scratch",
+        scheduler=None,
+        workers=2,
+        probe=cases[0],
+        digest=digest,
+        is_shipped=True,
+    ) as engine:
+        placed = list(engine.map(cases))
+    rows = [[seeds[each.row.key], each.row.digest] for each in placed]
+    print(json.dumps({"rows": rows, "notes": sorted({each.note for each in placed})}))
+"""
+
+
+@pytest.mark.slow
+def test_two_dask_workers_give_the_bits_of_local_ones(config: Path) -> None:
+    pytest.importorskip("distributed", reason="it is in the extra `sweep`")
+    folder, test = config.parent, "tests/test_dummy.py::test_it_stays"
+    local = run_alone(config, [*make_cases([STAYS], seeds=6)], workers=2)
+    result = obk(
+        *("sweep", config, test, "--seeds", "6", "-j", "2", "--engine", "dask"),
+        *("--output", folder / "out"),
+    )
+    assert result.returncode == 1, result.stderr  # seed 3
+    assert digests(folder / "out") == local
+    assert "other bits" not in result.stdout
+
+    # From a copy of the workspace, on a machine that has other bits.
+    (folder / "on_dask.py").write_text(DASK)
+    shipped = subprocess.run(
+        [sys.executable, folder / "on_dask.py", folder, STAYS.node_id, "of another CPU"],
+        capture_output=True,
+        text=True,
+    )
+    assert shipped.returncode == 0, shipped.stderr
+    found = json.loads(shipped.stdout)
+    assert dict(found["rows"]) == local
+    (note,) = found["notes"]
+    assert "statistics, not replays" in note
+    assert not list((folder / "scratch").iterdir())
+
+
+@pytest.mark.slow
+def test_a_worker_process_reports_its_tests(config: Path, tmp_path: Path) -> None:
+    worker = WorkerProcess(config, (str(config.parent / "tests"),), tmp_path)
+    try:
+        assert STAYS in worker.hello.tests
+        assert worker.hello.left_out == 1
+        assert worker.hello.machine["python"]
+    finally:
+        worker.close()
+
+
+@pytest.mark.slow
+def test_a_config_without_tests_is_swept_by_the_smoke_test(config: Path) -> None:
+    shutil.rmtree(config.parent / "tests")
+    folder = config.parent / "out"
+    result = obk(
+        *("sweep", config, "--seeds", "2", "-j", "1", "--output", folder, "--format", "json")
+    )
+    assert result.returncode == 0, result.stderr
+    (test,) = json.loads(result.stdout)["tests"]
+    assert (test["test"], test["passed"]) == ("smoke", 2)
+
+
+@pytest.mark.slow
+def test_the_command_of_the_report_repeats_a_case(config: Path) -> None:
+    folder = config.parent / "out"
+    (config.parent / "tests" / "killed").touch()
+    result = obk(
+        *("sweep", config, "tests/test_dummy.py::test_it_stays", "--seeds", "4", "-j", "2"),
+        *("--vary", f"{SIGMA}=0.001..0.1", "--output", folder, "--format", "json"),
+    )
+    (failed,) = json.loads(result.stdout)["failed"]
+    again = obk(*shlex.split(failed["again"])[1:])
+    assert again.returncode == 1
+    (recording,) = config.parent.rglob("*.mcap")
+    assert failed["digest"].encode() in recording.read_bytes()
