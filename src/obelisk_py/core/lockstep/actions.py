@@ -79,6 +79,7 @@ class _Handle:
     owner: ScheduledNode
     waitable: Any
     inbox: _Inbox
+    name: str
 
     def attach(self, owner: ScheduledNode, waitable: Any) -> None:
         """Belong to a node and an object of rclpy."""
@@ -87,7 +88,7 @@ class _Handle:
     def receive(self, kind: str, item: Any) -> None:
         """Take a message after its way, in an event of the node."""
         scheduler = self.table.scheduler
-        due_ns = scheduler.time_ns + scheduler.delay_ns()
+        due_ns = scheduler.time_ns + scheduler.delay_ns(self.name)
         arrive = functools.partial(self._arrive, kind, item)
         scheduler.push(due_ns, MESSAGE, self.owner, arrive)
 

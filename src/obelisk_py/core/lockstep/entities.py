@@ -289,10 +289,10 @@ class ServiceTable:
                 respond(response)
 
         def respond(response: Any) -> None:
-            due_ns = scheduler.time_ns + server.compute_ns + scheduler.delay_ns()
+            due_ns = scheduler.time_ns + server.compute_ns + scheduler.delay_ns(name)
             scheduler.push(due_ns, MESSAGE, client, functools.partial(answered, response))
 
-        scheduler.push(scheduler.time_ns + scheduler.delay_ns(), MESSAGE, server, answer)
+        scheduler.push(scheduler.time_ns + scheduler.delay_ns(name), MESSAGE, server, answer)
 
 
 async def _await_response(response: Any, respond: Callable[[Any], None]) -> None:

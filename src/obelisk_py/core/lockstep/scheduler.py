@@ -102,7 +102,9 @@ class Scheduler:
         self.running: ScheduledNode | None = None
         """The node whose callback runs."""
         self.thread_id = threading.get_ident()
-        self.random = random.Random(f"schedule {seed}")  # noqa: S311
+        self._seed = seed
+        self._phases = random.Random(f"schedule {seed}")  # noqa: S311
+        self._delays: dict[str, random.Random] = {}
         self.on_exit: Callable[[ScheduledNode, str], None] = lambda _node, _how: None
         """Called when the code of a node ends its process."""
         self.notes: list[str] = []
@@ -156,12 +158,19 @@ class Scheduler:
 
     def phase_ns(self, period_ns: int) -> int:
         """How much later than a period the first tick of a timer comes [ns]."""
-        return self.random.randrange(period_ns) if self._has_random_phases and period_ns else 0
+        return self._phases.randrange(period_ns) if self._has_random_phases and period_ns else 0
 
-    def delay_ns(self) -> int:
-        """How long a message takes [ns]."""
-        jitter_ns = self.random.randrange(self.jitter_ns + 1) if self.jitter_ns else 0
-        return self.latency_ns + jitter_ns
+    def delay_ns(self, channel: str) -> int:
+        """How long a message takes on a topic, service or action [ns].
+
+        Each has draws of its own, so that one that is watched does not change the others.
+        """
+        if not self.jitter_ns:
+            return self.latency_ns
+        draws = self._delays.get(channel)
+        if draws is None:
+            draws = self._delays[channel] = random.Random(f"delay {channel} {self._seed}")  # noqa: S311
+        return self.latency_ns + draws.randrange(self.jitter_ns + 1)
 
     def next_due_ns(self, most_ns: int) -> int:
         """When the next event is due, or `most_ns` if that is earlier [ns]."""

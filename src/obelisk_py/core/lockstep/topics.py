@@ -335,7 +335,7 @@ class RoutedPublisher(Publisher):
             topic.log.append((sent_ns, scheduler.next_place(), data))
         if self._keeps:
             self.kept.append(data)
-        arrives_ns = sent_ns + scheduler.delay_ns()
+        arrives_ns = sent_ns + scheduler.delay_ns(topic.label)
         for rule in topic.rules:
             delay_ns = rule(sent_ns, message)
             if delay_ns is None:
