@@ -120,11 +120,8 @@ def test_a_pose_in_two_frames_is_warned_about(everything, moving):
     warnings = []
     message = _sample(everything, moving, "ObkFramePose", names, warnings)
     assert message.header.frame_id == "base"
-    assert warnings == [
-        "the sensor `toe_in_base` is given in the frame `base` and `toe_quat` in `world`; the "
-        "message says `base`. One `reftype` and `refname` for both in the model would make it a "
-        "pose"
-    ]
+    (warning,) = warnings
+    assert all(name in warning for name in ("`toe_in_base`", "`base`", "`toe_quat`", "`world`"))
 
 
 def test_forces_stand_in_the_order_of_the_config_with_their_sites(everything, moving):

@@ -131,7 +131,7 @@ def test_a_failure_leaves_the_node_where_it_was_and_says_so() -> None:
         assert not request(node, "configure")
         assert node.state_label == "unconfigured"
         assert node.last_fault is not None
-        assert node.last_fault.text.startswith("`Misbehaving.on_configure` returned FAILURE and ")
+        assert node.last_fault.text.startswith("`Misbehaving.on_configure` returned FAILURE ")
 
 
 def test_what_a_callback_told_before_it_answers_error_is_what_is_kept() -> None:
