@@ -6,6 +6,7 @@ import functools
 import gc
 import itertools
 import os
+import signal
 import stat
 import tempfile
 import uuid
@@ -57,6 +58,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the tool once: a thousand processes import it, also where Python writes nothing."""
     gc.disable()  # until all tests are found
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        # Shells start what runs in the background so, and every process of a test would inherit it.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if not hasattr(config, "workerinput"):
         compileall.compile_dir(_SOURCE, quiet=1)
         config.option.loadscopereorder = False  # the order is the one below

@@ -67,6 +67,7 @@ def folder(tmp_path: Path, repository: Path) -> Path:
     """The dummy stack with tests that fail."""
     shutil.copytree(repository / "examples" / "dummy", tmp_path / "dummy")
     tests = tmp_path / "dummy" / "tests"
+    shutil.rmtree(tests)  # the example has tests of its own
     tests.mkdir()
     (tests / "limit").write_text("-1")
     (tests / "test_it.py").write_text(TESTS)

@@ -45,6 +45,7 @@ ELSEWHERE = {
 }
 """Pages that need two terminals, two hosts or a copy of the repository -> the test of each."""
 SLOW = {
+    "docs/how-to/ci.md",
     "docs/how-to/doctor.md",
     "docs/how-to/looking-into-a-stack.md",
     "docs/how-to/recording.md",

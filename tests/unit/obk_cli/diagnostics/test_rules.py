@@ -12,7 +12,7 @@ SOURCE = Path(__file__).parents[4] / "src"
 def test_codes_are_in_order_and_each_rule_is_described() -> None:
     assert list(RULES) == sorted(RULES)
     for code, rule in RULES.items():
-        assert re.fullmatch(r"OBK[0-5]\d\d", code)
+        assert re.fullmatch(r"OBK[0-6]\d\d", code)
         assert rule.cause.endswith("."), code
         assert rule.fix.endswith("."), code
         assert rule.title == rule.title.strip("."), code
