@@ -52,8 +52,8 @@ help:
 demo: setup
 	$(BIN)/python examples/dummy/demo.py
 
-# ROS tests wait most of their time: one worker more than two cores.
-WORKERS ?= 3
+# ROS tests wait most of their time: two workers for each of two cores.
+WORKERS ?= 4
 PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --durations 20
 
 # Simulated time is in place before any node is imported, so the examples run apart from other tests.
