@@ -13,7 +13,7 @@ from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec, check_req
 from obk_cli.scaffold.templates import RenderedFile, Template, TemplateLibrary
 
 
-def nobody(_name: str) -> str | None:
+def no_owner(_name: str) -> str | None:
     """Nobody owns any name."""
     return None
 
@@ -23,7 +23,7 @@ def make_spec() -> Callable[..., PackageSpec]:
     """Make a checked spec from what a user would type."""
 
     def make(kind: Kind = "controller", name: str = "foo", **typed: Any) -> PackageSpec:
-        spec = check_request(PackageRequest(kind=kind, name=name, **typed), owner_of=nobody)
+        spec = check_request(PackageRequest(kind=kind, name=name, **typed), owner_of=no_owner)
         assert isinstance(spec, PackageSpec), spec
         return spec
 

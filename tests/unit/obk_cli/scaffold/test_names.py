@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from obk_cli.scaffold.kinds import LONGEST_NAME, check_name, suggest_name
 
 
-def nobody(_name: str) -> str | None:
+def no_owner(_name: str) -> str | None:
     return None
 
 
 @pytest.mark.parametrize("name", ["foo", "foo_bar", "leg2_controller", "x1", "a" * LONGEST_NAME])
 def test_lower_snake_case_is_taken(name: str) -> None:
-    assert check_name(name, kind="controller", owner_of=nobody) is None
+    assert check_name(name, kind="controller", owner_of=no_owner) is None
 
 
 @pytest.mark.parametrize(
@@ -38,14 +38,14 @@ def test_lower_snake_case_is_taken(name: str) -> None:
 def test_a_name_of_the_wrong_shape_is_refused_with_the_nearest_right_one(
     name: str, suggestion: str
 ) -> None:
-    problem = check_name(name, kind="controller", owner_of=nobody)
+    problem = check_name(name, kind="controller", owner_of=no_owner)
     assert problem is not None
     assert problem.help == f"try `{suggestion}`"
 
 
 @pytest.mark.parametrize("name", ["../x_y", "/x_y", "a/x_y", "..", "x_y/", "a\\x_y"])
 def test_a_path_is_refused_as_a_path(name: str) -> None:
-    problem = check_name(name, kind="estimator", owner_of=nobody)
+    problem = check_name(name, kind="estimator", owner_of=no_owner)
     assert problem is not None
     assert problem.sentence == f"the name `{name}` is a path; a bare name was expected"
     assert problem.help is not None
@@ -54,7 +54,7 @@ def test_a_path_is_refused_as_a_path(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["class", "lambda", "import"])
 def test_a_keyword_is_refused(name: str) -> None:
-    problem = check_name(name, kind="controller", owner_of=nobody)
+    problem = check_name(name, kind="controller", owner_of=no_owner)
     assert problem is not None
     assert problem.sentence == f"the name `{name}` is a keyword of Python"
     assert problem.help == f"try `{name}_controller`"
@@ -62,7 +62,7 @@ def test_a_keyword_is_refused(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["src", "build", "install", "log", "test", "setup"])
 def test_a_name_that_workspaces_have_for_something_else_is_refused(name: str) -> None:
-    problem = check_name(name, kind="controller", owner_of=nobody)
+    problem = check_name(name, kind="controller", owner_of=no_owner)
     assert problem is not None
     assert problem.sentence.endswith("stands for something else in workspaces and packages")
     assert problem.help == f"try `{name}_controller`"
@@ -75,7 +75,7 @@ def test_a_name_in_use_is_refused_with_its_owner() -> None:
 
 
 def test_a_name_that_is_too_long_is_refused() -> None:
-    problem = check_name("a" * (LONGEST_NAME + 1), kind="controller", owner_of=nobody)
+    problem = check_name("a" * (LONGEST_NAME + 1), kind="controller", owner_of=no_owner)
     assert problem is not None
     assert "has 41 characters; at most 40 were expected" in problem.sentence
 
@@ -85,4 +85,4 @@ def test_a_suggestion_is_always_a_name_that_would_be_taken(name: str) -> None:
     """REP 144: lower case, digits and underscores, a letter first, two characters at least."""
     suggestion = suggest_name(name, kind="controller")
     assert not keyword.iskeyword(suggestion)
-    assert check_name(suggestion, kind="controller", owner_of=nobody) is None
+    assert check_name(suggestion, kind="controller", owner_of=no_owner) is None

@@ -6,7 +6,7 @@ from obk_cli.scaffold.message_code import has_header
 from obk_cli.scaffold.package_spec import MessageType, PackageRequest, PackageSpec, check_request
 
 
-def nobody(_name: str) -> str | None:
+def no_owner(_name: str) -> str | None:
     return None
 
 
@@ -35,7 +35,7 @@ def test_every_wrong_answer_is_told_at_once() -> None:
     request = PackageRequest(
         kind="controller", name="Foo", ctrl_msg="PositionSetpont", est_msg="x/y"
     )
-    problems = check_request(request, owner_of=nobody)
+    problems = check_request(request, owner_of=no_owner)
     assert isinstance(problems, tuple)
     assert [p.sentence.partition(";")[0] for p in problems] == [
         "the name `Foo` is not lower snake case",
@@ -48,7 +48,7 @@ def test_every_wrong_answer_is_told_at_once() -> None:
 
 def test_a_message_that_an_obelisk_package_does_not_have_is_refused() -> None:
     request = PackageRequest(kind="controller", name="foo", ctrl_msg="obelisk_control_msgs/Nothing")
-    assert isinstance(check_request(request, owner_of=nobody), tuple)
+    assert isinstance(check_request(request, owner_of=no_owner), tuple)
 
 
 class ArmMessages:
@@ -63,8 +63,8 @@ class ArmMessages:
 
 def test_a_message_of_the_workspace_is_stamped_if_its_definition_has_a_header() -> None:
     request = PackageRequest(kind="controller", name="foo", ctrl_msg="arm_msgs/Reach")
-    known = check_request(request, owner_of=nobody, messages=ArmMessages())
-    unknown = check_request(request, owner_of=nobody)
+    known = check_request(request, owner_of=no_owner, messages=ArmMessages())
+    unknown = check_request(request, owner_of=no_owner)
     assert isinstance(known, PackageSpec)
     assert isinstance(unknown, PackageSpec)
     assert known == unknown
@@ -73,21 +73,23 @@ def test_a_message_of_the_workspace_is_stamped_if_its_definition_has_a_header() 
 
 def test_a_message_that_a_package_of_the_workspace_does_not_have_is_refused() -> None:
     request = PackageRequest(kind="controller", name="foo", ctrl_msg="arm_msgs/Raech")
-    problems = check_request(request, owner_of=nobody, messages=ArmMessages())
+    problems = check_request(request, owner_of=no_owner, messages=ArmMessages())
     assert isinstance(problems, tuple)
     assert problems[0].sentence == "--ctrl-msg: package `arm_msgs` has no message `Raech`"
     assert problems[0].help == "did you mean `arm_msgs/Reach`?"
     request = PackageRequest(
         kind="controller", name="foo", ctrl_msg="arm_msgs/Reach", est_msg="later_msgs/State"
     )
-    assert isinstance(check_request(request, owner_of=nobody, messages=ArmMessages()), PackageSpec)
+    assert isinstance(
+        check_request(request, owner_of=no_owner, messages=ArmMessages()), PackageSpec
+    )
 
 
 def test_two_messages_of_one_class_name_are_refused() -> None:
     request = PackageRequest(
         kind="controller", name="foo", ctrl_msg="a_msgs/State", est_msg="b_msgs/State"
     )
-    problems = check_request(request, owner_of=nobody)
+    problems = check_request(request, owner_of=no_owner)
     assert isinstance(problems, tuple)
     assert problems[0].sentence == (
         "`a_msgs/msg/State` and `b_msgs/msg/State` have the same class name `State`"
@@ -97,7 +99,7 @@ def test_two_messages_of_one_class_name_are_refused() -> None:
 @pytest.mark.parametrize("clash", ["my_msgs/FooController", "my_msgs/ObeliskController"])
 def test_a_message_that_has_the_name_of_another_class_of_the_module_is_refused(clash: str) -> None:
     request = PackageRequest(kind="controller", name="foo", ctrl_msg=clash)
-    problems = check_request(request, owner_of=nobody)
+    problems = check_request(request, owner_of=no_owner)
     assert isinstance(problems, tuple)
     assert "has the name of a class" in problems[0].sentence
 
