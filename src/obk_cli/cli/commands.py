@@ -3,6 +3,7 @@
 A command's module is imported only when that command runs, so that `obk --help` is quick.
 """
 
+import errno
 import importlib
 import os
 import sys
@@ -157,7 +158,10 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     try:
-        root_command().main(args=[a for a in given if a != "--debug"], prog_name="obk")
+        try:
+            root_command().main(args=[a for a in given if a != "--debug"], prog_name="obk")
+        finally:
+            _flush_output()
     except ObkError as error:
         if is_interrupted():
             raise
@@ -189,6 +193,23 @@ def _escape_unencodable() -> None:
     for output in (sys.stdout, sys.stderr):
         if isinstance(output, TextIOWrapper):
             output.reconfigure(errors="backslashreplace")
+
+
+def _flush_output() -> None:
+    """Write out what is buffered, while an error can still be reported.
+
+    Nothing is left for the flush at the end of the interpreter, which would fail once more. A
+    reader that has closed its end of a pipe, such as `head`, has what it wanted.
+
+    Raises:
+        OSError: the output cannot be written; the rest of it is discarded.
+    """
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - for good
+        if error.errno != errno.EPIPE:
+            raise
 
 
 def _print_error(message: str, help: str | None) -> None:
