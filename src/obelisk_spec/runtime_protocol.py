@@ -14,6 +14,8 @@ __all__ = [
     "CLOCK_VARIABLE",
     "DIAGNOSTICS_TOPIC",
     "GATE_VARIABLE",
+    "LOCAL_TRANSPORT_OFF",
+    "LOCAL_TRANSPORT_VARIABLE",
     "REPORT_PERIOD_S",
     "STANDINGS",
     "STEPS",
@@ -83,6 +85,12 @@ GATE_VARIABLE: Final = "OBK_GATE"
 The launcher holds an exclusive lock (flock) on the file until no other stack uses its names and its
 robot; a program creates its node once it gets a shared lock. The lock ends with the launcher.
 """
+LOCAL_TRANSPORT_VARIABLE: Final = "OBK_LOCAL_TRANSPORT"
+"""The environment variable that names the folder of the local transport's sockets to processes.
+
+The user sets it to `LOCAL_TRANSPORT_OFF`, and then all messages go through DDS.
+"""
+LOCAL_TRANSPORT_OFF: Final = "off"
 _HOST_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
 """Names of this host in the header `Host`."""
 

@@ -23,6 +23,7 @@ from obk_cli.launch.commands import (
     find_executables,
     gate_variables,
     held_at_gate,
+    socket_folder,
     unit_commands,
     with_clock_page,
 )
@@ -94,7 +95,8 @@ def run_plan(
         output = stack.enter_context(Output(lock.folder, console.screen, formatter, units))
         lock.report(output)
         marks = launch_marks(lock.folder)
-        variables = {**environment.variables, **marks, **gate_variables(lock.folder)}
+        sockets = stack.enter_context(socket_folder(lock.folder, environment.variables))
+        variables = {**environment.variables, **marks, **gate_variables(lock.folder), **sockets}
         commands = _commands(units, executables, lock.folder, variables, packages, output, stack)
         commands = stack.enter_context(with_clock_page(plan, units, commands))
         recorder = Recorder(options.recording, lock.folder, output)
