@@ -200,6 +200,9 @@ class LocalReceiver:
         if connection.publisher is None:
             self._greet(connection, packet)
             return
+        if len(packet) < NUMBER_BYTES:  # no publisher of ours
+            connection.socket.shutdown(SHUT_RDWR)
+            return
         number = number_of(packet)
         if len(packet) == NUMBER_BYTES:
             connection.skipped.add(number)
