@@ -1,4 +1,4 @@
-"""The local transport over real sockets: who is reached by one, and in which order messages come."""
+"""The local transport over real sockets: who is reached, and in which order messages come."""
 
 import socket
 import subprocess
@@ -18,7 +18,7 @@ from obelisk_py.core.intra_process import MessageBuffer
 from obelisk_py.core.serialization.codec import codec_for
 from obelisk_py.core.transport import sender as sender_module
 from obelisk_py.core.transport import socket_folder as folder_module
-from obelisk_py.core.transport.dds_endpoints import Endpoint, Sample
+from obelisk_py.core.transport.dds_endpoints import SubscriptionEndpoint, Sample
 from obelisk_py.core.transport.frames import (
     LARGEST_MESSAGE,
     greeted_by,
@@ -111,11 +111,11 @@ class Graph:
     """What DDS knows: the subscriptions of the topic."""
 
     def __init__(self) -> None:
-        self.endpoints: list[Endpoint] = []
+        self.endpoints: list[SubscriptionEndpoint] = []
 
     def add(self, number: int, *, reliable: bool = True, type_name: str = "x/msg/T") -> None:
         self.endpoints.append(
-            Endpoint(
+            SubscriptionEndpoint(
                 gid=gid(number),
                 node=("node", "/"),
                 type_name=type_name,
@@ -487,8 +487,12 @@ def test_a_publisher_that_leaves_is_forgotten_and_its_messages_stay(
     assert subscription.receiver._connections == []
 
 
-@pytest.mark.parametrize("packets", [[b"GET / HTTP/1.1\r\n"], [bytes(20)], [greeting(PUBLISHER), b"x"]])
-def test_a_publisher_that_does_not_keep_to_the_protocol_is_disconnected(subscription: Subscription, packets: list[bytes]) -> None:
+@pytest.mark.parametrize(
+    "packets", [[b"GET / HTTP/1.1\r\n"], [bytes(20)], [greeting(PUBLISHER), b"x"]]
+)
+def test_a_publisher_that_does_not_keep_to_the_protocol_is_disconnected(
+    subscription: Subscription, packets: list[bytes]
+) -> None:
     connection = subscription._folder.connect(gid(1))
     assert connection is not None
     for each in packets:

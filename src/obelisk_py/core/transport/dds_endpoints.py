@@ -16,7 +16,7 @@ from typing import Any, Final
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-__all__ = ["DdsReader", "Endpoint", "Sample", "publisher_gid", "subscriptions_of"]
+__all__ = ["DdsReader", "SubscriptionEndpoint", "Sample", "publisher_gid", "subscriptions_of"]
 
 PREFIX_BYTES: Final = 12
 """The first bytes of a GID are those of its participant, which is one of a ROS context."""
@@ -99,7 +99,7 @@ def publisher_gid(handle: Any) -> bytes:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Endpoint:
+class SubscriptionEndpoint:
     """A subscription in the ROS graph."""
 
     gid: bytes
@@ -110,7 +110,7 @@ class Endpoint:
     is_volatile: bool
 
 
-def subscriptions_of(node_handle: Any, topic: str) -> list[Endpoint]:
+def subscriptions_of(node_handle: Any, topic: str) -> list[SubscriptionEndpoint]:
     """The subscriptions of a topic that the node's context has discovered, its own too.
 
     A subscription is listed before DDS counts it as matched with a publisher.
@@ -124,7 +124,7 @@ def subscriptions_of(node_handle: Any, topic: str) -> list[Endpoint]:
             node_handle, topic, False
         )
     return [
-        Endpoint(
+        SubscriptionEndpoint(
             gid=bytes(info["endpoint_gid"][:_GID_BYTES]),
             node=(info["node_name"], info["node_namespace"]),
             type_name=info["topic_type"],

@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from obelisk_py.core.transport.dds_endpoints import (
     PREFIX_BYTES,
-    Endpoint,
+    SubscriptionEndpoint,
     publisher_gid,
     subscriptions_of,
 )
@@ -235,7 +235,7 @@ class LocalSender:
             self._is_covered = True
             return True
 
-    def _fits(self, endpoint: Endpoint) -> bool:
+    def _fits(self, endpoint: SubscriptionEndpoint) -> bool:
         """Whether DDS matches a subscription, as far as the profiles in the graph say."""
         return (
             endpoint.type_name == self._type_name
