@@ -18,7 +18,7 @@ from obelisk_py.core.intra_process import MessageBuffer
 from obelisk_py.core.serialization.codec import codec_for
 from obelisk_py.core.transport import sender as sender_module
 from obelisk_py.core.transport import socket_folder as folder_module
-from obelisk_py.core.transport.dds_endpoints import SubscriptionEndpoint, Sample
+from obelisk_py.core.transport.dds_endpoints import Sample, SubscriptionEndpoint
 from obelisk_py.core.transport.frames import (
     LARGEST_MESSAGE,
     greeted_by,

@@ -16,7 +16,7 @@ from typing import Any, Final
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-__all__ = ["DdsReader", "SubscriptionEndpoint", "Sample", "publisher_gid", "subscriptions_of"]
+__all__ = ["DdsReader", "Sample", "SubscriptionEndpoint", "publisher_gid", "subscriptions_of"]
 
 PREFIX_BYTES: Final = 12
 """The first bytes of a GID are those of its participant, which is one of a ROS context."""
