@@ -24,7 +24,13 @@ from rclpy.subscription import Subscription
 from obelisk_py.core.executor.rcl_listeners import arm_timer, open_timer
 from obelisk_py.core.executor.worker import ReadyCallback, Worker
 from obelisk_py.core.intra_process import MessageBuffer
-from obelisk_py.core.transport.dds_endpoints import DdsReader, Sample, subscriptions_of
+from obelisk_py.core.transport.dds_endpoints import (
+    DdsReader,
+    Sample,
+    participant_of,
+    publisher_gid,
+    subscriptions_of,
+)
 from obelisk_py.core.transport.frames import (
     LARGEST_PACKET,
     NUMBER_BYTES,
@@ -296,14 +302,20 @@ def open_receiver(
 
 
 def _gid_of(node: Node, subscription: Subscription) -> bytes | None:
-    """The GID of a node's subscription; None if the graph has further ones of the node's name.
+    """The GID of a node's subscription; None if the graph has further ones of its name here.
 
     Fast DDS numbers the entities of a participant in the order of their creation.
     """
     topic = subscription.handle.get_topic_name()
     own = [other for other in node.subscriptions if _topic_of(other) == topic]
     name = (node.get_name(), node.get_namespace())
-    gids = sorted(end.gid for end in subscriptions_of(node.handle, topic) if end.node == name)
+    # Every node has a publisher: that of its parameters' events.
+    participant = participant_of(publisher_gid(next(iter(node.publishers)).handle))
+    gids = sorted(
+        end.gid
+        for end in subscriptions_of(node.handle, topic)
+        if end.node == name and participant_of(end.gid) == participant
+    )
     return gids[own.index(subscription)] if len(gids) == len(own) else None
 
 

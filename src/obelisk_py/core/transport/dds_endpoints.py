@@ -16,10 +16,16 @@ from typing import Any, Final
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-__all__ = ["DdsReader", "Sample", "SubscriptionEndpoint", "publisher_gid", "subscriptions_of"]
+__all__ = [
+    "DdsReader",
+    "Sample",
+    "SubscriptionEndpoint",
+    "participant_of",
+    "publisher_gid",
+    "subscriptions_of",
+]
 
-PREFIX_BYTES: Final = 12
-"""The first bytes of a GID are those of its participant, which is one of a ROS context."""
+_PREFIX_BYTES: Final = 12
 _GID_BYTES: Final = 16
 _TAKE_FAILED: Final = 401
 """`RCL_RET_SUBSCRIPTION_TAKE_FAILED`: there is no message."""
@@ -96,6 +102,11 @@ def publisher_gid(handle: Any) -> bytes:
     if code != 0:
         raise RuntimeError(f"rmw_get_gid_for_publisher returned {code}")
     return bytes(gid.data)
+
+
+def participant_of(gid: bytes) -> bytes:
+    """The part of a GID that is common to all entities of a ROS context."""
+    return gid[:_PREFIX_BYTES]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

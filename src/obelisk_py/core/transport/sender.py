@@ -19,8 +19,8 @@ from typing import Any, Final
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from obelisk_py.core.transport.dds_endpoints import (
-    PREFIX_BYTES,
     SubscriptionEndpoint,
+    participant_of,
     publisher_gid,
     subscriptions_of,
 )
@@ -244,7 +244,7 @@ class LocalSender:
         )
 
     def _is_own(self, gid: bytes) -> bool:
-        return gid[:PREFIX_BYTES] == self._gid[:PREFIX_BYTES]
+        return participant_of(gid) == participant_of(self._gid)
 
     def _connected(self, gids: set[bytes]) -> dict[bytes, Peer]:
         """The open connections to these subscriptions, by GID; new ones are made."""
