@@ -17,17 +17,20 @@ from obelisk_py.core.executor.worker import Worker
 from obelisk_py.core.intra_process import MessageBuffer
 from obelisk_py.core.serialization.codec import codec_for
 from obelisk_py.core.transport import sender as sender_module
-from obelisk_py.core.transport import socket_folder as folder_module
 from obelisk_py.core.transport.dds_endpoints import Sample, SubscriptionEndpoint
-from obelisk_py.core.transport.frames import (
+from obelisk_py.core.transport.sender import LocalSender, Peer
+from obelisk_py.core.transport.socket_folder import socket_folder
+from obelisk_spec.local_transport import folder as folder_module
+from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.local_transport.packets import (
     LARGEST_MESSAGE,
-    greeted_by,
-    greeting,
+    Greeting,
+    greeting_of,
     number_of,
     packed_number,
+    packed_stamp,
+    stamp_of,
 )
-from obelisk_py.core.transport.sender import LocalSender, Peer
-from obelisk_py.core.transport.socket_folder import SocketFolder, socket_folder
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 
 from ...waiting import eventually  # noqa: TID252 - shared by folders of tests
@@ -56,14 +59,28 @@ def folder(path: Path) -> SocketFolder:
     return SocketFolder(str(path))
 
 
+GREETING = Greeting(publisher=PUBLISHER, packets=3)
+
+
+def stamped(message: bytes, number: int, packets: int = 1) -> bytes:
+    """A packet."""
+    return message + packed_stamp(0, packets, number)
+
+
+def contents(packet: bytes) -> tuple[bytes, int]:
+    """The message of a packet, and how many went through DDS before."""
+    return packet[: -len(stamped(b"", 0))], number_of(packet)
+
+
 def test_a_greeting_names_its_publisher_and_nothing_else_is_one() -> None:
-    assert greeted_by(greeting(PUBLISHER)) == PUBLISHER
-    assert greeted_by(b"OBK1") is None
-    assert greeted_by(bytes(20)) is None
+    assert greeting_of(bytes(GREETING)) == GREETING
+    assert greeting_of(bytes(GREETING)[:-1]) is None
+    assert greeting_of(bytes(len(bytes(GREETING)))) is None
 
 
-def test_a_packet_ends_with_its_number() -> None:
-    assert number_of(b"message" + packed_number(2**40)) == 2**40
+def test_a_packet_ends_with_its_stamp() -> None:
+    stamp = stamp_of(b"message" + packed_stamp(1, 2, 2**40))
+    assert (stamp.published_ns, stamp.packets, stamp.number) == (1, 2, 2**40)
 
 
 def test_a_folder_that_others_can_enter_is_refused(path: Path) -> None:
@@ -86,25 +103,25 @@ def test_a_socket_is_reached_below_a_path_longer_than_an_address(tmp_path: Path)
     deep = tmp_path / ("a" * 100) / ("b" * 100)
     deep.mkdir(parents=True, mode=0o700)
     folder = SocketFolder(str(deep))
-    with folder.listen(gid(1)):
-        connection = folder.connect(gid(1))
+    with folder.listen(gid(1), DEPTH):
+        connection = folder.connect(gid(1), DEPTH)
         assert connection is not None
         connection.close()
 
 
 def test_what_a_killed_process_leaves_is_no_socket(folder: SocketFolder, path: Path) -> None:
-    folder.listen(gid(1)).close()
-    assert (path / gid(1).hex()).exists()
-    assert folder.connect(gid(1)) is None
-    assert folder.connect(gid(2)) is None
+    folder.listen(gid(1), DEPTH).close()
+    assert (path / f"{gid(1).hex()}-{DEPTH}").exists()
+    assert folder.connect(gid(1), DEPTH) is None
+    assert folder.connect(gid(2), DEPTH) is None
 
 
 def test_the_other_end_has_to_be_of_the_same_user(
     folder: SocketFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(folder_module, "peer_process", lambda _connection: None)
-    with folder.listen(gid(1)):
-        assert folder.connect(gid(1)) is None
+    with folder.listen(gid(1), DEPTH):
+        assert folder.connect(gid(1), DEPTH) is None
 
 
 class Graph:
@@ -163,7 +180,9 @@ def accepted(listener: socket.socket) -> socket.socket:
     """The connection of the one publisher; its greeting is read."""
     connection, _ = listener.accept()
     connection.setblocking(False)
-    assert greeted_by(connection.recv(100)) == PUBLISHER
+    greeting = greeting_of(connection.recv(100))
+    assert greeting is not None
+    assert greeting.publisher == PUBLISHER
     return connection
 
 
@@ -171,13 +190,13 @@ def test_dds_is_bypassed_once_each_has_got_a_message_through_it(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     graph.add(1)
-    with folder.listen(gid(1)) as listener:
+    with folder.listen(gid(1), DEPTH) as listener:
         assert not sender.covers(1, 0)
         sender.send_through_dds(nothing)
         assert sender.covers(1, 0)
         assert sender.send(b"message")
         with accepted(listener) as connection:
-            assert connection.recv(100) == b"message" + packed_number(1)
+            assert contents(connection.recv(100)) == (b"message", 1)
 
 
 def test_a_count_that_is_right_by_chance_is_no_reason_to_bypass_dds(
@@ -186,7 +205,7 @@ def test_a_count_that_is_right_by_chance_is_no_reason_to_bypass_dds(
     """One has a socket and is not matched yet; the matched one is outside."""
     graph.add(1)
     graph.add(2)
-    with folder.listen(gid(1)):
+    with folder.listen(gid(1), DEPTH):
         assert not sender.covers(1, 0)
         sender.send_through_dds(nothing)
         assert not sender.covers(1, 0)
@@ -196,7 +215,7 @@ def test_a_listener_outside_needs_dds_until_it_leaves(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     graph.add(1)
-    with folder.listen(gid(1)):
+    with folder.listen(gid(1), DEPTH):
         sender.covers(1, 0)
         sender.send_through_dds(nothing)
         assert sender.covers(1, 0)
@@ -214,7 +233,7 @@ def test_subscriptions_that_dds_does_not_match_are_not_reached(
     graph.add(1, reliable=False)
     graph.add(2)
     graph.add(3, reliable=False, type_name="x/msg/Other")
-    with folder.listen(gid(1)), folder.listen(gid(2)), folder.listen(gid(3)):
+    with folder.listen(gid(1), DEPTH), folder.listen(gid(2), DEPTH), folder.listen(gid(3), DEPTH):
         sender.covers(1, 0)
         sender.send_through_dds(nothing)
         assert sender.covers(1, 0)
@@ -226,7 +245,7 @@ def test_a_large_message_is_left_to_dds(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     graph.add(1)
-    with folder.listen(gid(1)):
+    with folder.listen(gid(1), DEPTH):
         sender.covers(1, 0)
         sender.send_through_dds(nothing)
         assert sender.covers(1, 0)
@@ -239,7 +258,7 @@ def test_who_has_got_a_message_by_its_socket_drops_the_one_of_dds(
 ) -> None:
     graph.add(1)
     graph.add(2)
-    with folder.listen(gid(1)) as one, folder.listen(gid(2)) as other:
+    with folder.listen(gid(1), DEPTH) as one, folder.listen(gid(2), DEPTH) as other:
         sender.covers(2, 0)
         sender.send_through_dds(nothing)
         assert sender.covers(2, 0)
@@ -248,7 +267,7 @@ def test_who_has_got_a_message_by_its_socket_drops_the_one_of_dds(
         ends[last.gid].close()
         assert not sender.send(b"message")
         sender.send_through_dds(nothing)
-        assert ends[first.gid].recv(100) == b"message" + packed_number(1)
+        assert contents(ends[first.gid].recv(100)) == (b"message", 1)
         assert ends[first.gid].recv(100) == packed_number(2)
         ends[first.gid].close()
     assert not sender.covers(2, 0)
@@ -267,7 +286,7 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
     )
     graph.add(1)
     peer = subprocess.Popen(
-        [sys.executable, "-c", program, path / gid(1).hex()],
+        [sys.executable, "-c", program, path / f"{gid(1).hex()}-{DEPTH}"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     )
@@ -327,9 +346,9 @@ class Subscription:
         self._folder = folder
 
     def connect(self) -> socket.socket:
-        connection = self._folder.connect(gid(1))
+        connection = self._folder.connect(gid(1), DEPTH)
         assert connection is not None
-        connection.send(greeting(PUBLISHER))
+        connection.send(bytes(GREETING))
         return connection
 
     def read(self) -> None:
@@ -359,7 +378,7 @@ def subscription(folder: SocketFolder) -> Iterator[Subscription]:
 
 
 def packet(value: int, number: int) -> bytes:
-    return PACK(Int64(data=value)) + packed_number(number)
+    return stamped(PACK(Int64(data=value)), number)
 
 
 def test_packets_are_delivered_in_their_order(subscription: Subscription) -> None:
@@ -484,20 +503,18 @@ def test_a_publisher_that_leaves_is_forgotten_and_its_messages_stay(
     publisher.close()
     subscription.read()
     assert subscription.taken() == [1]
-    assert subscription.receiver._connections == []
+    assert subscription.receiver._inbox.connections == []
 
 
-@pytest.mark.parametrize(
-    "packets", [[b"GET / HTTP/1.1\r\n"], [bytes(20)], [greeting(PUBLISHER), b"x"]]
-)
+@pytest.mark.parametrize("packets", [[b"GET / HTTP/1.1\r\n"], [bytes(20)], [bytes(GREETING), b"x"]])
 def test_a_publisher_that_does_not_keep_to_the_protocol_is_disconnected(
     subscription: Subscription, packets: list[bytes]
 ) -> None:
-    connection = subscription._folder.connect(gid(1))
+    connection = subscription._folder.connect(gid(1), DEPTH)
     assert connection is not None
     for each in packets:
         connection.send(each)
     subscription.read()
-    assert subscription.receiver._connections == []
+    assert subscription.receiver._inbox.connections == []
     assert subscription.taken() == []
     connection.close()

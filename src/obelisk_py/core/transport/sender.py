@@ -25,8 +25,13 @@ from obelisk_py.core.transport.dds_endpoints import (
     subscriptions_of,
 )
 from obelisk_py.core.transport.flusher import flusher_of
-from obelisk_py.core.transport.frames import LARGEST_MESSAGE, greeting, packed_number
-from obelisk_py.core.transport.socket_folder import SocketFolder, peer_process
+from obelisk_spec.local_transport.folder import SocketFolder, peer_process
+from obelisk_spec.local_transport.packets import (
+    LARGEST_MESSAGE,
+    Greeting,
+    packed_number,
+    packed_stamp,
+)
 
 __all__ = ["LocalSender", "Peer"]
 
@@ -37,7 +42,7 @@ _CHECK_PERIOD_S: Final = 0.25
 class Peer:
     """The connection to one subscription.
 
-    Packets that the socket does not take wait here, as many as the publisher's history.
+    Packets that the socket does not take wait here, as many as the subscription's history.
     """
 
     def __init__(self, connection: socket, gid: bytes, depth: int) -> None:
@@ -46,7 +51,7 @@ class Peer:
         Args:
             connection: open, and not blocking.
             gid: of the subscription.
-            depth: packets that may wait.
+            depth: of the subscription's history.
         """
         self.gid = gid
         self.is_lost = False
@@ -141,11 +146,10 @@ class LocalSender:
         self._topic = topic
         self._type_name = type_name
         self._is_reliable = qos.reliability == ReliabilityPolicy.RELIABLE
-        self._depth = qos.depth
         self._gid = publisher_gid(handle)
         self._lock = threading.Lock()
         self._sent_through_dds = 0
-        self._number = packed_number(0)
+        self._sent_by_packets = 0
         self._is_covered = False
         self._count = self._buffers = -1
         self._next_check_s = 0.0
@@ -174,7 +178,8 @@ class LocalSender:
         """Send a packed message to all peers; false if all have to get it through DDS."""
         if len(data) > LARGEST_MESSAGE:
             return False
-        packet = data + self._number
+        self._sent_by_packets += 1
+        packet = data + packed_stamp(time.time_ns(), self._sent_by_packets, self._sent_through_dds)
         for place, peer in enumerate(self.peers):
             if not peer.send(packet):
                 self._is_covered = False
@@ -196,7 +201,6 @@ class LocalSender:
                 peer.drop_waiting()
             send()
             self._sent_through_dds = number
-            self._number = packed_number(number)
 
     def close(self) -> None:
         """Close all connections."""
@@ -257,12 +261,14 @@ class LocalSender:
             else:
                 peers[peer.gid] = peer
         self._lost = {gid: process for gid, process in self._lost.items() if gid in gids}
-        for gid in gids - peers.keys():
-            connection = self._folder.connect(gid)
-            if connection is not None:
-                with suppress(OSError):
-                    connection.send(greeting(self._gid))
-                peers[gid] = Peer(connection, gid, self._depth)
+        greeting = bytes(Greeting(publisher=self._gid, packets=self._sent_by_packets))
+        new = gids - peers.keys()
+        for gid, depth in (self._folder.depths() if new else {}).items():
+            if gid not in new or (connection := self._folder.connect(gid, depth)) is None:
+                continue
+            with suppress(OSError):
+                connection.send(greeting)
+            peers[gid] = Peer(connection, gid, depth)
         return peers
 
     def _has_ended(self, gid: bytes) -> bool:
