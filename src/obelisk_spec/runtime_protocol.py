@@ -17,6 +17,7 @@ __all__ = [
     "LOCAL_TRANSPORT_OFF",
     "LOCAL_TRANSPORT_VARIABLE",
     "REPORT_PERIOD_S",
+    "SOCKETS_FOLDER",
     "STANDINGS",
     "STEPS",
     "TOLERANCE",
@@ -91,6 +92,8 @@ LOCAL_TRANSPORT_VARIABLE: Final = "OBK_LOCAL_TRANSPORT"
 The user sets it to `LOCAL_TRANSPORT_OFF`, and then all messages go through DDS.
 """
 LOCAL_TRANSPORT_OFF: Final = "off"
+SOCKETS_FOLDER: Final = "sockets"
+"""The folder of the sockets, in the folder of the run."""
 _HOST_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
 """Names of this host in the header `Host`."""
 

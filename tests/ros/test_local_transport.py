@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 import pytest
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int64
 
@@ -19,6 +21,7 @@ from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.intra_process import IntraProcessPublisher
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
+from obk_cli.ros.raw_subscription import DropCounter, RawSubscription
 
 from .executor_world import DEADLINE_S, World, eventually, world
 from .numbers_peer import DEPTH
@@ -279,6 +282,42 @@ def test_a_large_message_takes_its_place_between_small_ones(sent: list[int]) -> 
             eventually(publish, "messages")
             eventually(lambda: got[-1] == count - 1, "the last message")
     assert is_gapless(got)
+
+
+def test_a_tap_counts_each_message_once_while_listeners_come_and_go(
+    sent: list[int], peers: Peers
+) -> None:
+    with published(sent) as (_made, source, await_bypass), world() as other:
+        node = Node("tap", context=other.context)
+        tap = RawSubscription(node.handle, "/numbers", "std_msgs/msg/Int64", Int64)
+        drops, got = DropCounter(), [-1]
+        inside = peers.listener()
+
+        def take(enough: int) -> None:
+            while got[-1] < enough:
+                for data, info in tap.take():
+                    drops.take(info["publication_sequence_number"], 1)
+                    got.append(deserialize_message(data, Int64).data)
+
+        for _ in range(2):
+            through_dds = -1
+            while through_dds != len(sent):  # until a hundred numbers need no DDS
+                through_dds = len(sent)
+                take(source.count + 100)
+            with ThreadPoolExecutor(1) as pool:
+                listener = pool.submit(outside, 100)
+                while not listener.done():
+                    take(source.count)
+            assert is_gapless(listener.result())
+        take(source.count)
+        tap.close()
+        await_bypass()  # with `inside` alone
+        node.destroy_node()
+    eventually(lambda: inside.has(source.count - 1), "the last number")
+    assert is_gapless(got[1:])
+    assert is_gapless(inside.numbers)
+    assert drops.dropped == 0
+    assert drops.count == len(got) - 1
 
 
 def test_turned_off_everything_goes_through_dds(

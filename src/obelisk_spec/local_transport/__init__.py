@@ -2,5 +2,5 @@
 
 A subscription listens on a Unix socket in the private folder of the run, which is named after its
 GID, and publishers connect to it. `folder` opens and checks sockets, `packets` is what goes over
-them, and `inbox` puts packets and messages of DDS into the order of publishing.
+them, `dds_reader` takes messages of DDS, and `inbox` puts both into the order of publishing.
 """

@@ -9,6 +9,7 @@ import os
 import socket
 import stat
 import struct
+import weakref
 from contextlib import suppress
 from typing import Final
 
@@ -33,6 +34,7 @@ class SocketFolder:
         if status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o077:
             os.close(self._fd)
             raise PermissionError(f"{path} is open to others, expected a folder of mode 0700")
+        weakref.finalize(self, os.close, self._fd)
 
     def listen(self, gid: bytes, depth: int) -> socket.socket:
         """A socket to which publishers connect, for the subscription with this GID and depth.

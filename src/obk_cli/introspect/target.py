@@ -5,6 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.runtime_protocol import (
+    LOCAL_TRANSPORT_OFF,
+    LOCAL_TRANSPORT_VARIABLE,
+    SOCKETS_FOLDER,
+)
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.resolve import matching_names
 from obk_cli.plan.plan import Plan
@@ -99,7 +104,19 @@ def target_of(
     if domain is not None:
         environment = replace(environment, variables={**variables, DOMAIN: str(domain)})
     here = {folder: run for folder, run in live.items() if run.domain == environment.domain}
-    return GraphTarget(environment=environment, runs=here, no_nodes_s=no_nodes_s)
+    return GraphTarget(environment=_tapping(environment, here), runs=here, no_nodes_s=no_nodes_s)
+
+
+def _tapping(environment: RosEnvironment, folders: Iterable[Path]) -> RosEnvironment:
+    """The environment in which subscriptions are taps of the newest of these runs."""
+    variables = environment.variables
+    folder = next(iter(folders), None)
+    if folder is None or variables.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF:
+        return environment
+    return replace(
+        environment,
+        variables={**variables, LOCAL_TRANSPORT_VARIABLE: str(folder / SOCKETS_FOLDER)},
+    )
 
 
 def with_run_types(environment: RosEnvironment, run_folder: Path | None) -> RosEnvironment:

@@ -21,6 +21,7 @@ from obelisk_spec.runtime_protocol import (
     GATE_VARIABLE,
     LOCAL_TRANSPORT_OFF,
     LOCAL_TRANSPORT_VARIABLE,
+    SOCKETS_FOLDER,
     USE_SIM_TIME,
     ClockDescriptors,
     clock_page_bytes,
@@ -260,7 +261,6 @@ def _python_path(
 
 
 NAME: Final = ".gate"
-SOCKETS: Final = "sockets"
 
 
 def gate_variables(folder: Path | None) -> Mapping[str, str]:
@@ -346,7 +346,7 @@ def socket_folder(
     if folder is None or environment.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF:
         yield {LOCAL_TRANSPORT_VARIABLE: LOCAL_TRANSPORT_OFF}
         return
-    sockets = folder / SOCKETS
+    sockets = folder / SOCKETS_FOLDER
     try:
         sockets.mkdir(mode=0o700)
     except OSError:

@@ -17,10 +17,11 @@ from obelisk_py.core.executor.worker import Worker
 from obelisk_py.core.intra_process import MessageBuffer
 from obelisk_py.core.serialization.codec import codec_for
 from obelisk_py.core.transport import sender as sender_module
-from obelisk_py.core.transport.dds_endpoints import Sample, SubscriptionEndpoint
+from obelisk_py.core.transport.dds_endpoints import SubscriptionEndpoint
 from obelisk_py.core.transport.sender import LocalSender, Peer
 from obelisk_py.core.transport.socket_folder import socket_folder
 from obelisk_spec.local_transport import folder as folder_module
+from obelisk_spec.local_transport.dds_reader import Sample
 from obelisk_spec.local_transport.folder import SocketFolder
 from obelisk_spec.local_transport.packets import (
     LARGEST_MESSAGE,
@@ -326,7 +327,7 @@ class Reader:
         self.samples: deque[Sample] = deque()
 
     def hold(self, value: int, number: int, publisher: bytes = PUBLISHER) -> None:
-        self.samples.append(Sample(PACK(Int64(data=value)), publisher, number))
+        self.samples.append(Sample(PACK(Int64(data=value)), publisher, number, 0, 0))
 
     def take(self) -> Sample | None:
         return self.samples.popleft() if self.samples else None

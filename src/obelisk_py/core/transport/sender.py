@@ -18,13 +18,9 @@ from typing import Any, Final
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from obelisk_py.core.transport.dds_endpoints import (
-    SubscriptionEndpoint,
-    participant_of,
-    publisher_gid,
-    subscriptions_of,
-)
+from obelisk_py.core.transport.dds_endpoints import SubscriptionEndpoint, subscriptions_of
 from obelisk_py.core.transport.flusher import flusher_of
+from obelisk_spec.local_transport.dds_reader import participant_of, publisher_gid
 from obelisk_spec.local_transport.folder import SocketFolder, peer_process
 from obelisk_spec.local_transport.packets import (
     LARGEST_MESSAGE,
