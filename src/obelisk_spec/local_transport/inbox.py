@@ -21,7 +21,7 @@ from obelisk_spec.local_transport.packets import (
     stamp_of,
 )
 
-__all__ = ["Connection", "Inbox"]
+__all__ = ["Connection", "PublisherInbox"]
 
 _REMEMBERED: Final = 64
 """Publishers without a connection whose last message of DDS is known."""
@@ -54,7 +54,7 @@ class Connection:
         return stamp_of(self.last).packets if self.last else self.packets_before
 
 
-class Inbox:
+class PublisherInbox:
     """The listening socket of a subscription, and its connections."""
 
     def __init__(
@@ -136,6 +136,8 @@ class Inbox:
         self.read(connection)
         if number in connection.skipped:
             connection.skipped.discard(number)
+            # The publisher counts it among those of DDS.
+            connection.packets_before, connection.last = connection.packets - 1, b""
         else:
             put(connection.packets)
         self._release(connection, number)

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from obelisk_spec.local_transport.dds_reader import DdsReader, Sample
 from obelisk_spec.local_transport.folder import SocketFolder
-from obelisk_spec.local_transport.inbox import Connection, Inbox
+from obelisk_spec.local_transport.inbox import Connection, PublisherInbox
 from obelisk_spec.local_transport.packets import STAMP_BYTES, stamp_of
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 
@@ -41,7 +41,7 @@ class Tap:
             OSError: the folder takes no socket.
         """
         self._waiting: deque[tuple[bytes, Mapping[str, int]]] = deque(maxlen=depth)
-        self._inbox = Inbox(folder, gid, depth=depth, put=self._put, on_wait=self._wait)
+        self._inbox = PublisherInbox(folder, gid, depth=depth, put=self._put, on_wait=self._wait)
         self._reader = DdsReader(handle)
         self._release_s = float("inf")
         self._connections: dict[int, Connection] = {}

@@ -21,7 +21,7 @@ from obelisk_py.core.transport.dds_endpoints import subscriptions_of
 from obelisk_py.core.transport.socket_folder import socket_folder
 from obelisk_spec.local_transport.dds_reader import DdsReader, participant_of, publisher_gid
 from obelisk_spec.local_transport.folder import SocketFolder
-from obelisk_spec.local_transport.inbox import Connection, Inbox
+from obelisk_spec.local_transport.inbox import Connection, PublisherInbox
 
 __all__ = ["LocalReceiver", "open_receiver"]
 
@@ -53,7 +53,9 @@ class LocalReceiver:
             OSError: the folder takes no socket.
         """
         depth = buffer.qos.depth
-        self._inbox = Inbox(folder, gid, depth=depth, put=buffer.append, on_wait=self._wait)
+        self._inbox = PublisherInbox(
+            folder, gid, depth=depth, put=buffer.append, on_wait=self._wait
+        )
         self._buffer = buffer
         self._reader = reader
         reliable = buffer.qos.reliability == ReliabilityPolicy.RELIABLE

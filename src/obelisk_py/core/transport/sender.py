@@ -180,6 +180,7 @@ class LocalSender:
             if not peer.send(packet):
                 self._is_covered = False
                 self._next_check_s = 0.0
+                self._sent_by_packets -= 1  # it counts as sent through DDS
                 with self._lock:
                     self._skip = self.peers[:place]
                 return False
