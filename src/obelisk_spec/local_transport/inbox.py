@@ -1,14 +1,15 @@
 """The sockets of one subscription, and the order of what comes by them and through DDS.
 
 The messages of one publisher are delivered in the order of publishing: a packet waits until the
-subscription has taken from DDS what was sent before, and the packets that are older than a message
-of DDS are delivered before it. An inbox reads only when it is asked to, and knows no thread.
+subscription has taken from DDS what was sent before, and a message of DDS waits for the packets
+that precede it. An inbox reads only when it is asked to, and knows no thread.
 """
 
+import os
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from socket import SHUT_RDWR, socket
+from socket import SHUT_RDWR, recv_fds, socket
 from typing import Final
 
 from obelisk_spec.local_transport.folder import SocketFolder, peer_process
@@ -18,6 +19,7 @@ from obelisk_spec.local_transport.packets import (
     STAMP_BYTES,
     greeting_of,
     number_of,
+    received_page,
     stamp_of,
 )
 
@@ -47,11 +49,21 @@ class Connection:
         """Packets that wait for messages of DDS."""
         self.skipped: set[int] = set()
         """Messages of DDS that came by packets too."""
+        self.samples: deque[tuple[int, Callable[[int], object]]] = deque(maxlen=depth)
+        """Messages of DDS, by number, that wait for packets: how each is put."""
+        self.page: memoryview[int] | None = None
+        """How many packets precede what the publisher sends through DDS."""
 
     @property
     def packets(self) -> int:
         """How many messages it had sent by packets, as of the last one that was passed on."""
         return stamp_of(self.last).packets if self.last else self.packets_before
+
+    @property
+    def is_missing_packets(self) -> bool:
+        """Whether packets that precede a message of DDS still wait in the publisher."""
+        received = stamp_of(self.held[-1]).packets if self.held else self.packets
+        return self.page is not None and self.page[0] > received
 
 
 class PublisherInbox:
@@ -64,6 +76,7 @@ class PublisherInbox:
         *,
         depth: int,
         put: Callable[[bytes], object],
+        on_connect: Callable[[Connection], object],
         on_wait: Callable[[], object],
     ) -> None:
         """Open the socket; publishers may connect from now on.
@@ -73,6 +86,7 @@ class PublisherInbox:
             gid: of the subscription.
             depth: of the subscription's history; so many packets of a publisher may wait.
             put: takes each packet of a message, when it is its turn.
+            on_connect: takes each new connection; it is to be read when its socket has something.
             on_wait: called when the first packet of a publisher has to wait.
 
         Raises:
@@ -81,30 +95,32 @@ class PublisherInbox:
         self.listener: Final = folder.listen(gid, depth)
         self.connections: list[Connection] = []
         self._folder, self._gid, self._depth = folder, gid, depth
-        self._put, self._on_wait = put, on_wait
+        self._put, self._on_connect, self._on_wait = put, on_connect, on_wait
         self._by_publisher: dict[bytes, Connection] = {}
         self._taken: dict[bytes, int] = {}
         """As `Connection.taken`, of publishers that are not connected."""
 
-    def accept(self) -> Connection | None:
-        """A new connection; None if there is none now."""
+    def accept(self) -> None:
+        """Take new connections."""
         while True:
             try:
                 peer, _ = self.listener.accept()
             except OSError:  # none, or the socket was stopped
-                return None
+                return
             if peer_process(peer) is None:
                 peer.close()
                 continue
             peer.setblocking(False)
             connection = Connection(peer, self._depth)
             self.connections.append(connection)
-            return connection
+            self._on_connect(connection)
 
     def read(self, connection: Connection) -> bool:
         """Read all packets; true if the publisher has closed the connection."""
         receive, put, ending = connection.socket.recv, self._put, connection.ending
         try:
+            if connection.publisher is None:
+                self._greet(connection)
             while packet := receive(LARGEST_PACKET):
                 if ending and packet.endswith(ending) and len(packet) >= STAMP_BYTES:
                     connection.last = packet
@@ -113,6 +129,8 @@ class PublisherInbox:
                     self._sort(connection, packet)
                     ending = connection.ending
         except BlockingIOError:
+            if connection.samples:
+                self._advance(connection)
             return False
         except OSError:
             pass
@@ -127,31 +145,30 @@ class PublisherInbox:
             put: called when it is the message's turn, with the number of packets that precede it;
                 not called if a packet has delivered it.
         """
+        if publisher not in self._by_publisher:
+            self.accept()
+            for new in [new for new in self.connections if new.publisher is None]:
+                self.read(new)
         connection = self._by_publisher.get(publisher)
         if connection is None:
             self._remember(publisher, number)
             put(0)
             return
-        # All that was sent before the message is there now.
-        self.read(connection)
-        if number in connection.skipped:
-            connection.skipped.discard(number)
-            # The publisher counts it among those of DDS.
-            connection.packets_before, connection.last = connection.packets - 1, b""
-        else:
-            put(connection.packets)
-        self._release(connection, number)
+        connection.samples.append((number, put))
+        # All that was sent before the message is there now, unless the socket was full.
+        if self.read(connection):
+            self._release_all(connection)
 
     def release(self) -> None:
         """Let all packets pass that wait for messages of DDS: these were lost."""
         for connection in self.connections:
-            self._release(connection, None)
+            self._release_all(connection)
 
     def forget(self, connection: Connection) -> None:
         """Close a connection whose packets were read."""
         connection.socket.close()
         self.connections.remove(connection)
-        self._release(connection, None)
+        self._release_all(connection)
         publisher = connection.publisher
         if publisher is not None and self._by_publisher.get(publisher) is connection:
             del self._by_publisher[publisher]
@@ -163,13 +180,12 @@ class PublisherInbox:
         # Whoever connects or sends from now on gets an error, and DDS delivers instead.
         with suppress(OSError):
             self.listener.shutdown(SHUT_RDWR)
-        while self.accept() is not None:
-            pass
+        self.accept()
         for connection in self.connections:
             with suppress(OSError):
                 connection.socket.shutdown(SHUT_RDWR)
             self.read(connection)
-            self._release(connection, None)
+            self._release_all(connection)
 
     def close(self) -> None:
         """Close all sockets."""
@@ -181,9 +197,7 @@ class PublisherInbox:
 
     def _sort(self, connection: Connection, packet: bytes) -> None:
         """A packet that may have to wait, or that is no message."""
-        if connection.publisher is None:
-            self._greet(connection, packet)
-        elif len(packet) == NUMBER_BYTES:
+        if len(packet) == NUMBER_BYTES:
             connection.skipped.add(number_of(packet))
         elif len(packet) < STAMP_BYTES:  # no publisher of ours
             connection.socket.shutdown(SHUT_RDWR)
@@ -195,7 +209,11 @@ class PublisherInbox:
             if len(connection.held) == 1:
                 self._on_wait()
 
-    def _greet(self, connection: Connection, packet: bytes) -> None:
+    def _greet(self, connection: Connection) -> None:
+        packet, pages, _, _ = recv_fds(connection.socket, LARGEST_PACKET, 1)
+        for page in pages:
+            connection.page = received_page(page)
+            os.close(page)
         greeting = greeting_of(packet)
         if greeting is None:
             connection.socket.shutdown(SHUT_RDWR)
@@ -204,11 +222,36 @@ class PublisherInbox:
         before = self._by_publisher.get(publisher)
         if before is not None:  # the same publisher has connected again
             self.read(before)
-            self._release(before, None)
+            self._release_all(before)
         connection.publisher = publisher
         connection.packets_before = greeting.packets
         connection.taken = before.taken if before else self._taken.pop(publisher, 0)
         self._by_publisher[publisher] = connection
+
+    def _advance(self, connection: Connection) -> None:
+        """Put the messages of DDS that wait for no packet, and the packets that waited for them."""
+        while connection.samples:
+            if connection.is_missing_packets:
+                self._on_wait()
+                return
+            self._put_sample(connection)
+
+    def _put_sample(self, connection: Connection) -> None:
+        number, put = connection.samples.popleft()
+        self._release(connection, number - 1)  # what has not come by now is lost
+        if number in connection.skipped:
+            connection.skipped.discard(number)
+            # The publisher counts it among those of DDS.
+            connection.packets_before, connection.last = connection.packets - 1, b""
+        else:
+            put(connection.packets)
+        self._release(connection, number)
+
+    def _release_all(self, connection: Connection) -> None:
+        """Put all that waits."""
+        while connection.samples:
+            self._put_sample(connection)
+        self._release(connection, None)
 
     def _release(self, connection: Connection, taken: int | None) -> None:
         """Let the packets pass that wait for messages of DDS up to `taken`; None: all."""

@@ -3,8 +3,14 @@
 A connection begins with a greeting: the GID of the publisher, and how many packets it has sent to
 anybody before. Every other packet is a message and its `Stamp`. A packet that is only a number
 names a message of DDS that is to be dropped, because a packet has delivered it.
+
+With the greeting comes a page of memory with one number, which the publisher sets before it sends
+through DDS: so many packets precede. While the socket is full, they still wait in the publisher.
 """
 
+import fcntl
+import mmap
+import os
 import struct
 from dataclasses import dataclass
 from typing import Final
@@ -17,9 +23,11 @@ __all__ = [
     "Greeting",
     "Stamp",
     "greeting_of",
+    "new_page",
     "number_of",
     "packed_number",
     "packed_stamp",
+    "received_page",
     "stamp_of",
 ]
 
@@ -32,6 +40,28 @@ STAMP_BYTES: Final = _STAMP.size
 LARGEST_MESSAGE: Final = 64 * 1024
 """Larger messages go through DDS [bytes]."""
 LARGEST_PACKET: Final = LARGEST_MESSAGE + STAMP_BYTES
+
+
+def new_page() -> tuple[int, "memoryview[int]"]:
+    """A page for a connection: its descriptor, which the caller closes, and its number."""
+    page = os.memfd_create("obk_packets", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    os.ftruncate(page, mmap.PAGESIZE)
+    fcntl.fcntl(page, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
+    return page, _mapped(page)
+
+
+def received_page(page: int) -> "memoryview[int] | None":
+    """The number in a page from the other end; None if the memory may go away."""
+    try:
+        seals = fcntl.fcntl(page, fcntl.F_GET_SEALS)
+    except OSError:  # something else
+        return None
+    is_safe = seals & fcntl.F_SEAL_SHRINK and os.fstat(page).st_size >= mmap.PAGESIZE
+    return _mapped(page) if is_safe else None
+
+
+def _mapped(page: int) -> "memoryview[int]":
+    return memoryview(mmap.mmap(page, mmap.PAGESIZE)).cast("Q")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

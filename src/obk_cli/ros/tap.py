@@ -41,7 +41,14 @@ class Tap:
             OSError: the folder takes no socket.
         """
         self._waiting: deque[tuple[bytes, Mapping[str, int]]] = deque(maxlen=depth)
-        self._inbox = PublisherInbox(folder, gid, depth=depth, put=self._put, on_wait=self._wait)
+        self._inbox = PublisherInbox(
+            folder,
+            gid,
+            depth=depth,
+            put=self._put,
+            on_connect=self._watch,
+            on_wait=self._wait,
+        )
         self._reader = DdsReader(handle)
         self._release_s = float("inf")
         self._connections: dict[int, Connection] = {}
@@ -74,12 +81,15 @@ class Tap:
                     del self._connections[fd]
                     self._epoll.unregister(fd)
                     self._inbox.forget(connection)
-            while (new := self._inbox.accept()) is not None:
-                self._connections[new.socket.fileno()] = new
-                self._epoll.register(new.socket, select.EPOLLIN)
+            else:
+                self._inbox.accept()
         if time.monotonic() > self._release_s:
             self._release_s = float("inf")
             self._inbox.release()
+
+    def _watch(self, connection: Connection) -> None:
+        self._connections[connection.socket.fileno()] = connection
+        self._epoll.register(connection.socket, select.EPOLLIN)
 
     def _wait(self) -> None:
         self._release_s = time.monotonic() + _LONGEST_WAIT_S

@@ -307,8 +307,9 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
 def test_who_does_not_read_gets_the_newest_messages_later() -> None:
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     near.setblocking(False)
-    peer = Peer(near, gid(1), 3)
+    peer = Peer(near, gid(1), 3, bytes(GREETING))
     with far:
+        assert greeting_of(far.recv(100)) == GREETING
         for number in range(1000):
             assert peer.send(packed_number(number))
         far.settimeout(10)
@@ -421,6 +422,30 @@ def test_packets_precede_what_went_through_dds_later(subscription: Subscription)
         subscription.dds.hold(3, 1)
         publisher.send(packet(4, 1))
         assert subscription.taken() == [1, 2, 3, 4]
+
+
+def test_a_message_of_dds_waits_for_packets_that_the_socket_did_not_take(
+    folder: SocketFolder,
+) -> None:
+    subscription = Subscription(folder, QoSProfile(depth=1000))
+    connection = folder.connect(gid(1), 1000)
+    assert connection is not None
+    peer = Peer(connection, gid(1), 1000, bytes(Greeting(publisher=PUBLISHER, packets=0)))
+    for value in range(1, 501):
+        assert peer.send(stamped(PACK(Int64(data=value)), 0, value))
+    peer.precede(500)
+    subscription.dds.hold(501, 1)
+    got: list[int] = []
+
+    def all_have_come() -> bool:
+        subscription.worker.run_ready(0.01)
+        got.extend(subscription.taken())
+        return len(got) >= 501
+
+    eventually(all_have_come, "all messages")
+    assert got == list(range(1, 502))
+    peer.close()
+    subscription.close()
 
 
 def test_another_publisher_does_not_hold_packets_up(subscription: Subscription) -> None:

@@ -54,13 +54,14 @@ class LocalReceiver:
         """
         depth = buffer.qos.depth
         self._inbox = PublisherInbox(
-            folder, gid, depth=depth, put=buffer.append, on_wait=self._wait
+            folder, gid, depth=depth, put=buffer.append, on_connect=self._watch, on_wait=self._wait
         )
         self._buffer = buffer
         self._reader = reader
         reliable = buffer.qos.reliability == ReliabilityPolicy.RELIABLE
         self._longest_wait_s = _RELIABLE_WAIT_S if reliable else _BEST_EFFORT_WAIT_S
         self._timer_fd = open_timer(time.CLOCK_MONOTONIC)
+        self._worker: Worker | None = None
         self._is_open = True
         self._lock = threading.Lock()
         self.deliver: Callable[[], bool] = self._wake
@@ -68,8 +69,9 @@ class LocalReceiver:
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
         """The socket and the timer; connections are added to the worker when they are made."""
+        self._worker = worker
         return {
-            self._inbox.listener.fileno(): partial(self._accept, worker),
+            self._inbox.listener.fileno(): self._accept,
             self._timer_fd: self._release,
         }
 
@@ -92,8 +94,8 @@ class LocalReceiver:
     def stop(self) -> None:
         """Let no publisher send any more; what was sent is put into the buffer."""
         with self._lock:
-            self._inbox.stop()
             self._is_open = False
+            self._inbox.stop()
 
     def close(self) -> None:
         """Close all descriptors, after no worker watches them any more."""
@@ -112,12 +114,16 @@ class LocalReceiver:
         due_ns = time.monotonic_ns() + int(self._longest_wait_s * _NS_PER_S)
         arm_timer(self._timer_fd, due_ns, 0)
 
-    def _accept(self, worker: Worker) -> bool:
+    def _accept(self) -> bool:
         with self._lock:
-            while self._is_open and (connection := self._inbox.accept()) is not None:
-                fd = connection.socket.fileno()
-                worker.watch(self, fd, partial(self._read, worker, connection))
+            if self._is_open:
+                self._inbox.accept()
         return False
+
+    def _watch(self, connection: Connection) -> None:
+        if self._worker is not None and self._is_open:
+            fd = connection.socket.fileno()
+            self._worker.watch(self, fd, partial(self._read, self._worker, connection))
 
     def _read(self, worker: Worker, connection: Connection) -> bool:
         with self._lock:

@@ -13,7 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from socket import socket
+from socket import send_fds, socket
 from typing import Any, Final
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -25,11 +25,15 @@ from obelisk_spec.local_transport.folder import SocketFolder, peer_process
 from obelisk_spec.local_transport.packets import (
     LARGEST_MESSAGE,
     Greeting,
+    new_page,
     packed_number,
     packed_stamp,
 )
 
 __all__ = ["LocalSender", "Peer"]
+
+_LINGER_S: Final = 0.2
+"""How long the end of a publisher waits for a subscription that does not read [s]."""
 
 _CHECK_PERIOD_S: Final = 0.25
 """How often is looked for sockets while the count stays and a subscription has none [s]."""
@@ -41,14 +45,19 @@ class Peer:
     Packets that the socket does not take wait here, as many as the subscription's history.
     """
 
-    def __init__(self, connection: socket, gid: bytes, depth: int) -> None:
-        """Take over a connection.
+    def __init__(self, connection: socket, gid: bytes, depth: int, greeting: bytes) -> None:
+        """Take over a connection, and greet.
 
         Args:
             connection: open, and not blocking.
             gid: of the subscription.
             depth: of the subscription's history.
+            greeting: of the publisher.
         """
+        page, self._page = new_page()
+        with suppress(OSError):  # it is lost already
+            send_fds(connection, [greeting], [page])
+        os.close(page)
         self.gid = gid
         self.is_lost = False
         self._socket = connection
@@ -99,15 +108,20 @@ class Peer:
             self._waiting.clear()
             return False
 
-    def drop_waiting(self) -> None:
-        """Drop what the socket does not take now: DDS delivers what follows."""
-        if self._waiting and self.flush():
-            with self._lock:
-                self._waiting.clear()
+    def precede(self, packets: int) -> None:
+        """Let what goes through DDS from now on wait for packets up to this one, if some wait."""
+        if self._waiting:
+            self._page[0] = packets
 
-    def close(self) -> None:
-        """Close the connection; the subscription still gets what was sent."""
-        self.drop_waiting()
+    def close(self, linger_s: float = 0.0) -> None:
+        """Close the connection; the subscription still gets what was sent.
+
+        Args:
+            linger_s: wait no longer than this for the socket to take what waits [s].
+        """
+        end_s = time.monotonic() + linger_s
+        while self.flush() and (left_s := end_s - time.monotonic()) > 0:
+            select.select([], [self._socket], [], left_s)
         self.is_lost = True
         self._socket.close()
 
@@ -195,7 +209,7 @@ class LocalSender:
                 peer.send(packed_number(number))
             self._skip = ()
             for peer in self.peers:
-                peer.drop_waiting()
+                peer.precede(self._sent_by_packets)
             send()
             self._sent_through_dds = number
 
@@ -203,7 +217,7 @@ class LocalSender:
         """Close all connections."""
         with self._lock:
             for peer in self.peers:
-                peer.close()
+                peer.close(_LINGER_S)
             self.peers = ()
             self._is_covered = False
 
@@ -261,11 +275,8 @@ class LocalSender:
         greeting = bytes(Greeting(publisher=self._gid, packets=self._sent_by_packets))
         new = gids - peers.keys()
         for gid, depth in (self._folder.depths() if new else {}).items():
-            if gid not in new or (connection := self._folder.connect(gid, depth)) is None:
-                continue
-            with suppress(OSError):
-                connection.send(greeting)
-            peers[gid] = Peer(connection, gid, depth)
+            if gid in new and (connection := self._folder.connect(gid, depth)) is not None:
+                peers[gid] = Peer(connection, gid, depth, greeting)
         return peers
 
     def _has_ended(self, gid: bytes) -> bool:
