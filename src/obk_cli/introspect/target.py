@@ -1,10 +1,12 @@
 """The ROS domain that a command observes, and the stacks of this host that run in it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.local_transport.folder import SocketFolder
 from obelisk_spec.runtime_protocol import (
     LOCAL_TRANSPORT_OFF,
     LOCAL_TRANSPORT_VARIABLE,
@@ -62,6 +64,16 @@ class GraphTarget:
     def plans(self) -> tuple[Plan, ...]:
         """The configs of the runs as compiled."""
         return tuple(plan_of_run(folder) for folder in self.runs)
+
+    @property
+    def sockets(self) -> Set[str] | None:
+        """GIDs of the subscriptions that have a socket in the runs; None without a run."""
+        found: set[str] = set()
+        for folder in self.runs:
+            with suppress(OSError):  # its local transport is off, or it has just ended
+                gids = SocketFolder(str(folder / SOCKETS_FOLDER)).depths()
+                found.update(gid.hex() for gid in gids)
+        return found if self.runs else None
 
     def no_nodes_error(self) -> CommandFailedError:
         """The error that no node was found in the domain."""
