@@ -110,6 +110,16 @@ def outside(count: int) -> list[int]:
     return numbers
 
 
+@pytest.fixture(params=[True, False], ids=["on", "off"])
+def with_and_without(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, sockets: Path
+) -> None:
+    """The test is run with the local transport and without it."""
+    del sockets
+    if not request.param:
+        monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, LOCAL_TRANSPORT_OFF)
+
+
 @contextmanager
 def published(sent: list[int]) -> Iterator[tuple[World, Numbered, Callable[[], None]]]:
     """A publisher that publishes all the time; the last value waits until it bypasses DDS."""
@@ -200,6 +210,7 @@ def test_a_frozen_subscription_keeps_its_depth_and_holds_nobody_up(
     assert len(numbers) < last - 500
 
 
+@pytest.mark.usefixtures("with_and_without")
 def test_a_killed_publisher_leaves_what_it_sent_and_its_successor_is_heard(peers: Peers) -> None:
     with world() as made:
         got: list[int] = []
