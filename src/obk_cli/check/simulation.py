@@ -208,9 +208,7 @@ def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
                 continue
             if robot.is_simulator:
                 yield from _check_message(component)
-            for place, fault in _check_lengths(
-                robot, component, controllers, context.environment
-            ):
+            for place, fault in _check_lengths(robot, component, controllers, context.environment):
                 if place not in reported:  # for another robot with the same controller
                     reported.add(place)
                     yield fault
