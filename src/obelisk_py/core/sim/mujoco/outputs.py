@@ -333,17 +333,17 @@ class SimulationClock:
         self._period_ns = NS_PER_S / rate_hz
         self._time_ns = time_ns
         self._page = page
-        self._count = 0
-        """Periods that have passed at the next message."""
+        self._next_ns = 0
+        """When the next message is due."""
 
     def advance(self) -> None:
         """Publish the time after a step."""
         now_ns = self._time_ns()
         if self._page is not None:
             self._page.advance(now_ns)
-        if now_ns < round(self._count * self._period_ns):
+        if now_ns < self._next_ns:
             return
-        self._count = int(now_ns // self._period_ns) + 1
+        self._next_ns = self._next_after(now_ns)
         if self._check.has_subscribers():
             self._publisher.publish(self._message.to_bytes(now_ns))
 
@@ -352,5 +352,8 @@ class SimulationClock:
         now_ns = self._time_ns()
         if self._page is not None:
             self._page.restart(now_ns)
-        self._count = int(now_ns // self._period_ns) + 1
+        self._next_ns = self._next_after(now_ns)
         self._publisher.publish(self._message.to_bytes(now_ns))
+
+    def _next_after(self, now_ns: int) -> int:
+        return round((now_ns // self._period_ns + 1) * self._period_ns)
