@@ -139,7 +139,7 @@ def group_outputs(
 
 
 def sampled(sampler: Sampler, send: Publish, count: Callable[[], None]) -> Sample:
-    """Takes, counts and sends samples, but for those that come later: they are only taken."""
+    """Take, count and send samples at once; a sampler without a message sends its own later."""
     take, message = sampler.take, sampler.message
     if message is None:
         return lambda _stamp_ns: take()
