@@ -12,8 +12,8 @@ of the first seconds with lock-step runs, at equal simulated times:
 
 Two real runs compared with each other are the measure of what can be reached. Writes
 `benchmarks/results/lockstep_truth.json` and `lockstep_truth.svg`; exit code 1 if neither bring-up
-reaches the goal. The times of the events are the launcher's: on a busy machine it has the answers
-of nodes late, and the simulator takes its first steps late.
+reaches the goal. Nodes report the simulated time of their activation; on a busy machine their first
+ticks, and the first steps of the simulator, come late.
 """
 
 import argparse

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 __all__ = [
+    "ACTIVATION",
     "CLOCK_PAGE",
     "CLOCK_TOPIC",
     "CLOCK_VARIABLE",
@@ -25,6 +26,7 @@ __all__ = [
     "clock_page_bytes",
     "is_of_the_page",
     "names_this_host",
+    "parse_activation",
     "parse_clock",
     "parse_rate",
     "rate_name",
@@ -127,6 +129,9 @@ Standing = Literal["kept", "off", "broken"]
 STANDINGS: Final[tuple[Standing, ...]] = ("kept", "off", "broken")
 """By `DiagnosticStatus.level`: OK, WARN, ERROR."""
 
+ACTIVATION: Final = "active_since_s"
+"""Name of the status by which a node reports the simulated time of its activation [s]."""
+
 _EXPECTED, _MEASURED, _TICKS, _OVERRUNS = "wanted_hz", "measured_hz", "ticks", "overruns"
 _P50, _P99, _MAX, _PERIOD = "late_p50_us", "late_p99_us", "late_max_us", "period_sec"
 _NODE_END: Final = ": "
@@ -173,6 +178,22 @@ def rate_values(rate: Rate) -> tuple[tuple[str, str], ...]:
 def rate_name(node: str, name: str) -> str:
     """The name of a status: `/arm/controller`, `timer_ctrl` -> `arm/controller: timer_ctrl`."""
     return f"{node.lstrip('/')}{_NODE_END}{name}"
+
+
+def parse_activation(name: str, values: Mapping[str, str]) -> float | None:
+    """The simulated time of a node's activation [s]; None if the status is about something else.
+
+    Args:
+        name: of the status, as `rate_name` makes it.
+        values: of the status, by key.
+    """
+    if not name.endswith(f"{_NODE_END}{ACTIVATION}"):
+        return None
+    try:
+        time_s = float(values[ACTIVATION])
+    except (KeyError, ValueError):
+        return None
+    return time_s if math.isfinite(time_s) else None
 
 
 def parse_rate(name: str, level: int, values: Mapping[str, str]) -> Rate | None:

@@ -9,7 +9,7 @@ import json
 import os
 import random
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -118,6 +118,8 @@ class Activation:
     """When the launcher had the node's answer [s since 1970]."""
     took_s: float
     """Time from the launcher's request to that answer [s]."""
+    simulated_s: float | None = None
+    """By the node itself, in simulated time [s]; None if it did not report it."""
 
 
 def read_activations(events: Path) -> dict[str, Activation]:
@@ -139,6 +141,11 @@ def read_activations(events: Path) -> dict[str, Activation]:
                 answered_s=float(event.get("time", 0.0)), took_s=float(event.get("seconds", 0.0))
             )
             found.setdefault(str(event.get("node")), activation)
+        elif event.get("event") == "ActivationReported":
+            node = str(event.get("node"))
+            if node in found and found[node].simulated_s is None:
+                simulated_s = float(event.get("simulated_s", 0.0))
+                found[node] = replace(found[node], simulated_s=simulated_s)
     return found
 
 
@@ -179,18 +186,23 @@ def _nodes(plan: Plan) -> set[str]:
 def _after_first_step(plan: Plan, found: Mapping[str, Activation]) -> dict[str, float]:
     """When nodes become active, from the first step of the simulator on [s].
 
-    The launcher notes an activation when it has the node's answer. The simulator steps from within
-    its activation on, so its first step is half of that time earlier, give or take as much.
+    Nodes with simulated time report it themselves, a second later. Of others
+    there is only when the launcher had their answer. The simulator steps from within its activation
+    on, so its first step is half of that time earlier, give or take as much.
     """
     simulators = [found[node.full_name] for node in plan.processes if node.model]
     if simulators:
         begin_s = simulators[0].answered_s - simulators[0].took_s / 2
     else:
         begin_s = min(activation.answered_s for activation in found.values())
-    # To the microsecond: times since 1970 have no more digits.
+
+    def start_s(activation: Activation) -> float:
+        if activation.simulated_s is not None:
+            return activation.simulated_s
+        # To the microsecond: times since 1970 have no more digits.
+        return round(max(0.0, activation.answered_s - begin_s), 6)
+
     return {
-        node.full_name: 0.0
-        if node.model
-        else round(max(0.0, found[node.full_name].answered_s - begin_s), 6)
+        node.full_name: 0.0 if node.model else start_s(found[node.full_name])
         for node in plan.processes
     }

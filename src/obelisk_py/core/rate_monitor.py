@@ -25,6 +25,7 @@ from rclpy.timer import Timer
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.shared_clock import SharedClock
 from obelisk_spec.runtime_protocol import (
+    ACTIVATION,
     DIAGNOSTICS_TOPIC,
     REPORT_PERIOD_S,
     STANDINGS,
@@ -377,12 +378,15 @@ class RateReporter:
         """Start to monitor and to publish."""
         if not self._node.get_parameter(REPORT_RATES).value:
             return
+        clock = self._node.get_clock()
+        if isinstance(clock, SharedClock):  # before anything that takes time
+            self.add_value(ACTIVATION, clock.page.time_ns / NS_PER_S)
         if self._publisher is None:
             # Without rates too: it shows the launcher that there are none to measure from outside.
             self._publisher = self._node.create_publisher(
                 DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH
             )
-        if not self._rates:
+        if not self._rates and not self._values:
             return
         if self._timer is None:
             self._timer = self._node.create_timer(
@@ -426,6 +430,8 @@ class RateReporter:
         message = DiagnosticArray(status=[*rates, *measured])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+        if not self._rates:
+            self.stop()
 
 
 def _status(node: str, rate: Rate) -> Any:

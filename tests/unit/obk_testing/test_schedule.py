@@ -56,6 +56,18 @@ def test_times_count_from_the_middle_of_the_simulators_first_activation(tmp_path
     assert bring_up_times("run/events.jsonl", PLAN, tmp_path) == expected
 
 
+def test_what_a_node_reports_of_its_activation_comes_before_the_launchers_view(tmp_path):
+    run = write_run(tmp_path / "run", robot=10.0, control=28.5)
+    events = (run / "events.jsonl").read_text().rpartition("\n")[0]
+    reports = [
+        {"time": BEGIN_S + 2, "event": "ActivationReported", "node": node, "simulated_s": time_s}
+        for node, time_s in (("/robot", 0.003), ("/control", 0.008), ("/control", 1.2))
+    ]
+    lines = "\n".join(json.dumps(report) for report in reports)
+    (run / "events.jsonl").write_text(f"{events}\n{lines}\n")
+    assert bring_up_times(run, PLAN) == {"/control": 0.008, "/robot": 0.0}
+
+
 def test_a_node_that_was_active_before_the_simulator_is_active_at_once(tmp_path):
     run = write_run(tmp_path / "run", control=5.0, robot=10.0)
     assert bring_up_times(run, PLAN) == {"/control": 0.0, "/robot": 0.0}
