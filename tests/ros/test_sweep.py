@@ -20,6 +20,7 @@ from obk_testing.sweep.worker import WorkerSettings
 from obk_testing.trial import StackTrial
 
 from .stack import OBK, eventually, marked, obk
+from .workspace import make_workspace
 
 pytestmark = pytest.mark.ros
 
@@ -100,7 +101,7 @@ def run_alone(config: Path, cases: list[SweepCase], workers: int = 1) -> dict[in
     scratch.mkdir(exist_ok=True)
     tests = (str(config.parent / "tests"),)
     seeds = {case.key: case.seed for case in cases}
-    with LocalEngine(config, tests, scratch, workers=workers) as engine:
+    with LocalEngine(config, tests, scratch, workers=workers, limit_s=60.0) as engine:
         rows = [placed.row for placed in engine.map(cases)]
     assert not list(scratch.iterdir())
     return {seeds[row.key]: row.digest for row in rows}
@@ -208,6 +209,43 @@ def test_what_cannot_be_collected_is_reported(config: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_restart_that_cannot_run_keeps_the_results(config: Path) -> None:
+    folder, tests = config.parent / "out", config.parent / "tests" / "test_dummy.py"
+    command = ("sweep", config, "tests/test_dummy.py::test_it_stays", "--output", folder)
+    assert obk(*command).returncode == 0
+    before = digests(folder)
+    tests.write_text(f"import no_such_module\n{TESTS}")
+    assert obk(*command, "--restart").returncode == 1
+    assert digests(folder) == before
+    tests.write_text(TESTS.replace("run(0.1)", "run(0.05)"))
+    unknown = obk(*command, "--restart", "--vary", f"{PERIOD}=-1..1")
+    assert unknown.returncode == 2
+    assert digests(folder) == before
+    assert obk(*command, "--restart").returncode == 0
+    assert before.keys() == digests(folder).keys()
+    assert before != digests(folder)
+
+
+@pytest.mark.slow
+def test_a_case_that_never_ends_fails_and_does_not_stop_the_sweep(config: Path) -> None:
+    tests = config.parent / "tests" / "test_dummy.py"
+    endless = "        while True:\n            pass\n"
+    tests.write_text(TESTS.replace("        FLAG.touch()\n", endless))
+    folder = config.parent / "out"
+    result = obk(
+        *("sweep", config, "tests/test_dummy.py::test_it_stays", "--seeds", "3", "-j", "1"),
+        *("--case-limit", "20", "--output", folder, "--format", "json"),
+    )
+    assert result.returncode == 1
+    (failed,) = json.loads(result.stdout)["failed"]
+    assert (failed["seed"], failed["outcome"]) == (1, "failed")
+    assert "--case-limit" in failed["why"]
+    assert "test_it_stays[seed1]" in failed["again"]
+    assert digests(folder).keys() == {0, 2}
+    assert not marked()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -275,6 +313,7 @@ if __name__ == "__main__":
         folder / "scratch",
         scheduler=None,
         workers=2,
+        limit_s=60.0,
         probe=cases[0],
         digest=digest,
         is_shipped=True,
@@ -311,6 +350,29 @@ def test_two_dask_workers_give_the_bits_of_local_ones(config: Path) -> None:
     (note,) = found["notes"]
     assert "statistics, not replays" in note
     assert not list((folder / "scratch").iterdir())
+
+
+@pytest.mark.slow
+def test_a_copy_of_the_workspace_has_its_messages_and_a_lack_is_named(config: Path) -> None:
+    pytest.importorskip("distributed", reason="it is in the extra `sweep`")
+    folder = config.parent
+    make_workspace(folder)
+    (folder / "tests" / "test_dummy.py").write_text(f"from other_msgs.msg import Word\n{TESTS}")
+    (folder / "on_dask.py").write_text(DASK)
+    built = obk("build", "--workspace", folder, "other_msgs")
+    assert built.returncode == 0, built.stderr
+    local = run_alone(config, [*make_cases([STAYS], seeds=6)])
+    words = [sys.executable, folder / "on_dask.py", folder, STAYS.node_id, local[0]]
+    shipped = subprocess.run(words, capture_output=True, text=True)
+    assert shipped.returncode == 0, shipped.stderr
+    found = json.loads(shipped.stdout)
+    assert (dict(found["rows"]), found["notes"]) == (local, [""])
+
+    shutil.rmtree(folder / ".obk")
+    lacking = subprocess.run(words, capture_output=True, text=True)
+    assert lacking.returncode == 1
+    assert "CommandFailedError" in lacking.stderr
+    assert "No module named 'other_msgs'" in lacking.stderr
 
 
 @pytest.mark.slow

@@ -81,6 +81,14 @@ def command(
     restart: Annotated[
         bool, typer.Option("--restart", help="Remove existing results and run all cases.")
     ] = False,
+    case_limit: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            min=0.1,
+            help="Wall time that a case may take; one that takes longer is ended and has failed.",
+        ),
+    ] = 600.0,
     format: FormatOption = "text",
     set_: SetOption = None,
     ignore: IgnoreOption = None,
@@ -116,6 +124,7 @@ def command(
         "scheduler": scheduler,
         "output": output,
         "is_restart": restart,
+        "case_limit_s": case_limit,
         "overrides": set_ or [],
         "is_json": is_json,
     }

@@ -117,7 +117,12 @@ class _CaseLoop:
         items = {test.name: item for test, item in found.items()}
         for line in self._cases:
             case = case_of(json.loads(line))
-            self._send(self._run(items[case.test], case).data())
+            if case.test in items:
+                row = self._run(items[case.test], case)
+            else:  # on another machine than the one that has chosen the cases
+                why = hello.problem.strip().rpartition("\n")[2].removeprefix("E").strip()
+                row = Row(key=case.key, outcome="died", why=why, worker=_worker())
+            self._send(row.data())
         return True
 
     def _run(self, pattern: pytest.Function, case: SweepCase) -> Row:
@@ -194,8 +199,12 @@ def _row(case: SweepCase, reports: Sequence[pytest.TestReport], digest: str, sec
         metrics=metrics,
         digest=digest,
         seconds=seconds,
-        worker=f"{platform.node()}:{os.getpid()}",
+        worker=_worker(),
     )
+
+
+def _worker() -> str:
+    return f"{platform.node()}:{os.getpid()}"
 
 
 def _why(report: pytest.TestReport) -> str:
