@@ -127,6 +127,22 @@ def at(*path: str) -> Callable[[Results], float]:
     return find
 
 
+LOCKSTEP: Final = (
+    (
+        "lock-step run of the dummy, everything recorded",
+        14,
+        " x real time",
+        ("factors", "dummy", "best"),
+    ),
+    ("the same, of the arm", 9, " x real time", ("factors", "arm", "best")),
+    ("the same, of the quadruped", 4.5, " x real time", ("factors", "quadruped", "best")),
+    ("the same, of 31 nodes at 1 kHz", 1.9, " x real time", ("factors", "many", "best")),
+    ("5 s trials of the dummy per minute", 130, "", ("trials", "dummy", "per_minute")),
+    ("the same, of the arm", 90, "", ("trials", "arm", "per_minute")),
+    ("the same, of the quadruped", 48, "", ("trials", "quadruped", "per_minute")),
+)
+"""What is measured of lock-step runs, at least how much, its unit, and its place in the results."""
+
 GOALS: Final = (
     Goal(
         what="CPU of three nodes at 1 kHz, a process each, to rclpy's SingleThreadedExecutor",
@@ -253,44 +269,9 @@ GOALS: Final = (
         figure=at("launches", "up_s", "median"),
     ),
     Goal(what="its end", most=1.0, unit=" s", figure=at("launches", "down_s", "median")),
-    Goal(
-        what="lock-step run of the dummy, everything recorded",
-        least=14,
-        unit=" x real time",
-        figure=at("lockstep", "factors", "dummy", "best"),
-    ),
-    Goal(
-        what="the same, of the arm",
-        least=9,
-        unit=" x real time",
-        figure=at("lockstep", "factors", "arm", "best"),
-    ),
-    Goal(
-        what="the same, of the quadruped",
-        least=4.5,
-        unit=" x real time",
-        figure=at("lockstep", "factors", "quadruped", "best"),
-    ),
-    Goal(
-        what="the same, of 31 nodes at 1 kHz",
-        least=1.9,
-        unit=" x real time",
-        figure=at("lockstep", "factors", "many", "best"),
-    ),
-    Goal(
-        what="5 s trials of the dummy per minute",
-        least=130,
-        figure=at("lockstep", "trials", "dummy", "per_minute"),
-    ),
-    Goal(
-        what="the same, of the arm",
-        least=90,
-        figure=at("lockstep", "trials", "arm", "per_minute"),
-    ),
-    Goal(
-        what="the same, of the quadruped",
-        least=48,
-        figure=at("lockstep", "trials", "quadruped", "per_minute"),
+    *(
+        Goal(what=what, least=least, unit=unit, figure=at("lockstep", *path))
+        for what, least, unit, path in LOCKSTEP
     ),
     Goal(
         what="start of a further trial",

@@ -32,8 +32,9 @@ from obelisk_py.core.lifecycle import node_arguments
 from obelisk_py.core.lockstep.interception import refuse_plain_nodes
 from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
 from obelisk_spec.values import ParameterValue
-from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.compiler import Options, compile_config
 from obk_cli.config.environment import Environment
+from obk_cli.config.hardware import refuse_hardware
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import find_executables, is_composable, ros_arguments
@@ -93,7 +94,15 @@ def compile_stack(
             f"{config} has errors\n{report_text(errors, colour=False)}",
             help=f"`obk validate {config}` reports them too",
         )
-    _refuse_hardware(outcome)
+    # A robot whose config does not say what it is may be a simulator of the user's own: the class
+    # of its node decides, before it is configured.
+    refuse_hardware(
+        outcome.config,
+        "a test never opens hardware",
+        help="name a variant whose robot is simulated, or override it: "
+        "set=['robot[0].is_simulated=true']",
+        may_be_unclear=True,
+    )
     left_out = _full_names(outcome.plan, without)
     nodes = tuple(each for each in outcome.plan.processes if each.full_name not in left_out)
     packages = PackageIndex.around(config.parent, Path.cwd(), dict(os.environ))
@@ -109,23 +118,6 @@ def compile_stack(
         environment=outcome.environment,
         unclear_robots=unclear,
     )
-
-
-def _refuse_hardware(outcome: Outcome) -> None:
-    assert outcome.config is not None
-    for robot in outcome.config.section("robot"):
-        if (
-            not robot.runs_simulation
-            and robot.is_simulated is not None
-            and not (robot.is_simulated.value)
-        ):
-            span = robot.is_simulated.span
-            raise CommandFailedError(
-                f"{span.path}:{span.line}:{span.column}: the robot {robot.full_name} is hardware, "
-                "and a test never opens hardware",
-                help="name a variant whose robot is simulated, or override it: "
-                "set=['robot[0].is_simulated=true']",
-            )
 
 
 def _full_names(plan: Plan, names: Iterable[str]) -> set[str]:

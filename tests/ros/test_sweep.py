@@ -159,6 +159,42 @@ def test_a_sweep_that_was_killed_continues_where_it_was(config: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == ["report.html", "sweep.sqlite"]
 
 
+KEEPS_DIGESTS = f"""\
+import os
+from pathlib import Path
+
+
+def test_digest(stack, seed):
+    digest = stack("../dummy.yaml", seed=seed, watch=["{NOISY}"]).run(0.1).digest()
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "alone")
+    Path(__file__).with_name(f"{{worker}}-seed{{seed}}").write_text(digest)
+"""
+
+
+@pytest.mark.slow
+def test_a_trial_has_one_digest_under_xdist_in_the_pool_and_alone(config: Path) -> None:
+    tests, folder = config.parent / "tests", config.parent / "out"
+    (tests / "test_dummy.py").write_text(KEEPS_DIGESTS)
+
+    def kept(worker: str) -> dict[int, str]:
+        paths = tests.glob(f"{worker}-seed*")
+        return {int(path.name.partition("seed")[2]): path.read_text() for path in paths}
+
+    assert obk("sweep", config, "--seeds", "4", "-j", "2", "--output", folder).returncode == 0
+    pool = digests(folder)
+    assert pool.keys() == {0, 1, 2, 3}
+    assert len(set(pool.values())) == 4
+    assert kept("alone") == pool
+    for path in tests.glob("alone-*"):
+        path.unlink()
+
+    assert obk("test", config, "--seeds", "4", "-j", "2").returncode == 0
+    assert kept("gw[01]") == pool
+    again = obk("test", config, "--again", "tests/test_dummy.py::test_digest[seed2]")
+    assert again.returncode == 0, again.stdout
+    assert kept("alone") == {2: pool[2]}
+
+
 def count(folder: Path) -> int:
     try:
         with closing(sqlite3.connect(folder / "sweep.sqlite")) as database:
