@@ -379,8 +379,10 @@ class RateReporter:
         if not self._node.get_parameter(REPORT_RATES).value:
             return
         clock = self._node.get_clock()
-        if isinstance(clock, SharedClock):  # before anything that takes time
-            self.add_value(ACTIVATION, clock.page.time_ns / NS_PER_S)
+        if isinstance(clock, SharedClock):
+            # Timers, which have just been started, count from the time that rcl had then.
+            time_ns = clock.synced_ns if self._timers else clock.page.time_ns
+            self.add_value(ACTIVATION, max(0, time_ns) / NS_PER_S)
         if self._publisher is None:
             # Without rates too: it shows the launcher that there are none to measure from outside.
             self._publisher = self._node.create_publisher(
