@@ -29,7 +29,7 @@ from obelisk_py.core.composition import (
     set_log_levels,
 )
 from obelisk_py.core.lifecycle import node_arguments
-from obelisk_py.core.lockstep.interception import refuse_plain_nodes
+from obelisk_py.core.lockstep.interception import refuse_plain_nodes, repeatable_import
 from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
 from obelisk_spec.values import ParameterValue
 from obk_cli.compiler import Options, compile_config
@@ -41,6 +41,7 @@ from obk_cli.launch.commands import find_executables, is_composable, ros_argumen
 from obk_cli.plan.plan import Plan, Process
 from obk_cli.report import report_text
 from obk_cli.workspace.package_index import PackageIndex
+from obk_testing.module_generators import ModuleGenerators
 
 __all__ = ["LoadedStack", "LoadedStacks", "compile_stack", "load_stack"]
 
@@ -274,7 +275,7 @@ class LoadedStack:
         self.participant.open()
         self._resources.callback(self.participant.close)
         programs = self._programs(compiled)
-        arguments = sys.argv
+        arguments, modules = sys.argv, frozenset(sys.modules)
         self._thread = threading.Thread(
             target=self._run_all, args=[programs], name="programs", daemon=True
         )
@@ -282,6 +283,13 @@ class LoadedStack:
             self._thread.start()
             self._ready.wait()
         sys.argv = arguments  # each program has its own until it waits
+        # A test may have imported modules of the nodes before.
+        packages = {program.module.partition(".")[0] for _, program in programs}
+        self.generators = ModuleGenerators(
+            name
+            for name in [*sys.modules]
+            if name not in modules or name.partition(".")[0] in packages
+        )
         if self._error is not None:
             raise self._error
 
@@ -353,7 +361,8 @@ class LoadedStack:
 
     def _run_all(self, programs: list[tuple[Process, Program]]) -> None:
         try:
-            self._run(programs)
+            with repeatable_import():
+                self._run(programs)
         except BaseException as error:
             self._error = error
         self._ready.set()

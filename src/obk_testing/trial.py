@@ -133,6 +133,7 @@ class StackTrial:
             simulators = [node for node in stack.plan.processes if node.model]
             for node in simulators:
                 self._parameters.setdefault(node.full_name, {})[_KEYFRAME] = keyframe
+        stack.generators.begin_trial(seed)
         stack.participant.enter()
         self._has_begun = True
         try:
