@@ -290,6 +290,7 @@ def test_a_case_that_never_ends_fails_and_does_not_stop_the_sweep(config: Path) 
         (("no_tests.py",), "does not exist"),
         (("tests/test_dummy.py::test_without_a_stack",), "`stack`"),
         (("--scheduler", "tcp://127.0.0.1:9"), "--engine dask"),
+        (("--case-limit", "nan"), "--case-limit nan"),
     ],
 )
 def test_misuse_is_found_before_anything_runs(

@@ -1,6 +1,7 @@
 """`obk sweep CONFIG [TEST]`: run closed-loop tests for many seeds and values of parameters."""
 
 import json
+import math
 import os
 import sys
 from pathlib import Path
@@ -106,6 +107,8 @@ def command(
         raise MisuseError("`obk sweep` loads the config more than once: give a file")
     if scheduler is not None and engine != "dask":
         raise MisuseError("`--scheduler` is for `--engine dask`")
+    if not math.isfinite(case_limit):
+        raise MisuseError(f"`--case-limit {case_limit}`: expected a number of seconds")
     require_extra("pytest", "test")
     if engine == "dask":
         require_extra("distributed", "sweep")
