@@ -14,6 +14,7 @@ __all__ = [
     "CLOCK_TOPIC",
     "CLOCK_VARIABLE",
     "DIAGNOSTICS_TOPIC",
+    "FIRST_OUTPUT",
     "GATE_VARIABLE",
     "REPORT_PERIOD_S",
     "STANDINGS",
@@ -26,9 +27,9 @@ __all__ = [
     "clock_page_bytes",
     "is_of_the_page",
     "names_this_host",
-    "parse_activation",
     "parse_clock",
     "parse_rate",
+    "parse_value",
     "rate_name",
     "rate_values",
 ]
@@ -131,6 +132,8 @@ STANDINGS: Final[tuple[Standing, ...]] = ("kept", "off", "broken")
 
 ACTIVATION: Final = "active_since_s"
 """Name of the status by which a node reports the simulated time of its activation [s]."""
+FIRST_OUTPUT: Final = "first_output_s"
+"""The same of the first message that it has published since."""
 
 _EXPECTED, _MEASURED, _TICKS, _OVERRUNS = "wanted_hz", "measured_hz", "ticks", "overruns"
 _P50, _P99, _MAX, _PERIOD = "late_p50_us", "late_p99_us", "late_max_us", "period_sec"
@@ -180,20 +183,21 @@ def rate_name(node: str, name: str) -> str:
     return f"{node.lstrip('/')}{_NODE_END}{name}"
 
 
-def parse_activation(name: str, values: Mapping[str, str]) -> float | None:
-    """The simulated time of a node's activation [s]; None if the status is about something else.
+def parse_value(what: str, name: str, values: Mapping[str, str]) -> float | None:
+    """A measured value in a status; None if the status is about something else.
 
     Args:
+        what: the value's own name, such as `ACTIVATION`.
         name: of the status, as `rate_name` makes it.
         values: of the status, by key.
     """
-    if not name.endswith(f"{_NODE_END}{ACTIVATION}"):
+    if not name.endswith(f"{_NODE_END}{what}"):
         return None
     try:
-        time_s = float(values[ACTIVATION])
+        value = float(values[what])
     except (KeyError, ValueError):
         return None
-    return time_s if math.isfinite(time_s) else None
+    return value if math.isfinite(value) else None
 
 
 def parse_rate(name: str, level: int, values: Mapping[str, str]) -> Rate | None:

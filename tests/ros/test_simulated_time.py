@@ -11,6 +11,7 @@ from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
 
 from obelisk_py.core.clock_page import ClockPage, ClockWriter
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
@@ -190,6 +191,22 @@ def test_a_node_reports_the_simulated_time_of_its_activation_once(
         if has_rates:
             eventually(lambda: len(heard) > 2, "a further report")
     assert activations() == [ActivationReported(node="/node", simulated_s=0.024)]
+
+
+def test_a_node_reports_when_it_has_published_first(followers: Followers) -> None:
+    node, listener = followers.node(RateMonitoredNode), followers.node()
+    first, second = (node.create_lifecycle_publisher(Clock, name, 1) for name in ("a", "b"))
+    heard: list[Any] = []
+    subscribe_to_diagnostics(listener, [node.get_fully_qualified_name()], heard.append)
+    node.trigger_configure()
+    node.trigger_activate()
+    for publisher in (second, first, second):
+        followers.step(7)
+        publisher.publish(Clock())
+    assert "publish" not in {**vars(first), **vars(second)}
+    with followers.world.spinning():
+        eventually(lambda: heard, "the report")
+    assert heard == [ActivationReported(node="/node", simulated_s=0.0, first_output_s=0.007)]
 
 
 def test_after_a_jump_back_timers_start_again(followers: Followers) -> None:

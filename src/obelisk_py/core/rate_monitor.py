@@ -27,6 +27,7 @@ from obelisk_py.core.shared_clock import SharedClock
 from obelisk_spec.runtime_protocol import (
     ACTIVATION,
     DIAGNOSTICS_TOPIC,
+    FIRST_OUTPUT,
     REPORT_PERIOD_S,
     STANDINGS,
     TOLERANCE,
@@ -495,7 +496,24 @@ class RateMonitoredNode(GuardedLifecycleNode):
         if state == "active":
             if not self.surroundings.is_lockstep:
                 self.rates.start()
+                self._note_first_output()
             return
         self.rates.stop()
         if state != "inactive":
             self.rates.clear()
+
+    def _note_first_output(self) -> None:
+        """Report the simulated time of the next message, which a test can start a trial by."""
+        clock = self.get_clock()
+        publishers = [each for each in self._managed_entities if isinstance(each, Publisher)]
+        if not isinstance(clock, SharedClock) or not publishers:
+            return
+
+        def note(publisher: Publisher, message: Any) -> None:
+            for each in publishers:  # once; further messages cost nothing more
+                vars(each).pop("publish", None)
+            self.rates.add_value(FIRST_OUTPUT, clock.page.time_ns / NS_PER_S)
+            publisher.publish(message)
+
+        for publisher in publishers:
+            setattr(publisher, "publish", functools.partial(note, publisher))  # noqa: B010 - mypy

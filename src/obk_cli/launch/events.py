@@ -176,6 +176,8 @@ class ActivationReported:
     node: str
     simulated_s: float
     """Simulated time [s]."""
+    first_output_s: float | None = None
+    """When it published for the first time then; None: not in the second after it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,13 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any, Final
 
-from obelisk_spec.runtime_protocol import DIAGNOSTICS_TOPIC, parse_activation, parse_rate
+from obelisk_spec.runtime_protocol import (
+    ACTIVATION,
+    DIAGNOSTICS_TOPIC,
+    FIRST_OUTPUT,
+    parse_rate,
+    parse_value,
+)
 from obelisk_spec.video import parse_video
 from obk_cli.launch.events import (
     ActivationReported,
@@ -314,11 +320,19 @@ def rates_of(message: Any) -> RatesReported | None:
 
 def activation_of(message: Any) -> ActivationReported | None:
     """The activation in a `diagnostic_msgs/DiagnosticArray`; None if it has none."""
-    for status in message.status:
-        time_s = parse_activation(status.name, _values(status))
-        if time_s is not None:
-            return ActivationReported(node=str(status.hardware_id), simulated_s=time_s)
-    return None
+    times = {
+        what: time_s
+        for status in message.status
+        for what in (ACTIVATION, FIRST_OUTPUT)
+        if (time_s := parse_value(what, status.name, _values(status))) is not None
+    }
+    if ACTIVATION not in times:
+        return None
+    return ActivationReported(
+        node=str(message.status[0].hardware_id),
+        simulated_s=times[ACTIVATION],
+        first_output_s=times.get(FIRST_OUTPUT),
+    )
 
 
 def video_of(message: Any) -> VideoReported | None:

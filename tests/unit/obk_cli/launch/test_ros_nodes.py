@@ -69,9 +69,14 @@ def test_diagnostics_without_rates_are_none() -> None:
 
 def test_an_activation_without_a_time_is_none() -> None:
     own = status("c: active_since_s", "/c", (("active_since_s", "0.024"),))
+    first = status("c: first_output_s", "/c", (("first_output_s", "0.03"),))
     assert activation_of(SimpleNamespace(status=[own])) == ActivationReported(
         node="/c", simulated_s=0.024
     )
+    assert activation_of(SimpleNamespace(status=[first, own])) == ActivationReported(
+        node="/c", simulated_s=0.024, first_output_s=0.03
+    )
+    assert activation_of(SimpleNamespace(status=[first])) is None
     for name, text in (("c: active_since_s", "nan"), ("c: active_since_s", "x"), ("c: x", "0.1")):
         wrong = status(name, "/c", (("active_since_s", text),))
         assert activation_of(SimpleNamespace(status=[wrong])) is None
