@@ -245,6 +245,22 @@ def test_what_cannot_be_collected_is_reported(config: Path) -> None:
 
 
 @pytest.mark.slow
+def test_one_set_of_parameters_is_swept_by_the_name_that_reports_have(config: Path) -> None:
+    tests, folder = config.parent / "tests" / "test_dummy.py", config.parent / "out"
+    tests.write_text(TESTS.replace("(stack, late_ms, calls)", "(stack, seed, late_ms, calls)"))
+    result = obk(
+        *("sweep", config, "tests/test_dummy.py::test_it_stands_delays[2]", "--seeds", "2"),
+        *("-j", "1", "--output", folder, "--format", "json"),
+    )
+    assert result.returncode == 0, result.stderr
+    (test,) = json.loads(result.stdout)["tests"]
+    assert (test["test"], test["passed"]) == ("tests/test_dummy.py::test_it_stands_delays[2]", 2)
+    unknown = obk("sweep", config, "tests/test_dummy.py::test_nothing", "--output", folder)
+    assert unknown.returncode == 1
+    assert "exit code 4" in unknown.stderr
+
+
+@pytest.mark.slow
 def test_a_restart_that_cannot_run_keeps_the_results(config: Path) -> None:
     folder, tests = config.parent / "out", config.parent / "tests" / "test_dummy.py"
     command = ("sweep", config, "tests/test_dummy.py::test_it_stays", "--output", folder)

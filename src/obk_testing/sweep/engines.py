@@ -18,7 +18,7 @@ import tempfile
 import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, Self
@@ -173,6 +173,8 @@ class WorkerProcess:
         except OSError:
             line = ""
         if not line.endswith("\n"):
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_END_S)  # its own exit code says more than that of a kill
             self._process.kill()
             raise _WorkerDiedError(self._end())
         answer: dict[str, Any] = json.loads(line)

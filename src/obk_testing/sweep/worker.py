@@ -85,6 +85,8 @@ class _CaseLoop:
 
     def __init__(self, settings: WorkerSettings, cases: TextIO, results: TextIO) -> None:
         self._config = Path(settings.config)
+        # Ids that name parameters, as reports have them: without the seed.
+        self._variants = tuple(f"::{_name(test)}" for test in settings.tests if _parameters(test))
         self._cases = cases
         self._results = results
         self._reports: list[pytest.TestReport] = []
@@ -106,6 +108,12 @@ class _CaseLoop:
             for item in session.items
             if isinstance(item, pytest.Function) and "stack" in item.fixturenames
         }
+        if self._variants:
+            found = {
+                test: item
+                for test, item in found.items()
+                if any(id.endswith(self._variants) for id in (test.name, test.node_id))
+            }
         hello = Hello(
             tests=tuple(found),
             files=tuple(sorted({str(item.path) for item in session.items})),
@@ -161,6 +169,17 @@ def case_of(data: Mapping[str, Any]) -> SweepCase:
     """A case from JSON."""
     overrides = tuple((path, value) for path, value in data["overrides"])
     return SweepCase(**{**data, "overrides": overrides})
+
+
+def _name(test: str) -> str:
+    """What pytest selects in a file, `test_push[down]`."""
+    return test.partition("::")[2]
+
+
+def _parameters(test: str) -> str:
+    """The end of it that names parameters, `[down]`; empty if there is none."""
+    _, bracket, rest = _name(test).partition("[")
+    return f"{bracket}{rest}"
 
 
 def _id_of(item: pytest.Item, folder: Path) -> str:
@@ -242,7 +261,10 @@ def main() -> None:
         *("--continue-on-collection-errors", "--keep-none", "--stack", settings.config),
         *(["-n0"] if find_spec("xdist") else []),
         f"--rootdir={Path(settings.config).parent}",
-        *(settings.tests or ("-c", os.devnull, str(_SMOKE_TEST))),
+        *(
+            [test.removesuffix(_parameters(test)) for test in settings.tests]
+            or ("-c", os.devnull, str(_SMOKE_TEST))
+        ),
     ]
     sys.exit(pytest.main(arguments, plugins=[_CaseLoop(settings, cases, results)]))
 
