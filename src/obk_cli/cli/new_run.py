@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 import typer
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import ask_for, near_names
-from obk_cli.cli.add_to import AddToOptions
+from obk_cli.cli.add_to import AddToOptions, open_config
 from obk_cli.cli.new_target import (
     TargetFolder,
     compose_config,
@@ -98,10 +98,6 @@ def _ask(question: str) -> str:
     return answer.strip().lower() if answer else "quit"
 
 
-if TYPE_CHECKING:
-    from obk_cli.cli.add_to import ConfigEdit
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewOptions:
     """The options that all kinds share."""
@@ -128,12 +124,13 @@ def run_new(request: PackageRequest, options: NewOptions) -> None:
         require_suitable_package(target, request)
     request = _with_model_controls(request, target)
     spec = _checked_spec(request, target)
-    if options.add_to:
-        spec = _checked_spec(_with_config_types(request, options.add_to, spec), target)
+    edited = open_config(options.add_to) if options.add_to else None
+    if edited:
+        spec = _checked_spec(edited.with_types(request, spec), target)
     _note_missing_packages(spec, target)
     library = find_library(options.templates)
     root = target.folder.resolve() if request.kind == "config" else find_root(target, spec.node)
-    edit = _plan_edit(options.add_to, spec) if options.add_to else None
+    edit = edited.add(spec) if edited else None
     stack = edit.tested_stack(spec.kind, root / TESTS) if edit else None
     composition = _compose(spec, library, root, target, stack)
     decisions = write_files(
@@ -288,20 +285,6 @@ def _compose(
     if isinstance(composition, Problem):
         raise CommandFailedError(composition.sentence, help=composition.help)
     return composition
-
-
-def _with_config_types(
-    request: PackageRequest, add_to: AddToOptions, default: PackageSpec
-) -> PackageRequest:
-    from obk_cli.cli.add_to import with_config_types
-
-    return with_config_types(request, add_to, default)
-
-
-def _plan_edit(add_to: AddToOptions, spec: PackageSpec) -> "ConfigEdit":
-    from obk_cli.cli.add_to import add_to_config
-
-    return add_to_config(add_to, spec)
 
 
 def _show_conflicts(decisions: tuple[Decision, ...]) -> None:
