@@ -336,6 +336,7 @@ def test_monitor_prints_its_transcript(
     compare("monitor", text, request.config.getoption("--update-golden"))
 
 
+@pytest.mark.ros
 def test_web_prints_its_transcript(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
