@@ -112,7 +112,7 @@ def test_a_signal_to_the_launcher_ends_the_stack_in_order(number: int) -> None:
 
 def test_a_killed_launcher_leaves_no_process() -> None:
     with launched(DUMMY, "--quiet") as run:
-        assert len(run.left_over()) == 4  # the nodes, and their warden
+        assert len(run.left_over()) == 5  # the nodes, their warden, the preload server
         run.process.kill()
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 

@@ -147,10 +147,22 @@ def _write_params(node: Process, folder: Path) -> Path:
 
 
 def _alone(node: _Node, environment: Mapping[str, str]) -> NodeCommand:
+    options = tuple(ros_arguments(node.process, node.params))
+    program = _in_python(node.command)
     return NodeCommand(
-        arguments=(*node.command.arguments, *ros_arguments(node.process, node.params)),
+        arguments=(*node.command.arguments, *options),
         environment=_environment(node, environment),
+        in_python=(*program, *options) if program else (),
     )
+
+
+def _in_python(command: Command) -> tuple[str, ...]:
+    """A program as this Python runs it; empty if it does not."""
+    if not command.is_of_this_python:
+        return ()
+    if command.function is not None or command.module is None:
+        return command.arguments
+    return (sys.executable, "-P", "-m", command.module)
 
 
 def _shared(nodes: Iterable[_Node], folder: Path, environment: Mapping[str, str]) -> NodeCommand:

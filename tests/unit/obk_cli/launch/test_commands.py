@@ -46,7 +46,7 @@ def test_parameters_that_the_run_folder_does_not_take_go_to_one_that_goes_at_the
     output = Output(None, screen, LaunchReport((), colour=False, quiet=False), UNITS)
     with ExitStack() as stack:
         folder = tmp_path if is_there else None
-        commands = _commands(UNITS, EXECUTABLES, folder, {}, PACKAGES, output, stack)
+        commands, _ = _commands(UNITS, EXECUTABLES, folder, {}, PACKAGES, output, stack)
         arguments = commands[CONTROLLER.full_name].arguments
         params = Path(arguments[arguments.index("--params-file") + 1])
         assert '"a": 1' in params.read_text()
