@@ -90,11 +90,12 @@ class Bench:
             preload=Preload(environment=variables) if is_forked else None,
         )
 
-    def start(self, name: str) -> psutil.Process:
+    def start(self, name: str) -> int:
+        """Start a program; gives its process id."""
         self.processes.start(unit(name))
         started = self.heard.get(timeout=DEADLINE_S)
         assert isinstance(started, ProcessStarted)
-        return psutil.Process(started.pid)
+        return started.pid
 
     def line(self) -> str:
         return self.lines.get(timeout=DEADLINE_S).text
@@ -248,7 +249,7 @@ def test_a_node_with_a_variable_of_its_own_starts_by_itself(bench: MakeBench) ->
 def test_nodes_outlive_the_server_and_others_start_without_it(bench: MakeBench) -> None:
     code = f"{FORKED}import time; time.sleep(600)"
     run = bench({"a": python(code), "b": python(code)})
-    first = run.start("a")
+    first = psutil.Process(run.start("a"))
     assert run.line() == "True"
     run.server().kill()
     run.start("b")
@@ -289,7 +290,7 @@ def test_a_node_that_waits_for_the_server_can_be_ended(
 @pytest.mark.parametrize("who", ["warden", "server and warden"])
 def test_no_forked_process_outlives_a_killed_warden(bench: MakeBench, who: str) -> None:
     run = bench({"a": python(f"{FORKED}import time; time.sleep(600)")})
-    forked = run.start("a")
+    forked = psutil.Process(run.start("a"))
     assert run.line() == "True"
     server = run.server()
     if "server" in who:
@@ -310,7 +311,7 @@ def test_what_a_forked_process_forks_into_a_session_of_its_own_goes_with_it(
         "time.sleep(600)"
     )
     run = bench({"a": python(code), "b": python(code)})
-    first, second = run.start("a"), run.start("b")
+    first, second = (psutil.Process(run.start(name)) for name in ("a", "b"))
     hidden = {psutil.Process(int(run.line())) for _ in range(2)}
     of_first = next(p for p in hidden if p.ppid() == first.pid)
     (of_second,) = hidden - {of_first}
