@@ -48,7 +48,7 @@ class Counts:
 
     def __init__(self) -> None:
         self.told: dict[str, list[tuple[float, int]]] = {}
-        self.wanted_hz: dict[str, float] = {}
+        self.expected_hz: dict[str, float] = {}
 
     def take(self, message: DiagnosticArray) -> None:
         """Keep a node's counts."""
@@ -57,14 +57,14 @@ class Counts:
             stamp = message.header.stamp
             for rate in heard.rates:
                 name = f"{heard.node} {rate.name}"
-                self.wanted_hz[name] = rate.wanted_hz
+                self.expected_hz[name] = rate.expected_hz
                 seen = self.told.setdefault(name, [])
                 seen.append((stamp.sec + stamp.nanosec * 1e-9, rate.ticks))
 
     def kept(self) -> dict[str, float]:
         """The share of its rate that each promise kept, from the first told count to the last."""
         return {
-            name: (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0]) / self.wanted_hz[name]
+            name: (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0]) / self.expected_hz[name]
             for name, seen in sorted(self.told.items())
             if len(seen) > 1
         }

@@ -31,10 +31,11 @@ LAYERS = (
 """The packages and top modules of `obk_cli`, each imports only what stands before it."""
 ORDER = [package for layer in LAYERS for package in layer]
 
+TEXT_FORMATS = "cpp css h html jinja js json lock md msg py toml txt xml yaml"
+
 LIBRARIES = {
     "rclpy": ("ros", "launch", "record", "doctor"),
     "mujoco": ("workspace", "doctor"),
-    "numpy": ("workspace", "doctor"),
     "mcap": ("record",),
     "mcap_ros2": ("record",),
     "matplotlib": ("record",),
@@ -148,7 +149,7 @@ def test_no_file_names_a_registry_or_a_path_of_one_machine() -> None:
         "/tmp/" + "w/",
     )
     forbidden = re.compile("|".join(words))
-    suffixes = {".py", ".toml", ".md", ".yaml", ".json", ".txt", ".lock", ".xml", ".msg", ".j2", ""}
+    suffixes = {f".{name}" for name in TEXT_FORMATS.split()} | {""}
     for path in files_of_the_project():
         if path.suffix in suffixes and path.is_file():
             found = forbidden.search(path.read_text(encoding="utf-8", errors="replace"))

@@ -65,7 +65,7 @@ def broken(nodes: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     for node in nodes:
         for rate in node["rates"]:
             if rate["standing"] == "broken":
-                measured, wanted = rate["measured_hz"], rate["wanted_hz"]
+                measured, wanted = rate["measured_hz"], rate["expected_hz"]
                 yield f"{node['node']} {rate['name']}: {measured:.0f} of {wanted:.0f} Hz"
 
 

@@ -93,6 +93,6 @@ def _reload(stack: Stack) -> None:
 
     def is_promised() -> bool:
         rates = (rate for node in stack.nodes().values() for rate in node["rates"])
-        return any(abs(rate["wanted_hz"] - rate_hz) < 1e-3 * rate_hz for rate in rates)
+        return any(abs(rate["expected_hz"] - rate_hz) < 1e-3 * rate_hz for rate in rates)
 
     stack.wait_for(f"a promise of {rate_hz:g} Hz, as the changed config has it", is_promised)

@@ -1,6 +1,6 @@
 """Name the components of a config, and read and write their settings as a node receives them.
 
-The ROS parameter `pub_ctrl_setting` and the key `pub_ctrl` name one component; the seeds also
+The ROS parameter `pub_ctrl_setting` and the key `pub_ctrl` name one component; old configs also
 write `publisher_ctrl`. Its settings are a string: flat text `topic:/x,history_depth:10`, which
 nodes of every generation read, or flow text `{topic: /x, qos: {reliability: best_effort}}` for what
 flat text cannot hold. The values are those of YAML 1.2 core.

@@ -4,10 +4,10 @@ Each `*_fault` function returns why a name is invalid, None if it is valid. A ba
 (`PositionSetpoint`) is looked up among the Obelisk messages, then among the common ROS ones;
 `pkg/Name` and `pkg/msg/Name` are used as written. No message is imported.
 
-`JointEncoders` is the seeds' sensor message, whose one field `y` holds joint positions, then
+`JointEncoders` is the original sensor message, whose one field `y` holds joint positions, then
 velocities. The language page also calls it an alias of the sensor group `ObkJointEncoders`: as a
 sensor group it takes the same MuJoCo sensors, but publishes the message of the name that was
-written, so the seeds' estimator, which subscribes to JointEncoders, receives it.
+written, so an original estimator, which subscribes to JointEncoders, receives it.
 
 Source: ROS 2 design, "Topic and Service name mapping"; rmw/validate_*.h; REP 144.
 """

@@ -127,7 +127,7 @@ Standing = Literal["kept", "off", "broken"]
 STANDINGS: Final[tuple[Standing, ...]] = ("kept", "off", "broken")
 """By `DiagnosticStatus.level`: OK, WARN, ERROR."""
 
-_EXPECTED, _MEASURED, _TICKS, _OVERRUNS = "wanted_hz", "measured_hz", "ticks", "overruns"
+_EXPECTED, _MEASURED, _TICKS, _OVERRUNS = "expected_hz", "measured_hz", "ticks", "overruns"
 _P50, _P99, _MAX, _PERIOD = "late_p50_us", "late_p99_us", "late_max_us", "period_sec"
 _NODE_END: Final = ": "
 
@@ -138,8 +138,8 @@ class Rate:
 
     name: str
     """The timer's key, the absolute topic of a sensor group, or `steps`."""
-    wanted_hz: float
-    """The expected rate. `wanted_hz` is its key on /diagnostics and in JSON output."""
+    expected_hz: float
+    """The expected rate. `expected_hz` is its key on /diagnostics and in JSON output."""
     measured_hz: float
     ticks: int
     """Since the node was activated, as `overruns`."""
@@ -153,20 +153,20 @@ class Rate:
     """`off`: more than `TOLERANCE` below the expected rate; `broken`: so for 2 s."""
 
     def __str__(self) -> str:
-        return f"{self.name} runs at {self.measured_hz:.4g} of {self.wanted_hz:.4g} Hz"
+        return f"{self.name} runs at {self.measured_hz:.4g} of {self.expected_hz:.4g} Hz"
 
 
 def rate_values(rate: Rate) -> tuple[tuple[str, str], ...]:
     """Keys and values of the status that reports a rate."""
     return (
-        (_EXPECTED, f"{rate.wanted_hz:.6g}"),
+        (_EXPECTED, f"{rate.expected_hz:.6g}"),
         (_MEASURED, f"{rate.measured_hz:.6g}"),
         (_TICKS, str(rate.ticks)),
         (_OVERRUNS, str(rate.overruns)),
         (_P50, f"{rate.late_p50_us:.1f}"),
         (_P99, f"{rate.late_p99_us:.1f}"),
         (_MAX, f"{rate.late_max_us:.1f}"),
-        (_PERIOD, f"{1 / rate.wanted_hz:.6g}"),
+        (_PERIOD, f"{1 / rate.expected_hz:.6g}"),
     )
 
 
@@ -197,4 +197,4 @@ def parse_rate(name: str, level: int, values: Mapping[str, str]) -> Rate | None:
         )
     except (KeyError, ValueError):
         return None
-    return rate if all(map(math.isfinite, numbers.values())) and rate.wanted_hz > 0 else None
+    return rate if all(map(math.isfinite, numbers.values())) and rate.expected_hz > 0 else None

@@ -1,7 +1,7 @@
 """Look up what a sensor group of a `sim` block reads and publishes, and check its noise.
 
 The tables are `SENSOR_GROUPS` and `NOISY_FIELDS`; `check_noise` checks the noise and delay of a
-group. A group written `JointEncoders` publishes the seeds' message of that name, see
+group. A group written `JointEncoders` publishes the original message of that name, see
 `obelisk_spec.names`.
 """
 

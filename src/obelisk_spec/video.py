@@ -31,8 +31,8 @@ _HIGHEST_RATES: Final = MappingProxyType({".mp4": 240, ".gif": 50, ".png": 240})
 _SIZE: Final = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 _SMALLEST, _LARGEST = 16, 4096
 """Width and height [pixels]."""
-VIDEO_STATUS: Final = "film"
-"""Name of the status on /diagnostics, after that of the node: `robot: film`."""
+VIDEO_STATUS: Final = "video"
+"""Name of the status on /diagnostics, after that of the node: `robot: video`."""
 _STATE, _PATH, _DETAIL = "state", "path", "detail"
 
 VideoState = Literal["recording", "finished", "failed"]

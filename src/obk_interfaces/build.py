@@ -57,7 +57,7 @@ ProgressCallback: TypeAlias = Callable[[Progress], None]
 
 
 def fingerprint_of(package: InterfacePackage, prefixes: Prefixes, toolchain: Toolchain) -> str:
-    """Digest the same as `digest_of`, and the compiler."""
+    """Digest what `digest_of` covers, and the compiler."""
     words = (digest_of(package, prefixes), *toolchain.cc, *toolchain.cxx)
     return hashlib.sha256(b"\0".join(word.encode() for word in words)).hexdigest()
 
@@ -154,7 +154,7 @@ def build(
 
 
 def _check(packages: Sequence[InterfacePackage], prefixes: Prefixes) -> None:
-    """Report all errors that would fail in the middle of the build at once."""
+    """Report together all errors that would otherwise stop the build halfway."""
     by_name = {package.name: package for package in packages}
     for package in packages:
         interfaces = (d for d in package.depends if d.endswith(("_msgs", "_interfaces")))

@@ -16,7 +16,7 @@ from obk_cli.errors import ObkError
 from obk_cli.monitor.expected_topics import planned_topics
 from obk_cli.process.identity import boot_id, this_process
 from obk_cli.record.recording import run_metadata_of
-from obk_cli.runs.folder import RUN_FILE, Run, read_runs, run_plan, run_topics
+from obk_cli.runs.folder import RUN_FILE, Run, plan_of_run, read_runs, topics_of_run
 from obk_cli.runs.protocol import (
     ChangeAnswer,
     Fault,
@@ -64,7 +64,7 @@ RUN = {
 }
 RATE = {
     "name": "t",
-    "wanted_hz": 1.0,
+    "expected_hz": 1.0,
     "measured_hz": 0.5,
     "ticks": 1,
     "overruns": 1,
@@ -128,9 +128,9 @@ def test_a_run_file_of_any_content_is_shown_or_left_out(content: bytes | str) ->
             shown(logs.command, "arm", "a", color="never")
         for run in read_runs(folder.parent):
             assert run.name.isprintable()
-        planned_topics(run_plan(folder))
-        live_picture(run_plan(folder))
-        run_topics(folder)
+        planned_topics(plan_of_run(folder))
+        live_picture(plan_of_run(folder))
+        topics_of_run(folder)
         run_metadata_of(folder)
 
 

@@ -34,7 +34,7 @@ from .hostile import JSON, SPOILT, assert_shows_only_text, damaged
 _SGR = re.compile(r"\x1b\[[0-9;:]*m")
 RATE = Rate(
     name="t",
-    wanted_hz=1.0,
+    expected_hz=1.0,
     measured_hz=0.5,
     ticks=1,
     overruns=1,

@@ -108,7 +108,7 @@ def test_what_outlives_its_launcher_in_spite_of_all_is_found_and_ended() -> None
         warden.suspend()
         run.process.send_signal(signal.SIGKILL)
         run.process.wait(DEADLINE_S)
-        left = json.loads(obk("ps", "--format", "json").stdout)["leftovers"]
+        left = json.loads(obk("ps", "--format", "json").stdout)["orphans"]
         assert {process["pid"] for process in left} >= set(nodes.values())
         assert "obk reap" in obk("ps").stdout
         assert obk("reap", "--dry-run").returncode == 0

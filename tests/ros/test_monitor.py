@@ -65,7 +65,7 @@ def test_a_stack_is_told_with_its_nodes_and_rates_and_a_throttled_topic_is_marke
             topics.update({topic["topic"]: topic for topic in view["topics"]})
             est = topics[EST]
             is_found = (est["publishers"], est["subscriptions"]) == (1, 1)
-            is_counted = est["rate"] and est["rate"]["count"] > 5 and topics[IMU]["passage"]
+            is_counted = est["rate"] and est["rate"]["count"] > 5 and topics[IMU]["age"]
             is_kept = not any(topic["is_off"] for topic in view["topics"])
             # Without a state where the launcher gave no answer in time.
             return bool(is_found and is_counted and is_kept and view["state"] == "active")
@@ -78,8 +78,8 @@ def test_a_stack_is_told_with_its_nodes_and_rates_and_a_throttled_topic_is_marke
         assert nodes["/obelisk_robot_0"]["load"]["memory_bytes"] > 10_000_000
         assert topics[EST]["msg_type"] == "obelisk_estimator_msgs/msg/EstimatedState"
         # In wall time: a busy machine simulates slower than real time.
-        assert 1 < topics[EST]["wanted_hz"] <= 10.0
-        assert topics[IMU]["passage"]["p50_s"] < 60
+        assert 1 < topics[EST]["expected_hz"] <= 10.0
+        assert topics[IMU]["age"]["p50_s"] < 60
         assert any("active" in line for line in view["lines"])
         assert f" {EST.rpartition('/')[2]} " in obk("monitor", "--once", "--period", "0.2").stdout
         with throttled(estimation):
@@ -123,7 +123,7 @@ def test_a_stack_whose_launcher_is_not_here_is_told_by_its_nodes(tmp_path: Path)
         eventually(is_known, "the states of the nodes and the messages of a topic")
     assert (seen["run"], seen["name"], seen["lines"]) == ("", "", [])
     (est,) = (topic for topic in seen["topics"] if topic["topic"] == EST)
-    assert est["wanted_hz"] is None
+    assert est["expected_hz"] is None
     assert not est["is_off"]
 
 

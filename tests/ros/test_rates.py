@@ -98,7 +98,7 @@ def listening(
 
 NONE = Rate(
     name="",
-    wanted_hz=1.0,
+    expected_hz=1.0,
     measured_hz=0.0,
     ticks=0,
     overruns=0,
@@ -140,7 +140,7 @@ def test_a_throttled_timer_is_marked_with_every_executor(
     assert first is not None
     assert first.standing == "kept"  # the first second is forgiven
     assert rate is not None
-    assert rate.wanted_hz == 1000
+    assert rate.expected_hz == 1000
     # It sleeps for five periods: one tick in five or fewer, the next at least four late.
     assert rate.measured_hz < 205
     assert rate.overruns >= 3.9 * rate.ticks
@@ -151,7 +151,7 @@ def test_coroutines_of_the_configs_timers_are_counted() -> None:
     with listening(Awaiting, EventLoopExecutor) as (_, heard):
         eventually(lambda: (newest(heard, "timer_slow") or NONE).ticks >= 3, "three ticks")
         assert (newest(heard, "timer_fast") or NONE).ticks >= 3
-        assert (newest(heard, "timer_slow") or NONE).wanted_hz == 2
+        assert (newest(heard, "timer_slow") or NONE).expected_hz == 2
 
 
 def is_heard_for(heard: list[RatesReported], wait_s: float) -> bool:
@@ -304,7 +304,7 @@ def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
             "/obelisk/dummy/framepose",
             "steps",
         ]
-        wanted = [rate["wanted_hz"] for rate in rates]
+        wanted = [rate["expected_hz"] for rate in rates]
         assert wanted == [1000, 1000, 500, 500, 1000]
         # In simulation time, which no load changes; one that keeps the node waiting is silence.
         eventually(

@@ -126,11 +126,11 @@ def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
         told = json.loads(result.stdout)
         (verdict,) = told["rows"]
         assert verdict["nodes"] == ["/obelisk_control_0"]
-        assert verdict["promised"] == "the others run on"
+        assert verdict["expected"] == "the others run on"
         assert f"domain {ros_domain}, logs in {tmp_path}" in result.stderr
         assert result.returncode == (0 if told["ok"] else 1)
         assert not (tmp_path / "home" / "runs").exists()
-        return bool(verdict["seen"] == verdict["promised"])
+        return bool(verdict["seen"] == verdict["expected"])
 
     eventually(is_as_promised, "what is promised")
 

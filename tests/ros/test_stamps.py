@@ -74,8 +74,8 @@ def paged() -> Iterator[Callable[[], Mapping[str, Any]]]:
 
 def is_carried(topics: Mapping[str, Any]) -> bool:
     """Whether the ages of estimate and command are those of the measurement in them."""
-    passages = [topics[name]["passage"] for name in WAY]
-    return all(passages) and [passage["is_carried"] for passage in passages] == [False, True, True]
+    ages = [topics[name]["age"] for name in WAY]
+    return all(ages) and [age["is_carried"] for age in ages] == [False, True, True]
 
 
 def test_the_age_of_a_command_is_that_of_the_measurement_in_it(arm: Path) -> None:
@@ -98,7 +98,7 @@ def test_a_simulation_at_half_speed_keeps_its_rates_and_its_ages_are_in_its_time
         def is_kept() -> bool:
             topics = monitored()
             # Only once the robot has told how fast its time passes.
-            is_half = [topics[name]["wanted_hz"] for name in WAY] == [5.0, 5.0, 5.0]
+            is_half = [topics[name]["expected_hz"] for name in WAY] == [5.0, 5.0, 5.0]
             return is_half and not any(topics[name]["is_off"] for name in WAY)
 
         eventually(is_kept, "rates that are kept")

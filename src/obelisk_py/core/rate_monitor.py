@@ -278,7 +278,7 @@ class ExpectedRate:
         p50_us, p99_us, max_us = (ns / NS_PER_US for ns in late_ns_of(of_this_read, SHARES))
         return Rate(
             name=self.name,
-            wanted_hz=self._expected_hz,
+            expected_hz=self._expected_hz,
             measured_hz=self._measured_hz,
             ticks=ticks - self._first_tick,
             overruns=counter.overruns - self._first_overrun,
@@ -432,7 +432,7 @@ def _status(node: str, rate: Rate) -> Any:
     return DiagnosticStatus(
         level=_LEVELS[STANDINGS.index(rate.standing)],
         name=rate_name(node, rate.name),
-        message=f"{rate.standing}: {rate.measured_hz:.4g} of {rate.wanted_hz:.4g} Hz",
+        message=f"{rate.standing}: {rate.measured_hz:.4g} of {rate.expected_hz:.4g} Hz",
         hardware_id=node,
         values=[KeyValue(key=key, value=value) for key, value in rate_values(rate)],
     )

@@ -63,7 +63,7 @@ def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _types_of_lost_publishers(stack: Stack, ends: Iterable[TopicEnd]) -> set[str | None]:
-    """Types of publishers whose topic is none or not known, which was reported: they may be meant.
+    """Types of publishers whose topic is missing or unresolved; a subscriber may mean one of them.
 
     What a simulator publishes stands in its block.
     """
@@ -218,8 +218,8 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
             if end.direction == "subscribes":
                 continue
             first = firsts.setdefault(end.topic, end)
-            is_told = len({first.known_type, end.known_type} - {None}) > 1
-            if first is not end and not is_told:
+            is_reported = len({first.known_type, end.known_type} - {None}) > 1
+            if first is not end and not is_reported:
                 yield found(
                     "OBK214",
                     f"`{end.owner}` publishes `{end.topic}` twice",
@@ -285,7 +285,7 @@ def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
             if end.direction == "publishes" and policy.of(end, policy.offered) == policy.weak:
                 weak[end.topic].append(end)
         for end in ends:
-            wants = policy.of(end, policy.wanted)
+            wants = policy.of(end, policy.expected)
             if (
                 not end.is_external
                 and end.direction == "subscribes"
@@ -302,7 +302,7 @@ class _Policy:
     written: Callable[[Qos], Spanned[str] | None]
     strong: str
     weak: str
-    wanted: str
+    expected: str
     offered: str
 
     def of(self, end: TopicEnd, default: str) -> str:
@@ -315,28 +315,28 @@ _POLICIES = (
         written=lambda qos: qos.reliability,
         strong="reliable",
         weak="best_effort",
-        wanted="reliable",
+        expected="reliable",
         offered="reliable",
     ),
     _Policy(
         written=lambda qos: qos.durability,
         strong="transient_local",
         weak="volatile",
-        wanted="volatile",
+        expected="volatile",
         offered="volatile",
     ),
 )
 
 
 def _qos_differs(end: TopicEnd, others: list[TopicEnd], policy: _Policy) -> Diagnostic:
-    wanted, first = policy.written(end.qos), others[0]
+    expected, first = policy.written(end.qos), others[0]
     rest = len(others) - 1
     who = f"`{first.owner}` and {rest} more offer" if rest else f"`{first.owner}` offers"
     return found(
         "OBK206",
         f"`{end.owner}` asks for `{policy.strong}` on `{end.topic}`, {who} only "
         f"`{policy.weak}`, so nothing would arrive{' from them' if rest else ''}",
-        wanted.span if wanted else end.span,
+        expected.span if expected else end.span,
         help=f"let the publisher offer `{policy.strong}`, or the subscriber ask for "
         f"`{policy.weak}`",
         related=(
@@ -389,7 +389,7 @@ def _is_code_alone(ends: Sequence[TopicEnd]) -> bool:
 
 
 def _is_old_name(ends: Sequence[TopicEnd]) -> bool:
-    """Whether the types differ only by the seeds' name of one, at ends that ignore it."""
+    """Whether the types differ only by the original name of one, at ends that ignore it."""
     binding = {end.known_type for end in ends if not end.ignores_type}
     first = ends[0].known_type
     return len(binding) <= 1 and all(may_be_one(first, end.known_type) for end in ends)
@@ -430,8 +430,8 @@ def _most_common(ends: Iterable[TopicEnd]) -> str | None:
 
 def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
     """A finding at `end`, whose type is not that of the others."""
-    own, wanted = end.known_type or "", others[0].known_type or ""
-    is_alias = may_be_one(own, wanted)
+    own, expected = end.known_type or "", others[0].known_type or ""
+    is_alias = may_be_one(own, expected)
     is_note = end.ignores_type or all(other.ignores_type for other in others)
     who = f"{others[0].who} {_VERBS[others[0].direction]} it"
     if (others[0].owner, others[0].direction) == (end.owner, end.direction):
@@ -439,10 +439,10 @@ def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
     return found(
         "OBK205",
         f"{end.who} {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, {who} "
-        f"as {_short(wanted)}",
+        f"as {_short(expected)}",
         end.type_span or end.span,
         severity="warning" if is_alias or is_note else None,
-        help=_help(own, wanted, others, is_alias=is_alias, is_note=is_note),
+        help=_help(own, expected, others, is_alias=is_alias, is_note=is_note),
         related=(
             *(
                 Related(message=_said_of(other, end), span=other.type_span or other.span)
@@ -460,16 +460,16 @@ def _said_of(other: TopicEnd, end: TopicEnd) -> str:
 
 
 def _help(
-    own: str, wanted: str, others: Iterable[TopicEnd], *, is_alias: bool, is_note: bool
+    own: str, expected: str, others: Iterable[TopicEnd], *, is_alias: bool, is_note: bool
 ) -> str | None:
     by_code = next((other for other in others if other.code_type is not None), None)
     if by_code is not None:
         verb = "publishes" if by_code.direction == "publishes" else "takes"
-        return f"the code of `{by_code.owner}` {verb} {_short(wanted)}"
+        return f"the code of `{by_code.owner}` {verb} {_short(expected)}"
     if is_note:
         return "a C++ node ignores `msg_type`: write here what its code has"
     if is_alias:
-        return f"write {_short(own)} at both ends, unless the node's code takes {_short(wanted)}"
+        return f"write {_short(own)} at both ends, unless the node's code takes {_short(expected)}"
     return None
 
 

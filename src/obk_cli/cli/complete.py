@@ -54,9 +54,9 @@ def complete_rules(incomplete: str) -> list[str]:
 
 def complete_topics(incomplete: str) -> list[str]:
     """The topics that a user may be about to name, in full or by their last part."""
-    from obk_cli.runs.folder import run_topics
+    from obk_cli.runs.folder import topics_of_run
 
-    return _fitting(incomplete, (topic for folder, _ in _runs() for topic in run_topics(folder)))
+    return _fitting(incomplete, (topic for folder, _ in _runs() for topic in topics_of_run(folder)))
 
 
 def complete_nodes(incomplete: str) -> list[str]:

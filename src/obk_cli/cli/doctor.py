@@ -58,8 +58,8 @@ def _lines(name: str, finding: Finding, colour: bool) -> Iterator[str]:
     first, *rest = finding.message.splitlines()
     yield f"{name}  {label}  {first}"
     yield from (f"{indent}{line}" for line in rest)
-    if finding.cure:
-        yield f"{indent}fix: {finding.cure}"
+    if finding.fix:
+        yield f"{indent}fix: {finding.fix}"
 
 
 def _summary(answers: Sequence[Answer], colour: bool) -> str:

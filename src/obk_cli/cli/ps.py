@@ -31,7 +31,7 @@ def command(format: FormatOption = "text") -> None:
     stacks = live_stacks(select_runs(parent))
     orphans = find_orphans(parent)
     if is_json:
-        document = {"stacks": [*map(_data, stacks)], "leftovers": [*map(asdict, orphans)]}
+        document = {"stacks": [*map(_data, stacks)], "orphans": [*map(asdict, orphans)]}
         print(json.dumps(document, indent=1))
         return
     for stack in stacks:

@@ -15,7 +15,7 @@ from obk_cli.introspect.target import with_run_types
 from obk_cli.record.recorder_job import RecorderJob, RecordRequest
 from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
 from obk_cli.ros.environment import ros_environment
-from obk_cli.runs.folder import run_topics, runs_folder
+from obk_cli.runs.folder import runs_folder, topics_of_run
 from obk_cli.runs.registry import select_runs
 
 __all__ = ["EXAMPLE", "command"]
@@ -96,7 +96,7 @@ def _request(topics: list[str], folder: Path | None, *, every: bool) -> RecordRe
     """What is asked for; names without a pattern are waited for."""
     patterns = tuple(topic for topic in topics if any(sign in topic for sign in "*?["))
     names = [_absolute(topic) for topic in topics if topic not in patterns]
-    known = run_topics(folder) if folder else {}
+    known = topics_of_run(folder) if folder else {}
     requested = {name: known.get(name) for name in names} if topics or every else known
     return RecordRequest(topics=requested, patterns=("*",) if every else patterns)
 

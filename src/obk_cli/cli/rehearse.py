@@ -275,7 +275,7 @@ def _data(verdict: Verdict) -> dict[str, Any]:
         "process": unit.name,
         "nodes": list(unit.node_names),
         "fault": verdict.case.fault,
-        "promised": expectation.summary,
+        "expected": expectation.summary,
         "seen": verdict.seen,
         "noticed_s": verdict.noticed_s,
         "settled_s": verdict.settled_s,

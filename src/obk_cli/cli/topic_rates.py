@@ -141,7 +141,7 @@ def _measure_delay(
 ) -> "tuple[str, Delay | None, int]":
     """Measure delays; without a duration, report them each second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
-    from obk_cli.ros.latency import DelayMeter, is_of_other_clock, stamp_of
+    from obk_cli.ros.latency import DelayMeter, is_of_other_clock, stamp_getter
     from obk_cli.ros.participant import open_participant
     from obk_cli.ros.raw_subscription import arrived
     from obk_cli.ros.simulated_clock import SimulatedClock, subscribe_to_clock
@@ -152,7 +152,7 @@ def _measure_delay(
         seen = find_topic(participant, target, topic, timeout_s)
         msg_type = the_type("topic", seen.name, seen.published_types)
         python_type = find_type(msg_type)
-        stamp = stamp_of(short_type(msg_type), fields_of)
+        stamp = stamp_getter(short_type(msg_type), fields_of)
         raw = participant.subscribe(seen.name, msg_type, python_type)
         meter, clock, clock_raw = DelayMeter(window), SimulatedClock(), None
         start = reported = time.monotonic()

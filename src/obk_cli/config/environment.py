@@ -98,7 +98,7 @@ class ModelRead:
     """A model that could be read."""
 
     facts: ModelFacts
-    wanted_files: tuple[tuple[str, str], ...] = ()
+    referenced_files: tuple[tuple[str, str], ...] = ()
     """Meshes and textures, each by its path under its folder and by its path as written."""
     missing_files: tuple[str, ...] = ()
     """Those that are not at the path in the model."""

@@ -237,26 +237,26 @@ class Fields:
 
     def count(self, key: str, *, least: int = 1) -> Spanned[int] | None:
         """A whole number of at least `least`."""
-        wanted = f"a whole number of at least {least}"
-        number = self._read(key, False, wanted, _integer)
-        number = self._within(key, number, wanted, lambda value: value >= least)
-        wanted = f"a whole number of at most {LARGEST_COUNT}, as much as 32 bits hold"
-        return self._within(key, number, wanted, lambda value: value <= LARGEST_COUNT)
+        expected = f"a whole number of at least {least}"
+        number = self._read(key, False, expected, _integer)
+        number = self._within(key, number, expected, lambda value: value >= least)
+        expected = f"a whole number of at most {LARGEST_COUNT}, as much as 32 bits hold"
+        return self._within(key, number, expected, lambda value: value <= LARGEST_COUNT)
 
     def number(self, key: str, *, least: float, most: float) -> Spanned[float] | None:
         """A number within bounds, whole or not."""
-        wanted = f"a number from {least:g} to {most:g}"
-        number = self._read(key, False, wanted, _number)
-        return self._within(key, number, wanted, lambda value: least <= value <= most)
+        expected = f"a number from {least:g} to {most:g}"
+        number = self._read(key, False, expected, _number)
+        return self._within(key, number, expected, lambda value: least <= value <= most)
 
     def period_s(self, key: str, *, required: bool = False) -> Spanned[float] | None:
         """A number of seconds above 0, of which ROS can count the nanoseconds."""
-        wanted = "a number of seconds greater than 0"
-        number = self._read(key, required, wanted, _number)
-        number = self._within(key, number, wanted, lambda value: value > 0)
-        wanted = f"a number of seconds from {SHORTEST_PERIOD_S:g} to {LONGEST_PERIOD_S:g}"
+        expected = "a number of seconds greater than 0"
+        number = self._read(key, required, expected, _number)
+        number = self._within(key, number, expected, lambda value: value > 0)
+        expected = f"a number of seconds from {SHORTEST_PERIOD_S:g} to {LONGEST_PERIOD_S:g}"
         return self._within(
-            key, number, wanted, lambda value: SHORTEST_PERIOD_S <= value <= LONGEST_PERIOD_S
+            key, number, expected, lambda value: SHORTEST_PERIOD_S <= value <= LONGEST_PERIOD_S
         )
 
     def one_of(self, key: str, allowed: Iterable[str]) -> Spanned[str] | None:
@@ -286,29 +286,29 @@ class Fields:
         return () if entry is None else read_items(key, entry.value, self._faults)
 
     def _read(
-        self, key: str, required: bool, wanted: str, convert: Callable[[object], T | None]
+        self, key: str, required: bool, expected: str, convert: Callable[[object], T | None]
     ) -> Spanned[T] | None:
         entry = self.entry(key, required=required)
         if entry is None:
             return None
         value = convert(entry.value.value) if isinstance(entry.value, TreeScalar) else None
         if value is None:
-            self._wrong(key, entry.value, wanted)
+            self._wrong(key, entry.value, expected)
             return None
         return Spanned(value, entry.value.span, entry.key_span)
 
     def _within(
-        self, key: str, number: Spanned[T] | None, wanted: str, is_within: Callable[[T], bool]
+        self, key: str, number: Spanned[T] | None, expected: str, is_within: Callable[[T], bool]
     ) -> Spanned[T] | None:
         if number is None or is_within(number.value):
             return number
-        message = f"`{key}` is {shown(number.value)}, expected {wanted}"
+        message = f"`{key}` is {shown(number.value)}, expected {expected}"
         self._faults.append(found("OBK104", message, number.span))
         return None
 
-    def _wrong(self, key: str, value: Tree, wanted: str) -> None:
-        message = f"`{key}` is {kind_of(value)}, expected {wanted}"
-        self._faults.append(found("OBK103", message, value.span, help=_hint(value, wanted)))
+    def _wrong(self, key: str, value: Tree, expected: str) -> None:
+        message = f"`{key}` is {kind_of(value)}, expected {expected}"
+        self._faults.append(found("OBK103", message, value.span, help=_hint(value, expected)))
 
 
 def read_items(key: str, tree: Tree, faults: Faults) -> tuple[TreeMap, ...]:
@@ -338,16 +338,16 @@ def read_text(what: str, tree: Tree, faults: Faults) -> Spanned[str] | None:
     return None
 
 
-def _hint(value: Tree, wanted: str) -> str | None:
+def _hint(value: Tree, expected: str) -> str | None:
     if not isinstance(value, TreeScalar):
         return None
-    if wanted == "text" and value.value not in (None, ""):
+    if expected == "text" and value.value not in (None, ""):
         return f'write it in quotes: "{value.span.text}"'
     if isinstance(value.value, str):
         head, colon, tail = value.value.partition(":")
-        if colon and head.isidentifier() and wanted == "a mapping":
+        if colon and head.isidentifier() and expected == "a mapping":
             return f"put a space after the colon: `{head}: {tail.strip()}`"
-        if wanted == "`true` or `false`" and value.value.lower() in ("yes", "no", "on", "off"):
+        if expected == "`true` or `false`" and value.value.lower() in ("yes", "no", "on", "off"):
             return f"in YAML 1.2 `{value.value}` is text; write `true` or `false`"
         if value.span.text[:1] in ("'", '"') and not isinstance(core_scalar(value.value), str):
             return f"without its quotes it is no text: `{value.span.text[1:-1]}`"

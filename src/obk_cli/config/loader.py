@@ -209,7 +209,7 @@ class _Replacer:
     def _text(self, text: str, span: Span) -> TreeScalar:
         reported: set[str] = set()
         places: dict[str, Span] = {}
-        # An alias stands for a text as often as it is written, a variable for one of any length.
+        # Aliases repeat a text and variables expand to any length, so the total is limited.
         self._room -= len(text)
 
         def value_of(reference: re.Match[str]) -> str:

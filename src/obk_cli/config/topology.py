@@ -50,7 +50,7 @@ _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
     "obelisk_sensor_msgs/msg/ObkJointEncoders",
 }
-"""The seeds write one name for the other, and what their C++ nodes take is in their code."""
+"""Original configs write one name for the other, and what their C++ nodes take is in their code."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -452,14 +452,14 @@ def _line_between(at: ErrorContext, kind: str) -> tuple[tuple[int, int], tuple[i
 
 
 def _differs(source: SourceFile, wrong: tuple[int, int], right: tuple[int, int]) -> _Cause:
-    (line, column), (other, wanted) = wrong, right
-    way = "right" if column < wanted else "left"
+    (line, column), (other, expected) = wrong, right
+    way = "right" if column < expected else "left"
     return _Cause(
-        f"this line starts in column {column}, its neighbour in line {other} in column {wanted}",
+        f"this line starts in column {column}, its neighbour in line {other} in column {expected}",
         Span.at(source, line, column),
-        f"move it {with_number(abs(wanted - column), 'space')} to the {way}: the lines of one "
+        f"move it {with_number(abs(expected - column), 'space')} to the {way}: the lines of one "
         "mapping or list start in the same column",
-        Related(message="its neighbour", span=Span.at(source, other, wanted)),
+        Related(message="its neighbour", span=Span.at(source, other, expected)),
     )
 
 

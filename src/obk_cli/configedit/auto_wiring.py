@@ -68,7 +68,7 @@ class Switch:
     """A subscriber that is wired to another publisher now."""
 
     place: Span
-    """The topic that would have to be another."""
+    """The topic name to change in the config."""
     reader: str
     writer: str
 

@@ -31,7 +31,7 @@ class Finding:
     severity: Severity
     """`error`: stacks do not run; `warning`: a feature does not work; `note`: information."""
     message: str
-    cure: str = ""
+    fix: str = ""
     """The fix: a command to copy or an instruction; empty if none is needed."""
     facts: Mapping[str, Fact] = field(default_factory=dict)
     """What was measured."""
@@ -42,19 +42,19 @@ def ok(message: str, **facts: Fact) -> Finding:
     return Finding(severity="ok", message=message, facts=facts)
 
 
-def note(message: str, cure: str = "", **facts: Fact) -> Finding:
+def note(message: str, fix: str = "", **facts: Fact) -> Finding:
     """Nothing is broken; information only."""
-    return Finding(severity="note", message=message, cure=cure, facts=facts)
+    return Finding(severity="note", message=message, fix=fix, facts=facts)
 
 
-def warning(message: str, cure: str, **facts: Fact) -> Finding:
+def warning(message: str, fix: str, **facts: Fact) -> Finding:
     """A feature does not work."""
-    return Finding(severity="warning", message=message, cure=cure, facts=facts)
+    return Finding(severity="warning", message=message, fix=fix, facts=facts)
 
 
-def error(message: str, cure: str, **facts: Fact) -> Finding:
+def error(message: str, fix: str, **facts: Fact) -> Finding:
     """Stacks do not run."""
-    return Finding(severity="error", message=message, cure=cure, facts=facts)
+    return Finding(severity="error", message=message, fix=fix, facts=facts)
 
 
 MIB: Final = 1024**2

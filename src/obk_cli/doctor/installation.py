@@ -140,9 +140,9 @@ def _judge_obk(facts: PathFacts) -> Iterator[Finding]:
         )
     elif len(programs) > 1:
         sentence = f"PATH has {len(programs)} programs named `obk`: {', '.join(programs)}"
-        cure = "type -a obk"
+        fix = "type -a obk"
         is_first = programs[0] == facts.this_obk
-        yield (note if is_first else warning)(sentence, cure, obk=programs)
+        yield (note if is_first else warning)(sentence, fix, obk=programs)
 
 
 def _judge_ros2(facts: PathFacts) -> Iterator[Finding]:

@@ -44,12 +44,12 @@ class InterfaceFacts:
 
 def judge_interfaces(facts: InterfaceFacts) -> Iterator[Finding]:
     """Report packages that do not load or are out of date."""
-    cure = "make setup" if facts.has_sources else install_command("ros")
+    fix = "make setup" if facts.has_sources else install_command("ros")
     for package, fault in facts.faults.items():
-        yield error(f"the messages of {package} cannot be used: {fault}", cure)
+        yield error(f"the messages of {package} cannot be used: {fault}", fix)
     if facts.stale:
         yield warning(
-            f"changed since they were compiled: {', '.join(facts.stale)}", cure, stale=facts.stale
+            f"changed since they were compiled: {', '.join(facts.stale)}", fix, stale=facts.stale
         )
     if facts.loaded:
         named = f"obelisk-interfaces {facts.version}" if facts.version else "Obelisk's messages"
@@ -96,7 +96,7 @@ class CompilerFacts:
     """The compilers, C first; empty where one is missing."""
     fault: str
     """Why it failed, with a known fix in brackets; empty: it worked."""
-    cure: str = ""
+    fix: str = ""
 
 
 def judge_compiler(facts: CompilerFacts) -> Iterator[Finding]:
@@ -104,7 +104,7 @@ def judge_compiler(facts: CompilerFacts) -> Iterator[Finding]:
     if facts.fault:
         yield warning(
             f"message packages cannot be built: {facts.fault}",
-            facts.cure or "apt install g++ python3-dev",
+            facts.fix or "apt install g++ python3-dev",
         )
         return
     yield ok(f"{' and '.join(facts.commands)} compile and link against Python's headers")
@@ -122,13 +122,13 @@ def probe_compiler() -> CompilerFacts:
     try:
         tools = find_toolchain()
     except BuildToolError as missing:
-        return CompilerFacts(commands=(), fault=str(missing), cure=_cure())
+        return CompilerFacts(commands=(), fault=str(missing), fix=_fix())
     commands = (" ".join(tools.cc), " ".join(tools.cxx))
     with tempfile.TemporaryDirectory(prefix="obk-doctor-") as folder:
-        return CompilerFacts(commands=commands, fault=_fault(tools, Path(folder)), cure=_cure())
+        return CompilerFacts(commands=commands, fault=_fault(tools, Path(folder)), fix=_fix())
 
 
-def _cure() -> str:
+def _fix() -> str:
     """Unset the compilers that the user chose; empty if the user chose none."""
     chosen = [name for name in ("CC", "CXX") if os.environ.get(name)]
     return f"unset {' '.join(chosen)}" if chosen else ""

@@ -68,8 +68,8 @@ def judge_shared_memory(facts: SharedMemoryFacts) -> Iterator[Finding]:
             **sizes,
         )
     elif facts.free_bytes < LEAST_SHARED_BYTES:
-        cure = GROW if facts.total_bytes < 2 * LEAST_SHARED_BYTES else "obk reap"
-        yield warning(f"{room}; DDS needs at least {bytes_text(LEAST_SHARED_BYTES)}", cure, **sizes)
+        fix = GROW if facts.total_bytes < 2 * LEAST_SHARED_BYTES else "obk reap"
+        yield warning(f"{room}; DDS needs at least {bytes_text(LEAST_SHARED_BYTES)}", fix, **sizes)
     else:
         yield ok(room, **sizes)
     if facts.dds_files > MANY_FILES:

@@ -150,8 +150,8 @@ class DisplayFacts:
 def judge_display(facts: DisplayFacts) -> Iterator[Finding]:
     """Whether a window can be opened."""
     if not facts.names:
-        cure = "ssh -X ..." if facts.is_ssh else "export MUJOCO_GL=egl"
-        yield note("no display is set: stacks run without windows", cure)
+        fix = "ssh -X ..." if facts.is_ssh else "export MUJOCO_GL=egl"
+        yield note("no display is set: stacks run without windows", fix)
     elif facts.fault:
         yield note(
             f"{facts.names[0]} does not answer: {facts.fault}", "unset DISPLAY WAYLAND_DISPLAY"

@@ -31,7 +31,7 @@ __all__ = [
 
 SOURCE: Final = ". /opt/ros/jazzy/setup.sh"
 OUR_DISTRIBUTION: Final = "jazzy"
-NOTE_CURES: Final = {
+NOTE_FIXES: Final = {
     "RMW_IMPLEMENTATION": "unset RMW_IMPLEMENTATION",
     "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF": "unset ROS_AUTOMATIC_DISCOVERY_RANGE",
     "ROS ": "export ROS_LOG_DIR=/tmp/ros-logs",
@@ -139,8 +139,8 @@ def judge_rmw(facts: RmwFacts) -> Iterator[Finding]:
         range=facts.range,
     )
     for sentence in facts.notes:
-        cures = (cure for begin, cure in NOTE_CURES.items() if sentence.startswith(begin))
-        yield warning(sentence, next(cures, "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"))
+        fixes = (fix for begin, fix in NOTE_FIXES.items() if sentence.startswith(begin))
+        yield warning(sentence, next(fixes, "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"))
     if facts.asked_for not in (None, "", "rmw_fastrtps_cpp") and facts.asked_for == facts.used:
         yield note(f"obk is tested with rmw_fastrtps_cpp, not with {facts.used}")
 
@@ -183,10 +183,10 @@ def probe_ros() -> RosFacts:
 def _unlike_pins() -> Iterator[tuple[str, tuple[str, str]]]:
     """The ROS wheels whose version differs from the one that obk pins."""
     try:
-        wanted = importlib.metadata.requires("obelisk-cli") or []
+        required = importlib.metadata.requires("obelisk-cli") or []
     except importlib.metadata.PackageNotFoundError:
         return
-    for pin in filter(None, map(_PIN.match, wanted)):
+    for pin in filter(None, map(_PIN.match, required)):
         installed = distribution_version(pin["name"])
         if installed not in (None, pin["version"]):
             yield pin["name"], (str(installed), pin["version"])

@@ -114,7 +114,7 @@ class StackFacts:
     """The stacks of this user on this host."""
 
     running: tuple[RunningStack, ...]
-    leftovers: tuple[str, ...]
+    orphans: tuple[str, ...]
     """Processes whose launcher is gone: number and command."""
 
 
@@ -127,15 +127,15 @@ def judge_stacks(facts: StackFacts) -> Iterator[Finding]:
             domain=stack.domain,
             pid=stack.pid,
         )
-    if facts.leftovers:
-        count = len(facts.leftovers)
+    if facts.orphans:
+        count = len(facts.orphans)
         yield warning(
             f"{count} process{'' if count == 1 else 'es'} outlived the launcher: "
-            f"{'; '.join(facts.leftovers[:3])}",
+            f"{'; '.join(facts.orphans[:3])}",
             "obk reap",
-            leftovers=facts.leftovers,
+            orphans=facts.orphans,
         )
-    if not facts.running and not facts.leftovers:
+    if not facts.running and not facts.orphans:
         yield ok("no stack is running and no process is left over")
 
 
@@ -146,5 +146,5 @@ def probe_stacks(environment: Mapping[str, str]) -> StackFacts:
         running=tuple(
             RunningStack(name=run.name, domain=run.domain, pid=run.pid) for run in live_runs(parent)
         ),
-        leftovers=tuple(f"{left.pid} {plain(left.command)}" for left in find_orphans(parent)),
+        orphans=tuple(f"{left.pid} {plain(left.command)}" for left in find_orphans(parent)),
     )

@@ -116,8 +116,8 @@ class LauncherGraph:
 
     def settle(self, expected: Collection[str], _quiet_s: float, timeout_s: float) -> bool:
         """Wait until the expected nodes are there; see `RosParticipant.settle`."""
-        wanted = frozenset(expected)
-        return bool(self.wait_for(lambda: wanted <= set(self.nodes()) or None, timeout_s))
+        required = frozenset(expected)
+        return bool(self.wait_for(lambda: required <= set(self.nodes()) or None, timeout_s))
 
     def rest(self, seconds: float) -> None:
         """Return at once: the launcher has discovered the other nodes long ago."""

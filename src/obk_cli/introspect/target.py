@@ -10,7 +10,7 @@ from obk_cli.introspect.resolve import matching_names
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import working_folder
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.runs.folder import Run, read_run, run_plan, run_topics, runs_folder
+from obk_cli.runs.folder import Run, plan_of_run, read_run, runs_folder, topics_of_run
 from obk_cli.runs.registry import live_folders
 
 __all__ = ["NO_NODES_S", "GraphTarget", "find_message_types", "target_of", "with_run_types"]
@@ -43,7 +43,7 @@ class GraphTarget:
     @property
     def topics(self) -> Mapping[str, str | None]:
         """The topics of the runs' plans, with their types as far as the plans have them."""
-        return {name: kind for folder in self.runs for name, kind in run_topics(folder).items()}
+        return {name: kind for folder in self.runs for name, kind in topics_of_run(folder).items()}
 
     def modules(self, topics: Iterable[str]) -> tuple[str, ...]:
         """The Python modules of these topics' types, as far as the plans have them."""
@@ -56,7 +56,7 @@ class GraphTarget:
     @property
     def plans(self) -> tuple[Plan, ...]:
         """The configs of the runs as compiled."""
-        return tuple(run_plan(folder) for folder in self.runs)
+        return tuple(plan_of_run(folder) for folder in self.runs)
 
     def no_nodes_error(self) -> CommandFailedError:
         """The error that no node was found in the domain."""

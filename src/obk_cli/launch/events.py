@@ -297,7 +297,7 @@ class RateBroken:
         rate = self.rate
         if self.silent_s:
             how = f"{rate.name} was not reported for {self.silent_s:.1f} s, "
-            how += f"expected {rate.wanted_hz:.4g} Hz"
+            how += f"expected {rate.expected_hz:.4g} Hz"
         elif rate.late_p99_us:
             how = f"{rate} (p99 latency {rate.late_p99_us / 1e3:.3g} ms)"
         else:  # its ticks are the simulator's, which are never late for it

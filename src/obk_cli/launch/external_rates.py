@@ -179,7 +179,7 @@ def external_rate(promise: Promise, seen: TopicRate) -> Rate:
     is_low = measured_hz < (1 - TOLERANCE) / promise.period_s
     return Rate(
         name=promise.name,
-        wanted_hz=1 / promise.period_s,
+        expected_hz=1 / promise.period_s,
         measured_hz=measured_hz,
         ticks=seen.count,
         overruns=0,

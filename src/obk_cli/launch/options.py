@@ -139,7 +139,7 @@ def with_render(plan: Plan, share: Share, arguments: RenderArguments) -> Plan:
         arguments: the options; without a file nothing is recorded.
 
     Raises:
-        MisuseError: there is no such film, no such camera, or not one robot to film.
+        MisuseError: no such video format or camera, or not exactly one robot to record.
         CommandFailedError: the file cannot be written, or a library is missing.
     """
     if arguments.path is None:

@@ -115,8 +115,8 @@ class RateWatch:
                 yield (RateKept if was_broken else RateMoved)(node=node, rate=rate)
             return
         breaks = rate.standing == "broken" and (was_silent or not was_broken)
-        moved_hz = abs(rate.measured_hz - published.measured_hz) if published else rate.wanted_hz
-        if not breaks and moved_hz <= MOVED * rate.wanted_hz:
+        moved_hz = abs(rate.measured_hz - published.measured_hz) if published else rate.expected_hz
+        if not breaks and moved_hz <= MOVED * rate.expected_hz:
             return
         self._published[key] = rate
         if breaks:

@@ -22,7 +22,7 @@ from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
 from obk_cli.plan.plan import Plan
 from obk_cli.record.recorder_job import BEGUN, RecorderJob, RecordRequest, job_to_json
 from obk_cli.record.recording import RECORDING, run_metadata_of
-from obk_cli.runs.folder import run_topics
+from obk_cli.runs.folder import topics_of_run
 
 __all__ = ["UNIT", "Recorder", "VideoReports"]
 
@@ -104,7 +104,7 @@ class Recorder:
         background = run_metadata_of(folder)
         return RecorderJob(
             path=folder / RECORDING,
-            request=request if is_named else replace(request, topics=run_topics(folder)),
+            request=request if is_named else replace(request, topics=topics_of_run(folder)),
             metadata=background.metadata,
             attachments=background.attachments,
         )
@@ -124,14 +124,14 @@ class Recorder:
             self._output.note(f"warning: the recorder has ended: {end.how}; the stack goes on")
 
 
-_UNKNOWN: Final = "warning: the robot did not report how its film ended"
+_UNKNOWN: Final = "warning: the robot did not report how its video ended"
 
 
 class VideoReports:
-    """The films that the robots of a run have reported; `on_event` subscribes to its events."""
+    """The videos that the robots of a run have reported; `on_event` subscribes to its events."""
 
     def __init__(self, plan: Plan, share: Share, note: Callable[[str], None]) -> None:
-        """Expect a film of each simulated robot that has the parameter `render`.
+        """Expect a video of each simulated robot that has the parameter `render`.
 
         Args:
             plan: a whole stack.
@@ -153,7 +153,7 @@ class VideoReports:
                 self._results.append(str(video))
             case Phase(name="active") if self._expected and not self._has_begun:
                 names = list_names(node.full_name for node in self._expected)
-                self._note(f"warning: no film has begun, which `render` asks for of {names}")
+                self._note(f"warning: no video has begun, which `render` asks for of {names}")
             case Ended() if self._has_begun:
                 for text in self._results or [_UNKNOWN]:
                     self._note(text)

@@ -17,8 +17,8 @@ from obk_cli.runs.lifecycle import ACTIVE, UNCONFIGURED, Transition
 
 __all__ = ["RestartPolicy"]
 
-FIRST_WAIT_S: Final = 0.1
-LONGEST_WAIT_S: Final = 5.0
+FIRST_BACKOFF_S: Final = 0.1
+LONGEST_BACKOFF_S: Final = 5.0
 
 
 class _Budget:
@@ -43,8 +43,8 @@ class _Budget:
             now: monotonic time [s].
 
         Returns:
-            how long to wait before it [s]: 0.1, doubled by each one in the window, 5 at most;
-            None when the budget is spent.
+            the back-off before it [s], doubled by each one in the window; None when the budget
+            is spent.
         """
         while self._times and now - self._times[0] > self._window_s:
             self._times.popleft()
@@ -52,7 +52,7 @@ class _Budget:
             return None
         self._times.append(now)
         self.count += 1
-        return float(min(LONGEST_WAIT_S, FIRST_WAIT_S * 2 ** (len(self._times) - 1)))
+        return float(min(LONGEST_BACKOFF_S, FIRST_BACKOFF_S * 2 ** (len(self._times) - 1)))
 
 
 class RestartPolicy:
@@ -152,9 +152,9 @@ class RestartPolicy:
             pass
 
     def _start(self, unit: str, nodes: Iterable[str]) -> bool:
-        """Start a process again and wait until its nodes are ready, or ended; False: no use."""
+        """Start a process again and wait until its nodes are ready, or it ends; False: given up."""
         context, state = self._context, self._context.state
-        if not self._has_ended(unit):
+        if not self._wait_for_end(unit):
             return False
         state.forget_crashes(unit)
         self._control.start(unit)
@@ -168,7 +168,7 @@ class RestartPolicy:
                 return False
         return True
 
-    def _has_ended(self, unit: str) -> bool:
+    def _wait_for_end(self, unit: str) -> bool:
         """Wait for the end of a process that was killed; False: the stack comes down first."""
         context = self._context
         until = context.loop.now() + context.limits.grace_s
@@ -191,11 +191,11 @@ class RestartPolicy:
         for transition in way_up(ACTIVE):
             for tier in tiers_up(state.plan):
                 members = [node for node in tier if transition in ways.get(node, ())]
-                if not self._is_made(unit, transition, members):
+                if not self._reach(unit, transition, members):
                     return False
         return True
 
-    def _is_made(self, unit: str, transition: Transition, nodes: Sequence[str]) -> bool:
+    def _reach(self, unit: str, transition: Transition, nodes: Sequence[str]) -> bool:
         context = self._context
         members = self._runner.request_all(transition, nodes, context.limits.transition_s)
         if not context.run.may_go_on:

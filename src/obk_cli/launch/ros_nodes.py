@@ -32,7 +32,7 @@ from obk_cli.runs.lifecycle import RESTING
 __all__ = [
     "NodeWatch",
     "RosNodes",
-    "event_of_passage",
+    "event_of_transition",
     "failed_transition",
     "open_ros_nodes",
     "rates_of",
@@ -146,7 +146,7 @@ def failed_transition(passed: str, fault: str) -> str:
     return "" if may_be_own and not fault.startswith(f"on_{passed}:") else passed
 
 
-def event_of_passage(node: str, start: str, goal: str) -> StateSeen | TransitionStarted | None:
+def event_of_transition(node: str, start: str, goal: str) -> StateSeen | TransitionStarted | None:
     """The event for a node that went from one state to another; None for error processing.
 
     Args:
@@ -227,7 +227,7 @@ class NodeWatch:
             self._subscribed.add(name)
             topic = f"{name}/transition_event"
             self._node.create_subscription(
-                TransitionEvent, topic, partial(self._on_passage, name), 10
+                TransitionEvent, topic, partial(self._on_transition_event, name), 10
             )
 
     def _pace(self, period_s: float) -> None:
@@ -257,11 +257,11 @@ class NodeWatch:
             del self._waiting[name]
         self._on_event(Ready(node=name))
 
-    def _on_passage(self, node: str, event: Any) -> None:
+    def _on_transition_event(self, node: str, event: Any) -> None:
         start, goal = str(event.start_state.label), str(event.goal_state.label)
-        passage = event_of_passage(node, start, goal)
-        if passage is not None:
-            self._on_event(passage)
+        seen = event_of_transition(node, start, goal)
+        if seen is not None:
+            self._on_event(seen)
         elif goal == "errorprocessing":
             self.report_fault(node, partial(self._report_failed, node, PASSED.get(start, "")))
 

@@ -26,8 +26,8 @@ from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import boot_id, this_process
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import (
-    MadeFrom,
     Run,
+    RunOrigin,
     make_run_folder,
     read_run,
     record_end,
@@ -82,7 +82,7 @@ def locked_run(
             runs_folder(environment.variables),
             run,
             local_time(),
-            made_from=MadeFrom(plan=emit_plan(plan), versions=run_versions()),
+            made_from=RunOrigin(plan=emit_plan(plan), versions=run_versions()),
             keep=options.kept_runs,
             replace_other=options.replaces,
         )
@@ -125,7 +125,7 @@ def claim_run(
     run: Run,
     now: datetime,
     *,
-    made_from: MadeFrom | None = None,
+    made_from: RunOrigin | None = None,
     keep: int = KEPT_RUNS,
     replace_other: bool = False,
 ) -> Path:
@@ -165,7 +165,7 @@ def claim_run(
     raise CommandFailedError(f"the stack `{run.name}` is started again and again from elsewhere")
 
 
-def _described_folder(parent: Path, run: Run, now: datetime, made_from: MadeFrom | None) -> Path:
+def _described_folder(parent: Path, run: Run, now: datetime, made_from: RunOrigin | None) -> Path:
     """The folder of a run with its description; no folder is left if that cannot be written.
 
     Raises:

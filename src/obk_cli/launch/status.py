@@ -168,9 +168,9 @@ class LiveReport:
     def draw(self, width: int, height: int) -> list[str]:
         """The status area for a terminal of this many columns and rows; for one thread only."""
         seconds = int(self._clock() - self._begin_s)
-        wanted = (structs.replace(self._status, seconds=seconds), width, height)
-        if self._drawn[0] != wanted:
-            self._drawn = (wanted, status_lines(*wanted, colour=self._colour))
+        picture = (structs.replace(self._status, seconds=seconds), width, height)
+        if self._drawn[0] != picture:
+            self._drawn = (picture, status_lines(*picture, colour=self._colour))
         return self._drawn[1]
 
 
@@ -284,7 +284,7 @@ def _entry(node: NodeStatus, phase: str) -> Text:
     if node.restarts and word != _RESTARTING:
         entry.append(f" (restarted {node.restarts}x)", "yellow")
     for rate in node.rates:
-        text = f" {rate.name} {rate.measured_hz:.4g}/{rate.wanted_hz:.4g} Hz"
+        text = f" {rate.name} {rate.measured_hz:.4g}/{rate.expected_hz:.4g} Hz"
         entry.append(text, "bold red" if rate.standing == "broken" else "yellow")
     return entry
 

@@ -173,7 +173,7 @@ class Supervisor:
             context.lifecycle.watch(state.remote_nodes())
             context.publisher.phase("following", state.lead)
             return True
-        if not all(self._make(transition) for transition in way_up(UNTIL[until])):
+        if not all(self._take_all_through(transition) for transition in way_up(UNTIL[until])):
             return False
         context.publisher.phase(REACHED[until])
         return True
@@ -212,7 +212,7 @@ class Supervisor:
             self._run.fail(f"{node}: does not report its state", node)
         return self._run.may_go_on
 
-    def _make(self, transition: Transition) -> bool:
+    def _take_all_through(self, transition: Transition) -> bool:
         """Take every node through a transition; nodes that crash meanwhile are restored."""
         limit_s = self._context.limits.transition_s
         while self._run.may_go_on:
@@ -369,14 +369,14 @@ class Supervisor:
             self._run.fail(f"the lead {node} has not answered for {seconds:.1f} s")
             return hung
         if node in state.hung:
-            return hung if self._is_given_up(hung) else None
+            return hung if self._give_up_if_overdue(hung) else None
         state.hung.add(node)
         self._context.publisher.publish(hung)
         self._restarts.crashed(node, "hung", f"{node} hangs: no answer for {seconds:.1f} s")
         return hung
 
-    def _is_given_up(self, hung: Hung) -> bool:
-        """Whether a node that another launch is to restart has been missing for too long."""
+    def _give_up_if_overdue(self, hung: Hung) -> bool:
+        """Fail the run if a node that another launch is to restart is missing for too long."""
         node, state = hung.node, self._state
         if state.is_local(node) or state.on_crash(node) != "restart":
             return False

@@ -23,10 +23,10 @@ from obk_cli.launch.event_lines import short_name
 from obk_cli.monitor.model import StackView, Views
 from obk_cli.monitor.table import (
     TableLine,
+    age_line,
     head_line,
     log_lines,
     node_lines,
-    passage_line,
     topic_lines,
 )
 from obk_cli.runs.protocol import ChangeAnswer
@@ -313,11 +313,11 @@ class MonitorApp(App[Exception | None]):
                     name, [TableLine(text=line) for line in HELP] if name == "log_text" else []
                 )
             return
-        passage = passage_line(view, width)
+        age = age_line(view, width)
         self.query_one("#topics").display = not self._shows_help
         self._put("head", [head_line(view, width)])
         self._put("nodes_text", self._node_rows(view, width))
-        self._put("topics_text", [*topic_lines(view, width), *([passage] if passage else [])])
+        self._put("topics_text", [*topic_lines(view, width), *([age] if age else [])])
         room = max(1, self.query_one("#log").size.height)
         log = log_lines(view, width, self._part)[-room:]
         self._put("log_text", [TableLine(text=line) for line in HELP] if self._shows_help else log)

@@ -82,7 +82,7 @@ class PlannedTopic:
     name: str
     msg_type: str | None
     """Full; None: only the code knows it."""
-    wanted_hz: float | None
+    expected_hz: float | None
     """The sum of its publishers' expected rates, in wall time; None: one of them has none."""
     publishers: tuple[str, ...]
     """Full names of nodes."""
@@ -110,7 +110,7 @@ def planned_topics(
     }
     clock = _clock_factor(plan, factors)
     kinds: dict[str, str | None] = {}
-    promised: defaultdict[str, list[float | None]] = defaultdict(list)
+    expected: defaultdict[str, list[float | None]] = defaultdict(list)
     publishers: defaultdict[str, dict[str, None]] = defaultdict(dict)
     sources: defaultdict[str, dict[str, None]] = defaultdict(dict)
     for process in plan.processes:
@@ -119,7 +119,7 @@ def planned_topics(
             kinds[end.topic] = kinds.get(end.topic) or end.msg_type
         for end in process.publishes:
             kinds[end.topic] = kinds.get(end.topic) or end.msg_type
-            promised[end.topic].append(_in_wall_time(end.rate_hz, factor))
+            expected[end.topic].append(_in_wall_time(end.rate_hz, factor))
             publishers[end.topic][process.full_name] = None
             if process.section not in _MEASURING:
                 sources[end.topic].update(dict.fromkeys(one.topic for one in process.subscribes))
@@ -127,7 +127,7 @@ def planned_topics(
         PlannedTopic(
             name=name,
             msg_type=kind,
-            wanted_hz=_sum(promised[name]),
+            expected_hz=_sum(expected[name]),
             publishers=tuple(publishers[name]),
             made_from=tuple(sources[name]),
         )

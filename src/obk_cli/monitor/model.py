@@ -68,11 +68,11 @@ class TopicView:
     publishers: int
     subscriptions: int
     """Without the subscription that measures."""
-    wanted_hz: float | None
+    expected_hz: float | None
     """What the config promises, at the speed that the simulation reaches; None: nothing."""
     rate: TopicRate | None
     """As measured; None: not subscribed."""
-    passage: MessageAge | None = None
+    age: MessageAge | None = None
     """In the time of the stamps, wall or simulated; None: no stamps, or of another clock."""
     is_expected: bool = True
     """Whether the rate is due now: its publisher is active and was measured for a while."""
@@ -82,10 +82,10 @@ class TopicView:
     @property
     def is_off(self) -> bool:
         """Whether it is more than a tenth off what is expected, while it is due."""
-        if self.wanted_hz is None or self.rate is None or not self.is_expected:
+        if self.expected_hz is None or self.rate is None or not self.is_expected:
             return False
         measured = self.rate.rate_hz or 0.0
-        return abs(measured - self.wanted_hz) > TOLERANCE * self.wanted_hz
+        return abs(measured - self.expected_hz) > TOLERANCE * self.expected_hz
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,7 +27,7 @@ from obk_cli.ros.participant import OBSERVER_NODE, RosParticipant
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import find_type
 from obk_cli.runs.control_client import ask_status
-from obk_cli.runs.folder import Run, read_run, run_plan
+from obk_cli.runs.folder import Run, plan_of_run, read_run
 from obk_cli.runs.lifecycle import ACTIVE
 from obk_cli.runs.logs import LAUNCH_LOG, last_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
@@ -54,7 +54,7 @@ class LocalObserver:
         self._folder = folder
         self._run = run
         self._loads = ProcessLoads()
-        self._plan = run_plan(folder)
+        self._plan = plan_of_run(folder)
         self._watch = TopicWatch(participant)
         self._watch.set_topics(planned_topics(self._plan))
         self._simulated = simulated = simulated_robots(self._plan)
@@ -235,7 +235,7 @@ class RemoteObserver:
             PlannedTopic(
                 name=name,
                 msg_type=types[0] if len(types) == 1 else None,
-                wanted_hz=None,
+                expected_hz=None,
                 publishers=(),
                 made_from=(),
             )

@@ -21,12 +21,12 @@ from obk_cli.terminal import plain
 
 __all__ = [
     "TableLine",
+    "age_line",
     "head_line",
     "log_lines",
     "monitor_data",
     "monitor_text",
     "node_lines",
-    "passage_line",
     "topic_lines",
 ]
 
@@ -114,9 +114,9 @@ def topic_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
     return _table(f"  {space or 'topic'}", rows, _TOPIC_COLUMNS, width)
 
 
-def passage_line(view: StackView, width: int) -> TableLine | None:
+def age_line(view: StackView, width: int) -> TableLine | None:
     """How old the data is along its longest way; None where no node carries stamps on."""
-    carried = [topic for topic in view.topics if topic.passage and topic.passage.is_carried]
+    carried = [topic for topic in view.topics if topic.age and topic.age.is_carried]
     if not carried:
         return None
     topics = {topic.topic: topic for topic in view.topics}
@@ -126,15 +126,13 @@ def passage_line(view: StackView, width: int) -> TableLine | None:
         (
             topics[name]
             for name in way[0].made_from
-            if name in topics and topics[name].passage and topics[name] not in way
+            if name in topics and topics[name].age and topics[name] not in way
         ),
         None,
     ):
         way.insert(0, up)
     steps = (
-        f"{topic.topic.rpartition('/')[2]} {_ms(topic.passage.p50_s)}"
-        for topic in way
-        if topic.passage
+        f"{topic.topic.rpartition('/')[2]} {_ms(topic.age.p50_s)}" for topic in way if topic.age
     )
     return TableLine(text=_fitted(f"  age along the way [ms]: {' > '.join(steps)}", width))
 
@@ -157,11 +155,11 @@ def monitor_text(view: StackView, width: int, *, colour: bool) -> str:
         width: of the terminal [cells].
         colour: whether the terminal shows colours.
     """
-    passage = passage_line(view, width)
+    age = age_line(view, width)
     blocks: list[Sequence[TableLine]] = [
         [head_line(view, width)],
         node_lines(view, width),
-        [*topic_lines(view, width), *([passage] if passage else [])],
+        [*topic_lines(view, width), *([age] if age else [])],
         log_lines(view, width)[-ONCE_LINES:],
     ]
     lines = [line for block in blocks if block for line in (*block, TableLine(text=""))]
@@ -261,7 +259,7 @@ _TOPIC_COLUMNS: Final[tuple[_Column[TopicView], ...]] = (
         rank=4,
         cell=lambda topic: f"{topic.publishers}/{topic.subscriptions}",
     ),
-    _Column(title="wanted", width=6, rank=1, cell=lambda topic: _number(topic.wanted_hz)),
+    _Column(title="wanted", width=6, rank=1, cell=lambda topic: _number(topic.expected_hz)),
     _Column(
         title="Hz",
         width=6,
@@ -294,13 +292,13 @@ _TOPIC_COLUMNS: Final[tuple[_Column[TopicView], ...]] = (
         title="age ms",
         width=8,
         rank=3,
-        cell=lambda topic: _ms(topic.passage.p50_s if topic.passage else None),
+        cell=lambda topic: _ms(topic.age.p50_s if topic.age else None),
     ),
     _Column(
         title="p99 ms",
         width=8,
         rank=7,
-        cell=lambda topic: _ms(topic.passage.p99_s if topic.passage else None),
+        cell=lambda topic: _ms(topic.age.p99_s if topic.age else None),
     ),
 )
 

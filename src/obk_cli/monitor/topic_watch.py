@@ -81,9 +81,7 @@ class MessageAgeMeter:
         """Of the newest messages [ns]."""
         return self._stamps
 
-    def passage(
-        self, now_ns: int, upstream: "Collection[MessageAgeMeter]" = ()
-    ) -> MessageAge | None:
+    def age(self, now_ns: int, upstream: "Collection[MessageAgeMeter]" = ()) -> MessageAge | None:
         """What was measured by now; None without stamps, or if their clock is not known.
 
         Args:
@@ -222,16 +220,16 @@ class TopicWatch:
         if topic.name not in self._age_meters:
             self._subscribe_discovered(topic, found)
         own = self._participant.name
-        passage = self._age_meters.get(topic.name)
-        up = [meter for name in topic.made_from if (meter := self._age_meters.get(name))]
+        meter = self._age_meters.get(topic.name)
+        up = [one for name in topic.made_from if (one := self._age_meters.get(name))]
         return TopicView(
             topic=topic.name,
             msg_type=topic.msg_type or next(iter(found.msg_types), None),
             publishers=len(found.publishers),
             subscriptions=sum(end.node != own for end in found.subscriptions),
-            wanted_hz=topic.wanted_hz,
+            expected_hz=topic.expected_hz,
             rate=rates.get(topic.name),
-            passage=passage.passage(round(wall_s() * 1e9), up) if passage else None,
+            age=meter.age(round(wall_s() * 1e9), up) if meter else None,
             is_expected=self._is_expected(topic, active),
             made_from=topic.made_from,
         )
@@ -244,7 +242,7 @@ class TopicWatch:
         if not set(topic.publishers) <= set(active):
             self._expected_since[topic.name] = now
             return False
-        wait_s = FOUND_S + (PERIODS_TO_JUDGE / topic.wanted_hz if topic.wanted_hz else 0.0)
+        wait_s = FOUND_S + (PERIODS_TO_JUDGE / topic.expected_hz if topic.expected_hz else 0.0)
         return now - self._expected_since[topic.name] >= wait_s
 
     def _subscribe_planned(self, topic: PlannedTopic, msg_type: str) -> None:
@@ -264,11 +262,11 @@ class TopicWatch:
             return
 
     def _subscribe(self, topic: PlannedTopic, msg_type: str, python_type: Any) -> None:
-        window_s = max(WINDOW_S, PERIODS / topic.wanted_hz if topic.wanted_hz else 0.0)
-        passage = MessageAgeMeter(window_s, self._clock) if _begins_with_header(msg_type) else None
-        watch = passage.take if passage is not None else None
+        window_s = max(WINDOW_S, PERIODS / topic.expected_hz if topic.expected_hz else 0.0)
+        meter = MessageAgeMeter(window_s, self._clock) if _begins_with_header(msg_type) else None
+        watch = meter.take if meter is not None else None
         self._meter.add(topic.name, msg_type, python_type, watch, window_s=window_s, is_light=True)
-        self._age_meters[topic.name] = passage
+        self._age_meters[topic.name] = meter
         self._expected_since[topic.name] = monotonic_s()
 
     def _take_rtf(self, _received_ns: int, data: bytes, topic: str = "") -> None:

@@ -57,7 +57,7 @@ class RosGraph:
         Returns as soon as all expected ones are there; without any expected, when there are some
         and the graph has not changed for `quiet_s`; at the latest after `timeout_s`.
         """
-        wanted = frozenset(expected)
+        required = frozenset(expected)
         end = time.monotonic() + timeout_s
         seen: frozenset[str] = frozenset()
         changed = time.monotonic()
@@ -66,7 +66,7 @@ class RosGraph:
             if found != seen:
                 seen, changed = found, now
             is_quiet = bool(seen) and now - changed > quiet_s
-            if (wanted and wanted <= seen) or (not wanted and is_quiet):
+            if (required and required <= seen) or (not required and is_quiet):
                 break
             time.sleep(POLL_S)
         return tuple(sorted(seen))
@@ -76,11 +76,11 @@ class RosGraph:
 
         Returns when there are some, or once `discovery_s` have gone by since this node's start.
         """
-        wanted = frozenset(names)
+        taken = frozenset(names)
 
         def found() -> tuple[str, ...]:
             there = self._node.get_node_names_and_namespaces()
-            return tuple(sorted(wanted & {full_name(name, space) for name, space in there}))
+            return tuple(sorted(taken & {full_name(name, space) for name, space in there}))
 
         self._wait(lambda: bool(found()), discovery_s)
         return found()
@@ -98,11 +98,11 @@ class RosGraph:
             ours: full names of nodes that may publish on them.
             discovery_s: `OWN_DISCOVERY_S` for those of other stacks, `FOREIGN_DISCOVERY_S` for all.
         """
-        wanted, allowed = tuple(topics), frozenset(ours)
+        listed, allowed = tuple(topics), frozenset(ours)
 
         def found() -> set[tuple[str, str]]:
-            return {(t, name) for t in wanted for name in self._publishers(t)} - {
-                (t, name) for t in wanted for name in allowed
+            return {(t, name) for t in listed for name in self._publishers(t)} - {
+                (t, name) for t in listed for name in allowed
             }
 
         self._wait(lambda: any(name != UNNAMED for _, name in found()), discovery_s)

@@ -9,7 +9,7 @@ from typing import Any, Final
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.field_path import FieldsOf
 
-__all__ = ["Delay", "DelayMeter", "is_of_other_clock", "stamp_of"]
+__all__ = ["Delay", "DelayMeter", "is_of_other_clock", "stamp_getter"]
 
 OTHER_CLOCK_NS: Final = 10**16
 """About four months; farther apart are only stamps of another clock, such as a simulator's."""
@@ -98,8 +98,8 @@ class DelayMeter:
     def _pace(self) -> float:
         """From the first message to the last."""
         (first_ns, first_stamp_ns), (last_ns, last_stamp_ns) = self._taken[0], self._taken[-1]
-        passed_ns, told_ns = last_ns - first_ns, last_stamp_ns - first_stamp_ns
-        return told_ns / passed_ns if passed_ns > 0 and told_ns > 0 else 1.0
+        passed_ns, stamped_ns = last_ns - first_ns, last_stamp_ns - first_stamp_ns
+        return stamped_ns / passed_ns if passed_ns > 0 and stamped_ns > 0 else 1.0
 
     def _above_the_quickest(self, pace: float) -> list[float]:
         """Delays in wall time [ns]."""
@@ -116,8 +116,8 @@ TIME: Final = "builtin_interfaces/Time"
 NS: Final = 1_000_000_000
 
 
-def stamp_of(msg_type: str, fields_of: FieldsOf) -> Callable[[Any], int]:
-    """What takes the stamp [ns] out of messages of a type.
+def stamp_getter(msg_type: str, fields_of: FieldsOf) -> Callable[[Any], int]:
+    """A function that returns the stamp of a message [ns].
 
     Args:
         msg_type: `pkg/Name`.

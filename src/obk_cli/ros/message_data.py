@@ -155,8 +155,8 @@ class _Filler:
         low, high = INTEGERS[name]
         if isinstance(number, int) and low <= number <= high:
             return number
-        wanted = f"a whole number from {low} to {high} ({name})"
-        self._note(place, f"expected {wanted}, got {_shown(value)}")
+        expected = f"a whole number from {low} to {high} ({name})"
+        self._note(place, f"expected {expected}, got {_shown(value)}")
         return 0
 
     def _note(self, place: str, fault: str) -> None:

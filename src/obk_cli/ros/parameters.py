@@ -83,28 +83,28 @@ def parse_parameter(text: str) -> NodeParameter:
     return NodeParameter(kind=kind, value=value)  # type: ignore[arg-type]
 
 
-def fit_parameter(text: str, given: NodeParameter, wanted: str) -> NodeParameter:
+def fit_parameter(text: str, given: NodeParameter, kind: str) -> NodeParameter:
     """What was given, as the type of the parameter takes it; unchanged where it does not.
 
     Args:
         text: as the user has it.
         given: what it stands for.
-        wanted: the parameter's type, one of `KINDS`.
+        kind: the parameter's type, one of `KINDS`.
     """
     value = given.value
-    if wanted == "double" and isinstance(value, int) and not isinstance(value, bool):
-        return NodeParameter(kind=wanted, value=float(value))
-    if wanted == "bool" and isinstance(value, str) and value.lower() in _SWITCHES:
-        return NodeParameter(kind=wanted, value=_SWITCHES[value.lower()])
-    if wanted == "string" and not isinstance(value, str | tuple):
-        return NodeParameter(kind=wanted, value=text)
-    if isinstance(value, tuple) and wanted.endswith(ARRAY):
+    if kind == "double" and isinstance(value, int) and not isinstance(value, bool):
+        return NodeParameter(kind=kind, value=float(value))
+    if kind == "bool" and isinstance(value, str) and value.lower() in _SWITCHES:
+        return NodeParameter(kind=kind, value=_SWITCHES[value.lower()])
+    if kind == "string" and not isinstance(value, str | tuple):
+        return NodeParameter(kind=kind, value=text)
+    if isinstance(value, tuple) and kind.endswith(ARRAY):
         if not value:
-            return NodeParameter(kind=wanted, value=())
-        if wanted == "double_array" and given.kind == "integer_array":
-            return NodeParameter(kind=wanted, value=tuple(float(item) for item in value))
-        if wanted == "byte_array" and all(isinstance(i, int) and 0 <= i < 256 for i in value):
-            return NodeParameter(kind=wanted, value=value)
+            return NodeParameter(kind=kind, value=())
+        if kind == "double_array" and given.kind == "integer_array":
+            return NodeParameter(kind=kind, value=tuple(float(item) for item in value))
+        if kind == "byte_array" and all(isinstance(i, int) and 0 <= i < 256 for i in value):
+            return NodeParameter(kind=kind, value=value)
     return given
 
 

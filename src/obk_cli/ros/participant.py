@@ -218,7 +218,7 @@ class RosParticipant:
         Returns:
             Whether they came; without any expected, whether there is any node.
         """
-        wanted = frozenset(expected)
+        required = frozenset(expected)
         seen: object = None
         changed = time.monotonic()
         while True:
@@ -226,8 +226,8 @@ class RosParticipant:
             entries = (nodes, self.topic_types(), self.service_types())
             if entries != seen:
                 seen, changed = entries, now
-            is_all = wanted <= set(nodes) and bool(nodes)
-            is_quiet = now - changed > (QUIET_S if wanted else quiet_s)
+            is_all = required <= set(nodes) and bool(nodes)
+            is_quiet = now - changed > (QUIET_S if required else quiet_s)
             if (is_all and is_quiet) or now > self._begin + timeout_s:
                 return is_all
             time.sleep(POLL_S)

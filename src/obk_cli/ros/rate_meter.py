@@ -54,7 +54,7 @@ class TopicRate:
 class Meter:
     """Counts the messages of one topic."""
 
-    __slots__ = ("_lost", "_received", "_sizes", "_tally", "_window_ns", "bytes", "publishers")
+    __slots__ = ("_drops", "_lost", "_received", "_sizes", "_window_ns", "bytes", "publishers")
 
     def __init__(self, window_s: float) -> None:
         """Begin with none.
@@ -66,7 +66,7 @@ class Meter:
         self._received: deque[int] = deque(maxlen=MOST_KEPT)
         self._sizes: deque[int] = deque(maxlen=MOST_KEPT)
         self._lost: deque[int] = deque(maxlen=MOST_KEPT)
-        self._tally = DropCounter()
+        self._drops = DropCounter()
         self.publishers = 0
         """The number of publishers now; set by the caller."""
         self.bytes = 0
@@ -75,7 +75,7 @@ class Meter:
     @property
     def count(self) -> int:
         """Messages since the beginning."""
-        return self._tally.count
+        return self._drops.count
 
     def take(self, received_ns: int, size: int, sequence: int) -> None:
         """Count a message.
@@ -85,10 +85,10 @@ class Meter:
             size: of the serialized message [bytes].
             sequence: its number among those of its publisher, from 1.
         """
-        self._tally.take(sequence, self.publishers)
+        self._drops.take(sequence, self.publishers)
         self._received.append(received_ns)
         self._sizes.append(size)
-        self._lost.append(self._tally.dropped)
+        self._lost.append(self._drops.dropped)
         self.bytes += size
 
     def rate(self, now_ns: int) -> TopicRate:
@@ -100,7 +100,7 @@ class Meter:
         self._forget(now_ns - self._window_ns)
         times = self._received
         seen = len(times)
-        lost = self._tally.dropped if self.publishers <= 1 else None
+        lost = self._drops.dropped if self.publishers <= 1 else None
         age_s = (now_ns - times[-1]) * _NS if times else None
         without_rate = TopicRate(count=self.count, lost=lost, seen=seen, window_s=0.0, age_s=age_s)
         span_ns = times[-1] - times[0] if seen > 1 else 0

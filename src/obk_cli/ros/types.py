@@ -289,8 +289,8 @@ def _parts(name: str) -> list[str]:
 
 def _digest(type_hash: str) -> bytes:
     """The 32 bytes of a hash; zeros if there is none, as with an older ROS 2."""
-    is_told = type_hash.startswith(HASH_PREFIX)
-    return bytes.fromhex(type_hash.removeprefix(HASH_PREFIX)) if is_told else bytes(32)
+    is_reported = type_hash.startswith(HASH_PREFIX)
+    return bytes.fromhex(type_hash.removeprefix(HASH_PREFIX)) if is_reported else bytes(32)
 
 
 def _copy(kind: Any, address: int | None) -> Any:

@@ -19,18 +19,18 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan, Process
 
 __all__ = [
-    "MadeFrom",
     "Run",
+    "RunOrigin",
     "config_of",
     "make_run_folder",
+    "plan_of_run",
     "read_record",
     "read_run",
     "read_runs",
     "record_end",
     "run_folders",
-    "run_plan",
-    "run_topics",
     "runs_folder",
+    "topics_of_run",
     "write_run",
 ]
 
@@ -75,7 +75,7 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MadeFrom:
+class RunOrigin:
     """What a run was made from."""
 
     plan: str
@@ -131,7 +131,7 @@ def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
     raise FileExistsError(f"{parent / stem}: there are 99 runs of this second")
 
 
-def write_run(folder: Path, run: Run, made_from: MadeFrom | None = None) -> None:
+def write_run(folder: Path, run: Run, made_from: RunOrigin | None = None) -> None:
     """Write a run's `run.json`, whole or not at all; what it was made from stays once it is there.
 
     Raises:
@@ -235,16 +235,16 @@ class _KeptPlan(Plan):
     processes: tuple[_KeptProcess, ...]
 
 
-def run_topics(folder: Path) -> Mapping[str, str | None]:
+def topics_of_run(folder: Path) -> Mapping[str, str | None]:
     """The topics of a run's plan with the types that it knows, read from what the run keeps."""
     found: dict[str, str | None] = {}
-    for process in run_plan(folder).processes:
+    for process in plan_of_run(folder).processes:
         for end in (*process.publishes, *process.subscribes):
             found[end.topic] = found.get(end.topic) or end.msg_type
     return found
 
 
-def run_plan(folder: Path) -> Plan:
+def plan_of_run(folder: Path) -> Plan:
     """A run's config as compiled; empty if its folder keeps none that can be read.
 
     Parameters that JSON cannot hold are texts, as `emit_plan` writes them: `.inf`, `.nan`.

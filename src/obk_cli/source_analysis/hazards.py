@@ -165,7 +165,7 @@ def find_hazards(module: str, function: str | None, load: LoadModule) -> tuple[D
         if entry is not None:
             for block in reached_code(entry_function(entry, function, library), library):
                 for name, hazard in _hazards_of(block):
-                    # The first place of a file stands for all of the same.
+                    # Each hazard is reported once per file, where it first occurs.
                     hazards.setdefault((hazard.code, hazard.span.path, name), hazard)
     except (UnreadableSourceError, RecursionError):
         return ()  # OBK410 reports it, or no check can read it

@@ -138,17 +138,17 @@ def check_imports(
 
 
 def _names_without(
-    name: str, wanted: str, library: ModuleLibrary, places: ImportPlaces
+    name: str, imported: str, library: ModuleLibrary, places: ImportPlaces
 ) -> frozenset[str] | None:
-    """What a module defines, if that can be seen and does not include `wanted`."""
+    """What a module defines, if that can be seen and does not include `imported`."""
     messages = places.message_names(name)
     if messages is not None:
-        return None if wanted in messages or wanted.startswith("_") else frozenset(messages)
+        return None if imported in messages or imported.startswith("_") else frozenset(messages)
     module = _readable(name, library) if places.is_read(name) else None
     names = None if module is None else module.bound_names
-    if module is None or names is None or wanted in names or wanted.startswith("__"):
+    if module is None or names is None or imported in names or imported.startswith("__"):
         return None
-    is_module = module.is_package and places.may_exist(f"{name}.{wanted}")
+    is_module = module.is_package and places.may_exist(f"{name}.{imported}")
     return None if is_module else names
 
 

@@ -180,8 +180,8 @@ class PageApi:
         """Connect the page to its sources.
 
         Args:
-            moment: returns the newest snapshot.
-            drawn: the fields that pages draw.
+            snapshot: returns the newest snapshot.
+            fields: the fields that pages draw.
             change: carries transitions out.
             is_ending: whether the streams are to end.
         """

@@ -14,7 +14,7 @@ from obk_cli.emit.svg import emit_svg
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.model import StackView, Views
 from obk_cli.plan.plan import Plan
-from obk_cli.runs.folder import run_plan
+from obk_cli.runs.folder import plan_of_run
 
 __all__ = ["Feed", "Snapshot", "live_picture"]
 
@@ -96,7 +96,7 @@ class Feed:
         )
 
     def _picture(self, run: str) -> str:
-        return live_picture(run_plan(self._runs / run)) if run else ""
+        return live_picture(plan_of_run(self._runs / run)) if run else ""
 
 
 def live_picture(plan: Plan) -> str:

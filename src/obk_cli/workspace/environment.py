@@ -134,8 +134,8 @@ class MachineEnvironment:
         if path not in self._models:
             self._note_all(mjcf_files(path) if self._note else ())
             read = read_model_once(path, self._cache) if has_mujoco() else None
-            wanted = read.wanted_files if isinstance(read, ModelRead) else ()
-            self._note_all(path.parent / file for pair in wanted for file in pair)
+            referenced = read.referenced_files if isinstance(read, ModelRead) else ()
+            self._note_all(path.parent / file for pair in referenced for file in pair)
             self._models[path] = read
         return self._models[path]
 

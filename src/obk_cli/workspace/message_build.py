@@ -93,7 +93,7 @@ class Survey:
 
     workspace: Path
     packages: tuple[SurveyedPackage, ...]
-    gone: tuple[str, ...]
+    removed: tuple[str, ...]
     """Packages that the overlay has and the workspace no more, or installed ones."""
     ros: str
     conflicts: "tuple[Conflict, ...]"
@@ -106,7 +106,7 @@ class Survey:
     @property
     def is_current(self) -> bool:
         """Whether the overlay is what a build would make of it."""
-        return not self.stale and not self.gone
+        return not self.stale and not self.removed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,8 +200,8 @@ def survey_workspace(workspace: Path, underlays: Sequence[Path]) -> Survey:
     packages, conflicts = find_message_packages(workspace)
     record = read_record(workspace)
     if not packages:
-        gone = tuple(record.packages) if record else ()
-        return Survey(workspace=workspace, packages=(), gone=gone, ros="", conflicts=())
+        removed = tuple(record.packages) if record else ()
+        return Survey(workspace=workspace, packages=(), removed=removed, ros="", conflicts=())
     prefixes = Prefixes(layers=tuple(underlays), ros=find_ros_prefix())
     surveyed: dict[str, SurveyedPackage] = {}
     for package in packages:
@@ -210,7 +210,7 @@ def survey_workspace(workspace: Path, underlays: Sequence[Path]) -> Survey:
     return Survey(
         workspace=workspace,
         packages=tuple(surveyed.values()),
-        gone=tuple(name for name in (record.packages if record else ()) if name not in kept),
+        removed=tuple(name for name in (record.packages if record else ()) if name not in kept),
         ros=str(prefixes.ros),
         conflicts=conflicts,
     )
@@ -444,7 +444,7 @@ def _build_into(
     options: BuildOptions,
     callbacks: BuildCallbacks,
 ) -> tuple[str, ...]:
-    for name in survey.gone:
+    for name in survey.removed:
         remove_package(name, stage)
         rmtree(build_folder(survey.workspace) / name, ignore_errors=True)
     if not chosen:
@@ -500,7 +500,7 @@ def _record(
     before = read_record(survey.workspace)
     packages = dict(before.packages) if before and before.builder == builder else {}
     known = {one.name for one in survey.packages}
-    kept = {name: built for name, built in packages.items() if name in known - set(survey.gone)}
+    kept = {name: built for name, built in packages.items() if name in known - set(survey.removed)}
     for one in chosen:
         source = one.package.root
         if source.is_relative_to(survey.workspace):
@@ -529,6 +529,6 @@ def _outcome(survey: Survey, built: tuple[str, ...], started: float) -> BuildRes
             one.name for one in survey.packages if one.name in present and one.name not in built
         ),
         installed=tuple(one.name for one in survey.packages if one.state == "installed"),
-        removed=survey.gone,
+        removed=survey.removed,
         duration_s=monotonic_s() - started,
     )

@@ -47,10 +47,10 @@ def read_model_once(path: Path, folder: Path | None) -> ModelRead | ModelFault:
     entry = folder / f"{key}.json"
     known = _read_entry(entry)
     if known is not None:
-        facts, wanted, was_compiled = known
-        missing = missing_files(wanted, path)
+        facts, referenced, was_compiled = known
+        missing = missing_files(referenced, path)
         if missing or was_compiled:
-            return ModelRead(facts=facts, wanted_files=wanted, missing_files=missing)
+            return ModelRead(facts=facts, referenced_files=referenced, missing_files=missing)
     read = read_model_bounded(path)
     if isinstance(read, ModelRead) and read.fault is None:
         _write_entry(entry, read)
@@ -77,15 +77,15 @@ def _key(path: Path) -> str | None:
 
 
 def _read_entry(entry: Path) -> tuple[ModelFacts, tuple[tuple[str, str], ...], bool] | None:
-    """Facts, wanted files, and whether all of those were there and the model compiled."""
+    """Facts, referenced files, and whether all of those were there and the model compiled."""
     try:
         held = json.loads(entry.read_text(encoding="utf-8"))
         facts = held["facts"]
         sensors = {name: SensorFact(**sensor) for name, sensor in facts["sensors"].items()}
         names = {key: tuple(facts[key]) for key in ("bodies", "sites", "cameras", "keyframes")}
-        wanted = tuple((str(relative), str(written)) for relative, written in held["wanted_files"])
+        referenced = tuple((str(file), str(written)) for file, written in held["referenced_files"])
         whole = ModelFacts(**{**facts, **names, "sensors": sensors})
-        return whole, wanted, bool(held["was_compiled"])
+        return whole, referenced, bool(held["was_compiled"])
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
 
@@ -94,7 +94,7 @@ def _write_entry(entry: Path, read: ModelRead) -> None:
     text = json.dumps(
         {
             "facts": asdict(read.facts),
-            "wanted_files": read.wanted_files,
+            "referenced_files": read.referenced_files,
             "was_compiled": not read.missing_files,
         }
     )

@@ -136,12 +136,12 @@ def read_model(path: Path) -> ModelRead | ModelFault:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
         return _fault(str(error))
-    wanted = _wanted_files(spec, path)
+    referenced = _referenced_files(spec, path)
     facts = read_model_facts(spec)
-    missing = missing_files(wanted, path)
+    missing = missing_files(referenced, path)
     return ModelRead(
         facts=facts,
-        wanted_files=wanted,
+        referenced_files=referenced,
         missing_files=missing,
         fault=None if missing else _compile_fault(spec),
     )
@@ -178,11 +178,11 @@ def _fault(text: str) -> ModelFault:
     return ModelFault(message=_NOISE.sub("", sentence), line=int(line[1]) if line else None)
 
 
-def _wanted_files(spec: Any, path: Path) -> tuple[tuple[str, str], ...]:
+def _referenced_files(spec: Any, path: Path) -> tuple[tuple[str, str], ...]:
     """Meshes and textures: under their folder, and as written."""
     compiler = spec.compiler
     folders = ((spec.meshes, compiler.meshdir), (spec.textures, compiler.texturedir))
-    wanted = ((folder, e.file) for elements, folder in folders for e in elements if e.file)
+    referenced = ((folder, e.file) for elements, folder in folders for e in elements if e.file)
     # A file of an included model comes with its folder in front, its `meshdir` not yet applied.
     return tuple(
         (
@@ -191,17 +191,17 @@ def _wanted_files(spec: Any, path: Path) -> tuple[tuple[str, str], ...]:
             else str(Path(folder) / file),
             file,
         )
-        for folder, file in wanted
+        for folder, file in referenced
     )
 
 
-def missing_files(wanted: Iterable[tuple[str, str]], path: Path) -> tuple[str, ...]:
+def missing_files(referenced: Iterable[tuple[str, str]], path: Path) -> tuple[str, ...]:
     """The files that are in neither place, of those that the model at `path` wants."""
     folder = path.parent
     return tuple(
         dict.fromkeys(
             relative
-            for relative, written in wanted
+            for relative, written in referenced
             # `Path.is_file` raises at a name that no file can have, and in a closed folder. A pipe
             # is no file: MuJoCo would wait for it.
             if not os.path.isfile(folder / written)  # noqa: PTH113

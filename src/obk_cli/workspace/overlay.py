@@ -223,16 +223,16 @@ def build_lock(workspace: Path, on_wait: Callable[[str], None]) -> Iterator[None
 
 def _wait(descriptor: int, path: Path, on_wait: Callable[[str], None]) -> None:
     deadline = time.monotonic() + TURN_S
-    has_told = False
+    has_reported = False
     while True:
         with suppress(BlockingIOError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return
         owner = path.read_text().strip()
         who = f"process {owner}" if owner else "another process"
-        if not has_told:
+        if not has_reported:
             on_wait(f"{who} builds in this workspace; waiting for it")
-            has_told = True
+            has_reported = True
         if time.monotonic() > deadline:
             raise CommandFailedError(
                 f"{who} has been building for {TURN_S / 60:g} min", help="end it if it hangs"

@@ -45,7 +45,7 @@ def second(kept: float = 1.0, stolen_percent: float = 0.0, idle_percent: float =
 
 
 def node(standing: str) -> dict[str, Any]:
-    rate = {"name": "timer", "standing": standing, "measured_hz": 900.0, "wanted_hz": 1000.0}
+    rate = {"name": "timer", "standing": standing, "measured_hz": 900.0, "expected_hz": 1000.0}
     return {"node": "/a", "rates": [rate]}
 
 

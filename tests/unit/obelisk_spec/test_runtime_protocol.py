@@ -16,7 +16,7 @@ from obelisk_spec.runtime_protocol import (
 
 RATE = Rate(
     name="timer_ctrl",
-    wanted_hz=1000.0,
+    expected_hz=1000.0,
     measured_hz=187.5,
     ticks=4211,
     overruns=3,
@@ -49,8 +49,8 @@ def test_the_level_is_the_standing(standing: str) -> None:
     [
         ("motor temperature", 0, {}),
         ("a: b", 3, {}),
-        ("a: b", 0, {"wanted_hz": "much"}),
-        ("a: b", 0, {"wanted_hz": "0"}),
+        ("a: b", 0, {"expected_hz": "much"}),
+        ("a: b", 0, {"expected_hz": "0"}),
         ("a: b", 0, {"measured_hz": "nan"}),
         ("a: b", 0, {"late_p99_us": "inf"}),
         ("a: b", 0, {"ticks": "1.5"}),

@@ -59,10 +59,10 @@ def test_a_status_round_trips(state):
 @pytest.mark.parametrize(
     ("name", "values"),
     [
-        ("robot: timer_film", {"state": "finished", "path": "/here/out.mp4"}),
-        ("robot: film", {"state": "lost", "path": "/here/out.mp4"}),
-        ("robot: film", {"state": "finished"}),
-        ("robot: film", {}),
+        ("robot: timer_video", {"state": "finished", "path": "/here/out.mp4"}),
+        ("robot: video", {"state": "lost", "path": "/here/out.mp4"}),
+        ("robot: video", {"state": "finished"}),
+        ("robot: video", {}),
     ],
 )
 def test_a_status_about_something_else_is_not_a_video(name, values):

@@ -38,7 +38,7 @@ RULES: tuple[Rule, ...] = (
         severity="info",
         title="published and never read",
         cause="Nothing in the config subscribes to the topic.",
-        fix="Nothing, if a tool or another stack reads it.",
+        fix="None is needed if a tool or another stack reads it; otherwise remove the publisher.",
     ),
     Rule(
         code="OBK205",

@@ -35,5 +35,5 @@ export async function showGraph(view) {
 
 function rateText(topic) {
   const measured = topic.rate.rate_hz === null ? "0" : rate(topic.rate.rate_hz);
-  return topic.wanted_hz === null ? `${measured} Hz` : `${measured} of ${rate(topic.wanted_hz)} Hz`;
+  return topic.expected_hz === null ? `${measured} Hz` : `${measured} of ${rate(topic.expected_hz)} Hz`;
 }

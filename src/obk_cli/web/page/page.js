@@ -92,7 +92,7 @@ function showNodes(shown) {
     const broken = node.promises.filter((promise) => promise.standing !== "kept");
     const words = [
       node.restarts ? `started again ${node.restarts}×` : "",
-      ...broken.map((one) => `${one.name} ${rate(one.measured_hz)} of ${rate(one.wanted_hz)} Hz`),
+      ...broken.map((one) => `${one.name} ${rate(one.measured_hz)} of ${rate(one.expected_hz)} Hz`),
     ].filter(Boolean);
     setText(name.lastChild, words.join(", "));
     name.lastChild.hidden = !words.length;
@@ -129,9 +129,9 @@ function showTopics(shown) {
     ].join("\n");
     row.classList.toggle("off", topic.is_off);
     setText(measured, topic.rate ? rate(topic.rate.rate_hz ?? 0) : MISSING);
-    setText(wanted, rate(topic.wanted_hz));
+    setText(wanted, rate(topic.expected_hz));
     setText(jitter, milliseconds(topic.rate?.jitter_s));
-    setText(age, milliseconds(topic.passage?.p50_s));
+    setText(age, milliseconds(topic.age?.p50_s));
   });
 }
 

@@ -10,7 +10,7 @@ def the_one(findings: Iterable[Finding], severity: str) -> Finding:
     found = [finding for finding in findings if finding.severity == severity]
     assert len(found) == 1, found
     if severity in ("error", "warning"):
-        assert found[0].cure
+        assert found[0].fix
     return found[0]
 
 

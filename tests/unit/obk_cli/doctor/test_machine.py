@@ -65,11 +65,11 @@ def test_a_machine_without_shared_memory_is_reported() -> None:
 
 def test_shared_memory_that_cannot_be_written_is_reported() -> None:
     found = the_one(judge_shared_memory(replace(MEMORY, fault="Permission denied")), "warning")
-    assert found.cure.endswith("sudo chmod 1777 /dev/shm")
+    assert found.fix.endswith("sudo chmod 1777 /dev/shm")
 
 
 @pytest.mark.parametrize(
-    ("total_bytes", "cure"),
+    ("total_bytes", "fix"),
     [
         (
             64 * MIB,
@@ -79,15 +79,15 @@ def test_shared_memory_that_cannot_be_written_is_reported() -> None:
     ],
 )
 def test_little_room_in_shared_memory_is_cured_by_size_or_by_clearing(
-    total_bytes: int, cure: str
+    total_bytes: int, fix: str
 ) -> None:
     world = replace(MEMORY, total_bytes=total_bytes, free_bytes=20 * MIB)
     found = the_one(judge_shared_memory(world), "warning")
-    assert found.cure == cure
+    assert found.fix == fix
 
 
 def test_many_files_of_dds_are_noted() -> None:
-    assert the_one(judge_shared_memory(replace(MEMORY, dds_files=900)), "note").cure == "obk reap"
+    assert the_one(judge_shared_memory(replace(MEMORY, dds_files=900)), "note").fix == "obk reap"
 
 
 def test_a_missing_compiler_is_reported_with_what_to_install() -> None:
@@ -96,7 +96,7 @@ def test_a_missing_compiler_is_reported_with_what_to_install() -> None:
 
 def test_a_missing_mujoco_is_reported() -> None:
     found = the_one(judge_mujoco(replace(MUJOCO, version=None)), "warning")
-    assert found.cure == install_command("sim")
+    assert found.fix == install_command("sim")
 
 
 def test_a_mujoco_that_does_not_step_is_an_error() -> None:
@@ -109,21 +109,21 @@ def test_a_back_end_that_crashes_is_noted_and_the_others_count() -> None:
     back_ends = {**MUJOCO.back_ends, "osmesa": CRASHED_DRAWING}
     found = [*judge_mujoco(replace(MUJOCO, back_ends=back_ends))]
     told = the_one(found, "note")
-    assert told.cure == "apt install libosmesa6"
+    assert told.fix == "apt install libosmesa6"
 
 
 def test_the_chosen_back_end_that_does_not_draw_is_reported_with_one_that_does() -> None:
     back_ends = {"egl": DRAWN, "osmesa": replace(DRAWN, has_drawn=False)}
     found = [*judge_mujoco(replace(MUJOCO, chosen="osmesa", back_ends=back_ends))]
     told = the_one(found, "warning")
-    assert told.cure == "export MUJOCO_GL=egl"
+    assert told.fix == "export MUJOCO_GL=egl"
 
 
 def test_without_a_display_nothing_is_to_be_done_for_glfw() -> None:
     back_ends = {"egl": DRAWN, "glfw": CRASHED_DRAWING}
     world = replace(MUJOCO, has_display=False, back_ends=back_ends)
     found = the_one(judge_mujoco(world), "note")
-    assert (found.message.endswith("; it needs a display"), found.cure) == (True, "")
+    assert (found.message.endswith("; it needs a display"), found.fix) == (True, "")
 
 
 def test_no_back_end_at_all_is_reported_once() -> None:
@@ -132,12 +132,10 @@ def test_no_back_end_at_all_is_reported_once() -> None:
     the_one(found, "warning")
 
 
-@pytest.mark.parametrize(
-    ("is_ssh", "cure"), [(True, "ssh -X ..."), (False, "export MUJOCO_GL=egl")]
-)
-def test_no_display_is_noted(is_ssh: bool, cure: str) -> None:
+@pytest.mark.parametrize(("is_ssh", "fix"), [(True, "ssh -X ..."), (False, "export MUJOCO_GL=egl")])
+def test_no_display_is_noted(is_ssh: bool, fix: str) -> None:
     found = the_one(judge_display(DisplayFacts(names=(), fault="", is_ssh=is_ssh)), "note")
-    assert found.cure == cure
+    assert found.fix == fix
 
 
 def test_a_display_that_does_not_answer_is_noted() -> None:
@@ -147,7 +145,7 @@ def test_a_display_that_does_not_answer_is_noted() -> None:
 
 def test_no_realtime_priority_is_noted_with_the_line_for_this_user() -> None:
     world = replace(REALTIME, got_priority=False, highest_priority=0)
-    assert the_one(judge_realtime(world), "note").cure == (
+    assert the_one(judge_realtime(world), "note").fix == (
         "echo 'ada - rtprio 98' | sudo tee -a /etc/security/limits.d/obelisk.conf"
         "    # then log in again"
     )
@@ -185,7 +183,7 @@ def test_a_slow_clock_is_noted(world: CpuFacts, measured: tuple[str, int]) -> No
 
 def test_a_folder_that_cannot_be_written_is_reported_with_what_moves_it() -> None:
     found = the_one(judge_folders((replace(FOLDER, fault="Read-only file system"),)), "warning")
-    assert found.cure.startswith("export OBK_HOME=")
+    assert found.fix.startswith("export OBK_HOME=")
 
 
 def test_a_user_without_a_place_for_a_folder_is_reported() -> None:

@@ -31,14 +31,14 @@ def test_a_loopback_that_is_down_is_an_error() -> None:
     down = "Network is unreachable"
     world = replace(MULTICAST, unicast_fault=down, loopback_fault=down, network_fault=down)
     found = [*judge_multicast(world)]
-    assert the_one(found, "error").cure == "sudo ip link set lo up"
+    assert the_one(found, "error").fix == "sudo ip link set lo up"
     assert severities(found) == ["error"]  # the rest follows from it
 
 
 def test_multicast_that_fails_on_loopback_is_told_with_the_cure() -> None:
     found = [*judge_multicast(replace(MULTICAST, loopback_fault="No such device"))]
     warned = the_one(found, "warning")
-    assert warned.cure.startswith("sudo ip link set lo up multicast on")
+    assert warned.fix.startswith("sudo ip link set lo up multicast on")
     the_one(found, "ok")
 
 
@@ -56,7 +56,7 @@ def test_processes_that_take_long_to_hear_each_other_are_noted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("range_", "cure"),
+    ("range_", "fix"),
     [
         (
             "OFF",
@@ -69,11 +69,11 @@ def test_processes_that_take_long_to_hear_each_other_are_noted() -> None:
         ("SUBNET", "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST obk doctor discovery"),
     ],
 )
-def test_processes_that_never_hear_each_other_are_an_error(range_: str, cure: str) -> None:
+def test_processes_that_never_hear_each_other_are_an_error(range_: str, fix: str) -> None:
     late = replace(DONE, end="timed out", seconds=10.0)
     world = replace(DISCOVERY, trial=late, first_answer_s=None, round_trip_ms=None, range=range_)
     found = the_one(judge_discovery(world), "error")
-    assert found.cure == cure
+    assert found.fix == fix
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_a_compiler_that_the_user_chose_and_that_fails_is_to_be_unset(
         monkeypatch.setenv("CC", command)
         facts = probe_compiler()
         assert facts.fault.startswith(complaint)
-        assert facts.cure == "unset CC"
+        assert facts.fix == "unset CC"
 
 
 def test_a_domain_that_is_none_is_told_by_discovery_too(monkeypatch: pytest.MonkeyPatch) -> None:

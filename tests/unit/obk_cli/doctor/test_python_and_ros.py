@@ -58,16 +58,16 @@ def test_a_python_without_ros_wheels_is_told() -> None:
 
 def test_the_systems_own_python_is_noted() -> None:
     found = the_one(judge_python(replace(PYTHON, is_virtual=False)), "note")
-    assert found.cure == "python3 -m venv .venv"
+    assert found.fix == "python3 -m venv .venv"
 
 
 def test_an_obk_that_is_not_installed_is_told() -> None:
     found = the_one(judge_python(replace(PYTHON, obk_version=None)), "warning")
-    assert found.cure.startswith("pip install --editable ")
+    assert found.fix.startswith("pip install --editable ")
 
 
 @pytest.mark.parametrize(
-    ("machine", "sourceable", "cure"),
+    ("machine", "sourceable", "fix"),
     [
         ("x86_64", (), install_command("ros")),
         ("aarch64", (), "apt install ros-jazzy-ros-base && . /opt/ros/jazzy/setup.sh"),
@@ -75,10 +75,10 @@ def test_an_obk_that_is_not_installed_is_told() -> None:
     ],
 )
 def test_without_ros_the_cure_is_the_one_for_this_machine(
-    machine: str, sourceable: tuple[str, ...], cure: str
+    machine: str, sourceable: tuple[str, ...], fix: str
 ) -> None:
     world = replace(ROS, rclpy_folder=None, machine=machine, sourceable=sourceable)
-    assert the_one(judge_ros(world), "error").cure == cure
+    assert the_one(judge_ros(world), "error").fix == fix
 
 
 def test_a_sourced_ros_of_another_distribution_than_the_wheels_is_told() -> None:
@@ -98,7 +98,7 @@ def test_wheels_of_other_versions_are_told_with_both() -> None:
 def test_a_domain_that_is_none_is_an_error() -> None:
     world = replace(RMW, domain=None, domain_fault="ROS_DOMAIN_ID=x is not a number")
     found = the_one(judge_rmw(world), "error")
-    assert (found.message, found.cure) == (world.domain_fault, "export ROS_DOMAIN_ID=0")
+    assert (found.message, found.fix) == (world.domain_fault, "export ROS_DOMAIN_ID=0")
 
 
 def test_no_middleware_is_an_error() -> None:
@@ -106,16 +106,16 @@ def test_no_middleware_is_an_error() -> None:
 
 
 @pytest.mark.parametrize(
-    ("sentence", "cure"),
+    ("sentence", "fix"),
     [
         ("RMW_IMPLEMENTATION=rmw_x is not installed here", "unset RMW_IMPLEMENTATION"),
         ("ROS cannot write its log files into /h/.ros/log", "export ROS_LOG_DIR=/tmp/ros-logs"),
         ("ROS_LOCALHOST_ONLY=1 keeps devices apart", "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"),
     ],
 )
-def test_what_obk_changes_for_its_processes_is_told(sentence: str, cure: str) -> None:
+def test_what_obk_changes_for_its_processes_is_told(sentence: str, fix: str) -> None:
     found = the_one(judge_rmw(replace(RMW, notes=(sentence,))), "warning")
-    assert (found.message, found.cure) == (sentence, cure)
+    assert (found.message, found.fix) == (sentence, fix)
 
 
 def test_another_middleware_that_works_is_noted() -> None:
@@ -124,14 +124,14 @@ def test_another_middleware_that_works_is_noted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("has_sources", "cure"), [(True, "make setup"), (False, install_command("ros"))]
+    ("has_sources", "fix"), [(True, "make setup"), (False, install_command("ros"))]
 )
-def test_messages_that_cannot_be_loaded_are_an_error(has_sources: bool, cure: str) -> None:
+def test_messages_that_cannot_be_loaded_are_an_error(has_sources: bool, fix: str) -> None:
     world = replace(
         INTERFACES, faults={"obelisk_std_msgs": "no such file"}, loaded=(), has_sources=has_sources
     )
     found = the_one(judge_interfaces(world), "error")
-    assert found.cure == cure
+    assert found.fix == fix
 
 
 def test_definitions_that_changed_since_they_were_compiled_are_told() -> None:

@@ -52,7 +52,7 @@ def test_a_check_that_hangs_costs_only_its_own_answer(monkeypatch: pytest.Monkey
     checks = (Check(name="hangs", about="", find=hang), check("well", ok("fine")))
     late, well = examine(checks, timeout_s=DEADLINE_S, on_pending=let_time_pass)
     for_ever.set()
-    assert the_one(late.findings, "warning").cure.startswith("obk doctor hangs")
+    assert the_one(late.findings, "warning").fix.startswith("obk doctor hangs")
     assert the_one(well.findings, "ok").message == "fine"
 
 
@@ -62,7 +62,7 @@ def test_a_fault_of_the_surroundings_is_an_error_with_its_help() -> None:
 
     (answer,) = examine((Check(name="x", about="", find=fail),), timeout_s=DEADLINE_S)
     found = the_one(answer.findings, "error")
-    assert (found.message, found.cure) == ("no domain is free", "end a stack")
+    assert (found.message, found.fix) == ("no domain is free", "end a stack")
 
 
 def test_a_check_that_is_broken_itself_says_so() -> None:

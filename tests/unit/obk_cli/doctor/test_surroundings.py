@@ -30,14 +30,14 @@ PATHS = PathFacts(
 
 
 def test_a_sound_world_gives_no_complaint() -> None:
-    nothing = StackFacts(running=(), leftovers=())
+    nothing = StackFacts(running=(), orphans=())
     found = [*judge_workspace(WORKSPACE), *judge_paths(PATHS), *judge_stacks(nothing)]
     assert severities(found) == ["ok", "ok", "ok"]
 
 
 def test_who_stands_in_no_workspace_is_told_how_to_make_one() -> None:
     found = the_one(judge_workspace(replace(WORKSPACE, folder=None)), "note")
-    assert found.cure == "obk init my_robot"
+    assert found.fix == "obk init my_robot"
 
 
 def test_a_package_without_a_name_is_told() -> None:
@@ -46,12 +46,12 @@ def test_a_package_without_a_name_is_told() -> None:
 
 def test_two_packages_of_one_name_are_told() -> None:
     found = the_one(judge_workspace(replace(WORKSPACE, doubled=("a",))), "warning")
-    assert found.cure == "grep -rl '<name>a</name>' --include package.xml /ws"
+    assert found.fix == "grep -rl '<name>a</name>' --include package.xml /ws"
 
 
 def test_message_packages_to_be_built_are_noted_with_the_command() -> None:
     found = the_one(judge_workspace(replace(WORKSPACE, unbuilt=("b", "a"))), "note")
-    assert found.cure == "obk build b a"
+    assert found.fix == "obk build b a"
 
 
 def test_message_packages_that_cannot_be_read_are_told() -> None:
@@ -62,14 +62,14 @@ def test_a_shell_that_finds_no_obk_or_another_one_is_told_the_way() -> None:
     for programs, told in (((), "finds no `obk`"), (("/usr/bin/obk",), "`obk` is /usr/bin/obk")):
         found = the_one(judge_paths(replace(PATHS, obk_programs=programs)), "note")
         assert told in found.message
-        assert found.cure == 'export PATH="/venv/bin:$PATH"'
+        assert found.fix == 'export PATH="/venv/bin:$PATH"'
 
 
 def test_several_programs_of_our_name_are_worse_when_another_one_is_first() -> None:
     behind = replace(PATHS, obk_programs=("/venv/bin/obk", "/usr/bin/obk"))
-    assert the_one(judge_paths(behind), "note").cure == "type -a obk"
+    assert the_one(judge_paths(behind), "note").fix == "type -a obk"
     before = replace(PATHS, obk_programs=("/usr/bin/obk", "/venv/bin/obk"))
-    assert the_one(judge_paths(before), "warning").cure == "type -a obk"
+    assert the_one(judge_paths(before), "warning").fix == "type -a obk"
 
 
 def test_a_ros2_program_of_another_distribution_is_told() -> None:
@@ -82,7 +82,7 @@ def test_a_ros2_program_of_another_distribution_is_told() -> None:
 def test_a_python_path_to_another_ros_is_told() -> None:
     entry = "/opt/ros/jazzy/lib/python3.12/site-packages"
     world = replace(PATHS, python_path=(entry,), python_path_with_rclpy=(entry,))
-    assert the_one(judge_paths(world), "warning").cure == "unset PYTHONPATH"
+    assert the_one(judge_paths(world), "warning").fix == "unset PYTHONPATH"
 
 
 def test_a_python_path_to_another_pythons_packages_is_told() -> None:
@@ -93,22 +93,22 @@ def test_a_python_path_to_another_pythons_packages_is_told() -> None:
 
 def test_a_conda_environment_that_obk_is_not_in_is_noted() -> None:
     found = the_one(judge_paths(replace(PATHS, conda_prefix="/conda")), "note")
-    assert found.cure == "conda deactivate"
+    assert found.fix == "conda deactivate"
     assert severities(judge_paths(replace(PATHS, conda_prefix="/venv"))) == ["ok"]
 
 
 def test_libraries_of_another_ros_beside_the_wheels_are_told() -> None:
     world = replace(PATHS, libraries_with_rcl=("/opt/ros/jazzy/lib",))
-    assert the_one(judge_paths(world), "warning").cure == "unset LD_LIBRARY_PATH"
+    assert the_one(judge_paths(world), "warning").fix == "unset LD_LIBRARY_PATH"
     assert severities(judge_paths(replace(world, has_wheels=False))) == ["ok"]
 
 
 def test_a_stack_that_runs_is_noted_with_how_to_stop_it() -> None:
-    world = StackFacts(running=(RunningStack(name="arm", domain=3, pid=42),), leftovers=())
+    world = StackFacts(running=(RunningStack(name="arm", domain=3, pid=42),), orphans=())
     found = the_one(judge_stacks(world), "note")
-    assert found.cure == "obk stop arm"
+    assert found.fix == "obk stop arm"
 
 
 def test_processes_left_behind_are_told_with_the_command_that_ends_them() -> None:
-    found = the_one(judge_stacks(StackFacts(running=(), leftovers=("7 python",))), "warning")
-    assert found.cure == "obk reap"
+    found = the_one(judge_stacks(StackFacts(running=(), orphans=("7 python",))), "warning")
+    assert found.fix == "obk reap"

@@ -42,7 +42,7 @@ def test_a_program_gets_all_that_was_measured() -> None:
         "check": "rmw",
         "severity": "error",
         "message": "none",
-        "cure": "install one",
+        "fix": "install one",
         "facts": {"rmw": None},
     }
     assert told["seconds"] == {"ros": 0.1, "rmw": 0.25, "cpu": 0.0}

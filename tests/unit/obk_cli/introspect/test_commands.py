@@ -13,7 +13,7 @@ from obk_cli.introspect.target import target_of
 from obk_cli.monitor.stack_follower import StackSelector
 from obk_cli.process.identity import this_process
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.runs.folder import MadeFrom, Run, make_run_folder, write_run
+from obk_cli.runs.folder import Run, RunOrigin, make_run_folder, write_run
 
 PLAN = {
     "name": "arm",
@@ -47,7 +47,7 @@ def runs_in(home: Path, **domains: int) -> None:
             nodes=("/obelisk_robot_0",),
             other_nodes=("/joy",),
         )
-        write_run(folder, run, MadeFrom(plan=json.dumps(PLAN), versions={}))
+        write_run(folder, run, RunOrigin(plan=json.dumps(PLAN), versions={}))
 
 
 @pytest.fixture

@@ -63,7 +63,7 @@ def test_the_delay_since_the_last_report_is_told(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(ros_listen, "arrived", arrived)
-    monkeypatch.setattr(latency, "stamp_of", lambda *_: lambda message: message)
+    monkeypatch.setattr(latency, "stamp_getter", lambda *_: lambda message: message)
     with pytest.raises(KeyboardInterrupt):
         _measure_delay(PLACE, "est", 10, None, 5.0, is_json=False)
     assert capsys.readouterr().out.startswith("mean 2.000 ms ")

@@ -16,7 +16,7 @@ from obk_cli.ros.graph import (
     special_services,
     visible,
 )
-from obk_cli.ros.latency import stamp_of
+from obk_cli.ros.latency import stamp_getter
 from obk_cli.ros.raw_subscription import OfferedQos
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
@@ -117,9 +117,9 @@ def test_robots_that_listen_to_a_topic_are_known_by_plan_or_by_name() -> None:
 
 def test_stamps_are_found_by_type() -> None:
     message = Message(header=Message(stamp=Message(sec=2, nanosec=5)))
-    assert stamp_of("pkg/State", fields_of)(message) == 2_000_000_005
+    assert stamp_getter("pkg/State", fields_of)(message) == 2_000_000_005
     with pytest.raises(CommandFailedError, match="pkg/Point has no header and no stamp"):
-        stamp_of("pkg/Point", fields_of)
+        stamp_getter("pkg/Point", fields_of)
 
 
 def test_a_slip_in_a_short_name_is_told_by_the_whole_one() -> None:

@@ -136,7 +136,7 @@ def test_the_robots_of_every_stack_here_count_before_they_subscribe(
 ) -> None:
     robot = node("r", "robot", subscribes=(Endpoint(topic="/arm/state", msg_type=None),))
     plans = {"a": Plan(name="a", processes=()), "b": Plan(name="b", processes=(robot,))}
-    monkeypatch.setattr("obk_cli.introspect.target.run_plan", lambda folder: plans[folder.name])
+    monkeypatch.setattr("obk_cli.introspect.target.plan_of_run", lambda folder: plans[folder.name])
     topic = Look().topic("/arm/state")
     refuse_robot_commands(topic, place("a"))
     with pytest.raises(CommandFailedError, match="/arm/state moves `/r`"):

@@ -118,7 +118,7 @@ def test_every_end_of_a_transition_has_its_word(result: Result, told: str) -> No
 def test_a_rate_is_told_when_it_breaks_and_when_it_is_kept_again() -> None:
     rate = Rate(
         name="timer_ctrl",
-        wanted_hz=1000.0,
+        expected_hz=1000.0,
         measured_hz=187.4567,
         ticks=1,
         overruns=0,

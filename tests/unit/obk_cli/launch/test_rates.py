@@ -67,7 +67,7 @@ def test_a_rate_that_breaks_is_told_once_and_once_when_it_is_kept_again() -> Non
 def test_of_ticks_that_cannot_be_late_only_their_number_is_told() -> None:
     rate = Rate(
         name="/arm/camera",
-        wanted_hz=10.0,
+        expected_hz=10.0,
         measured_hz=1.25,
         ticks=5,
         overruns=40,

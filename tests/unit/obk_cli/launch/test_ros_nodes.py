@@ -8,20 +8,20 @@ import pytest
 from obelisk_spec.runtime_protocol import Rate, rate_values
 from obk_cli.launch.events import RatesReported, StateSeen, TransitionStarted
 from obk_cli.launch.ros_nodes import (
-    event_of_passage,
+    event_of_transition,
     failed_transition,
     rates_of,
     subscribe_to_diagnostics,
 )
 
 
-def test_a_passage_begins_a_transition_ends_one_or_fails() -> None:
-    begun = event_of_passage("/n", "inactive", "activating")
+def test_an_event_begins_a_transition_ends_one_or_fails() -> None:
+    begun = event_of_transition("/n", "inactive", "activating")
     assert begun == TransitionStarted(node="/n", transition="activate")
-    seen = event_of_passage("/n", "activating", "active")
+    seen = event_of_transition("/n", "activating", "active")
     assert seen == StateSeen(node="/n", state="active", transition="activate")
-    assert event_of_passage("/n", "activating", "errorprocessing") is None
-    recovered = event_of_passage("/n", "errorprocessing", "unconfigured")
+    assert event_of_transition("/n", "activating", "errorprocessing") is None
+    recovered = event_of_transition("/n", "errorprocessing", "unconfigured")
     assert recovered == StateSeen(node="/n", state="unconfigured")
 
 
@@ -39,7 +39,7 @@ def test_through_these_it_depends_on_what_failed(passed: str) -> None:
 
 RATE = Rate(
     name="timer_ctrl",
-    wanted_hz=100.0,
+    expected_hz=100.0,
     measured_hz=87.5,
     ticks=42,
     overruns=3,

@@ -24,7 +24,7 @@ from obk_cli.launch.run_lock import claim_run, locked_run
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import boot_id, start_s, this_process
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.runs.folder import MadeFrom, Run, make_run_folder, read_run, run_folders, write_run
+from obk_cli.runs.folder import Run, RunOrigin, make_run_folder, read_run, run_folders, write_run
 from obk_cli.runs.registry import is_alive, live_runs
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
@@ -181,7 +181,7 @@ def test_as_many_runs_stay_as_asked_for(tmp_path: Path) -> None:
 
 
 def test_a_claim_keeps_what_the_run_was_made_from(tmp_path: Path) -> None:
-    made_from = MadeFrom(plan='{"name": "s", "processes": []}\n', versions={"obk": "1"})
+    made_from = RunOrigin(plan='{"name": "s", "processes": []}\n', versions={"obk": "1"})
     told = json.loads((claim_run(tmp_path, RUN, NOW, made_from=made_from) / "run.json").read_text())
     assert told["plan"] == {"name": "s", "processes": []}
     assert told["plan_sha256"] == hashlib.sha256(made_from.plan.encode()).hexdigest()

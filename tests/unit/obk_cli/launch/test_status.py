@@ -116,7 +116,7 @@ def test_a_steady_stack_shows_its_state_and_what_is_out_of_order() -> None:
 def measured(hz: float, standing: Standing, name: str = "timer_ctrl") -> Rate:
     return Rate(
         name=name,
-        wanted_hz=1000.0,
+        expected_hz=1000.0,
         measured_hz=hz,
         ticks=1,
         overruns=0,

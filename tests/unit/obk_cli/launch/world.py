@@ -41,7 +41,7 @@ def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesRe
     """A report of a node with one timer of 100 Hz."""
     rate = Rate(
         name="timer",
-        wanted_hz=100.0,
+        expected_hz=100.0,
         measured_hz=measured_hz,
         ticks=1,
         overruns=0,

@@ -42,7 +42,7 @@ def topic(
         msg_type=kind,
         publishers=1,
         subscriptions=1,
-        wanted_hz=1000.0,
+        expected_hz=1000.0,
         rate=TopicRate(
             count=5000,
             lost=0,
@@ -53,7 +53,7 @@ def topic(
             bytes_per_s=56_000.0 if hz else None,
             age_s=0.0012 if hz else 4.2,
         ),
-        passage=(
+        age=(
             None
             if age_s is None
             else MessageAge(p50_s=age_s, p99_s=3 * age_s, is_carried=bool(made_from))
@@ -105,7 +105,7 @@ BROKEN: Final = replace(
             promises=(
                 Promised(
                     name="timer_ctrl",
-                    wanted_hz=1000.0,
+                    expected_hz=1000.0,
                     measured_hz=463.4,
                     ticks=9,
                     overruns=5,
@@ -147,7 +147,7 @@ ELSEWHERE: Final = StackView(
     uptime_s=0.0,
     realtime_factor=None,
     nodes=(node("/obelisk_robot_0", "robot", None),),
-    topics=(replace(HEALTHY.topics[0], wanted_hz=None, topic="/imu"),),
+    topics=(replace(HEALTHY.topics[0], expected_hz=None, topic="/imu"),),
     lines=(),
     cost_percent=1.0,
 )

@@ -40,20 +40,20 @@ def test_topics_stand_along_the_way_of_data_with_what_they_promise() -> None:
     assert topics[2] == PlannedTopic(
         name="/est",
         msg_type="p/msg/M",
-        wanted_hz=50.0,
+        expected_hz=50.0,
         publishers=("/arm/e",),
         made_from=("/q", "/imu"),
     )
-    assert topics[0].wanted_hz is None
+    assert topics[0].expected_hz is None
     assert topics[1].made_from == ()
 
 
 def test_what_two_publish_is_wanted_from_both() -> None:
     one, other = process("a", "control", [end("/x", 10.0)], []), end("/x", 5.0)
     both = planned_topics(plan_of(one, process("b", "control", [other], [])))
-    assert both[0].wanted_hz == 15.0
+    assert both[0].expected_hz == 15.0
     without = process("b", "control", [end("/x")], [])
-    assert planned_topics(plan_of(one, without))[0].wanted_hz is None
+    assert planned_topics(plan_of(one, without))[0].expected_hz is None
 
 
 def wanted_at(*factors: float | str) -> dict[str, float | None]:
@@ -74,7 +74,7 @@ def wanted_at(*factors: float | str) -> dict[str, float | None]:
         process("e", "estimation", [end("/est", 500.0)], [end("/q0")], **follows),
         process("c", "control", [end("/ctrl", 100.0)], [end("/est")]),
     ]
-    return {topic.name: topic.wanted_hz for topic in planned_topics(plan_of(*robots, *nodes))}
+    return {topic.name: topic.expected_hz for topic in planned_topics(plan_of(*robots, *nodes))}
 
 
 def test_rates_of_simulated_time_are_wanted_at_its_speed() -> None:
@@ -89,7 +89,7 @@ def test_a_speed_that_was_set_since_counts_instead_of_the_plans() -> None:
     follower = process("n", "control", [end("/u", 10.0)], [], parameters={"use_sim_time": True})
     plan = plan_of(robot, follower)
     (name,) = simulated_robots(plan)
-    wanted = {topic.name: topic.wanted_hz for topic in planned_topics(plan, {name: 0.5})}
+    wanted = {topic.name: topic.expected_hz for topic in planned_topics(plan, {name: 0.5})}
     assert (name, wanted) == ("/arm/r", {"/q": 500.0, "/u": 5.0})
 
 
@@ -102,7 +102,7 @@ def test_a_simulation_that_is_too_slow_is_not_the_fault_of_its_topics(
     other = process("w", "control", [end("/w", 10.0)], [])
     topics = planned_topics(plan_of(robot, follower, other), measured={"/arm/r": measured})
     scaled = {"/q": None, "/u": None} if share is None else {"/q": 1000 * share, "/u": 10 * share}
-    assert {topic.name: topic.wanted_hz for topic in topics} == {**scaled, "/w": 10.0}
+    assert {topic.name: topic.expected_hz for topic in topics} == {**scaled, "/w": 10.0}
 
 
 def test_what_runs_as_fast_as_possible_is_not_judged() -> None:

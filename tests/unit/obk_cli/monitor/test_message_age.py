@@ -19,7 +19,7 @@ def test_half_of_the_messages_and_nearly_all_are_at_most_so_old() -> None:
     meter = MessageAgeMeter(2.0)
     for number in range(200):
         meter.take(NOW + number * 1_000_000, message(NOW, order="<>"[number % 2]))
-    assert meter.passage(NOW) == MessageAge(p50_s=0.1, p99_s=0.198, is_carried=False)
+    assert meter.age(NOW) == MessageAge(p50_s=0.1, p99_s=0.198, is_carried=False)
 
 
 def test_a_stamp_that_was_taken_over_tells_the_age_of_the_chain() -> None:
@@ -29,7 +29,7 @@ def test_a_stamp_that_was_taken_over_tells_the_age_of_the_chain() -> None:
         up.take(stamp + 1000, message(stamp))
         down.take(stamp + 3000, message(stamp))
         other.take(stamp + 3000, message(stamp + 2000))
-    carried, own = down.passage(NOW, [up]), other.passage(NOW, [up])
+    carried, own = down.age(NOW, [up]), other.age(NOW, [up])
     assert carried is not None
     assert carried.is_carried
     assert own is not None
@@ -40,31 +40,31 @@ def test_stamps_that_were_never_set_or_are_of_another_clock_tell_nothing() -> No
     meter = MessageAgeMeter(2.0)
     meter.take(NOW, message(0))
     meter.take(NOW, b"\x00\x01\x00\x00")
-    assert meter.passage(NOW) is None
+    assert meter.age(NOW) is None
     meter.take(NOW, message(5 * S))
-    assert meter.passage(NOW) is None
+    assert meter.age(NOW) is None
 
 
 def test_simulated_stamps_have_an_age_in_simulated_time() -> None:
     clock = SimulatedClock()
     meter = MessageAgeMeter(2.0, clock)
     meter.take(NOW, message(S))  # before `/clock` came
-    assert meter.passage(NOW) is None
+    assert meter.age(NOW) is None
     for number in range(100):
         time_ns = S + number * 1_000_000
         clock.take(NOW + 2 * number * 1_000_000, message(time_ns))
         meter.take(NOW + 2 * number * 1_000_000 + 500_000, message(time_ns - 3_000_000))
-    assert meter.passage(NOW) == MessageAge(p50_s=0.003, p99_s=0.003, is_carried=False)
+    assert meter.age(NOW) == MessageAge(p50_s=0.003, p99_s=0.003, is_carried=False)
 
 
 def test_a_topic_on_which_nothing_comes_any_more_has_no_age() -> None:
     meter = MessageAgeMeter(2.0)
     meter.take(NOW + S // 10, message(NOW))
     meter.take(NOW + S, message(NOW + S // 2))
-    now = meter.passage(NOW + 3 * S)
+    now = meter.age(NOW + 3 * S)
     assert now is not None
     assert now.p50_s == 0.5
-    assert meter.passage(NOW + 4 * S) is None
+    assert meter.age(NOW + 4 * S) is None
 
 
 def test_stamps_of_a_slower_topic_are_held_against_those_that_are_still_known() -> None:
@@ -74,6 +74,6 @@ def test_stamps_of_a_slower_topic_are_held_against_those_that_are_still_known() 
         up.take(stamp, message(stamp))
         if not number % 100:
             down.take(stamp, message(stamp))
-    passage = down.passage(NOW + 20 * S, [up])
-    assert passage is not None
-    assert passage.is_carried
+    age = down.age(NOW + 20 * S, [up])
+    assert age is not None
+    assert age.is_carried

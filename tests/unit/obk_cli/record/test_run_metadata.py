@@ -10,7 +10,7 @@ from obk_cli.emit.json import emit_plan
 from obk_cli.plan.plan import Endpoint, Plan, PlannedSensorGroup
 from obk_cli.record.recorder_job import RecorderJob, RecordRequest, job_from_json, job_to_json
 from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
-from obk_cli.runs.folder import run_plan, run_topics
+from obk_cli.runs.folder import plan_of_run, topics_of_run
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
@@ -74,7 +74,7 @@ def test_a_run_tells_its_config_hash_versions_and_parameters(tmp_path: Path) -> 
 
 
 def test_the_topics_of_a_run_have_the_types_that_either_end_knows(tmp_path: Path) -> None:
-    assert run_topics(run_folder(tmp_path)) == {"/a": "x/msg/A", "/b": "x/msg/B"}
+    assert topics_of_run(run_folder(tmp_path)) == {"/a": "x/msg/A", "/b": "x/msg/B"}
 
 
 def test_the_plan_of_a_run_is_read_back(tmp_path: Path) -> None:
@@ -91,12 +91,12 @@ def test_the_plan_of_a_run_is_read_back(tmp_path: Path) -> None:
     record = {"plan": json.loads(emit_plan(plan))}
     (tmp_path / "run.json").write_text(json.dumps(record), encoding="utf-8")
     kept = replace(every, parameters={**robot.parameters, "bounds": (0.0, ".inf")})
-    assert run_plan(tmp_path) == Plan(name="arm", processes=(kept,))
+    assert plan_of_run(tmp_path) == Plan(name="arm", processes=(kept,))
 
 
 def test_a_folder_without_a_run_tells_nothing(tmp_path: Path) -> None:
-    assert run_topics(tmp_path) == {}
-    assert run_plan(tmp_path).processes == ()
+    assert topics_of_run(tmp_path) == {}
+    assert plan_of_run(tmp_path).processes == ()
     assert run_metadata_of(tmp_path) == RunMetadata(
         metadata={"obelisk": {"run": tmp_path.name}, "obelisk_versions": {}}
     )

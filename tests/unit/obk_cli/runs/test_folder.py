@@ -10,8 +10,8 @@ import pytest
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.runs.folder import (
-    MadeFrom,
     Run,
+    RunOrigin,
     make_run_folder,
     read_run,
     read_runs,
@@ -132,7 +132,7 @@ def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPat
 
 
 def test_the_end_is_noted_beside_what_the_run_was_made_from(tmp_path: Path) -> None:
-    write_run(tmp_path, RUN, MadeFrom(plan='{"name": "dummy"}', versions={"obk": "1"}))
+    write_run(tmp_path, RUN, RunOrigin(plan='{"name": "dummy"}', versions={"obk": "1"}))
     record_end(tmp_path, RUN, 7.0, exit_code=1, cause="a node crashed")
     assert read_run(tmp_path) == replace(RUN, ended=7.0, exit_code=1, cause="a node crashed")
     told = json.loads((tmp_path / "run.json").read_text())

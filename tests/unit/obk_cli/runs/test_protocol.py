@@ -46,7 +46,7 @@ STATUS = StackStatus(
             rates=(
                 Rate(
                     name="timer",
-                    wanted_hz=100.0,
+                    expected_hz=100.0,
                     measured_hz=99.5,
                     ticks=7,
                     overruns=1,

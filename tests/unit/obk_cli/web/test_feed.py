@@ -10,7 +10,7 @@ import pytest
 
 from obk_cli.errors import MisuseError
 from obk_cli.monitor.model import StackView
-from obk_cli.runs.folder import run_plan
+from obk_cli.runs.folder import plan_of_run
 from obk_cli.web.feed import Feed, Snapshot, live_picture
 
 from ..monitor.stacks import ELSEWHERE, HEALTHY  # noqa: TID252 - shared by folders of tests
@@ -72,7 +72,7 @@ def test_the_picture_is_that_of_the_run(tmp_path: Path, repository: Path) -> Non
     folder.mkdir()
     (folder / "run.json").write_text(json.dumps({"plan": plan}))
     picture = last_moment(tmp_path, HEALTHY).picture
-    assert picture == live_picture(run_plan(folder))
+    assert picture == live_picture(plan_of_run(folder))
     for name in ('data-node="/obelisk_control_0"', 'data-topic="/obelisk/dummy/est"'):
         assert name in picture
     assert last_moment(tmp_path, HEALTHY, ELSEWHERE).picture == ""

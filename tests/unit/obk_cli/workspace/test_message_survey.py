@@ -107,7 +107,7 @@ def test_a_package_that_is_gone_or_not_built_makes_the_overlay_old(workspace: Pa
     build_as_if(survey_workspace(workspace, ()), "b_msgs", "c_msgs")
     shutil.rmtree(workspace / "src" / "c_msgs")
     survey = survey_workspace(workspace, ())
-    assert (states(survey)["a_msgs"], survey.gone) == ("missing", ("c_msgs",))
+    assert (states(survey)["a_msgs"], survey.removed) == ("missing", ("c_msgs",))
     assert not survey.is_current
 
 

@@ -139,7 +139,7 @@ def group_outputs(
 
 
 def sampled(sampler: Sampler, send: Publish) -> Sample:
-    """Takes samples and sends them at once, but for those that come later."""
+    """Take samples and send them at once; a sampler without a message sends its own later."""
     take, message = sampler.take, sampler.message
     if message is None:
         return lambda _stamp_ns: take()

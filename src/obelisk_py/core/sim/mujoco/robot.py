@@ -97,7 +97,7 @@ class TrueStateReader:
         joints = range(model.njnt)
         base = next((j for j in joints if model.jnt_type[j] == _FREE), None)
         scalar = [j for j in joints if model.jnt_type[j] in _SCALAR]
-        self._has_y = hasattr(TrueSimState, "y")  # the seeds' field, not in every layout
+        self._has_y = hasattr(TrueSimState, "y")  # of the original message, not in every layout
         self._base_name = "" if base is None else model.body(int(model.jnt_bodyid[base])).name
         self._base_qpos = None if base is None else int(model.jnt_qposadr[base])
         self._base_qvel = None if base is None else int(model.jnt_dofadr[base])

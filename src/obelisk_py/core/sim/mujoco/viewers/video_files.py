@@ -233,7 +233,7 @@ def unfinished(folder: Path) -> Iterator[UnfinishedFile]:
     except OSError as error:
         if error.errno not in _UNKNOWN:
             raise
-        name = folder / f".film-{os.getpid()}"
+        name = folder / f".video-{os.getpid()}"
         file_fd = os.open(name, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, 0o666)
     try:
         with os.fdopen(file_fd, "w+b") as file:
