@@ -18,18 +18,36 @@ __all__ = ["SWITCH", "Preload", "preload_for"]
 
 SWITCH: Final = "OBK_PRELOAD"
 """The variable that turns preloading off by the value `off`."""
+TYPE_SUPPORTS: Final = (
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "lifecycle_msgs",
+    "obelisk_control_msgs",
+    "obelisk_estimator_msgs",
+    "obelisk_sensor_msgs",
+    "rcl_interfaces",
+    "rosgraph_msgs",
+    "service_msgs",
+    "std_msgs",
+    "std_srvs",
+    "type_description_interfaces",
+)
+"""The message packages whose compiled part every node loads, or most of them."""
 MODULES: Final = (
     "rclpy",
-    "obelisk_control_msgs.msg",
-    "obelisk_estimator_msgs.msg",
-    "obelisk_sensor_msgs.msg",
+    # Generators of code, which ROS loads with the first compiled message.
+    "rosidl_generator_py",
     "obelisk_py.core.control",
     "obelisk_py.core.estimation",
     "obelisk_py.core.robot",
     "obelisk_py.core.sensing",
     "obelisk_py.core.utils.ros",
+    *(f"{package}.msg" for package in TYPE_SUPPORTS),
+    "lifecycle_msgs.srv",
+    "rcl_interfaces.srv",
+    *(f"{package}.{package}_s__rosidl_typesupport_c" for package in TYPE_SUPPORTS),
 )
-"""What nearly every node imports."""
+"""What nearly every node imports; what is not installed is left out."""
 FEWEST: Final = 2
 """A single process would start no sooner."""
 OWN_PREFIX: Final = "OBK_"

@@ -133,6 +133,16 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench
         one.processes.end()
 
 
+@pytest.fixture
+def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder from which all processes import."""
+    folder = tmp_path / "common_library"
+    folder.mkdir()
+    path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+    monkeypatch.setenv("PYTHONPATH", path)
+    return folder
+
+
 def _is_alive(process: psutil.Process) -> bool:
     return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
 
@@ -259,23 +269,29 @@ def test_nodes_outlive_the_server_and_others_start_without_it(bench: MakeBench) 
     assert run.ended() == ProcessEnded(process="/a", code=-signal.SIGTERM)
 
 
-def test_a_server_that_cannot_import_forks_nothing(
-    bench: MakeBench, monkeypatch: pytest.MonkeyPatch
+def test_a_server_that_breaks_down_at_its_imports_forks_nothing(
+    bench: MakeBench, library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(preloading, "MODULES", ("no_such_module",))
+    (library / "broken.py").write_text("raise RuntimeError('broken')")
+    monkeypatch.setattr(preloading, "MODULES", ("broken",))
     run = bench({"a": python(FORKED)})
     run.start("a")
     assert run.line() == "False"
 
 
-def test_a_node_that_waits_for_the_server_can_be_ended(
-    bench: MakeBench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def test_a_server_leaves_out_what_is_not_installed(
+    bench: MakeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    slow = tmp_path / "library"
-    slow.mkdir()
-    (slow / "slow_to_import.py").write_text("import time; time.sleep(600)")
-    path = os.pathsep.join([str(slow), *filter(None, [os.environ.get("PYTHONPATH")])])
-    monkeypatch.setenv("PYTHONPATH", path)
+    monkeypatch.setattr(preloading, "MODULES", ("no_such_module", LOADED))
+    run = bench({"a": python(FORKED)})
+    run.start("a")
+    assert run.line() == "True"
+
+
+def test_a_node_that_waits_for_the_server_can_be_ended(
+    bench: MakeBench, library: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (library / "slow_to_import.py").write_text("import time; time.sleep(600)")
     monkeypatch.setattr(preloading, "MODULES", ("slow_to_import",))
     run = bench({"a": python(FORKED), "b": python("")})
     run.processes.start(unit("a"))
