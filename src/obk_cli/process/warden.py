@@ -129,16 +129,21 @@ class PreloadClient:
             if start.node == node and start is not begun:
                 self.waiting.remove(start)
                 return start
-        if begun is not None and begun.node == node:
-            poll = select.poll()
-            poll.register(self.link, select.POLLIN)
-            poll.poll((self.left_s or 0.0) * 1000)
+        if begun is not None and begun.node == node and not self._has_news():
+            self.kill()
+            self._has_news()
         return None
 
     def kill(self) -> None:
         """End the server; `answers` raises soon after."""
         _kill(self._process.pid, signal.SIGKILL)
         self._deadline = time.monotonic() + FORK_S
+
+    def _has_news(self) -> bool:
+        """Whether the server answers, or ends, in time."""
+        poll = select.poll()
+        poll.register(self.link, select.POLLIN)
+        return bool(poll.poll((self.left_s or 0.0) * 1000))
 
     def _hand_over(self) -> None:
         self._deadline = time.monotonic() + FORK_S

@@ -269,6 +269,23 @@ def test_nodes_outlive_the_server_and_others_start_without_it(bench: MakeBench) 
     assert run.ended() == ProcessEnded(process="/a", code=-signal.SIGTERM)
 
 
+@pytest.mark.parametrize("is_ended", [False, True])
+def test_a_server_that_hangs_is_ended_and_done_without(bench: MakeBench, is_ended: bool) -> None:
+    sleep = "import time; time.sleep(600)"
+    run = bench({"a": python(f"{FORKED}{sleep}"), "b": python(f"{FORKED}{sleep}")})
+    run.start("a")
+    assert run.line() == "True"
+    run.server().suspend()
+    run.processes.start(unit("b"))
+    if is_ended:
+        run.processes.signal("/b", signal.SIGTERM)
+    assert isinstance(run.ended(), ProcessStarted)
+    if is_ended:
+        assert run.ended() == ProcessEnded(process="/b", code=-signal.SIGTERM)
+    else:
+        assert run.line() == "False"
+
+
 def test_a_server_that_breaks_down_at_its_imports_forks_nothing(
     bench: MakeBench, library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
