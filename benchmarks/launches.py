@@ -1,11 +1,11 @@
-"""Launches and ends the dummy stack again and again, and looks for what is left behind.
+"""Launches and ends a stack, the dummy, again and again, and looks for what is left behind.
 
-    python -m benchmarks.launches [--rounds N] [--kills N]
+    python -m benchmarks.launches [--rounds N] [--kills N] [--config FILE]
 
 Each round brings the stack to active and down again; each kill ends the launcher by SIGKILL at a
 random moment of the bring-up. Afterwards no process of a round and no file of ours in shared
-memory may be there. Times and leftovers go to `benchmarks/results/launches.json`; exit code 1 when
-anything failed or was left.
+memory may be there. Times and leftovers go to `benchmarks/results/launches.json`, or
+`launches_<config>.json` for another stack; exit code 1 when anything failed or was left.
 """
 
 import argparse
@@ -51,17 +51,18 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=100)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--config", type=Path, default=DUMMY)
     asked = parser.parse_args()
     before = set(SHARED_MEMORY.iterdir())
     tally, stolen = Tally(), StolenTime()
     with tempfile.TemporaryDirectory(prefix="obk-launches-") as home:
         environment = {**os.environ, "OBK_HOME": home, MARK: home}
         for number in range(asked.rounds):
-            launch_and_end(environment, tally)
+            launch_and_end(asked.config, environment, tally)
             print(f"\r{number + 1} of {asked.rounds} rounds", end="", flush=True)
         moments = random.Random(asked.seed)
         for number in range(asked.kills):
-            kill_during_bring_up(environment, moments.uniform(0.0, 2.0), tally)
+            kill_during_bring_up(asked.config, environment, moments.uniform(0.0, 2.0), tally)
             print(f"\r{number + 1} of {asked.kills} kills   ", end="", flush=True)
     stolen_percent = stolen.percent()
     tally.left_over += unused_files(before)
@@ -70,11 +71,11 @@ def main() -> int:
     return report(tally, asked, stolen_percent)
 
 
-def launch_and_end(environment: dict[str, str], tally: Tally) -> None:
+def launch_and_end(config: Path, environment: dict[str, str], tally: Tally) -> None:
     """One launch to active, one SIGINT."""
     begin = time.monotonic()
     process = subprocess.Popen(
-        [OBK, "launch", DUMMY, "--format", "json", "--quiet"],
+        [OBK, "launch", config, "--format", "json", "--quiet"],
         env=environment,
         stdout=subprocess.PIPE,
         text=True,
@@ -96,10 +97,12 @@ def launch_and_end(environment: dict[str, str], tally: Tally) -> None:
     note_processes(environment, tally, 0.0)
 
 
-def kill_during_bring_up(environment: dict[str, str], after_s: float, tally: Tally) -> None:
+def kill_during_bring_up(
+    config: Path, environment: dict[str, str], after_s: float, tally: Tally
+) -> None:
     """One launch whose launcher is killed."""
     process = subprocess.Popen(
-        [OBK, "launch", DUMMY, "--quiet"], env=environment, stdout=subprocess.DEVNULL
+        [OBK, "launch", config, "--quiet"], env=environment, stdout=subprocess.DEVNULL
     )
     time.sleep(after_s)
     process.kill()
@@ -148,6 +151,7 @@ def report(tally: Tally, asked: argparse.Namespace, stolen_percent: float) -> in
     figures = {
         "machine": f"{platform.machine()}, {os.cpu_count()} processors",
         "stolen_percent": stolen_percent,
+        "config": asked.config.name,
         "rounds": asked.rounds,
         "kills": asked.kills,
         "up_s": spread(tally.up_s),
@@ -156,7 +160,9 @@ def report(tally: Tally, asked: argparse.Namespace, stolen_percent: float) -> in
         "left_over": tally.left_over,
     }
     RESULT.parent.mkdir(exist_ok=True)
-    RESULT.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    is_dummy = asked.config == DUMMY
+    path = RESULT if is_dummy else RESULT.with_stem(f"{RESULT.stem}_{asked.config.stem}")
+    path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(figures, indent=1))
     return 1 if tally.failed or tally.left_over else 0
 
