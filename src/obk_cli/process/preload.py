@@ -190,6 +190,7 @@ class ForkedProgram:
         name = os.path.basename(self._arguments[0])[:LONGEST_NAME]  # noqa: PTH119
         libc.prctl(PR_SET_NAME, ctypes.c_char_p(os.fsencode(name)))
         tracing.after_in_child()
+        gc.enable()
         if "numpy.random" in sys.modules:  # `random` does so by itself
             sys.modules["numpy.random"].seed()
         sys.path[:] = dict.fromkeys([*map(os.path.abspath, self._path), *sys.path])
@@ -368,6 +369,7 @@ def _is_open(number: int) -> bool:
 
 def main(modules: Sequence[str]) -> ForkedProgram | None:
     """Import the modules and serve; gives a program in each process that is forked for one."""
+    gc.disable()  # until a program runs: imports leave little garbage, and collecting takes time
     inherited = _open_descriptors()
     libc = ctypes.CDLL(None)
     for module in modules:
@@ -378,7 +380,6 @@ def main(modules: Sequence[str]) -> ForkedProgram | None:
     if not can_name_processes(libc) or not server.knows_its_threads():
         return None
     # What exists now stays: the garbage collector writes to none of it, so it stays shared.
-    gc.collect()
     gc.freeze()
     link.send(json.dumps({"ready": True}).encode())
     return server.serve()

@@ -25,7 +25,7 @@ LOADED = "xmlrpc.client"
 """A module that the servers of these tests import, and nothing else does."""
 FORKED = f"import sys; print('{LOADED}' in sys.modules, flush=True)\n"
 ALIKE = """
-import ctypes, json, os, signal, sys
+import ctypes, gc, json, os, signal, sys
 death = ctypes.c_int()
 ctypes.CDLL(None).prctl(2, ctypes.byref(death))
 def proc(name):
@@ -45,6 +45,7 @@ print(json.dumps({
     "files": [os.readlink("/proc/self/fd/0"), os.path.sameopenfile(1, 2)],
     "buffers": [sys.stdout.line_buffering, sys.stderr.line_buffering, sys.stdout.encoding],
     "threads": len(os.listdir("/proc/self/task")), "limits": proc("limits"),
+    "collects": gc.isenabled(),
 }), flush=True)
 """
 
