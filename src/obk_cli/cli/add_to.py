@@ -10,6 +10,7 @@ from pathlib import Path
 
 from obk_cli.cli.config_options import make_options, print_findings
 from obk_cli.cli.edited_files import EditedFile, open_for_edit, report_diff, write_edited
+from obk_cli.cli.new_run import AddToOptions
 from obk_cli.compiler import compile_source
 from obk_cli.configedit.add_node import add_node, find_replaced, new_errors
 from obk_cli.configedit.auto_wiring import matching_types
@@ -17,8 +18,7 @@ from obk_cli.configedit.new_node import Rejected, read_new_node
 from obk_cli.configedit.report import AddedNode, added_lines, added_values
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.files import STANDARD_INPUT
+from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import composable, find_executables
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS, Kind
@@ -26,34 +26,7 @@ from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec
 from obk_cli.scaffold.variables import TestedStack, config_snippet
 from obk_cli.workspace.package_index import PackageIndex
 
-__all__ = ["AddToOptions", "ConfigEdit", "add_to_config", "add_to_options", "with_config_types"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AddToOptions:
-    """The options `--add-to`, `--device` and `--replace`."""
-
-    config: str
-    device: str | None = None
-    replaces: str | None = None
-
-
-def add_to_options(
-    config: str | None, device: str | None, replaces: str | None
-) -> AddToOptions | None:
-    """The options as a value; None if no config is to be changed.
-
-    Raises:
-        MisuseError: an option lacks `--add-to`, or the config is the standard input.
-    """
-    if config == STANDARD_INPUT:
-        raise MisuseError("`--add-to -`: a file is changed, so it needs one")
-    if config is not None:
-        return AddToOptions(config=config, device=device, replaces=replaces)
-    for option, value in (("--device", device), ("--replace", replaces)):
-        if value is not None:
-            raise MisuseError(f"`{option}` applies to a config: add `--add-to CONFIG`")
-    return None
+__all__ = ["ConfigEdit", "add_to_config", "with_config_types"]
 
 
 _OPTIONS: Mapping[str, str] = {

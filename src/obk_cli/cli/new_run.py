@@ -13,7 +13,6 @@ import typer
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import ask_for, near_names
-from obk_cli.cli.add_to import AddToOptions
 from obk_cli.cli.new_target import (
     TargetFolder,
     compose_config,
@@ -24,7 +23,7 @@ from obk_cli.cli.new_target import (
     require_suitable_package,
 )
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.files import resource_folder
+from obk_cli.files import STANDARD_INPUT, resource_folder
 from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
 from obk_cli.scaffold.describe import (
     NewFiles,
@@ -48,7 +47,9 @@ from obk_cli.scaffold.write import (
 from obk_cli.workspace.package_index import PackageIndex, owner_of_module, owner_of_package
 
 __all__ = [
+    "AddToOptions",
     "NewOptions",
+    "add_to_options",
     "find_library",
     "programs",
     "resolve_conflicts",
@@ -100,6 +101,33 @@ def _ask(question: str) -> str:
 
 if TYPE_CHECKING:
     from obk_cli.cli.add_to import ConfigEdit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddToOptions:
+    """The options `--add-to`, `--device` and `--replace`."""
+
+    config: str
+    device: str | None = None
+    replaces: str | None = None
+
+
+def add_to_options(
+    config: str | None, device: str | None, replaces: str | None
+) -> AddToOptions | None:
+    """The options as a value; None if no config is to be changed.
+
+    Raises:
+        MisuseError: an option lacks `--add-to`, or the config is the standard input.
+    """
+    if config == STANDARD_INPUT:
+        raise MisuseError("`--add-to -`: a file is changed, so it needs one")
+    if config is not None:
+        return AddToOptions(config=config, device=device, replaces=replaces)
+    for option, value in (("--device", device), ("--replace", replaces)):
+        if value is not None:
+            raise MisuseError(f"`{option}` applies to a config: add `--add-to CONFIG`")
+    return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
