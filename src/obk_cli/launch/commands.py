@@ -278,7 +278,9 @@ def gate_variables(folder: Path | None) -> Mapping[str, str]:
 def early_units(
     units: Iterable[Unit], executables: Executables, gated: Set[tuple[str, str]]
 ) -> tuple[Unit, ...]:
-    """The processes that are known to wait at the gate before they make a node.
+    """The processes that are known to wait at the gate before they make a node, simulators first.
+
+    A simulator has the most to load until then.
 
     Args:
         units: the processes.
@@ -291,7 +293,8 @@ def early_units(
         is_own = is_composable(node, executables[node.full_name])
         return is_own and (node.package, node.executable) in gated
 
-    return tuple(unit for unit in units if all(map(waits, unit.nodes)))
+    early = (unit for unit in units if all(map(waits, unit.nodes)))
+    return tuple(sorted(early, key=lambda unit: not any(node.model for node in unit.nodes)))
 
 
 @contextmanager
