@@ -54,6 +54,8 @@ SLOW_POLL_S: Final = 0.1
 FAST_POLLING_S: Final = 10.0
 ASK_AGAIN_S: Final = 0.1
 """A question that reaches only a dead server is lost [s]."""
+ASK_AGAIN_FIRST_S: Final = 0.02
+"""So is one to a server that does not know the client yet: at first asked again sooner [s]."""
 FAULT_S: Final = 1.0
 """How long a node that failed may take to report its fault [s]."""
 DEPTH: Final = 100
@@ -251,8 +253,8 @@ class NodeWatch:
             elif now - self._begin > FAST_POLLING_S:
                 self._pace(SLOW_POLL_S)
         for name, wait in waiting:
-            if now - wait.asked > ASK_AGAIN_S and self._has_services(name):
-                wait.asked = now
+            if now - wait.asked > wait.pause_s and self._has_services(name):
+                wait.asked, wait.pause_s = now, min(2 * wait.pause_s, ASK_AGAIN_S)
                 self._clients.ask_state(name).add_done_callback(partial(self._ready, name, wait))
 
     def _has_services(self, name: str) -> bool:
@@ -278,10 +280,13 @@ class NodeWatch:
 
 
 class _Wait:
-    """Waiting for a node's first answer since it is watched; when it was last asked [s]."""
+    """Waiting for a node's first answer since it is watched."""
 
     def __init__(self) -> None:
         self.asked = 0.0
+        """When the node was last asked [s]."""
+        self.pause_s = ASK_AGAIN_FIRST_S
+        """Until it is asked again [s]."""
 
 
 def subscribe_to_diagnostics(
