@@ -485,6 +485,7 @@ class _HandlerRegistry:
         try:
             handler.enable()
         except RuntimeError:
+            handler.disable()  # a listener may be set, which would write to a closed descriptor
             handler.close()
             raise
         workers = self._workers_of(handler.group)
