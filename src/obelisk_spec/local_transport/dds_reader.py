@@ -84,10 +84,12 @@ def publisher_gid(handle: Any) -> bytes:
     """The GID of a publisher, by the handle that rclpy has of it.
 
     Raises:
+        InvalidHandle: it is destroyed.
         RuntimeError: the middleware reports an error.
     """
     libraries, gid = _libraries(), _Gid()
-    code = libraries.gid_of(libraries.rmw_publisher(handle.pointer), ctypes.byref(gid))
+    with handle:
+        code = libraries.gid_of(libraries.rmw_publisher(handle.pointer), ctypes.byref(gid))
     if code != 0:
         raise RuntimeError(f"rmw_get_gid_for_publisher returned {code}")
     return bytes(gid.data)
@@ -116,20 +118,32 @@ class DdsReader:
     """Takes messages of one subscription; one thread at a time."""
 
     def __init__(self, handle: Any) -> None:
-        """Prepare; the handle of rclpy has to stay alive while the reader is used."""
+        """Keep the subscription from being destroyed until `close`.
+
+        Args:
+            handle: rclpy's, of the subscription.
+
+        Raises:
+            InvalidHandle: it is destroyed already.
+        """
+        handle.__enter__()
+        self._handle: Any = handle
         libraries = _libraries()
         data, info = _Bytes(), _MessageInfo()
         libraries.make_bytes(ctypes.byref(data), 0, ctypes.byref(libraries.allocator))
-        weakref.finalize(self, libraries.free_bytes, ctypes.byref(data))
+        # At the end of the process another thread may still be taking.
+        weakref.finalize(self, libraries.free_bytes, ctypes.byref(data)).atexit = False
         self._data, self._info, self._take = data, info, libraries.take
         self._arguments = (handle.pointer, ctypes.byref(data), ctypes.byref(info), None)
 
     def take(self) -> Sample | None:
-        """The oldest message that waits; None if there is none.
+        """The oldest message that waits; None if there is none, or after `close`.
 
         Raises:
             RuntimeError: the middleware reports an error.
         """
+        if self._handle is None:
+            return None
         code = self._take(*self._arguments)
         if code == _TAKE_FAILED:
             return None
@@ -143,3 +157,9 @@ class DdsReader:
             info.source_timestamp,
             info.received_timestamp,
         )
+
+    def close(self) -> None:
+        """Release the subscription, which may be destroyed now."""
+        if self._handle is not None:
+            self._handle.__exit__(None, None, None)
+            self._handle = None

@@ -101,9 +101,10 @@ class LocalReceiver:
         """Close all descriptors, after no worker watches them any more."""
         with self._lock:
             self._inbox.close()
+            self._reader.close()
             os.close(self._timer_fd)
 
-    def _put(self, data: bytes, _packets: int) -> None:
+    def _put(self, data: bytes, _packets: int | None) -> None:
         self._buffer.append(data)
 
     def _wake(self) -> bool:
@@ -154,9 +155,11 @@ def open_receiver(
     gid = None if folder is None else _gid_of(node, subscription)
     if folder is None or gid is None:
         return None
+    reader = DdsReader(subscription.handle)
     try:
-        return LocalReceiver(folder, gid, buffer, DdsReader(subscription.handle))
+        return LocalReceiver(folder, gid, buffer, reader)
     except OSError:  # the run has ended, or its file system has no sockets
+        reader.close()
         return None
 
 
