@@ -292,11 +292,18 @@ class IntraProcessPublisher(LifecyclePublisher):
         """
         if not self._enabled:
             return
+        sender = self._sender
+        if sender is None:
+            self._publish(msg, None)
+        else:
+            with sender.lock:
+                self._publish(msg, sender)
+
+    def _publish(self, msg: Any, sender: LocalSender | None) -> None:
         buffers = self._topic.buffers
         seen, matched = self._match
         if seen is not buffers:
             matched = self._find_matches(buffers)
-        sender = self._sender
         if (
             (matched or sender is not None)
             and (count := self._count())
@@ -320,7 +327,8 @@ class IntraProcessPublisher(LifecyclePublisher):
         self._topic = IntraProcessTopic()
         self._send_bytes = None
         if self._sender is not None:
-            self._sender.close()
+            with self._sender.lock:
+                self._sender.close()
             self._sender = None
         super().destroy()
 

@@ -49,7 +49,7 @@ class Connection:
         """Packets that wait for messages of DDS."""
         self.skipped: set[int] = set()
         """Messages of DDS that came by packets too."""
-        self.samples: deque[tuple[int, Callable[[int], object]]] = deque(maxlen=depth)
+        self.samples: deque[tuple[int, Callable[[int | None], object]]] = deque(maxlen=depth)
         """Messages of DDS, by number, that wait for packets: how each is put."""
         self.page: memoryview[int] | None = None
         """How many packets precede what the publisher sends through DDS."""
@@ -136,14 +136,14 @@ class PublisherInbox:
             pass
         return True
 
-    def merge(self, publisher: bytes, number: int, put: Callable[[int], object]) -> None:
+    def merge(self, publisher: bytes, number: int, put: Callable[[int | None], object]) -> None:
         """Give a message of DDS its place between the packets of its publisher.
 
         Args:
             publisher: its GID.
             number: of the message, among those of the publisher in DDS.
-            put: called when it is the message's turn, with the number of packets that precede it;
-                not called if a packet has delivered it.
+            put: called when it is the message's turn, with the number of packets that precede it,
+                None if its publisher is not connected; not called if a packet has delivered it.
         """
         if publisher not in self._by_publisher:
             self.accept()
@@ -152,7 +152,7 @@ class PublisherInbox:
         connection = self._by_publisher.get(publisher)
         if connection is None:
             self._remember(publisher, number)
-            put(0)
+            put(None)
             return
         connection.samples.append((number, put))
         # All that was sent before the message is there now, unless the socket was full.

@@ -50,6 +50,7 @@ class Tap:
             on_wait=self._wait,
         )
         self._reader = DdsReader(handle)
+        self._is_without_connection = False
         self._release_s = float("inf")
         self._connections: dict[int, Connection] = {}
         self._epoll = select.epoll()
@@ -58,7 +59,8 @@ class Tap:
     def take(self) -> tuple[bytes, Mapping[str, int]] | None:
         """The oldest message with its times and its number; None if there is none.
 
-        The number counts what the publisher has sent, by sockets and through DDS.
+        The number counts what the publisher has sent, by sockets and through DDS. It is 0 when the
+        publisher has just connected: before, its packets to others were unknown.
         """
         if not self._waiting:
             self._read()
@@ -71,6 +73,7 @@ class Tap:
         """Close the socket; DDS delivers from now on."""
         self._inbox.stop()
         self._inbox.close()
+        self._reader.close()
         self._epoll.close()
 
     def _read(self) -> None:
@@ -96,13 +99,25 @@ class Tap:
 
     def _put(self, packet: bytes) -> None:
         stamp = stamp_of(packet)
-        number = stamp.packets + stamp.number
+        number = self._numbered(stamp.packets + stamp.number)
         info = _info(stamp.published_ns, time.time_ns(), number)
         self._waiting.append((packet[:-STAMP_BYTES], info))
 
-    def _put_sample(self, sample: Sample, packets: int) -> None:
-        info = _info(sample.published_ns, sample.received_ns, packets + sample.number)
+    def _put_sample(self, sample: Sample, packets: int | None) -> None:
+        if packets is None:
+            self._is_without_connection = True
+            number = sample.number
+        else:
+            number = self._numbered(packets + sample.number)
+        info = _info(sample.published_ns, sample.received_ns, number)
         self._waiting.append((sample.data, info))
+
+    def _numbered(self, number: int) -> int:
+        """The number of a message of a connected publisher; 0 if the last one's omitted packets."""
+        if self._is_without_connection:
+            self._is_without_connection = False
+            return 0
+        return number
 
 
 def _info(published_ns: int, received_ns: int, number: int) -> Mapping[str, int]:

@@ -122,12 +122,13 @@ class Peer:
         end_s = time.monotonic() + linger_s
         while self.flush() and (left_s := end_s - time.monotonic()) > 0:
             select.select([], [self._socket], [], left_s)
-        self.is_lost = True
-        self._socket.close()
+        with self._lock:
+            self.is_lost = True
+            self._socket.close()
 
 
 class LocalSender:
-    """The connections of one publisher; several threads may publish."""
+    """The connections of one publisher, used by one thread at a time: that which holds `lock`."""
 
     def __init__(
         self,
@@ -149,6 +150,8 @@ class LocalSender:
             type_name: of its messages, `package/msg/Name`.
             qos: of the publisher; plain.
         """
+        self.lock = threading.RLock()
+        """Held for a whole message, which may go by packets to some and through DDS to the rest."""
         self.peers: tuple[Peer, ...] = ()
         """All of them, while they cover what DDS has matched; otherwise those that exist."""
         self._folder = folder
@@ -157,7 +160,6 @@ class LocalSender:
         self._type_name = type_name
         self._is_reliable = qos.reliability == ReliabilityPolicy.RELIABLE
         self._gid = publisher_gid(handle)
-        self._lock = threading.Lock()
         self._sent_through_dds = 0
         self._sent_by_packets = 0
         self._is_covered = False
@@ -195,60 +197,56 @@ class LocalSender:
                 self._is_covered = False
                 self._next_check_s = 0.0
                 self._sent_by_packets -= 1  # it counts as sent through DDS
-                with self._lock:
-                    self._skip = self.peers[:place]
+                self._skip = self.peers[:place]
                 return False
         return True
 
     def send_through_dds(self, send: Callable[[], None]) -> None:
         """Let DDS deliver a message, after everything that the peers have got."""
-        with self._lock:
-            number = self._sent_through_dds + 1
-            # Nobody gets it twice: a connection was lost after others had got the message.
-            for peer in self._skip:
-                peer.send(packed_number(number))
-            self._skip = ()
-            for peer in self.peers:
-                peer.precede(self._sent_by_packets)
-            send()
-            self._sent_through_dds = number
+        number = self._sent_through_dds + 1
+        # Nobody gets it twice: a connection was lost after others had got the message.
+        for peer in self._skip:
+            peer.send(packed_number(number))
+        self._skip = ()
+        for peer in self.peers:
+            peer.precede(self._sent_by_packets)
+        send()
+        self._sent_through_dds = number
 
     def close(self) -> None:
         """Close all connections."""
-        with self._lock:
-            for peer in self.peers:
-                peer.close(_LINGER_S)
-            self.peers = ()
-            self._is_covered = False
+        for peer in self.peers:
+            peer.close(_LINGER_S)
+        self.peers = ()
+        self._is_covered = False
 
     def _check(self, count: int, buffers: int) -> bool:
-        with self._lock:
-            endpoints = [
-                endpoint
-                for endpoint in subscriptions_of(self._node_handle, self._topic)
-                if self._fits(endpoint)
-            ]
-            remote = {endpoint.gid for endpoint in endpoints if not self._is_own(endpoint.gid)}
-            peers = self._connected(remote)
-            self.peers = tuple(peers.values())
-            # What DDS lists, it has matched too: otherwise one that is not matched yet might be
-            # taken for another one that has no socket.
-            is_exact = count == len(endpoints) and buffers == len(endpoints) - len(remote)
-            sent = self._sent_through_dds
-            self._count, self._buffers = count, buffers
-            self._next_check_s = time.monotonic() + _CHECK_PERIOD_S
-            self._is_covered = False
-            if not is_exact:
-                return False
-            self._matched_since = {gid: self._matched_since.get(gid, sent) for gid in remote}
-            if not all(gid in peers or self._has_ended(gid) for gid in remote):
-                return False
-            # Each has to get one message through DDS first, by which it knows all earlier ones.
-            if any(self._matched_since[gid] == sent for gid in peers):
-                self._next_check_s = 0.0
-                return False
-            self._is_covered = True
-            return True
+        endpoints = [
+            endpoint
+            for endpoint in subscriptions_of(self._node_handle, self._topic)
+            if self._fits(endpoint)
+        ]
+        remote = {endpoint.gid for endpoint in endpoints if not self._is_own(endpoint.gid)}
+        peers = self._connected(remote)
+        self.peers = tuple(peers.values())
+        # What DDS lists, it has matched too: otherwise one that is not matched yet might be
+        # taken for another one that has no socket.
+        is_exact = count == len(endpoints) and buffers == len(endpoints) - len(remote)
+        sent = self._sent_through_dds
+        self._count, self._buffers = count, buffers
+        self._next_check_s = time.monotonic() + _CHECK_PERIOD_S
+        self._is_covered = False
+        if not is_exact:
+            return False
+        self._matched_since = {gid: self._matched_since.get(gid, sent) for gid in remote}
+        if not all(gid in peers or self._has_ended(gid) for gid in remote):
+            return False
+        # Each has to get one message through DDS first, by which it knows all earlier ones.
+        if any(self._matched_since[gid] == sent for gid in peers):
+            self._next_check_s = 0.0
+            return False
+        self._is_covered = True
+        return True
 
     def _fits(self, endpoint: SubscriptionEndpoint) -> bool:
         """Whether DDS matches a subscription, as far as the profiles in the graph say."""
