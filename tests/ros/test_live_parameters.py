@@ -1,6 +1,7 @@
 """`Parameter`: declared once, read as an attribute, changed between two callbacks and together."""
 
 import gc
+import json
 import threading
 import time
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.parameter import Parameter, parameters_of
 
-from .stack import eventually, parameters, request, spinning
+from .stack import eventually, obk, parameters, request, spinning
 from .test_parameters import ask, message, set_each, set_together
 
 pytestmark = pytest.mark.ros
@@ -53,6 +54,7 @@ class Tuned(ObeliskNode):
     gains = Parameter([1.0, 2.0], ge=0.0, unit="N m/rad")
     limits = Parameter((-1, 1))
     horizon = Parameter(10, live=False, unit="ticks")
+    offset = Parameter(0.0)
 
     def __init__(self, **given: Any) -> None:
         super().__init__("tuned", **parameters(**given))
@@ -89,6 +91,7 @@ def test_every_type_is_an_attribute_and_a_described_ros_parameter() -> None:
             "gains": [1.0, 2.0],
             "limits": (-1, 1),
             "horizon": 10,
+            "offset": 0.0,
         }
         kp, kd, steps, gait, level, gains, horizon = node.describe_parameters(
             ["kp", "kd", "steps", "gait", "level", "gains", "horizon"]
@@ -361,3 +364,35 @@ def test_a_name_that_the_library_uses_is_refused() -> None:
         type("Hidden", (ObeliskNode,), {"params_path": Parameter("x")})
     told = str(raised.value.__cause__ or raised.value)
     assert "hides ObeliskNode.params_path: choose another name" in told
+
+
+def test_obk_param_reports_what_happened() -> None:
+    with spinning(Tuned, EventLoopExecutor) as node:
+        activate(node)
+
+        def said(*words: object) -> str:
+            done = obk("param", *words)
+            assert done.returncode == 0, done.stderr
+            return done.stdout
+
+        prefix = "/tuned: "
+        assert (
+            said("set", "tuned", "kp", 25)
+            == f"{prefix}kp changed from 20.0 to 25.0 N m/rad, in effect\n"
+        )
+        stored = f"{prefix}horizon changed from 10 to 20 ticks, {STORED}\n"
+        assert said("set", "tuned", "horizon", 20) == stored
+        assert said("set", "tuned", "offset", "-1.5") == (
+            f"{prefix}offset changed from 0.0 to -1.5, in effect\n"
+        )
+        assert (node.kp, node.horizon, node.offset) == (25.0, 10, -1.5)
+        refused = obk("param", "set", "tuned", "kp", -1)
+        assert refused.returncode == 1
+        assert "`kp` is -1.0 N m/rad, expected 0.0 to 200.0" in refused.stderr
+        row = next(line for line in said("list", "tuned").splitlines() if line.startswith("kp "))
+        assert row.split(maxsplit=2)[:2] == ["kp", "double"]
+        assert "0.0 to 200.0  N m/rad" in row
+        assert row.endswith("proportional gain")
+        listed = json.loads(said("list", "tuned", "--format", "json"))["/tuned"]
+        assert listed["gait"]["choices"] == ["walk", "stand"]
+        assert (listed["horizon"]["live"], listed["params_path"]["live"]) == (False, None)
