@@ -8,18 +8,21 @@ is in the field `additional_constraints`, as `name: value` separated by semicolo
 Source: rcl_interfaces/msg/ParameterDescriptor (additional_constraints is for people and tools).
 """
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from obelisk_spec.suggestions import did_you_mean, list_names
+from obelisk_spec.values import ParameterValue
 
 __all__ = ["ParameterNotes", "parse_notes", "range_text"]
 
 AT_ONCE: Final = "between callbacks"
 AT_CONFIGURE: Final = "at configure"
-_UNIT, _LEAST, _MOST, _CHOICES, _EFFECT = "unit", "at least", "at most", "one of", "takes effect"
+_UNIT, _LEAST, _MOST, _CHOICES = "unit", "at least", "at most", "one of"
+_EFFECT, _INITIAL = "takes effect", "initial"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +38,8 @@ class ParameterNotes:
     """The texts that are allowed; empty: any."""
     is_live: bool | None = None
     """Whether a new value is used at once, not at the next configure; None: unknown."""
+    initial: ParameterValue | None = None
+    """The value when the node was made, of the config or the default; None: unknown."""
 
     @property
     def range(self) -> str:
@@ -72,6 +77,7 @@ class ParameterNotes:
             _MOST: None if has_range_field else self.most,
             _CHOICES: ", ".join(self.choices),
             _EFFECT: {True: AT_ONCE, False: AT_CONFIGURE, None: ""}[self.is_live],
+            _INITIAL: "" if self.initial is None else json.dumps(self.initial),
         }
         return "; ".join(
             f"{name}: {part}" for name, part in parts.items() if part not in ("", None)
@@ -89,9 +95,11 @@ def range_text(least: float | None, most: float | None) -> str:
 
 def parse_notes(text: str) -> ParameterNotes:
     """Read a field `additional_constraints`; what other software wrote there is ignored."""
+    # The last one, because a text in it may have semicolons.
+    head, _, initial = f"; {text}".partition(f"; {_INITIAL}: ")
     parts: Mapping[str, str] = {
         name.strip(): part.strip()
-        for name, colon, part in (item.partition(":") for item in text.split(";"))
+        for name, colon, part in (item.partition(":") for item in head.split(";"))
         if colon
     }
     choices = parts.get(_CHOICES, "")
@@ -100,8 +108,20 @@ def parse_notes(text: str) -> ParameterNotes:
         least=_number(parts.get(_LEAST)),
         most=_number(parts.get(_MOST)),
         choices=tuple(choice.strip() for choice in choices.split(",")) if choices else (),
+        initial=_initial(initial),
         is_live={AT_ONCE: True, AT_CONFIGURE: False}.get(parts.get(_EFFECT, "")),
     )
+
+
+def _initial(text: str) -> ParameterValue | None:
+    try:
+        value = json.loads(text)
+    except ValueError:
+        return None
+    if isinstance(value, list):
+        is_of_numbers = all(isinstance(item, int | float) for item in value)
+        return tuple(value) if is_of_numbers else None
+    return value if isinstance(value, bool | int | float | str) else None
 
 
 def _number(text: str | None) -> float | None:

@@ -102,14 +102,17 @@ def test_every_type_is_an_attribute_and_a_described_ros_parameter() -> None:
             200.0,
         )
         live = "takes effect: between callbacks"
-        assert kp.additional_constraints == f"unit: N m/rad; {live}"
+        assert kp.additional_constraints == f"unit: N m/rad; {live}; initial: 20.0"
         assert not kd.floating_point_range
-        assert kd.additional_constraints == f"at least: 0.0; {live}"
+        assert kd.additional_constraints == f"at least: 0.0; {live}; initial: 2.0"
         assert (steps.integer_range[0].from_value, steps.integer_range[0].to_value) == (1, 9)
-        assert gait.additional_constraints == f"one of: walk, stand; {live}"
-        assert level.additional_constraints == f"one of: LOW, HIGH; {live}"
-        assert gains.additional_constraints == f"unit: N m/rad; at least: 0.0; {live}"
-        assert horizon.additional_constraints == "unit: ticks; takes effect: at configure"
+        assert gait.additional_constraints == f'one of: walk, stand; {live}; initial: "walk"'
+        assert level.additional_constraints == f'one of: LOW, HIGH; {live}; initial: "LOW"'
+        assert gains.additional_constraints == (
+            f"unit: N m/rad; at least: 0.0; {live}; initial: [1.0, 2.0]"
+        )
+        at_configure = "unit: ticks; takes effect: at configure; initial: 10"
+        assert horizon.additional_constraints == at_configure
 
 
 def test_the_config_gives_the_first_values() -> None:

@@ -58,14 +58,14 @@ class LiveParameters:
         """
         node = self._node
         for name, parameter in self._declared.items():
+            first = default = parameter.to_ros()
             given = node._parameter_overrides.get(name)
             if given is not None:
-                fitted = node._parameter_overrides[name] = parameter.fit(given)
-                fault = parameter.fault(fitted)
+                first = node._parameter_overrides[name] = parameter.fit(given)
+                fault = parameter.fault(first)
                 if fault is not None:
                     raise ObeliskConfigError(fault)
-            first = parameter.to_ros()
-            declared = node.declare_parameter(name, first.value, parameter.descriptor())
+            declared = node.declare_parameter(name, default.value, parameter.descriptor(first))
             vars(node)[name] = parameter.value(declared)
         if self._declared:
             node.add_post_set_parameters_callback(self._note)

@@ -13,6 +13,7 @@ descriptor without code costs six times as much.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
@@ -100,8 +101,8 @@ class Parameter(Generic[T]):
 
         def __get__(self, instance: object, owner: type) -> T: ...
 
-    def descriptor(self) -> ParameterDescriptor:
-        """Describe the parameter to ROS tools."""
+    def descriptor(self, initial: RosParameter) -> ParameterDescriptor:
+        """Describe the parameter to ROS tools, with its first value."""
         found = ParameterDescriptor(name=self.name, description=self.description)
         least, most = self.notes.least, self.notes.most
         has_range_field = least is not None and most is not None
@@ -116,7 +117,8 @@ class Parameter(Generic[T]):
                 ]
             else:
                 has_range_field = False
-        found.additional_constraints = self.notes.text(has_range_field=has_range_field)
+        notes = replace(self.notes, initial=_plain(initial.value))
+        found.additional_constraints = notes.text(has_range_field=has_range_field)
         return found
 
     def to_ros(self) -> RosParameter:

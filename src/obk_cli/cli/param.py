@@ -1,4 +1,4 @@
-"""`obk param list|get|set|dump`: the parameters of running nodes."""
+"""`obk param list|get|set|save|dump`: the parameters of running nodes."""
 
 import re
 import sys
@@ -187,6 +187,28 @@ def dump(
     except OSError as error:
         raise unwritable(output, error) from error
     print(f"{len(written)} parameters of {opened.node} in {output}", file=sys.stderr)
+
+
+@app.command(epilog="Example: obk param save stack.yaml --diff")
+def save(
+    config: Annotated[str, typer.Argument(metavar="CONFIG", help="The config to edit.")],
+    diff: Annotated[
+        bool, typer.Option("--diff", help="Show what would change, write nothing.")
+    ] = False,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+) -> None:
+    """Write the present parameters of running nodes into their config.
+
+    Changes the values under `params` that differ from those of the nodes, and adds parameters that
+    were tuned and that the config does not have. Comments and layout stay. Each edit is proven by
+    compiling the config again. Exit code 1 if a value cannot be written.
+    """
+    target = graph_target(domain, timeout)
+
+    from obk_cli.cli import param_save
+
+    param_save.save(config, target, timeout, is_dry=diff)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -144,6 +144,7 @@ class WireDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=T
     most: float | None = None
     choices: tuple[str, ...] = ()
     is_live: bool | None = None
+    initial: Scalar | tuple[Scalar, ...] | None = None
 
 
 class DescriptionsReply(msgspec.Struct, frozen=True, kw_only=True):
@@ -268,6 +269,7 @@ def wire_description(name: str, description: ParameterDescription) -> WireDescri
         most=notes.most,
         choices=notes.choices,
         is_live=notes.is_live,
+        initial=notes.initial,
     )
 
 
@@ -277,8 +279,14 @@ def description_of(wire: WireDescription) -> ParameterDescription:
     least, most = (
         int(limit) if is_whole and limit is not None else limit for limit in (wire.least, wire.most)
     )
+    initial: Any = wire.initial
     notes = ParameterNotes(
-        unit=wire.unit, least=least, most=most, choices=wire.choices, is_live=wire.is_live
+        unit=wire.unit,
+        least=least,
+        most=most,
+        choices=wire.choices,
+        is_live=wire.is_live,
+        initial=initial,
     )
     return ParameterDescription(kind=wire.kind, notes=notes, text=wire.text)
 

@@ -18,6 +18,9 @@ words = st.text("abcdefg /^2", max_size=12).map(str.strip)
         most=finite,
         choices=st.lists(st.text("abc", min_size=1), max_size=3).map(tuple),
         is_live=st.sampled_from([None, True, False]),
+        initial=st.one_of(
+            st.none(), st.booleans(), st.text(), finite, st.lists(st.integers()).map(tuple)
+        ),
     )
 )
 def test_what_is_written_is_read(notes: ParameterNotes) -> None:
