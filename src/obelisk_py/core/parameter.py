@@ -40,7 +40,11 @@ _SEPARATORS: Final = (";", "\n")
 
 
 class Parameter(Generic[T]):
-    """Declares a ROS parameter of the name of the attribute, in the body of a node's class."""
+    """Declares a ROS parameter of the name of the attribute, in the body of a node's class.
+
+    The node's attribute is the present value. A change takes effect between two callbacks; then
+    the node's method `on_parameters(changed)` is called with the names.
+    """
 
     def __init__(
         self,
