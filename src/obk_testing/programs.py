@@ -29,17 +29,19 @@ from obelisk_py.core.composition import (
     set_log_levels,
 )
 from obelisk_py.core.lifecycle import node_arguments
-from obelisk_py.core.lockstep.interception import refuse_plain_nodes
+from obelisk_py.core.lockstep.interception import refuse_plain_nodes, repeatable_import
 from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
 from obelisk_spec.values import ParameterValue
-from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.compiler import Options, compile_config
 from obk_cli.config.environment import Environment
+from obk_cli.config.hardware import refuse_hardware
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import find_executables, is_composable, ros_arguments
 from obk_cli.plan.plan import Plan, Process
 from obk_cli.report import report_text
 from obk_cli.workspace.package_index import PackageIndex
+from obk_testing.module_generators import ModuleGenerators
 
 __all__ = ["LoadedStack", "LoadedStacks", "compile_stack", "load_stack"]
 
@@ -93,7 +95,15 @@ def compile_stack(
             f"{config} has errors\n{report_text(errors, colour=False)}",
             help=f"`obk validate {config}` reports them too",
         )
-    _refuse_hardware(outcome)
+    # A robot whose config does not say what it is may be a simulator of the user's own: the class
+    # of its node decides, before it is configured.
+    refuse_hardware(
+        outcome.config,
+        "a test never opens hardware",
+        help="name a variant whose robot is simulated, or override it: "
+        "set=['robot[0].is_simulated=true']",
+        may_be_unclear=True,
+    )
     left_out = _full_names(outcome.plan, without)
     nodes = tuple(each for each in outcome.plan.processes if each.full_name not in left_out)
     packages = PackageIndex.around(config.parent, Path.cwd(), dict(os.environ))
@@ -109,23 +119,6 @@ def compile_stack(
         environment=outcome.environment,
         unclear_robots=unclear,
     )
-
-
-def _refuse_hardware(outcome: Outcome) -> None:
-    assert outcome.config is not None
-    for robot in outcome.config.section("robot"):
-        if (
-            not robot.runs_simulation
-            and robot.is_simulated is not None
-            and not (robot.is_simulated.value)
-        ):
-            span = robot.is_simulated.span
-            raise CommandFailedError(
-                f"{span.path}:{span.line}:{span.column}: the robot {robot.full_name} is hardware, "
-                "and a test never opens hardware",
-                help="name a variant whose robot is simulated, or override it: "
-                "set=['robot[0].is_simulated=true']",
-            )
 
 
 def _full_names(plan: Plan, names: Iterable[str]) -> set[str]:
@@ -282,7 +275,7 @@ class LoadedStack:
         self.participant.open()
         self._resources.callback(self.participant.close)
         programs = self._programs(compiled)
-        arguments = sys.argv
+        arguments, modules = sys.argv, frozenset(sys.modules)
         self._thread = threading.Thread(
             target=self._run_all, args=[programs], name="programs", daemon=True
         )
@@ -290,6 +283,13 @@ class LoadedStack:
             self._thread.start()
             self._ready.wait()
         sys.argv = arguments  # each program has its own until it waits
+        # A test may have imported modules of the nodes before.
+        packages = {program.module.partition(".")[0] for _, program in programs}
+        self.generators = ModuleGenerators(
+            name
+            for name in [*sys.modules]
+            if name not in modules or name.partition(".")[0] in packages
+        )
         if self._error is not None:
             raise self._error
 
@@ -361,7 +361,8 @@ class LoadedStack:
 
     def _run_all(self, programs: list[tuple[Process, Program]]) -> None:
         try:
-            self._run(programs)
+            with repeatable_import():
+                self._run(programs)
         except BaseException as error:
             self._error = error
         self._ready.set()
