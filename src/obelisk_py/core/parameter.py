@@ -92,12 +92,12 @@ class Parameter(Generic[T]):
         """
         self.name = name
         for base in owner.__mro__[1:]:
-            if name in vars(base):
+            if name in base.__dict__:
                 raise ObeliskConfigError(
                     f"the parameter `{name}` of {owner.__name__} hides {base.__name__}.{name}: "
                     "choose another name"
                 )
-        declared = {**vars(owner).get(_DECLARED, {}), name: self}
+        declared = {**owner.__dict__.get(_DECLARED, {}), name: self}
         setattr(owner, _DECLARED, declared)
         delattr(owner, name)
 
@@ -202,8 +202,8 @@ def parameters_of(node_class: type) -> dict[str, Parameter[Any]]:
     found: dict[str, Parameter[Any]] = {}
     for base in reversed(node_class.__mro__):
         # A subclass may replace a parameter by a constant.
-        found = {name: one for name, one in found.items() if name not in vars(base)}
-        found.update(vars(base).get(_DECLARED, {}))
+        found = {name: one for name, one in found.items() if name not in base.__dict__}
+        found.update(base.__dict__.get(_DECLARED, {}))
     return found
 
 

@@ -19,12 +19,16 @@ from obk_cli.source_analysis.modules import (
 __all__ = ["class_parameters"]
 
 PARAMETER_CLASS: Final = "obelisk_py.core.parameter.Parameter"
+_NAME: Final = "Parameter"
 _ENUMS: Final = ("enum.Enum", "enum.IntEnum", "enum.StrEnum")
 
 
-def class_parameters(lineage: Lineage, library: ModuleLibrary) -> Mapping[str, CodeParameter]:
-    """The parameters by name, those of base classes first; a constant takes one away."""
+def class_parameters(
+    lineage: Lineage, library: ModuleLibrary
+) -> tuple[Mapping[str, CodeParameter], bool]:
+    """The parameters by name, and whether these are all; a constant takes a base class's away."""
     found: dict[str, CodeParameter] = {}
+    are_all = True
     for source in reversed(lineage.classes):
         for statement in at_top_level(source.node.body):
             match statement:
@@ -34,16 +38,22 @@ def class_parameters(lineage: Lineage, library: ModuleLibrary) -> Mapping[str, C
                     pass
                 case _:
                     continue
-            if _is_parameter(value, source.module):
-                assert isinstance(value, ast.Call)
+            called = _called(value, source.module)
+            if called == PARAMETER_CLASS and isinstance(value, ast.Call):
                 found[name] = _declared(name, value, source.module, library)
             else:
                 found.pop(name, None)
-    return found
+                # An import that fails, which is a finding of its own.
+                are_all &= called.rpartition(".")[2] != _NAME
+    return found, are_all
 
 
-def _is_parameter(value: ast.expr, module: Module) -> bool:
-    return isinstance(value, ast.Call) and dotted_name(value.func, module) == PARAMETER_CLASS
+def _called(value: ast.expr, module: Module) -> str:
+    """The full name of what is called, as far as it is known."""
+    if not isinstance(value, ast.Call):
+        return ""
+    own = value.func.id if isinstance(value.func, ast.Name) else ""
+    return dotted_name(value.func, module) or own
 
 
 def _declared(name: str, call: ast.Call, module: Module, library: ModuleLibrary) -> CodeParameter:

@@ -331,7 +331,8 @@ def registrations_of(
 ) -> Registrations:
     """The components and parameters of a class; made with its defaults unless `has_arguments`."""
     walk = _Walk(lineage, library, has_arguments=has_arguments)
-    walk.found.parameters.update(class_parameters(lineage, library))
+    declared, walk.found.knows_parameters = class_parameters(lineage, library)
+    walk.found.parameters.update(declared)
     walk.constructor(0, None)
     for name in sorted({m.name for c in lineage.classes for m in c.methods()}):
         if name.startswith("on_"):

@@ -43,7 +43,8 @@ class QuadrupedController(ObeliskController):
 
     def on_parameters(self, changed: frozenset[str]) -> None:
         """Go on with the new gait."""
-        self.gait = replace(self.gait, **{name: getattr(self, name) for name in changed})
+        if not changed.isdisjoint(("sway_m", "lift_m")):
+            self.gait = replace(self.gait, sway_m=self.sway_m, lift_m=self.lift_m)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin anew: it stands up from wherever it is."""
