@@ -39,6 +39,7 @@ LIBRARIES = {
     "mcap": ("record",),
     "mcap_ros2": ("record",),
     "matplotlib": ("record",),
+    "pyarrow": ("record",),
     "textual": ("monitor",),
     "starlette": ("web",),
     "uvicorn": ("web",),
@@ -116,6 +117,12 @@ def test_the_shared_facts_need_only_the_standard_library_and_yaml() -> None:
     for path in modules_of("obelisk_spec"):
         foreign = libraries(path) - sys.stdlib_module_names - {"obelisk_spec", "yaml"}
         assert not foreign, path
+
+
+def test_the_reader_of_recordings_needs_neither_ros_nor_the_tool() -> None:
+    allowed = sys.stdlib_module_names | {"mcap", "numpy", "obelisk_recordings", "obelisk_spec"}
+    for path in modules_of("obelisk_recordings"):
+        assert not libraries(path) - allowed, path
 
 
 def test_no_two_public_classes_have_the_same_name() -> None:

@@ -9,8 +9,9 @@ from std_msgs.msg import Float64
 
 from obelisk_py.core.lockstep.interception import LogEntry
 from obelisk_py.core.lockstep.topics import Topic
+from obelisk_recordings.summary import read_bag
 from obk_cli.plan.plan import Plan
-from obk_cli.record.mcap_reader import messages_of, read_bag
+from obk_cli.record.mcap_reader import messages_of
 from obk_testing.plot import draw_trial, signals_of
 from obk_testing.recording import STATE_TOPIC, write_recording
 from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult

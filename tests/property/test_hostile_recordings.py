@@ -11,10 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.summary import read_bag
 from obk_cli.cli.bag import bag_data, bag_text
 from obk_cli.errors import ObkError
 from obk_cli.introspect.message_text import json_line
-from obk_cli.record.mcap_reader import messages_of, read_bag
+from obk_cli.record.mcap_reader import messages_of
 from obk_cli.record.mcap_writer import BagWriter
 from obk_cli.record.plot import PlotField, parse_field
 
@@ -58,12 +60,12 @@ def look_at(data: bytes) -> None:
         path = Path(file.name)
         try:
             bag = read_bag(path)
-        except ObkError:
+        except RecordingError:
             return
         assert_shows_only_text(list(bag_text(bag)))
         json_line(bag_data(bag))
         lines = PlotField(parse_field("/speed.data"))
-        with suppress(ObkError):
+        with suppress(ObkError, RecordingError):
             for message in messages_of(path, {topic.topic for topic in bag.topics}):
                 lines.add(message.received_ns * 1e-9, message.value)
 

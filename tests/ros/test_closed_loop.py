@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from obk_cli.record.mcap_reader import messages_of, read_bag
+from obelisk_recordings.summary import read_bag
+from obk_cli.record.mcap_reader import messages_of
 from obk_testing.recording import STATE_TOPIC
 
 from ..waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
+from obelisk_recordings.bag import Bag, BagTopic
 from obk_cli.cli.options import FormatOption, wants_json
-from obk_cli.record.recording import Bag, BagTopic, find_recording
+from obk_cli.record.recording import find_recording
 from obk_cli.runs.folder import runs_folder
 from obk_cli.terminal import plain
 
@@ -101,7 +102,7 @@ def info(
 
     require_extra("mcap_ros2", "record")
 
-    from obk_cli.record.mcap_reader import read_bag
+    from obelisk_recordings.summary import read_bag
 
     bag = read_bag(find_recording(runs_folder(os.environ), recording))
     if is_json:

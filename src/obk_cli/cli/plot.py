@@ -52,7 +52,7 @@ def command(
     require_extra("mcap_ros2", "plot")
     require_extra("matplotlib", "plot")
 
-    from obk_cli.record.mcap_reader import read_bag
+    from obelisk_recordings.summary import read_bag
     from obk_cli.record.plot import FORMATS, draw
 
     names = [parse_field(text) for text in fields]

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from obelisk_recordings.bag import DROPS
 from obk_cli.cli.main import main
 from obk_cli.record.mcap_writer import BagWriter
 from obk_cli.record.plot import PlotField
-from obk_cli.record.recording import DROPS
 
 SECOND = 1_000_000_000
 

@@ -12,12 +12,14 @@ import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from obelisk_recordings.bag import DROPS, BagTopic
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.summary import read_bag
 from obk_cli.cli.bag import bag_text
 from obk_cli.errors import CommandFailedError
-from obk_cli.record.mcap_reader import messages_of, read_bag
+from obk_cli.record.mcap_reader import messages_of
 from obk_cli.record.mcap_writer import BagWriter, offers_text
 from obk_cli.record.plot import PlotField, draw, parse_field
-from obk_cli.record.recording import DROPS, BagTopic
 from obk_cli.ros.raw_subscription import OfferedQos
 
 TYPE = "std_msgs/msg/Float64"
@@ -102,7 +104,7 @@ def test_a_damaged_chunk_is_an_error_of_the_file(tmp_path: Path) -> None:
         file.seek(end - 40)
         file.write(b"\xff" * 40)
     assert read_bag(path).count == COUNT
-    with pytest.raises(CommandFailedError, match=r"a\.mcap"):
+    with pytest.raises(RecordingError, match=r"a\.mcap"):
         list(messages_of(path, {"/speed"}))
 
 
@@ -129,9 +131,9 @@ def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
 def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("some text that is no recording")
-    with pytest.raises(CommandFailedError, match="MCAP"):
+    with pytest.raises(RecordingError, match="MCAP"):
         read_bag(path)
-    with pytest.raises(CommandFailedError, match=r"b\.mcap"):
+    with pytest.raises(RecordingError, match=r"b\.mcap"):
         read_bag(tmp_path / "b.mcap")
 
 
@@ -248,7 +250,7 @@ def test_a_message_that_breaks_off_is_told_and_not_cut_short(
     tmp_path: Path, definition: str, data: bytes
 ) -> None:
     path = with_definition(tmp_path / "a.mcap", definition, data)
-    with pytest.raises(CommandFailedError, match=r"damaged \(EOFError: \d+ bytes were expected"):
+    with pytest.raises(RecordingError, match=r"damaged \(EOFError: \d+ bytes were expected"):
         list(messages_of(path, {"/speed"}))
 
 
