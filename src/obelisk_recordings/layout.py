@@ -81,7 +81,9 @@ class MessageLayout:
         """Which messages have this layout, shape `(n,)`; they have to be of its length."""
         fits = np.ones(len(rows), bool)
         for offset, data in self.lengths:
-            fits &= (rows[:, offset : offset + len(data)] == np.frombuffer(data, np.uint8)).all(1)
+            code = f"u{len(data)}"
+            found = rows[:, offset : offset + len(data)].view(code)[:, 0]
+            fits &= found == np.frombuffer(data, code)[0]
         return fits
 
 

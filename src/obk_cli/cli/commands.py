@@ -59,6 +59,7 @@ VERBS = {
     "record": Verb("obk_cli.cli.record", "Record topics of a running stack into an MCAP file."),
     "bag": Verb("obk_cli.cli.bag", "Show what a recording holds."),
     "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
+    "diff": Verb("obk_cli.cli.diff", "Compare two recorded runs."),
     "export": Verb("obk_cli.cli.export", "Write a recording as Parquet or CSV."),
     "doctor": Verb("obk_cli.cli.doctor", "Check this machine and explain how to fix problems."),
     "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),

@@ -140,7 +140,7 @@ class _File:
             self._writer = pyarrow.csv.CSVWriter(str(self._temporary), schema)
         else:
             self._writer = pyarrow.parquet.ParquetWriter(
-                str(self._temporary), schema, compression="zstd"
+                str(self._temporary), schema, compression="zstd", use_dictionary=_texts_of(leaves)
             )
 
     def _schema(self, run: RecordedRun, topic: RecordedTopic) -> Any:
@@ -199,6 +199,15 @@ class _File:
         """Remove what was not finished."""
         self._writer.close()
         self._temporary.unlink(missing_ok=True)
+
+
+def _texts_of(leaves: tuple[_Leaf, ...]) -> list[str]:
+    """The columns of texts, which repeat; a dictionary of numbers would only take time."""
+    return [
+        _free(leaf.path) if leaf.longest is None else f"{leaf.path}.list.element"
+        for leaf in leaves
+        if not leaf.code
+    ]
 
 
 def _free(path: str) -> str:

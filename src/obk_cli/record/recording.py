@@ -5,6 +5,7 @@ Needs no MCAP library.
 
 import json
 import os
+import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -67,6 +68,8 @@ def _in_folder(folder: Path) -> Path | None:
 
 
 PLAN_FILE: Final = "plan.json"
+GIT_S: Final = 2.0
+"""Longest time that git may take [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,10 +95,34 @@ def run_metadata_of(folder: Path) -> RunMetadata:
     every = recorded_versions.items() if isinstance(recorded_versions, dict) else ()
     versions = {key: str(value) for key, value in every}
     plan = {PLAN_FILE: json.dumps(run["plan"], indent=1)} if "plan" in run else {}
+    code = {"obelisk_code": found} if (found := _code(run.get("config"))) else {}
     return RunMetadata(
-        metadata={"obelisk": {"run": folder.name, **stored}, "obelisk_versions": versions},
+        metadata={
+            "obelisk": {"run": folder.name, **stored},
+            "obelisk_versions": versions,
+            **code,
+        },
         attachments={**plan, **_parameters(folder)},
     )
+
+
+def _code(config: object) -> Mapping[str, str]:
+    """The commit of the workspace of a config; empty if it is in no git repository."""
+    if not isinstance(config, str):
+        return {}
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        described = subprocess.run(
+            command,
+            cwd=Path(config).parent,
+            capture_output=True,
+            text=True,
+            timeout=GIT_S,
+            check=True,
+        )
+    except (OSError, ValueError, subprocess.SubprocessError):
+        return {}
+    return {"commit": described.stdout.strip()}
 
 
 def _parameters(folder: Path) -> Mapping[str, str]:

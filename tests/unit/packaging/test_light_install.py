@@ -43,6 +43,7 @@ NEEDS = {
     "test": ("test", ["my_robot/my_robot.yaml"]),
     "record": ("record", []),
     "bag": ("record", ["info", "run.mcap"]),
+    "diff": ("record", ["one.mcap", "two.mcap"]),
     "export": ("export", ["run.mcap", "--to", "csv"]),
     "plot": ("plot", ["run.mcap", "est.q"]),
     "sweep": ("test", ["my_robot/my_robot.yaml"]),
