@@ -37,7 +37,6 @@ LIBRARIES = {
     "rclpy": ("ros", "launch", "record", "doctor"),
     "mujoco": ("workspace", "doctor"),
     "mcap": ("record",),
-    "mcap_ros2": ("record",),
     "matplotlib": ("record",),
     "pyarrow": ("record",),
     "textual": ("monitor",),

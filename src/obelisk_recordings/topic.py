@@ -241,7 +241,7 @@ class RecordedTopic:
         """The numbers in a field, each as one signal; in all fields without a path.
 
         Raises:
-            RecordingError: the messages have no such field.
+            RecordingError: the messages have no such field, or it holds only texts.
         """
         found = [one for one in self.fields if _is_part(one, path)]
         match = _PLACE.fullmatch(path)
@@ -252,6 +252,9 @@ class RecordedTopic:
             return
         if not found:
             raise self._unknown(path)
+        every = [layout.columns for layout, _, _ in self.tables]
+        if not any(each[one].code for each in every for one in found if one in each):
+            raise RecordingError(f"{self.name}: `{path}` holds no number")
         for one in found:
             columns = [table[0].columns[one] for table in self.tables if one in table[0].columns]
             if not columns[0].code:

@@ -100,7 +100,7 @@ def info(
 
     from obk_cli.optional_deps import require_extra
 
-    require_extra("mcap_ros2", "record")
+    require_extra("mcap", "record")
 
     from obelisk_recordings.summary import read_bag
 

@@ -5,6 +5,7 @@ Needs no MCAP library.
 
 import json
 import os
+import re
 import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -35,7 +36,8 @@ def find_recording(parent: Path, name: str | None) -> Path:
     Args:
         parent: the folder of all runs.
         name: a file, a folder with one recording, the name of a config (its newest run that was
-            recorded) or of a run's folder; None: the newest run that was recorded.
+            recorded; with `~1` behind it the one before) or of a run's folder; None: the newest run
+            that was recorded.
 
     Raises:
         CommandFailedError: no recording has that name.
@@ -45,10 +47,14 @@ def find_recording(parent: Path, name: str | None) -> Path:
     if name is not None and (inside := _in_folder(Path(name))):
         return inside
     folders = run_folders(parent)
+    earlier = _EARLIER.fullmatch(name or "")
+    name, place = (earlier["name"], int(earlier["place"])) if earlier else (name, 0)
     fitting = [f for f in folders if name is None or name in (f.name, config_of(f))]
     recorded = [f / RECORDING for f in fitting if (f / RECORDING).is_file()]
+    if place < len(recorded):
+        return recorded[place]
     if recorded:
-        return recorded[0]
+        raise CommandFailedError(f"only {len(recorded)} runs of `{name}` were recorded")
     how = "record one with `obk launch --record`, or `obk record` while it runs"
     if name is None:
         raise CommandFailedError(f"no run in {parent} was recorded", help=how)
@@ -67,6 +73,8 @@ def _in_folder(folder: Path) -> Path | None:
     return files[0] if len(files) == 1 else None
 
 
+_EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
+"""The run before the newest is called `arm~1`."""
 PLAN_FILE: Final = "plan.json"
 GIT_S: Final = 2.0
 """Longest time that git may take [s]."""

@@ -57,3 +57,14 @@ def test_a_missing_recording_is_reported_with_what_to_do(
 def test_a_name_that_no_file_can_have_is_that_of_none(runs: Path) -> None:
     with pytest.raises(CommandFailedError, match="`aaa"):
         find_recording(runs, "a" * 300)
+
+
+def test_the_runs_before_the_newest_have_numbers(runs: Path) -> None:
+    for day in ("05", "06"):
+        folder = runs / f"arm_202601{day}_000000"
+        folder.mkdir()
+        (folder / RECORDING).touch()
+    found = [find_recording(runs, name).parent.name[:12] for name in ("arm", "arm~1", "arm~2")]
+    assert found == ["arm_20260106", "arm_20260105", "arm_20260101"]
+    with pytest.raises(CommandFailedError, match="only 3 runs of `arm` were recorded"):
+        find_recording(runs, "arm~3")
