@@ -6,12 +6,13 @@ Source: MCAP specification, records Message (op 5) and Chunk (op 6).
 
 import struct
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
@@ -24,19 +25,27 @@ from obelisk_recordings.errors import RecordingError
 from obelisk_recordings.layout import Bytes
 from obelisk_recordings.summary import LONGEST_RECORD, recording_errors
 
-__all__ = ["TopicMessages", "joined", "messages_in_parts"]
+__all__ = [
+    "RecordedMessage",
+    "TopicMessages",
+    "joined",
+    "messages_in_order",
+    "messages_in_parts",
+]
 
 _RECORD: Final = struct.Struct("<BQ")
 _SCHEMA, _CHANNEL, _MESSAGE = 3, 4, 5
 _HEAD: Final = np.dtype(
     {
-        "names": ["channel", "received", "published"],
-        "formats": ["<u2", "<i8", "<i8"],
-        "offsets": [0, 6, 14],
+        "names": ["channel", "sequence", "received", "published"],
+        "formats": ["<u2", "<u4", "<i8", "<i8"],
+        "offsets": [0, 2, 6, 14],
         "itemsize": 22,
     }
 )
 """What stands before a message's data: channel, sequence number, two times."""
+_MOST_LOOSE: Final = 10_000
+"""Messages outside of chunks that are read at once."""
 PART_BYTES: Final = 16 << 20
 """Of a part of one topic [bytes]."""
 Times = NDArray[np.int64]
@@ -54,11 +63,28 @@ class TopicMessages:
     """When the recorder received them [ns since 1970], shape `(n,)`."""
     published_ns: Times
     """When they were published [ns since 1970], shape `(n,)`; the time of receipt if unknown."""
+    sequence: NDArray[np.uint32]
+    """As the recorder has numbered them, shape `(n,)`; in lock-step in the order of publication."""
     tables: tuple[tuple[NDArray[np.intp], Bytes], ...]
     """For each length in bytes: places among the n messages, and their bytes, a row for each."""
 
     def __len__(self) -> int:
         return len(self.received_ns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedMessage:
+    """One serialized message."""
+
+    topic: str
+    msg_type: str
+    received_ns: int
+    """When the recorder received it [ns since 1970]."""
+    published_ns: int
+    """When it was published [ns since 1970]; the time of receipt if unknown."""
+    sequence: int
+    """As the recorder has numbered it; in lock-step in the order of publication."""
+    data: bytes
 
 
 def joined(parts: list[TopicMessages]) -> TopicMessages:
@@ -71,10 +97,11 @@ def joined(parts: list[TopicMessages]) -> TopicMessages:
         begin += len(part)
     received = np.concatenate([part.received_ns for part in parts])
     published = np.concatenate([part.published_ns for part in parts])
+    sequence = np.concatenate([part.sequence for part in parts])
     moved: NDArray[np.intp] | None = None
     if (received[1:] < received[:-1]).any():
         order = np.argsort(received.view(np.uint64), kind="stable")
-        received, published = received[order], published[order]
+        received, published, sequence = received[order], published[order], sequence[order]
         moved = np.empty_like(order)
         moved[order] = np.arange(len(order))
     whole = []
@@ -91,6 +118,7 @@ def joined(parts: list[TopicMessages]) -> TopicMessages:
         definition=parts[0].definition,
         received_ns=received,
         published_ns=published,
+        sequence=sequence,
         tables=tuple(whole),
     )
 
@@ -140,9 +168,7 @@ def messages_in_parts(
         schemas = _Schemas(topics)
         waiting: dict[tuple[str, str], list[TopicMessages]] = defaultdict(list)
         sizes: dict[tuple[str, str], int] = defaultdict(int)
-        for part in _parts(
-            StreamReader(file, emit_chunks=True, record_size_limit=LONGEST_RECORD), schemas
-        ):
+        for part in chain.from_iterable(_chunks(file, schemas)):
             key = part.topic, part.definition
             waiting[key].append(part)
             sizes[key] += sum(rows.nbytes for _, rows in part.tables)
@@ -153,20 +179,57 @@ def messages_in_parts(
             yield joined(parts)
 
 
-def _parts(reader: StreamReader, schemas: _Schemas) -> Iterator[TopicMessages]:
+def messages_in_order(path: Path, topics: Collection[str]) -> Iterator[RecordedMessage]:
+    """The messages of some topics one by one, in the order of receipt within each chunk.
+
+    Recorders write chunks one after another, so only a file of another origin may have them
+    overlap.
+
+    Args:
+        path: of the file.
+        topics: full names.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    with recording_errors(path), path.open("rb") as file:
+        for parts in _chunks(file, _Schemas(topics)):
+            yield from _in_order(parts)
+
+
+def _in_order(parts: Sequence[TopicMessages]) -> Iterator[RecordedMessage]:
+    found = []
+    for part in parts:
+        for places, rows in part.tables:
+            for place, row in zip(places, rows, strict=True):
+                one = RecordedMessage(
+                    topic=part.topic,
+                    msg_type=part.msg_type,
+                    received_ns=int(part.received_ns[place]),
+                    published_ns=int(part.published_ns[place]),
+                    sequence=int(part.sequence[place]),
+                    data=row.tobytes(),
+                )
+                found.append(one)
+    yield from sorted(found, key=lambda one: (one.received_ns, one.sequence))
+
+
+def _chunks(file: IO[bytes], schemas: _Schemas) -> Iterator[Sequence[TopicMessages]]:
+    """The wanted messages by topic, chunk by chunk."""
     loose: list[Message] = []
+    reader = StreamReader(file, emit_chunks=True, record_size_limit=LONGEST_RECORD)
     with suppress(EndOfFile, struct.error):  # the file breaks off
         for record in reader.records:
             schemas.add(record)
             if isinstance(record, Chunk):
                 stream, length = get_chunk_data_stream(record)
-                yield from _chunk(stream.read(length), schemas)
+                yield tuple(_chunk(stream.read(length), schemas))
             elif isinstance(record, Message):
                 loose.append(record)
-                if len(loose) == 10_000:
-                    yield from _loose(loose, schemas)
+                if len(loose) == _MOST_LOOSE:
+                    yield tuple(_loose(loose, schemas))
                     loose = []
-    yield from _loose(loose, schemas)
+    yield tuple(_loose(loose, schemas))
 
 
 def _loose(messages: list[Message], schemas: _Schemas) -> Iterator[TopicMessages]:
@@ -204,6 +267,7 @@ def _chunk(data: bytes, schemas: _Schemas) -> Iterator[TopicMessages]:
             definition=definition,
             received_ns=received,
             published_ns=np.where(own["published"] == 0, received, own["published"]),
+            sequence=np.ascontiguousarray(own["sequence"]),
             tables=tuple(tables),
         )
 

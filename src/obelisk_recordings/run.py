@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from obelisk_recordings.bag import Bag
 from obelisk_recordings.chunks import TopicMessages, joined, messages_in_parts
+from obelisk_recordings.definition import MessageDefinition, parse_definition
 from obelisk_recordings.errors import RecordingError
 from obelisk_recordings.summary import read_attachments, read_bag
 from obelisk_recordings.topic import RecordedTopic
@@ -145,6 +146,25 @@ class RecordedRun:
             if len(found) > 1:
                 raise RecordingError(f"{self.path}: {name} has messages of several types")
         return {name: RecordedTopic(joined(found), self.origin_ns) for name, found in parts.items()}
+
+    def definitions(self, topics: Iterable[str]) -> dict[str, MessageDefinition]:
+        """The message definitions of some topics, as far as the recording has them.
+
+        Args:
+            topics: full names.
+
+        Raises:
+            RecordingError: the file cannot be read.
+        """
+        found: dict[str, MessageDefinition] = {}
+        missing = set(topics)
+        for part in messages_in_parts(self.path, frozenset(topics), part_bytes=0):
+            if part.topic in missing and part.definition:
+                found[part.topic] = parse_definition(part.msg_type, part.definition)
+            missing.discard(part.topic)
+            if not missing:
+                break
+        return found
 
     def parts(self, topics: Iterable[str]) -> Iterator[RecordedTopic]:
         """Some topics in parts of limited size, for recordings larger than the memory.

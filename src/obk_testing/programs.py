@@ -13,7 +13,7 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -93,8 +93,8 @@ def compile_stack(
             f"{config} has errors\n{report_text(errors, colour=False)}",
             help=f"`obk validate {config}` reports them too",
         )
-    _refuse_hardware(outcome)
     left_out = _full_names(outcome.plan, without)
+    _refuse_hardware(outcome, left_out)
     nodes = tuple(each for each in outcome.plan.processes if each.full_name not in left_out)
     packages = PackageIndex.around(config.parent, Path.cwd(), dict(os.environ))
     unclear = frozenset(
@@ -111,11 +111,12 @@ def compile_stack(
     )
 
 
-def _refuse_hardware(outcome: Outcome) -> None:
+def _refuse_hardware(outcome: Outcome, left_out: Collection[str]) -> None:
     assert outcome.config is not None
     for robot in outcome.config.section("robot"):
         if (
-            not robot.runs_simulation
+            robot.full_name not in left_out
+            and not robot.runs_simulation
             and robot.is_simulated is not None
             and not (robot.is_simulated.value)
         ):

@@ -61,6 +61,7 @@ VERBS = {
     "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
     "diff": Verb("obk_cli.cli.diff", "Compare two recorded runs."),
     "export": Verb("obk_cli.cli.export", "Write a recording as Parquet or CSV."),
+    "play": Verb("obk_cli.cli.play", "Publish a recording again, or run nodes on it."),
     "doctor": Verb("obk_cli.cli.doctor", "Check this machine and explain how to fix problems."),
     "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
     "rehearse": Verb("obk_cli.cli.rehearse", "Test how a stack reacts when its nodes fail."),

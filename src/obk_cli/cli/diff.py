@@ -14,7 +14,7 @@ from obk_cli.terminal import columns_of, escaped, shortened
 if TYPE_CHECKING:
     from obk_cli.record.compare import RunComparison
 
-__all__ = ["EXAMPLE", "command"]
+__all__ = ["EXAMPLE", "command", "difference_lines"]
 
 EXAMPLE = """\b
 Example: obk diff dummy_20260301_120000 dummy_20260301_121500
@@ -51,13 +51,16 @@ def command(
     for run in runs:
         if not run.bag.is_complete:
             print(f"note: {run.path} breaks off: its recorder did not end it", file=sys.stderr)
-    found = compare_runs(*runs)
+    found = compare_runs(runs[0], runs[1])
     if is_json:
         print_json(asdict(found))
         return
-    print("\n".join(_table([_head(found), *_rows(found)])))
-    for line in _summary(found):
-        print(line)
+    print("\n".join([*_table([_head(found), *_rows(found)]), *_summary(found)]))
+
+
+def difference_lines(found: "RunComparison") -> Iterator[str]:
+    """The table of topics and numbers alone."""
+    yield from _table([_head(found), *_topic_rows(found), *_signal_rows(found)])
 
 
 def _head(found: "RunComparison") -> _Row:
@@ -68,6 +71,14 @@ def _rows(found: "RunComparison") -> Iterator[_Row]:
     for group in ("versions", "config", "parameters"):
         for one in getattr(found, group):
             yield (f"{group}: {one.what}", _value(one.first), _value(one.second), "", "", "")
+    yield from _topic_rows(found)
+    rejected = found.rejected_commands
+    if any(rejected):
+        yield ("rejected commands", _value(rejected[0]), _value(rejected[1]), "", "", "")
+    yield from _signal_rows(found)
+
+
+def _topic_rows(found: "RunComparison") -> Iterator[_Row]:
     for topic in found.topics:
         name, types, counts = topic.topic, topic.msg_type, topic.count
         if types[0] != types[1]:
@@ -78,9 +89,9 @@ def _rows(found: "RunComparison") -> Iterator[_Row]:
         rates, late = topic.rate_hz, topic.late_p99_ms
         yield (f"{name} rate [Hz]", f"{rates[0]:.1f}", f"{rates[1]:.1f}", "", "", "")
         yield (f"{name} late p99 [ms]", f"{late[0]:.2f}", f"{late[1]:.2f}", "", "", "")
-    rejected = found.rejected_commands
-    if any(rejected):
-        yield ("rejected commands", _value(rejected[0]), _value(rejected[1]), "", "", "")
+
+
+def _signal_rows(found: "RunComparison") -> Iterator[_Row]:
     for signal in found.signals:
         if signal.largest:
             unit = f" [{signal.unit}]" if signal.unit else ""

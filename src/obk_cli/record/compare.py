@@ -5,17 +5,26 @@ length need little memory.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from obelisk_recordings.chunks import messages_in_order
 from obelisk_recordings.run import RecordedRun
 from obelisk_recordings.topic import RecordedSignal, RecordedTopic
 
-__all__ = ["Difference", "RunComparison", "SignalDifference", "TopicComparison", "compare_runs"]
+__all__ = [
+    "Difference",
+    "RunComparison",
+    "SignalDifference",
+    "TopicComparison",
+    "compare_runs",
+    "first_different_message",
+]
 
 Floats = NDArray[np.float64]
 _STAMP: Final = re.compile(r"(?:^|\.)(?:sec|nanosec)$")
@@ -88,14 +97,21 @@ class RunComparison:
         return not (self.versions or self.config or self.parameters or differs) and same_topics
 
 
-def compare_runs(first: RecordedRun, second: RecordedRun) -> RunComparison:
+def compare_runs(
+    first: RecordedRun, second: RecordedRun, only: Collection[str] | None = None
+) -> RunComparison:
     """Compare two runs.
+
+    Args:
+        first: a run.
+        second: another one.
+        only: topics to compare; None: all.
 
     Raises:
         RecordingError: a recording cannot be read.
     """
     runs = (first, second)
-    topics = _compare_topics(runs)
+    topics = _compare_topics(runs, only)
     config, parameters = _compare_plans(first.plan, second.plan)
     return RunComparison(
         runs=(first.name, second.name),
@@ -303,14 +319,38 @@ def _late_ms(times: Floats) -> float:
     return float(np.percentile(intervals, 99.0) - np.median(intervals)) * 1e3
 
 
-def _compare_topics(runs: tuple[RecordedRun, RecordedRun]) -> list[_Topic]:
+def first_different_message(
+    first: RecordedRun, second: RecordedRun, topic: str
+) -> tuple[int, float | None]:
+    """How many messages of a topic have the same bits, and when the first other one came.
+
+    Returns:
+        The number, and the time [s since activation]; None: all of them have the same bits.
+
+    Raises:
+        RecordingError: a recording cannot be read.
+    """
+    count = 0
+    both = (messages_in_order(run.path, [topic]) for run in (first, second))
+    for one, two in zip_longest(*both):
+        if one is None or two is None or one.data != two.data:
+            run, message = (first, one) if one is not None else (second, two)
+            return count, (message.published_ns - run.origin_ns) * 1e-9
+        count += 1
+    return count, None
+
+
+def _compare_topics(
+    runs: tuple[RecordedRun, RecordedRun], only: Collection[str] | None
+) -> list[_Topic]:
     """Read both runs side by side, the one that is behind first."""
     counts = [{one.topic for one in run.bag.topics if one.count} for run in runs]
     topics = {
         name: _Topic(name, name in counts[0] and name in counts[1])
         for name in sorted(counts[0] | counts[1])
+        if only is None or name in only
     }
-    readers = [run.parts(run.topics) for run in runs]
+    readers = [run.parts(topics) for run in runs]
     progress = [-np.inf, -np.inf]
     while min(progress) < np.inf:
         place = int(progress[1] < progress[0])

@@ -45,6 +45,7 @@ NEEDS = {
     "bag": ("record", ["info", "run.mcap"]),
     "diff": ("record", ["one.mcap", "two.mcap"]),
     "export": ("export", ["run.mcap", "--to", "csv"]),
+    "play": ("record", ["run.mcap"]),
     "plot": ("plot", ["run.mcap", "est.q"]),
     "sweep": ("test", ["my_robot/my_robot.yaml"]),
     "web": ("web", []),
