@@ -264,7 +264,7 @@ class RecordedTopic:
                 continue
             names = self.names(one)
             for place in range(max(column.count or 0 for column in columns)):
-                name = names[place] if place < len(names) else str(place)
+                name = (names[place] if place < len(names) else "") or str(place)
                 yield RecordedSignal(self, one, place, f"{one}[{name}]")
 
     def unit(self, path: str) -> str:

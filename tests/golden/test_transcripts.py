@@ -3,9 +3,11 @@
 The help of all commands is in `docs/reference/commands.md`, which a test keeps up to date.
 """
 
+import json
 import os
 import re
 import shutil
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -16,6 +18,7 @@ import pytest
 
 from obk_cli.cli.commands import VERBS
 from obk_cli.process.identity import this_process
+from obk_cli.record.mcap_writer import BagWriter
 
 from ..turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
 from ..unit.obk_cli.runs.fake_stack import CONTROL, JOY, ROBOT, fake_stack  # noqa: TID252
@@ -124,6 +127,49 @@ OF_TESTS = {
 }
 
 
+OF_RECORDINGS = {
+    "diff": ("diff before.mcap after.mcap", "diff before.mcap none"),
+    "export": (
+        "export after.mcap --to csv --output tables",
+        "export before.mcap --to xlsx",
+        "export before.mcap --to csv --topic ets",
+    ),
+    "plot": (
+        "plot before.mcap est",
+        "plot before.mcap est.q_jonts",
+        "plot before.mcap est.q_joints --xlim 2 1",
+        "plot before.mcap est.q_joints --output joints.gif",
+    ),
+    "play": (
+        "play before.mcap --topic ctrl",
+        "play before.mcap --nodes control",
+        f"play before.mcap --into {DUMMY} --nodes estimtion",
+        f"play before.mcap --into {DUMMY} --nodes estimation",
+    ),
+}
+ESTIMATE = "# Joint positions [rad].\nfloat64[] q_joints\nstring[] joint_names\n"
+
+
+def write_run(path: Path, gain: float) -> None:
+    """An estimate of two joints at 100 Hz for a second, and a command."""
+    process = {"node": "control", "section": "control", "parameters": {"kp": gain}}
+    with BagWriter(path) as writer:
+        plan = json.dumps({"name": "arm", "processes": [process]})
+        versions = {"obk": "0.1.0", "python": "3.11.7"}
+        writer.describe({"obelisk_versions": versions}, {"plan.json": plan}, 0)
+        estimates = writer.add_topic("/arm/est", "demo_msgs/msg/Estimate", ESTIMATE, {})
+        commands = writer.add_topic(
+            "/arm/ctrl", "obelisk_control_msgs/msg/PositionSetpoint", "float64 u\n", {}
+        )
+        names = struct.pack("<I4sI5s", 4, b"hip", 5, b"knee")
+        for number in range(101):
+            time_ns = 1_000_000_000 + number * 10_000_000
+            data = struct.pack("<I4xddI", 2, number / 100, number / gain, 2) + names
+            writer.add_message(estimates, b"\0\1\0\0" + data, time_ns, time_ns, number)
+        data = b"\0\1\0\0" + struct.pack("<d", gain)
+        writer.add_message(commands, data, time_ns, time_ns, number)
+
+
 def transcript(
     commands: tuple[str, ...],
     folder: Path,
@@ -211,6 +257,16 @@ def test_reap_prints_its_transcript(
     compare("reap", text, request.config.getoption("--update-golden"))
 
 
+@pytest.mark.parametrize("name", OF_RECORDINGS)
+def test_a_command_about_recordings_prints_its_transcript(
+    name: str, tmp_path: Path, repository: Path, request: pytest.FixtureRequest
+) -> None:
+    write_run(tmp_path / "before.mcap", 20.0)
+    write_run(tmp_path / "after.mcap", 25.0)
+    text = transcript(OF_RECORDINGS[name], tmp_path, repository)
+    compare(name, text, request.config.getoption("--update-golden"))
+
+
 @pytest.mark.ros
 @pytest.mark.mujoco
 def test_test_prints_its_transcript(
@@ -253,5 +309,6 @@ def compare(name: str, text: str, is_update: bool) -> None:
 
 def test_every_transcript_is_of_a_command() -> None:
     names = {path.stem for path in TRANSCRIPTS.glob("*.txt")}
-    assert names == COMMANDS.keys() | OF_ROS.keys() | OF_RUNS.keys() | OF_TESTS.keys()
+    tables = (COMMANDS, OF_ROS, OF_RUNS, OF_TESTS, OF_RECORDINGS)
+    assert names == {name for table in tables for name in table}
     assert names <= VERBS.keys()

@@ -158,6 +158,6 @@ def test_recorded_sensors_give_the_recorded_estimates_bit_for_bit(tmp_path: Path
         *("--into", EXAMPLE, "--nodes", "estimation", "--output", again, "--set", change),
     )
     assert done.returncode == 0, done.stderr
-    assert "the first other one at" in done.stdout
+    assert "the first other at" in done.stdout
     assert "/obelisk/dummy/est rate [Hz]" in done.stdout
     assert len(open_run(again)["est"]) == 500

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from obelisk_spec.suggestions import with_number
 from obk_cli.cli.options import FormatOption, RunArgument, print_json, wants_json
 from obk_cli.record.recording import find_recording
 from obk_cli.runs.folder import runs_folder
@@ -127,8 +128,8 @@ def _summary(found: "RunComparison") -> Iterator[str]:
     differing = sum(1 for one in found.signals if one.largest)
     equal = len(found.signals) - differing
     if found.is_same:
-        yield f"the same: {equal} signals are equal"
+        yield f"nothing differs but times: {with_number(equal, 'signal')} compared"
     else:
-        yield f"{differing} signals differ, {equal} are equal"
+        yield f"{with_number(differing, 'signal')} of {differing + equal} differ"
     if None in found.rejected_commands:
         yield "note: rejected commands are unknown where a recording is not in its run's folder"

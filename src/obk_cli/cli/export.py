@@ -44,6 +44,7 @@ def command(
     require_extra("mcap", "export")
 
     from obelisk_recordings.run import open_run, topic_named
+    from obelisk_spec.suggestions import with_number
     from obk_cli.record.export import export_run
 
     run = open_run(find_recording(runs_folder(os.environ), recording))
@@ -52,4 +53,4 @@ def command(
     topics = [topic_named(name, run.topics) for name in topic or run.topics]
     form = cast(Literal["parquet", "csv"], to)
     for written in export_run(run, topics, form, output or Path(run.name)):
-        print(f"{written.path}  {written.count} messages")
+        print(f"{written.path}  {with_number(written.count, 'message')}")

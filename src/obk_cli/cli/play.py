@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from obelisk_spec.suggestions import with_number
 from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
@@ -117,8 +118,9 @@ def _publish(
     target = with_types(graph_target(domain, timeout_s))
     played = play(run, topics, target, speed=speed, may_move=may_move, wait_s=timeout_s)
     for name, count in played.counts.items():
-        print(f"{name}  {count} messages")
-    print(f"published {sum(played.counts.values())} messages in {played.seconds:.1f} s")
+        print(f"{name}  {with_number(count, 'message')}")
+    total = with_number(sum(played.counts.values()), "message")
+    print(f"published {total} in {played.seconds:.1f} s")
 
 
 def _replay(
@@ -235,10 +237,8 @@ def _compare(run: "RecordedRun", output: Path, topics: Sequence[str]) -> None:
         count, differs_s = first_different_message(run, again, topic)
         are_same = are_same and differs_s is None
         if differs_s is None:
-            print(f"{topic}: {count} messages, the same bits as recorded")
+            print(f"{topic}: {with_number(count, 'message')}, the same bits as recorded")
         else:
-            print(
-                f"{topic}: {count} messages are the same; the first other one at {differs_s:.4f} s"
-            )
+            print(f"{topic}: the same up to message {count}; the first other at {differs_s:.4f} s")
     if not are_same:
         print("\n".join(difference_lines(compare_runs(run, again, topics))))

@@ -59,7 +59,7 @@ class _Leaf:
         )
 
     def label(self, place: int) -> str:
-        return self.names[place] if place < len(self.names) else str(place)
+        return (self.names[place] if place < len(self.names) else "") or str(place)
 
 
 def export_run(
