@@ -39,21 +39,29 @@ class Program:
 
 
 PROGRAMS: Final = (
-    Program(name="looking", words=("benchmarks.looking", "--runs", "5"), minutes=1.5),
-    Program(name="watched", words=("benchmarks.watched", "--seconds", "15"), minutes=5.5),
-    Program(name="tool", words=("benchmarks.tool", "--repeats", "5"), minutes=2.0),
+    Program(name="looking", words=("benchmarks.looking", "--runs", "3"), minutes=1.0),
+    Program(
+        name="watched",
+        words=("benchmarks.watched", "--seconds", "8", "--rounds", "3"),
+        minutes=3.3,
+    ),
+    Program(name="tool", words=("benchmarks.tool", "--repeats", "4"), minutes=1.3),
     Program(
         name="launches",
-        words=("benchmarks.launches", "--rounds", "20", "--kills", "5"),
+        words=("benchmarks.launches", "--rounds", "15", "--kills", "5", "--large", "3"),
         minutes=1.5,
     ),
     Program(
         name="simulator",
         words=("benchmarks.simulator", "--only", "cost", "realtime"),
-        minutes=2.0,
+        minutes=1.7,
     ),
-    Program(name="lockstep", words=("benchmarks.lockstep",), minutes=2.5),
-    Program(name="loop", words=("benchmarks.loop",), minutes=26.0),
+    Program(name="lockstep", words=("benchmarks.lockstep", "--rounds", "3"), minutes=2.5),
+    Program(
+        name="loop",
+        words=("benchmarks.loop", "--parts", "work", "nodes", "rate"),
+        minutes=8.5,
+    ),
 )
 
 

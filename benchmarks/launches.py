@@ -1,11 +1,11 @@
 """Launches and ends the dummy stack again and again, and looks for what is left behind.
 
-    python -m benchmarks.launches [--rounds N] [--kills N]
+    python -m benchmarks.launches [--rounds N] [--kills N] [--large N]
 
-Each round brings the stack to active and down again; each kill ends the launcher by SIGKILL at a
-random moment of the bring-up. Afterwards no process of a round and no file of ours in shared
-memory may be there. Times and leftovers go to `benchmarks/results/launches.json`; exit code 1 when
-anything failed or was left.
+Each round brings the stack to active and down again, a few of them one of thirty nodes; each kill
+ends the launcher by SIGKILL at a random moment of the bring-up. Afterwards no process of a round
+and no file of ours in shared memory may be there. Times and leftovers go to
+`benchmarks/results/launches.json`; exit code 1 when anything failed or was left.
 """
 
 import argparse
@@ -22,12 +22,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
+import yaml
 
 from benchmarks.stolen import StolenTime, warn_of_stolen_time
 
 ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")
 DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
+DUMMY_NEW = DUMMY.with_name("dummy_new.yaml")
+SPARE = {"control": 14, "estimation": 13}
+"""Section -> nodes beside those of the dummy, thirty in all."""
 RESULT = ROOT / "benchmarks" / "results" / "launches.json"
 SHARED_MEMORY = Path("/dev/shm")
 MARK = "OBK_LAUNCHES_BENCHMARK"
@@ -40,9 +44,28 @@ class Tally:
     """What was seen."""
 
     up_s: list[float] = field(default_factory=list)
+    thirty_up_s: list[float] = field(default_factory=list)
     down_s: list[float] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     left_over: list[str] = field(default_factory=list)
+
+
+def thirty_nodes(folder: Path) -> Path:
+    """Write the config of the dummy and 27 nodes more at 100 Hz; its path."""
+    dummy = yaml.safe_load(DUMMY_NEW.read_text(encoding="utf-8"))
+    dummy["robot"]["sim"]["model_xml_path"] = str(DUMMY_NEW.with_name("dummy.xml"))
+    dummy["control"]["params_path"] = str(DUMMY_NEW.with_name("dummy_params.txt"))
+    for section, topic in (("control", "/spare/ctrl"), ("estimation", "/spare/est")):
+        node = dummy[section]
+        spare = {
+            **node,
+            "publishers": [{**node["publishers"][0], "topic": topic}],
+            "timers": [{**node["timers"][0], "timer_period_sec": 0.01}],
+        }
+        dummy[section] = [node, *[spare] * SPARE[section]]
+    path = folder / "thirty.yaml"
+    path.write_text(yaml.safe_dump({**dummy, "config": "thirty"}), encoding="utf-8")
+    return path
 
 
 def main() -> int:
@@ -50,15 +73,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=100)
     parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--large", type=int, default=5, help="launches of thirty nodes")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
     before = set(SHARED_MEMORY.iterdir())
     tally, stolen = Tally(), StolenTime()
     with tempfile.TemporaryDirectory(prefix="obk-launches-") as home:
         environment = {**os.environ, "OBK_HOME": home, MARK: home}
+        thirty = thirty_nodes(Path(home))
         for number in range(asked.rounds):
-            launch_and_end(environment, tally)
+            launch_and_end(DUMMY, environment, tally, tally.up_s)
             print(f"\r{number + 1} of {asked.rounds} rounds", end="", flush=True)
+        for number in range(asked.large):
+            launch_and_end(thirty, environment, tally, tally.thirty_up_s)
+            print(f"\r{number + 1} of {asked.large} of thirty nodes", end="", flush=True)
         moments = random.Random(asked.seed)
         for number in range(asked.kills):
             kill_during_bring_up(environment, moments.uniform(0.0, 2.0), tally)
@@ -70,11 +98,13 @@ def main() -> int:
     return report(tally, asked, stolen_percent)
 
 
-def launch_and_end(environment: dict[str, str], tally: Tally) -> None:
+def launch_and_end(
+    config: Path, environment: dict[str, str], tally: Tally, up_s: list[float]
+) -> None:
     """One launch to active, one SIGINT."""
     begin = time.monotonic()
     process = subprocess.Popen(
-        [OBK, "launch", DUMMY, "--format", "json", "--quiet"],
+        [OBK, "launch", config, "--format", "json", "--quiet"],
         env=environment,
         stdout=subprocess.PIPE,
         text=True,
@@ -86,12 +116,12 @@ def launch_and_end(environment: dict[str, str], tally: Tally) -> None:
             lines.append(line)
             event = json.loads(line)
             if event["event"] == "Phase" and event["name"] == "active":
-                tally.up_s.append(time.monotonic() - begin)
+                up_s.append(time.monotonic() - begin)
                 begin = time.monotonic()
                 process.send_signal(2)
     if process.wait() != 0:
         tally.failed.append(lines[-1] if lines else "no output")
-    else:
+    elif config == DUMMY:
         tally.down_s.append(time.monotonic() - begin)
     note_processes(environment, tally, 0.0)
 
@@ -151,6 +181,7 @@ def report(tally: Tally, asked: argparse.Namespace, stolen_percent: float) -> in
         "rounds": asked.rounds,
         "kills": asked.kills,
         "up_s": spread(tally.up_s),
+        "thirty_up_s": spread(tally.thirty_up_s),
         "down_s": spread(tally.down_s),
         "failed": tally.failed,
         "left_over": tally.left_over,

@@ -10,6 +10,7 @@ other work on the machine disturbs least. Each part runs in a process of its own
 - trials: trials of 5 s per minute, with their nodes, in a warm process.
 - start: of a further trial of the arm, until its nodes are active, and its end.
 - memory: resident memory during 200 trials of the arm.
+- cold: seconds of `obk test` of one run of 5 s, and of the tests of `examples/arm`.
 - digests: of five runs in one process and of one in each of three with other hash seeds.
 
 Writes `benchmarks/results/lockstep.json`; exit code 1 if digests differ.
@@ -22,6 +23,7 @@ import platform
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -36,6 +38,7 @@ from obk_testing.programs import load_stack
 from obk_testing.trial import StackTrial
 
 ROOT: Final = Path(__file__).resolve().parents[1]
+OBK: Final = Path(sys.executable).with_name("obk")
 RESULT: Final = ROOT / "benchmarks" / "results" / "lockstep.json"
 BUILD: Final = ROOT / "build" / "benchmarks" / "lockstep"
 EXAMPLES: Final = {
@@ -150,11 +153,35 @@ def digests(_asked: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
+def cold(_asked: argparse.Namespace) -> dict[str, Any]:
+    """Wall time of whole commands [s], the least of two."""
+    with tempfile.TemporaryDirectory(prefix="obk-cold-") as folder:
+        test, config = Path(folder) / "test_one_run.py", str(EXAMPLES["dummy"])
+        test.write_text(
+            f"def test_run(stack):\n    stack({config!r}).run({TRIAL_S})\n", encoding="utf-8"
+        )
+        kept = ["--output", folder]
+        one_run = [config, str(test), *kept]
+        arm = [str(EXAMPLES["arm"]), *kept]
+        return {
+            "one_run_s": min(obk_test_s(one_run) for _ in range(2)),
+            "tests_of_arm_s": min(obk_test_s(arm) for _ in range(2)),
+        }
+
+
+def obk_test_s(words: list[str]) -> float:
+    """Wall time of one `obk test` [s]."""
+    begin_s = time.monotonic()
+    subprocess.run([OBK, "test", *words], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    return round(time.monotonic() - begin_s, 2)
+
+
 PARTS: Final[dict[str, Callable[[argparse.Namespace], dict[str, Any]]]] = {
     "factors": factors,
     "trials": trials,
     "start": start,
     "memory": memory,
+    "cold": cold,
     "digests": digests,
 }
 

@@ -8,9 +8,11 @@ Four parts, on the model and the sensor groups of the dummy example, with real p
 - hour: as fast as possible through an hour of simulation time; samples and drift of the stamps.
 - schedule: ten times as fast as the wall clock; drift of the schedule against the clock, but for
   the time that it gave up because the machine was too slow.
-- realtime: at real time; factor, lateness of the steps, CPU against that of the work alone.
+- realtime: at real time; factor, lateness of the steps, CPU against that of the same work without
+  a pace, and of a loop that does nothing but sleep and call `mj_step`.
 - cost: of stepping over a bare loop of `mj_step`, and of one message of 30 joints. In CPU time of
-  the stepping thread, which other work on the machine disturbs least; parts in alternation.
+  the stepping thread, which other work on the machine disturbs least; parts in alternation. The
+  three groups are heard in the same process, by a node of the same run, and by a foreign node.
 
 Writes `benchmarks/results/simulator.json`; exit code 1 where a sample is missing or a stamp is off.
 """
@@ -22,20 +24,24 @@ import os
 import platform
 import statistics
 import sys
+import tempfile
+import threading
 import time
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import rclpy
 from obelisk_sensor_msgs.msg import ObkImu, ObkJointEncoders
-from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import deserialize_message
 
-from benchmarks.listener import listener
+from benchmarks.listener import SOCKETS_VARIABLE, listener, node_of_run
 from benchmarks.stolen import StolenTime, warn_of_stolen_time
+from obelisk_py.core.executor import EventLoopExecutor
+from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
@@ -45,6 +51,7 @@ from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace
 from obelisk_spec.components import format_setting
 from obelisk_spec.yaml_core import load_yaml_core
+from obk_cli.ros.environment import free_domain
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "simulator.json"
@@ -52,6 +59,10 @@ DUMMY = ROOT / "examples" / "dummy" / "dummy_new.yaml"
 JOINTS = 30
 STEP_NS = 1_000_000
 SCHEDULE_FACTOR = 10
+BARE_SHARE = 6
+"""A bare loop is measured for a sixth of the time."""
+HEARD_S = 20.0
+"""Within which the listeners have to be there [s]."""
 
 
 class Counted:
@@ -98,7 +109,7 @@ class Rig:
 
     def __init__(
         self,
-        node: LifecycleNode,
+        node: GuardedLifecycleNode,
         block: Mapping[str, Any],
         prefix: str,
         *,
@@ -137,6 +148,14 @@ class Rig:
             ),
         )
 
+    def wait_until_heard(self) -> None:
+        """Wait for a listener on each topic."""
+        end_s = time.monotonic() + HEARD_S
+        while not all(each.get_subscription_count() for each in self.publishers.values()):
+            if time.monotonic() > end_s:
+                raise TimeoutError(f"no listener within {HEARD_S:g} s")
+            time.sleep(0.01)
+
     def run(self, steps: int, pace: Pace | None = None, longest_s: float = math.inf) -> NotingClock:
         """Take steps, for some wall time at most."""
         clock = NotingClock()
@@ -171,7 +190,7 @@ def _bare_block() -> dict[str, Any]:
     return {"model_xml_path": dummy_block()["model_xml_path"]}
 
 
-def hour(node: LifecycleNode, steps: int) -> dict[str, Any]:
+def hour(node: GuardedLifecycleNode, steps: int) -> dict[str, Any]:
     """Part one: what an hour of simulation time loses."""
     rig = Rig(node, dummy_block(), "/hour")
     begin_s = time.monotonic()
@@ -195,7 +214,7 @@ def hour(node: LifecycleNode, steps: int) -> dict[str, Any]:
     }
 
 
-def schedule(node: LifecycleNode, seconds: float) -> dict[str, Any]:
+def schedule(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
     """Part two: ten steps where the wall clock has one millisecond."""
     rig = Rig(node, dummy_block(), "/schedule")
     pace = Pace(rig.simulation.step_s / SCHEDULE_FACTOR)
@@ -216,7 +235,7 @@ def schedule(node: LifecycleNode, seconds: float) -> dict[str, Any]:
     }
 
 
-def realtime(node: LifecycleNode, seconds: float) -> dict[str, Any]:
+def realtime(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
     """Part three: at real time; the work alone is the same steps with no pace."""
     steps = round(seconds * NS_PER_S / STEP_NS)
     paced, free = Rig(node, dummy_block(), "/paced"), Rig(node, dummy_block(), "/free")
@@ -227,6 +246,7 @@ def realtime(node: LifecycleNode, seconds: float) -> dict[str, Any]:
     before_s = time.process_time()
     free.run(steps)
     alone_s = time.process_time() - before_s
+    bare_s, bare_alone_s = bare_loop(free.simulation, steps // BARE_SHARE)
     return {
         "seconds": seconds,
         "realtime_factor": steps * STEP_NS / took_ns,
@@ -235,7 +255,25 @@ def realtime(node: LifecycleNode, seconds: float) -> dict[str, Any]:
         "cpu_share": used_s / (took_ns / NS_PER_S),
         "cpu_of_the_work_alone_share": alone_s / (took_ns / NS_PER_S),
         "cpu_over_the_work_alone": used_s / alone_s,
+        "cpu_of_a_bare_loop_share": bare_s / (took_ns / NS_PER_S) * BARE_SHARE,
+        "cpu_over_a_bare_loop": used_s / BARE_SHARE / bare_s,
+        "bare_loop_over_its_steps_alone": bare_s / bare_alone_s,
     }
+
+
+def bare_loop(simulation: Simulation, steps: int) -> tuple[float, float]:
+    """CPU time of `mj_step` called at real time, and of the same calls without a pace [s]."""
+    model, data = simulation.model, simulation.data
+    due_ns, begin_s = time.monotonic_ns(), time.process_time()
+    for _ in range(steps):
+        due_ns += STEP_NS
+        if (left_ns := due_ns - time.monotonic_ns()) > 0:
+            time.sleep(left_ns / NS_PER_S)
+        mujoco.mj_step(model, data)
+    paced_s, begin_s = time.process_time() - begin_s, time.process_time()
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+    return paced_s, time.process_time() - begin_s
 
 
 def _late_us(clock: NotingClock) -> dict[str, float]:
@@ -244,14 +282,32 @@ def _late_us(clock: NotingClock) -> dict[str, float]:
     return {**found, "max": late[-1] / 1e3}
 
 
-def cost(node: LifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
+@contextmanager
+def heard_here(prefix: str) -> Iterator[None]:
+    """While entered, a node of this process listens on the library's executor."""
+    node, executor = node_of_run(prefix), EventLoopExecutor()
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+
+
+def cost(node: GuardedLifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
     """Part four: CPU time of a step and of a message, in alternation; medians."""
     bare, silent = Rig(node, _bare_block(), "/bare"), Rig(node, _bare_block(), "/silent")
-    unheard = Rig(node, three_groups(), "/unheard", is_always_heard=False)
-    sent, heard = Rig(node, three_groups(), "/sent"), Rig(node, three_groups(), "/heard")
+    sent = Rig(node, three_groups(), "/sent")
+    rigs = {
+        name: Rig(node, three_groups(), f"/{name}", is_always_heard=False)
+        for name in ("unheard", *HEARD)
+    }
     messages = {
         "unheard": _encoders(node, "/unheard/encoders"),
-        "heard": _encoders(node, "/heard/encoders"),
+        "heard": _encoders(node, f"/{BY_FOREIGN_NODE}/encoders"),
     }
     model, data = bare.simulation.model, bare.simulation.data
 
@@ -262,35 +318,44 @@ def cost(node: LifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
     parts: dict[str, Callable[[], object]] = {
         "mj_step_us": step_bare,
         "no_sensors_us": lambda: silent.run(steps),
-        "three_groups_unheard_us": lambda: unheard.run(steps),
         "three_groups_sent_to_nobody_us": lambda: sent.run(steps),
-        "three_groups_heard_us": lambda: heard.run(steps),
+        **{f"three_groups_{name}_us": lambda rig=rig: rig.run(steps) for name, rig in rigs.items()},
         **{
             f"encoders_of_{JOINTS}_joints_{name}_us": lambda publish=publish: publish(steps)
             for name, publish in messages.items()
         },
     }
     times: dict[str, list[float]] = {name: [] for name in parts}
-    with listener("/heard"):
+    with ExitStack() as listeners:
+        for name, listen in HEARD.items():
+            listeners.enter_context(listen(f"/{name}"))
+        for name in HEARD:
+            rigs[name].wait_until_heard()
         for _ in range(rounds):
             for name, part in parts.items():
                 before_ns = time.thread_time_ns()
                 part()
                 times[name].append((time.thread_time_ns() - before_ns) / steps / 1e3)
     medians = {name: statistics.median(each) for name, each in times.items()}
-    bare_us = medians["mj_step_us"]
+    over = ("no_sensors", *(f"three_groups_{name}" for name in rigs))
     return {
         "rounds": rounds,
         "steps": steps,
         **{name: _figures(each) for name, each in times.items()},
-        **{
-            f"{name}_over_mj_step": medians[f"{name}_us"] / bare_us
-            for name in ("no_sensors", "three_groups_unheard", "three_groups_heard")
-        },
+        **{f"{name}_over_mj_step": medians[f"{name}_us"] / medians["mj_step_us"] for name in over},
     }
 
 
-def _encoders(node: LifecycleNode, topic: str) -> Callable[[int], None]:
+BY_FOREIGN_NODE = "heard_by_foreign_node"
+HEARD: Mapping[str, Callable[[str], Any]] = {
+    "heard_in_process": heard_here,
+    "heard_in_run": lambda prefix: listener(prefix, is_of_run=True),
+    BY_FOREIGN_NODE: listener,
+}
+"""How three groups are heard -> what listens while it is entered."""
+
+
+def _encoders(node: GuardedLifecycleNode, topic: str) -> Callable[[int], None]:
     """Publishes so many messages of 30 joints, each with other numbers."""
     message = ObkJointEncoders(
         joint_names=[f"joint_{number}" for number in range(JOINTS)],
@@ -325,18 +390,9 @@ def rounded(value: Any) -> Any:
     return value
 
 
-def main() -> int:
-    """Measure, print, keep."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--hour-steps", type=int, default=3_600_000)
-    parser.add_argument("--schedule-s", type=float, default=360.0)
-    parser.add_argument("--realtime-s", type=float, default=60.0)
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--steps", type=int, default=5_000, help="of a round")
-    parser.add_argument("--only", nargs="+", choices=["hour", "schedule", "realtime", "cost"])
-    options = parser.parse_args()
-    rclpy.init()
-    node = LifecycleNode("simulator_benchmark")
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """The results: new ones of the parts that are asked for, the others as they were."""
+    node = GuardedLifecycleNode("simulator_benchmark")
     parts: dict[str, Callable[[], dict[str, Any]]] = {
         "cost": lambda: cost(node, options.rounds, options.steps),
         "realtime": lambda: realtime(node, options.realtime_s),
@@ -352,10 +408,31 @@ def main() -> int:
             found = {**part(), "stolen_percent": stolen.percent()}
             warn_of_stolen_time(found["stolen_percent"])
             result[name] = rounded({**found, "load_average": [load, os.getloadavg()[0]]})
+    return result
+
+
+def main() -> int:
+    """Measure, print, keep."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hour-steps", type=int, default=3_600_000)
+    parser.add_argument("--schedule-s", type=float, default=360.0)
+    parser.add_argument("--realtime-s", type=float, default=60.0)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--steps", type=int, default=5_000, help="of a round")
+    parser.add_argument("--only", nargs="+", choices=["hour", "schedule", "realtime", "cost"])
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="obk-simulator-") as sockets, free_domain() as domain:
+        os.environ |= {
+            SOCKETS_VARIABLE: sockets,  # of mode 0700, as those of a run
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        rclpy.init()
+        result = measure(options)
+        rclpy.shutdown()
     text = json.dumps(result, indent=1)
     RESULT.write_text(text + "\n", encoding="utf-8")
     print(text)
-    rclpy.shutdown()
     if options.only and "hour" not in options.only:
         return 0
     return 1 if any(result["hour"]["missing"].values()) or result["hour"]["drift_ns"] else 0

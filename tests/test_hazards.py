@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from .parsed import parsed
+
 SOURCES = Path(__file__).parents[1] / "src"
 MODULES = frozenset(
     "dill marshal pickle shelve "
@@ -15,6 +17,7 @@ CALLS = frozenset(
     "eval exec os.popen os.system subprocess.getoutput subprocess.getstatusoutput tempfile.mktemp "
     "yaml.full_load yaml.load yaml.load_all yaml.unsafe_load".split()
 )
+LAST_NAMES = {name.rpartition(".")[2] for name in CALLS}
 KEYWORDS = frozenset({"allow_pickle", "shell"})
 NAMED = {
     # Its text is made of slots of generated classes.
@@ -28,16 +31,21 @@ def is_named(name: str) -> bool:
     return name in CALLS or any(f"{name}.".startswith(f"{module}.") for module in MODULES)
 
 
-def hazards(source: str) -> Iterator[str]:
-    """The places in a source text that could make something run, or tell somebody."""
-    for node in ast.walk(ast.parse(source)):
+def last_name(function: ast.expr) -> str | None:
+    """`system` of `os.system`; None for what is neither a name nor an attribute."""
+    return getattr(function, "attr", None) or getattr(function, "id", None)
+
+
+def hazards(tree: ast.Module) -> Iterator[str]:
+    """The places in a source that could make something run, or reach another host."""
+    for node in ast.walk(tree):
         match node:
             case ast.Import(names=names):
                 found = any(is_named(name.name) for name in names)
             case ast.ImportFrom(module=str(module), names=names):
                 found = any(is_named(f"{module}.{name.name}") for name in names)
             case ast.Call(func=function, keywords=keywords):
-                is_called = ast.unparse(function) in CALLS
+                is_called = last_name(function) in LAST_NAMES and ast.unparse(function) in CALLS
                 found = is_called or any(keyword.arg in KEYWORDS for keyword in keywords)
             case _:
                 found = False
@@ -49,7 +57,7 @@ def test_nothing_makes_objects_of_bytes_or_asks_a_shell_or_another_host() -> Non
     found = {
         f"{path.relative_to(SOURCES)}: {hazard}"
         for path in SOURCES.rglob("*.py")
-        for hazard in hazards(path.read_text(encoding="utf-8"))
+        for hazard in hazards(parsed(path))
     }
     assert found == NAMED
 
@@ -72,7 +80,8 @@ def test_nothing_makes_objects_of_bytes_or_asks_a_shell_or_another_host() -> Non
     ],
 )
 def test_each_of_them_is_found(source: str) -> None:
-    assert list(hazards(source)) == [ast.unparse(ast.parse(source).body[0])]
+    tree = ast.parse(source)
+    assert list(hazards(tree)) == [ast.unparse(tree.body[0])]
 
 
 def test_what_only_sounds_like_them_is_not() -> None:
@@ -80,4 +89,4 @@ def test_what_only_sounds_like_them_is_not() -> None:
         "import http, json\nfrom urllib.parse import quote\n"
         "model.eval()\nrun(['ls'])\nyaml.safe_load(text)"
     )
-    assert list(hazards(sound)) == []
+    assert list(hazards(ast.parse(sound))) == []

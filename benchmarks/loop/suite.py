@@ -26,7 +26,7 @@ START_AND_END_S = 1.0
 START_OF_A_PROCESS_S = 0.6
 """What a quiet machine takes [s]."""
 FURTHER_ROUNDS = 2
-FURTHER_SHARE = 0.25
+FURTHER_SHARE = 0.1
 """Of the time of a suite, for runs that the host disturbed."""
 
 

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 __all__ = [
+    "ACTIVATION",
     "CLOCK_PAGE",
     "CLOCK_TOPIC",
     "CLOCK_VARIABLE",
     "DIAGNOSTICS_TOPIC",
+    "FIRST_OUTPUT",
     "GATE_VARIABLE",
     "REPORT_PERIOD_S",
     "STANDINGS",
@@ -27,6 +29,7 @@ __all__ = [
     "names_this_host",
     "parse_clock",
     "parse_rate",
+    "parse_value",
     "rate_name",
     "rate_values",
 ]
@@ -127,6 +130,11 @@ Standing = Literal["kept", "off", "broken"]
 STANDINGS: Final[tuple[Standing, ...]] = ("kept", "off", "broken")
 """By `DiagnosticStatus.level`: OK, WARN, ERROR."""
 
+ACTIVATION: Final = "active_since_s"
+"""Name of the status by which a node reports the simulated time of its activation [s]."""
+FIRST_OUTPUT: Final = "first_output_s"
+"""The same of the first message that it has published since."""
+
 _EXPECTED, _MEASURED, _TICKS, _OVERRUNS = "expected_hz", "measured_hz", "ticks", "overruns"
 _P50, _P99, _MAX, _PERIOD = "late_p50_us", "late_p99_us", "late_max_us", "period_sec"
 _NODE_END: Final = ": "
@@ -173,6 +181,23 @@ def rate_values(rate: Rate) -> tuple[tuple[str, str], ...]:
 def rate_name(node: str, name: str) -> str:
     """The name of a status: `/arm/controller`, `timer_ctrl` -> `arm/controller: timer_ctrl`."""
     return f"{node.lstrip('/')}{_NODE_END}{name}"
+
+
+def parse_value(what: str, name: str, values: Mapping[str, str]) -> float | None:
+    """A measured value in a status; None if the status is about something else.
+
+    Args:
+        what: the value's own name, such as `ACTIVATION`.
+        name: of the status, as `rate_name` makes it.
+        values: of the status, by key.
+    """
+    if not name.endswith(f"{_NODE_END}{what}"):
+        return None
+    try:
+        value = float(values[what])
+    except (KeyError, ValueError):
+        return None
+    return value if math.isfinite(value) else None
 
 
 def parse_rate(name: str, level: int, values: Mapping[str, str]) -> Rate | None:

@@ -3,9 +3,11 @@
 The library entry for everything that needs a config: the command line, the launcher, editors.
 """
 
+import gc
 from bisect import bisect_left, insort
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -100,6 +102,19 @@ def compile_config(path: str, options: Options) -> Outcome:
     return compile_source(source, options)
 
 
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """While entered, nobody looks for cycles; a long config has none and a million objects."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+@_no_collection()
 def compile_source(source: SourceFile, options: Options) -> Outcome:
     """Compile a text; paths in it are relative to the folder of the path it goes by."""
     folder = (options.working_folder / source.path).resolve().parent

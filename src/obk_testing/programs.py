@@ -13,7 +13,7 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,17 +29,19 @@ from obelisk_py.core.composition import (
     set_log_levels,
 )
 from obelisk_py.core.lifecycle import node_arguments
-from obelisk_py.core.lockstep.interception import refuse_plain_nodes
+from obelisk_py.core.lockstep.interception import refuse_plain_nodes, repeatable_import
 from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
 from obelisk_spec.values import ParameterValue
-from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.compiler import Options, compile_config
 from obk_cli.config.environment import Environment
+from obk_cli.config.hardware import refuse_hardware
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import find_executables, is_composable, ros_arguments
 from obk_cli.plan.plan import Plan, Process
 from obk_cli.report import report_text
 from obk_cli.workspace.package_index import PackageIndex
+from obk_testing.module_generators import ModuleGenerators
 
 __all__ = ["LoadedStack", "LoadedStacks", "compile_stack", "load_stack"]
 
@@ -94,7 +96,16 @@ def compile_stack(
             help=f"`obk validate {config}` reports them too",
         )
     left_out = _full_names(outcome.plan, without)
-    _refuse_hardware(outcome, left_out)
+    # A robot whose config does not say what it is may be a simulator of the user's own: the class
+    # of its node decides, before it is configured.
+    refuse_hardware(
+        outcome.config,
+        "a test never opens hardware",
+        help="name a variant whose robot is simulated, or override it: "
+        "set=['robot[0].is_simulated=true']",
+        may_be_unclear=True,
+        left_out=left_out,
+    )
     nodes = tuple(each for each in outcome.plan.processes if each.full_name not in left_out)
     packages = PackageIndex.around(config.parent, Path.cwd(), dict(os.environ))
     unclear = frozenset(
@@ -109,24 +120,6 @@ def compile_stack(
         environment=outcome.environment,
         unclear_robots=unclear,
     )
-
-
-def _refuse_hardware(outcome: Outcome, left_out: Collection[str]) -> None:
-    assert outcome.config is not None
-    for robot in outcome.config.section("robot"):
-        if (
-            robot.full_name not in left_out
-            and not robot.runs_simulation
-            and robot.is_simulated is not None
-            and not (robot.is_simulated.value)
-        ):
-            span = robot.is_simulated.span
-            raise CommandFailedError(
-                f"{span.path}:{span.line}:{span.column}: the robot {robot.full_name} is hardware, "
-                "and a test never opens hardware",
-                help="name a variant whose robot is simulated, or override it: "
-                "set=['robot[0].is_simulated=true']",
-            )
 
 
 def _full_names(plan: Plan, names: Iterable[str]) -> set[str]:
@@ -283,7 +276,7 @@ class LoadedStack:
         self.participant.open()
         self._resources.callback(self.participant.close)
         programs = self._programs(compiled)
-        arguments = sys.argv
+        arguments, modules = sys.argv, frozenset(sys.modules)
         self._thread = threading.Thread(
             target=self._run_all, args=[programs], name="programs", daemon=True
         )
@@ -291,6 +284,13 @@ class LoadedStack:
             self._thread.start()
             self._ready.wait()
         sys.argv = arguments  # each program has its own until it waits
+        # A test may have imported modules of the nodes before.
+        packages = {program.module.partition(".")[0] for _, program in programs}
+        self.generators = ModuleGenerators(
+            name
+            for name in [*sys.modules]
+            if name not in modules or name.partition(".")[0] in packages
+        )
         if self._error is not None:
             raise self._error
 
@@ -362,7 +362,8 @@ class LoadedStack:
 
     def _run_all(self, programs: list[tuple[Process, Program]]) -> None:
         try:
-            self._run(programs)
+            with repeatable_import():
+                self._run(programs)
         except BaseException as error:
             self._error = error
         self._ready.set()

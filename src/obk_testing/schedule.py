@@ -6,15 +6,16 @@ a real run hold when each node became active; `bring_up_times` reads them.
 """
 
 import json
+import math
 import os
 import random
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Self
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.plan.plan import Plan
+from obk_cli.plan.plan import Plan, Process
 from obk_cli.runs.folder import config_of, run_folders, runs_folder
 
 __all__ = ["MEASURED", "Activation", "BringUp", "Schedule", "bring_up_times", "read_activations"]
@@ -26,6 +27,7 @@ BringUp = Mapping[str, float] | str | Path
 """Node -> when it becomes active [s]; or `measured`; or a run's folder or its `events.jsonl`."""
 
 _EVENTS: Final = "events.jsonl"
+_ROUNDING: Final = 1e-6
 _MOST_JITTER_S: Final = 0.0003
 _LATEST_START_S: Final = 0.02
 """What a varied schedule draws at most: more than between nodes of one calm host."""
@@ -118,6 +120,10 @@ class Activation:
     """When the launcher had the node's answer [s since 1970]."""
     took_s: float
     """Time from the launcher's request to that answer [s]."""
+    simulated_s: float | None = None
+    """By the node itself, in simulated time [s]; None if it did not report it."""
+    first_output_s: float | None = None
+    """When it published for the first time [s]; None if it did not report it."""
 
 
 def read_activations(events: Path) -> dict[str, Activation]:
@@ -139,6 +145,14 @@ def read_activations(events: Path) -> dict[str, Activation]:
                 answered_s=float(event.get("time", 0.0)), took_s=float(event.get("seconds", 0.0))
             )
             found.setdefault(str(event.get("node")), activation)
+        elif event.get("event") == "ActivationReported":
+            node = str(event.get("node"))
+            if node in found and found[node].simulated_s is None:
+                found[node] = replace(
+                    found[node],
+                    simulated_s=float(event.get("simulated_s", 0.0)),
+                    first_output_s=event.get("first_output_s"),
+                )
     return found
 
 
@@ -179,18 +193,34 @@ def _nodes(plan: Plan) -> set[str]:
 def _after_first_step(plan: Plan, found: Mapping[str, Activation]) -> dict[str, float]:
     """When nodes become active, from the first step of the simulator on [s].
 
-    The launcher notes an activation when it has the node's answer. The simulator steps from within
-    its activation on, so its first step is half of that time earlier, give or take as much.
+    Nodes with simulated time report it themselves, a second later. Of others there is only when the
+    launcher had their answer. The simulator steps from within its activation on, so its first step
+    is half of that time earlier, give or take as much.
     """
     simulators = [found[node.full_name] for node in plan.processes if node.model]
     if simulators:
         begin_s = simulators[0].answered_s - simulators[0].took_s / 2
     else:
         begin_s = min(activation.answered_s for activation in found.values())
-    # To the microsecond: times since 1970 have no more digits.
-    return {
-        node.full_name: 0.0
-        if node.model
-        else round(max(0.0, found[node.full_name].answered_s - begin_s), 6)
-        for node in plan.processes
-    }
+
+    def start_s(node: Process) -> float:
+        activation = found[node.full_name]
+        if activation.simulated_s is not None:
+            return activation.simulated_s + _idle_s(node, activation)
+        # To the microsecond: times since 1970 have no more digits.
+        return round(max(0.0, activation.answered_s - begin_s), 6)
+
+    return {node.full_name: 0.0 if node.model else start_s(node) for node in plan.processes}
+
+
+def _idle_s(node: Process, activation: Activation) -> float:
+    """For how long a node that was active published nothing, in whole periods of its timer [s].
+
+    Its first inputs were late, as connections between processes are made then.
+    """
+    period_s = max((each.period_s for each in node.promises if each.topic), default=0.0)
+    if activation.first_output_s is None or activation.simulated_s is None or period_s <= 0.0:
+        return 0.0
+    until_s = activation.first_output_s - activation.simulated_s
+    # A tick is never early, and some periods are no exact numbers.
+    return max(0, math.floor(until_s / period_s + _ROUNDING) - 1) * period_s

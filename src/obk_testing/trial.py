@@ -12,7 +12,6 @@ import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from types import TracebackType
 from typing import Any, Final, Self
 
 import numpy as np
@@ -138,6 +137,7 @@ class StackTrial:
             simulators = [node for node in stack.plan.processes if node.model]
             for node in simulators:
                 self._parameters.setdefault(node.full_name, {})[_KEYFRAME] = keyframe
+        stack.generators.begin_trial(seed)
         stack.participant.enter()
         self._has_begun = True
         try:
@@ -149,12 +149,7 @@ class StackTrial:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property

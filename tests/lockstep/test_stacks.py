@@ -53,6 +53,31 @@ def test_components_of_the_config_run_on_simulated_time(start: Start) -> None:
     assert not run.notes
 
 
+VIEWS = """
+import sys
+from pathlib import Path
+from obelisk_py.core.lockstep.interception import intercepted
+with intercepted():
+    from obk_testing.programs import load_stack
+    from obk_testing.trial import StackTrial
+    stack = load_stack(Path(sys.argv[1]))
+    with StackTrial(stack, seed=3) as trial:
+        print(*trial.run(0.1)["/hazards/views"].data[-1, 3:])
+    stack.close()
+"""
+
+
+def test_generators_of_modules_begin_each_trial_of_any_process_alike(start: Start) -> None:
+    def views(seed: int) -> list[str]:
+        return [*map(str, start(seed=seed).run(0.1)["/hazards/views"].data[-1, 3:])]
+
+    here = views(3)
+    assert views(4)[:2] != here[:2]
+    assert views(3) == here
+    words = [sys.executable, "-c", VIEWS, str(CONFIG)]
+    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout.split() == here
+
+
 @pytest.mark.parametrize("loop", ["sleep", "wait", "existing"])
 def test_a_simulator_with_a_thread_of_its_own_is_a_guest(start: Start, loop: str) -> None:
     digests = set()

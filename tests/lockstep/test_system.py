@@ -2,6 +2,7 @@
 
 import asyncio
 import datetime
+import os
 import random
 import threading
 import time
@@ -45,6 +46,7 @@ READS: dict[str, Callable[[], float]] = {
     "datetime.now(UTC)": lambda: datetime.datetime.now(datetime.UTC).timestamp(),
     "datetime.today": lambda: datetime.datetime.today().timestamp(),
     "gmtime": lambda: time.gmtime().tm_sec + 0.5,
+    "strftime": lambda: float(time.strftime("%S")) + 0.5,
     "system clock": lambda: Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds / 1e9,
     "steady clock": lambda: Clock(clock_type=ClockType.STEADY_TIME).now().nanoseconds / 1e9,
     "ROS clock": lambda: Clock(clock_type=ClockType.ROS_TIME).now().nanoseconds / 1e9,
@@ -56,7 +58,11 @@ def test_every_clock_is_simulated_in_callbacks_and_only_there(world: World, name
     before = READS[name]()
     assert _in_callback(world, READS[name]) == 1.5
     assert READS[name]() != 1.5
-    assert READS[name]() == before or name == "gmtime" or READS[name]() > before
+    assert READS[name]() == before or name in ("gmtime", "strftime") or READS[name]() > before
+
+
+def test_the_day_is_that_of_simulated_time(world: World) -> None:
+    assert _in_callback(world, datetime.date.today) == datetime.date.fromtimestamp(1.5)
 
 
 def test_dates_of_the_system_are_dates(world: World) -> None:
@@ -132,6 +138,7 @@ CHANCES: dict[str, Callable[[], Any]] = {
     "seed()": lambda: (random.seed(), random.random())[1],
     "np.random.seed()": lambda: (np.random.seed(), np.random.random())[1],
     "uuid4": lambda: uuid.uuid4().hex,
+    "getrandom": lambda: os.getrandom(8),
 }
 
 

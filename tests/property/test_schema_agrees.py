@@ -1,8 +1,9 @@
 """The JSON schema accepts a config exactly where the checker finds no fault of its shape."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from copy import deepcopy
+from functools import cache
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -27,19 +28,25 @@ FILES = (
     *sorted((CORPUS / "seed").glob("*.yaml")),
     *sorted((CORPUS / "field/config").glob("*.yaml")),
 )
+CASES = sorted((ROOT / "tests/cases/accept").glob("*/*.yaml"))
+
+
+def read(files: Iterable[Path]) -> list[dict[str, Any]]:
+    """The files that are a mapping."""
+    texts = (load_yaml_core(path.read_text(encoding="utf-8")) for path in files)
+    return [config for config in texts if isinstance(config, dict)]
+
+
 # Neither ray casters nor what is only a config together with other files.
-CONFIGS = [
-    config
-    for path in FILES
-    if isinstance(config := load_yaml_core(path.read_text(encoding="utf-8")), dict)
-    and "config" in config
-    and "include" not in config
-]
-CASES = [
-    config
-    for path in sorted((ROOT / "tests/cases/accept").glob("*/*.yaml"))
-    if isinstance(config := load_yaml_core(path.read_text(encoding="utf-8")), dict)
-]
+CONFIGS = [config for config in read(FILES) if "config" in config and "include" not in config]
+
+
+@cache
+def configs_and_cases() -> list[dict[str, Any]]:
+    """What is edited: read when the first test wants it, not by every worker."""
+    return [*CONFIGS, *read(CASES)]
+
+
 # Key twice, two spellings mixed, types of messages: across places, which a schema cannot compare.
 SHAPE_CODES = frozenset(f"OBK{n}" for n in (*range(101, 107), 109, 110, 111, 113, 114))
 # How many rays a pattern has is a product, which a schema cannot bound.
@@ -122,7 +129,7 @@ def as_text(scalar: object) -> str:
 def with_variables(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, str]]:
     """A config with variables in place of one scalar or of some, and an environment that has
     those scalars."""
-    config: dict[str, Any] = deepcopy(draw(st.sampled_from([*CONFIGS, *CASES])))
+    config: dict[str, Any] = deepcopy(draw(st.sampled_from(configs_and_cases())))
     places = list(places_of_scalars(config))
     chosen = draw(st.lists(st.sampled_from(range(len(places))), min_size=1, unique=True))
     environment: dict[str, str] = {}
@@ -138,7 +145,7 @@ def edited(
     draw: st.DrawFn, values: st.SearchStrategy[Any], numbers: st.SearchStrategy[Any]
 ) -> dict[str, Any]:
     """A config after one edit; every second one is of a number, whose bounds are the finest."""
-    config: dict[str, Any] = deepcopy(draw(st.sampled_from([*CONFIGS, *CASES])))
+    config: dict[str, Any] = deepcopy(draw(st.sampled_from(configs_and_cases())))
     if draw(st.booleans()):
         holder, place = draw(st.sampled_from(list(places_of_numbers(config))))
         holder[place] = draw(numbers)

@@ -119,11 +119,13 @@ def obk(
     *arguments: object,
     timeout_s: float = 2 * DEADLINE_S,
     env: Mapping[str, str] | None = None,
+    folder: Path | None = None,
     is_patient: bool = True,
 ) -> subprocess.CompletedProcess[str]:
-    """Run obk to its end, with these variables too."""
+    """Run obk to its end, with these variables too, in a folder (None: the current one)."""
     return subprocess.run(
-        [OBK, *(patient(*arguments) if is_patient else map(str, arguments))],
+        cwd=folder,
+        args=[OBK, *(patient(*arguments) if is_patient else map(str, arguments))],
         capture_output=True,
         text=True,
         timeout=timeout_s,

@@ -294,7 +294,7 @@ class Walk:
 
     def type_elsewhere(self, line: str) -> None:
         """Run a command in a second terminal."""
-        done = obk(*shlex.split(line)[1:])
+        done = obk(*shlex.split(line)[1:], folder=self.folder)
         assert done.returncode == 0, (line, done.stdout, done.stderr)
 
 

@@ -5,7 +5,7 @@ import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import count
+from itertools import count, pairwise
 from typing import Any
 
 import pytest
@@ -60,7 +60,7 @@ def measured(node: Node, topic: str) -> tuple[Any, float]:
         own_s = (clock.now().nanoseconds - begin) * 1e-9
         assert process.stdout is not None
         rates = (json.loads(line) for line in process.stdout)
-        rate = next(rate for rate in rates if rate["count"] + rate["lost"] == 1000)
+        rate = next(later for rate, later in pairwise(rates) if later["count"] == rate["count"])
     node.destroy_publisher(publisher)
     return rate, 999 / own_s
 
@@ -71,8 +71,13 @@ def test_a_measured_rate_is_the_publishers_own() -> None:
         node = rclpy.create_node("quick")
 
         def is_own() -> bool:
-            """A busy machine may receive the first or the last message late: then once more."""
+            """A busy machine may receive the first or the last message late: then once more.
+
+            The first ones are missed if the subscription finds the publisher after it was found.
+            """
             rate, own_hz = measured(node, f"/quick{next(numbers)}")
+            if rate["count"] + rate["lost"] < 1000:
+                return False
             assert rate["lost"] == 0
             assert rate["seen"] == 1000
             assert rate["min_s"] <= 1 / rate["rate_hz"] <= rate["max_s"]

@@ -11,12 +11,15 @@ from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
 
 from obelisk_py.core.clock_page import ClockPage, ClockWriter
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.rate_monitor import RateMonitoredNode
 from obelisk_py.core.shared_clock import new_nodes_follow
 from obelisk_spec.runtime_protocol import CLOCK_PAGE, ClockDescriptors, clock_page_bytes
+from obk_cli.launch.events import ActivationReported
+from obk_cli.launch.ros_nodes import subscribe_to_diagnostics
 
 from .executor_world import World, eventually, world
 
@@ -159,6 +162,51 @@ def test_late_timers_skip_periods(followers: Followers) -> None:
         eventually(lambda: ticks == [10], "one tick for all")
         followers.step()
         eventually(lambda: ticks == [10, 11], "the next")
+
+
+@pytest.mark.parametrize("has_rates", [True, False])
+def test_a_node_reports_the_simulated_time_of_its_activation_once(
+    followers: Followers, has_rates: bool
+) -> None:
+    node, listener = followers.node(RateMonitoredNode), followers.node()
+    clock = node.get_clock()
+    timer = None
+    if has_rates:
+        timer = node.create_monitored_timer("timer", 1.0, lambda: None, group=None, clock=clock)
+    heard: list[Any] = []
+    subscribe_to_diagnostics(listener, [node.get_fully_qualified_name()], heard.append)
+    node.trigger_configure()
+    followers.step(24)
+    if timer is not None:  # its start counts
+        timer.reset()
+        followers.step(5)
+    node.trigger_activate()
+    followers.step(100)
+
+    def activations() -> list[Any]:
+        return [event for event in heard if isinstance(event, ActivationReported)]
+
+    with followers.world.spinning():
+        eventually(activations, "the report")
+        if has_rates:
+            eventually(lambda: len(heard) > 2, "a further report")
+    assert activations() == [ActivationReported(node="/node", simulated_s=0.024)]
+
+
+def test_a_node_reports_when_it_has_published_first(followers: Followers) -> None:
+    node, listener = followers.node(RateMonitoredNode), followers.node()
+    first, second = (node.create_lifecycle_publisher(Clock, name, 1) for name in ("a", "b"))
+    heard: list[Any] = []
+    subscribe_to_diagnostics(listener, [node.get_fully_qualified_name()], heard.append)
+    node.trigger_configure()
+    node.trigger_activate()
+    for publisher in (second, first, second):
+        followers.step(7)
+        publisher.publish(Clock())
+    assert "publish" not in {**vars(first), **vars(second)}
+    with followers.world.spinning():
+        eventually(lambda: heard, "the report")
+    assert heard == [ActivationReported(node="/node", simulated_s=0.0, first_output_s=0.007)]
 
 
 def test_after_a_jump_back_timers_start_again(followers: Followers) -> None:

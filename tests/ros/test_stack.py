@@ -110,9 +110,18 @@ def test_a_signal_to_the_launcher_ends_the_stack_in_order(number: int) -> None:
     assert not run.left_over()
 
 
-def test_a_killed_launcher_leaves_no_process() -> None:
+@pytest.fixture(params=["on", "off"])
+def preload(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Whether nodes are forked from the preload server."""
+    monkeypatch.setenv("OBK_PRELOAD", request.param)
+    return str(request.param)
+
+
+@pytest.mark.usefixtures("unmeasured")
+def test_a_killed_launcher_leaves_no_process(preload: str) -> None:
     with launched(DUMMY, "--quiet") as run:
-        assert len(run.left_over()) == 4  # the nodes, and their warden
+        # The nodes, their warden, and the preload server.
+        assert len(run.left_over()) == {"on": 5, "off": 4}[preload]
         run.process.kill()
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
@@ -130,6 +139,7 @@ def warden_of(run: Launched) -> psutil.Process:
     return next(p for p in run.descendants if any(a.endswith("warden.py") for a in p.cmdline()))
 
 
+@pytest.mark.usefixtures("preload")
 def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> None:
     with launched(DUMMY, "--quiet") as run:
         warden = warden_of(run)
@@ -140,6 +150,7 @@ def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> Non
     assert not run.left_over()
 
 
+@pytest.mark.usefixtures("preload")
 def test_a_launcher_killed_together_with_its_warden_leaves_no_node() -> None:
     with launched(DUMMY, "--quiet") as run:
         warden = warden_of(run)

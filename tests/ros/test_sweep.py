@@ -20,6 +20,7 @@ from obk_testing.sweep.worker import WorkerSettings
 from obk_testing.trial import StackTrial
 
 from .stack import OBK, eventually, marked, obk
+from .workspace import make_workspace
 
 pytestmark = pytest.mark.ros
 
@@ -100,7 +101,7 @@ def run_alone(config: Path, cases: list[SweepCase], workers: int = 1) -> dict[in
     scratch.mkdir(exist_ok=True)
     tests = (str(config.parent / "tests"),)
     seeds = {case.key: case.seed for case in cases}
-    with LocalEngine(config, tests, scratch, workers=workers) as engine:
+    with LocalEngine(config, tests, scratch, workers=workers, limit_s=60.0) as engine:
         rows = [placed.row for placed in engine.map(cases)]
     assert not list(scratch.iterdir())
     return {seeds[row.key]: row.digest for row in rows}
@@ -158,6 +159,42 @@ def test_a_sweep_that_was_killed_continues_where_it_was(config: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == ["report.html", "sweep.sqlite"]
 
 
+KEEPS_DIGESTS = f"""\
+import os
+from pathlib import Path
+
+
+def test_digest(stack, seed):
+    digest = stack("../dummy.yaml", seed=seed, watch=["{NOISY}"]).run(0.1).digest()
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "alone")
+    Path(__file__).with_name(f"{{worker}}-seed{{seed}}").write_text(digest)
+"""
+
+
+@pytest.mark.slow
+def test_a_trial_has_one_digest_under_xdist_in_the_pool_and_alone(config: Path) -> None:
+    tests, folder = config.parent / "tests", config.parent / "out"
+    (tests / "test_dummy.py").write_text(KEEPS_DIGESTS)
+
+    def kept(worker: str) -> dict[int, str]:
+        paths = tests.glob(f"{worker}-seed*")
+        return {int(path.name.partition("seed")[2]): path.read_text() for path in paths}
+
+    assert obk("sweep", config, "--seeds", "4", "-j", "2", "--output", folder).returncode == 0
+    pool = digests(folder)
+    assert pool.keys() == {0, 1, 2, 3}
+    assert len(set(pool.values())) == 4
+    assert kept("alone") == pool
+    for path in tests.glob("alone-*"):
+        path.unlink()
+
+    assert obk("test", config, "--seeds", "4", "-j", "2").returncode == 0
+    assert kept("gw[01]") == pool
+    again = obk("test", config, "--again", "tests/test_dummy.py::test_digest[seed2]")
+    assert again.returncode == 0, again.stdout
+    assert kept("alone") == {2: pool[2]}
+
+
 def count(folder: Path) -> int:
     try:
         with closing(sqlite3.connect(folder / "sweep.sqlite")) as database:
@@ -208,6 +245,59 @@ def test_what_cannot_be_collected_is_reported(config: Path) -> None:
 
 
 @pytest.mark.slow
+def test_one_set_of_parameters_is_swept_by_the_name_that_reports_have(config: Path) -> None:
+    tests, folder = config.parent / "tests" / "test_dummy.py", config.parent / "out"
+    tests.write_text(TESTS.replace("(stack, late_ms, calls)", "(stack, seed, late_ms, calls)"))
+    result = obk(
+        *("sweep", config, "tests/test_dummy.py::test_it_stands_delays[2]", "--seeds", "2"),
+        *("-j", "1", "--output", folder, "--format", "json"),
+    )
+    assert result.returncode == 0, result.stderr
+    (test,) = json.loads(result.stdout)["tests"]
+    assert (test["test"], test["passed"]) == ("tests/test_dummy.py::test_it_stands_delays[2]", 2)
+    unknown = obk("sweep", config, "tests/test_dummy.py::test_nothing", "--output", folder)
+    assert unknown.returncode == 1
+    assert "exit code 4" in unknown.stderr
+
+
+@pytest.mark.slow
+def test_a_restart_that_cannot_run_keeps_the_results(config: Path) -> None:
+    folder, tests = config.parent / "out", config.parent / "tests" / "test_dummy.py"
+    command = ("sweep", config, "tests/test_dummy.py::test_it_stays", "--output", folder)
+    assert obk(*command).returncode == 0
+    before = digests(folder)
+    tests.write_text(f"import no_such_module\n{TESTS}")
+    assert obk(*command, "--restart").returncode == 1
+    assert digests(folder) == before
+    tests.write_text(TESTS.replace("run(0.1)", "run(0.05)"))
+    unknown = obk(*command, "--restart", "--vary", f"{PERIOD}=-1..1")
+    assert unknown.returncode == 2
+    assert digests(folder) == before
+    assert obk(*command, "--restart").returncode == 0
+    assert before.keys() == digests(folder).keys()
+    assert before != digests(folder)
+
+
+@pytest.mark.slow
+def test_a_case_that_never_ends_fails_and_does_not_stop_the_sweep(config: Path) -> None:
+    tests = config.parent / "tests" / "test_dummy.py"
+    endless = "        while True:\n            pass\n"
+    tests.write_text(TESTS.replace("        FLAG.touch()\n", endless))
+    folder = config.parent / "out"
+    result = obk(
+        *("sweep", config, "tests/test_dummy.py::test_it_stays", "--seeds", "3", "-j", "1"),
+        *("--case-limit", "20", "--output", folder, "--format", "json"),
+    )
+    assert result.returncode == 1
+    (failed,) = json.loads(result.stdout)["failed"]
+    assert (failed["seed"], failed["outcome"]) == (1, "failed")
+    assert "--case-limit" in failed["why"]
+    assert "test_it_stays[seed1]" in failed["again"]
+    assert digests(folder).keys() == {0, 2}
+    assert not marked()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -216,6 +306,7 @@ def test_what_cannot_be_collected_is_reported(config: Path) -> None:
         (("no_tests.py",), "does not exist"),
         (("tests/test_dummy.py::test_without_a_stack",), "`stack`"),
         (("--scheduler", "tcp://127.0.0.1:9"), "--engine dask"),
+        (("--case-limit", "nan"), "--case-limit nan"),
     ],
 )
 def test_misuse_is_found_before_anything_runs(
@@ -275,6 +366,7 @@ if __name__ == "__main__":
         folder / "scratch",
         scheduler=None,
         workers=2,
+        limit_s=60.0,
         probe=cases[0],
         digest=digest,
         is_shipped=True,
@@ -311,6 +403,29 @@ def test_two_dask_workers_give_the_bits_of_local_ones(config: Path) -> None:
     (note,) = found["notes"]
     assert "statistics, not replays" in note
     assert not list((folder / "scratch").iterdir())
+
+
+@pytest.mark.slow
+def test_a_copy_of_the_workspace_has_its_messages_and_a_lack_is_named(config: Path) -> None:
+    pytest.importorskip("distributed", reason="it is in the extra `sweep`")
+    folder = config.parent
+    make_workspace(folder)
+    (folder / "tests" / "test_dummy.py").write_text(f"from other_msgs.msg import Word\n{TESTS}")
+    (folder / "on_dask.py").write_text(DASK)
+    built = obk("build", "--workspace", folder, "other_msgs")
+    assert built.returncode == 0, built.stderr
+    local = run_alone(config, [*make_cases([STAYS], seeds=6)])
+    words = [sys.executable, folder / "on_dask.py", folder, STAYS.node_id, local[0]]
+    shipped = subprocess.run(words, capture_output=True, text=True)
+    assert shipped.returncode == 0, shipped.stderr
+    found = json.loads(shipped.stdout)
+    assert (dict(found["rows"]), found["notes"]) == (local, [""])
+
+    shutil.rmtree(folder / ".obk")
+    lacking = subprocess.run(words, capture_output=True, text=True)
+    assert lacking.returncode == 1
+    assert "CommandFailedError" in lacking.stderr
+    assert "No module named 'other_msgs'" in lacking.stderr
 
 
 @pytest.mark.slow

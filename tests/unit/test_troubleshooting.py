@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from ..parsed import parsed  # noqa: TID252 - shared by folders of tests
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "troubleshooting.md"
 ROW = re.compile(r"^\| (?P<marks>`+)(?P<quote>.+?)(?P=marks)[ |]", re.MULTILINE)
@@ -23,7 +25,7 @@ def template(node: ast.expr) -> str:
 def templates() -> Iterator[str]:
     """Every text of the source; docstrings are none."""
     for path in (ROOT / "src").rglob("*.py"):
-        for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for statement in ast.walk(parsed(path)):
             for node in ast.iter_child_nodes(statement):
                 is_docstring = isinstance(statement, ast.Expr) and isinstance(node, ast.Constant)
                 if isinstance(node, ast.JoinedStr | ast.Constant) and not is_docstring:

@@ -25,7 +25,9 @@ from rclpy.timer import Timer
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.shared_clock import SharedClock
 from obelisk_spec.runtime_protocol import (
+    ACTIVATION,
     DIAGNOSTICS_TOPIC,
+    FIRST_OUTPUT,
     REPORT_PERIOD_S,
     STANDINGS,
     TOLERANCE,
@@ -377,12 +379,17 @@ class RateReporter:
         """Start to monitor and to publish."""
         if not self._node.get_parameter(REPORT_RATES).value:
             return
+        clock = self._node.get_clock()
+        if isinstance(clock, SharedClock):
+            # Timers, which have just been started, count from the time that rcl had then.
+            time_ns = clock.synced_ns if self._timers else clock.page.time_ns
+            self.add_value(ACTIVATION, max(0, time_ns) / NS_PER_S)
         if self._publisher is None:
             # Without rates too: it shows the launcher that there are none to measure from outside.
             self._publisher = self._node.create_publisher(
                 DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH
             )
-        if not self._rates:
+        if not self._rates and not self._values:
             return
         if self._timer is None:
             self._timer = self._node.create_timer(
@@ -426,6 +433,8 @@ class RateReporter:
         message = DiagnosticArray(status=[*rates, *measured])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+        if not self._rates:
+            self.stop()
 
 
 def _status(node: str, rate: Rate) -> Any:
@@ -487,7 +496,24 @@ class RateMonitoredNode(GuardedLifecycleNode):
         if state == "active":
             if not self.surroundings.is_lockstep:
                 self.rates.start()
+                self._note_first_output()
             return
         self.rates.stop()
         if state != "inactive":
             self.rates.clear()
+
+    def _note_first_output(self) -> None:
+        """Report the simulated time of the next message, which a test can start a trial by."""
+        clock = self.get_clock()
+        publishers = [each for each in self._managed_entities if isinstance(each, Publisher)]
+        if not isinstance(clock, SharedClock) or not publishers:
+            return
+
+        def note(publisher: Publisher, message: Any) -> None:
+            for each in publishers:  # once; further messages cost nothing more
+                vars(each).pop("publish", None)
+            self.rates.add_value(FIRST_OUTPUT, clock.page.time_ns / NS_PER_S)
+            publisher.publish(message)
+
+        for publisher in publishers:
+            setattr(publisher, "publish", functools.partial(note, publisher))  # noqa: B010 - mypy

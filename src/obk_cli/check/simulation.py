@@ -1,6 +1,7 @@
 """OBK108, OBK3xx: `sim` blocks against their models, and control messages against actuators."""
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 
 from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.sim_checks import SimFault, check_sim
@@ -198,6 +199,7 @@ _WITHOUT_ACTUATORS = (
 def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
     """The simulator can apply the commands that it receives, one value for each actuator."""
     reported: set[tuple[str, Span]] = set()
+    controllers = _controllers(context.stack, context.environment)
     for robot in context.stack.section("robot"):
         if not robot.runs_simulation:
             continue
@@ -206,9 +208,7 @@ def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
                 continue
             if robot.is_simulator:
                 yield from _check_message(component)
-            for place, fault in _check_lengths(
-                context.stack, robot, component, context.environment
-            ):
+            for place, fault in _check_lengths(robot, component, controllers, context.environment):
                 if place not in reported:  # for another robot with the same controller
                     reported.add(place)
                     yield fault
@@ -229,8 +229,27 @@ def _check_message(component: Component) -> Iterator[Diagnostic]:
         )
 
 
+def _controllers(
+    stack: Stack, environment: Environment
+) -> Mapping[str, Sequence[tuple[Node, NodeFacts]]]:
+    """The controllers whose code is known, by the topics that they publish."""
+    controllers: defaultdict[str, list[tuple[Node, NodeFacts]]] = defaultdict(list)
+    for node in stack.section("control"):
+        if node.pkg is None or node.executable is None:
+            continue
+        code = environment.read_node_code(node.pkg.value, node.executable.value)
+        if isinstance(code, NodeFacts):
+            topics = (c.topic for c in node.components if c.kind == "publisher" and c.topic)
+            for topic in dict.fromkeys(absolute_topic(topic.value, node) for topic in topics):
+                controllers[topic].append((node, code))
+    return controllers
+
+
 def _check_lengths(
-    stack: Stack, robot: Node, obeyed: Component, environment: Environment
+    robot: Node,
+    obeyed: Component,
+    controllers: Mapping[str, Sequence[tuple[Node, NodeFacts]]],
+    environment: Environment,
 ) -> Iterator[tuple[tuple[str, Span], Diagnostic]]:
     """The findings, each with the controller and the place in its code."""
     actuators = [
@@ -241,21 +260,11 @@ def _check_lengths(
     ]
     if len(actuators) != 1 or obeyed.topic is None:
         return
-    topic = absolute_topic(obeyed.topic.value, robot)
-    for node in stack.section("control"):
-        if node.pkg is None or node.executable is None:
-            continue
-        published = [
-            c.topic
-            for c in node.components
-            if c.kind == "publisher" and c.topic and absolute_topic(c.topic.value, node) == topic
-        ]
-        code = environment.read_node_code(node.pkg.value, node.executable.value)
-        if published and isinstance(code, NodeFacts):
-            for length in code.control_lengths:
-                if length.length != actuators[0]:
-                    fault = _wrong_length(length, node, code, robot, actuators[0])
-                    yield (node.full_name, length.span), fault
+    for node, code in controllers.get(absolute_topic(obeyed.topic.value, robot), ()):
+        for length in code.control_lengths:
+            if length.length != actuators[0]:
+                fault = _wrong_length(length, node, code, robot, actuators[0])
+                yield (node.full_name, length.span), fault
 
 
 def _wrong_length(

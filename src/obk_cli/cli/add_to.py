@@ -10,15 +10,15 @@ from pathlib import Path
 
 from obk_cli.cli.config_options import make_options, print_findings
 from obk_cli.cli.edited_files import EditedFile, open_for_edit, report_diff, write_edited
-from obk_cli.compiler import compile_source
+from obk_cli.cli.new_run import AddToOptions
+from obk_cli.compiler import Outcome, compile_source
 from obk_cli.configedit.add_node import add_node, find_replaced, new_errors
 from obk_cli.configedit.auto_wiring import matching_types
 from obk_cli.configedit.new_node import Rejected, read_new_node
 from obk_cli.configedit.report import AddedNode, added_lines, added_values
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.files import STANDARD_INPUT
+from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import composable, find_executables
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS, Kind
@@ -26,34 +26,7 @@ from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec
 from obk_cli.scaffold.variables import TestedStack, config_snippet
 from obk_cli.workspace.package_index import PackageIndex
 
-__all__ = ["AddToOptions", "ConfigEdit", "add_to_config", "add_to_options", "with_config_types"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AddToOptions:
-    """The options `--add-to`, `--device` and `--replace`."""
-
-    config: str
-    device: str | None = None
-    replaces: str | None = None
-
-
-def add_to_options(
-    config: str | None, device: str | None, replaces: str | None
-) -> AddToOptions | None:
-    """The options as a value; None if no config is to be changed.
-
-    Raises:
-        MisuseError: an option lacks `--add-to`, or the config is the standard input.
-    """
-    if config == STANDARD_INPUT:
-        raise MisuseError("`--add-to -`: a file is changed, so it needs one")
-    if config is not None:
-        return AddToOptions(config=config, device=device, replaces=replaces)
-    for option, value in (("--device", device), ("--replace", replaces)):
-        if value is not None:
-            raise MisuseError(f"`{option}` applies to a config: add `--add-to CONFIG`")
-    return None
+__all__ = ["ConfigEdit", "OpenConfig", "open_config"]
 
 
 _OPTIONS: Mapping[str, str] = {
@@ -70,6 +43,8 @@ class ConfigEdit:
 
     added: AddedNode
     _file: EditedFile
+    _before: Outcome
+    """Of the config as it is."""
     _is_built_later: bool
     """Whether the node's executable exists only after a build."""
 
@@ -104,14 +79,13 @@ class ConfigEdit:
             or a node is no Python of this interpreter.
         """
         published = [link.topic for link in self.added.links if link.end.direction == "publishes"]
-        source = self.added.source
-        outcome = compile_source(source, make_options(None, None))
+        outcome = self._before
         if kind == "robot" or self._is_built_later or not published or outcome.config is None:
             return None
         simulated = [robot.is_simulated for robot in outcome.config.section("robot")]
         if outcome.plan is None or any(each and not each.value for each in simulated):
             return None
-        config, nodes = Path(source.path).resolve(), outcome.plan.processes
+        config, nodes = Path(self.added.source.path).resolve(), outcome.plan.processes
         packages = PackageIndex.around(config.parent, Path.cwd(), os.environ)
         try:
             executables = find_executables(nodes, packages)
@@ -138,57 +112,73 @@ class ConfigEdit:
         )
 
 
-def add_to_config(options: AddToOptions, spec: PackageSpec) -> ConfigEdit:
-    """The edit that puts the new node into the config; nothing is written.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenConfig:
+    """The config that a node is to be added to, compiled once."""
+
+    options: AddToOptions
+    _file: EditedFile
+    _outcome: Outcome
+
+    def with_types(self, request: PackageRequest, default: PackageSpec) -> PackageRequest:
+        """The request with open message types filled in from the config.
+
+        `default` holds the types otherwise used. `add` reports errors in the config.
+        """
+        stack, replaces = self._outcome.config, self.options.replaces
+        if stack is None:
+            return request
+        new_node = read_new_node(SECTIONS[default.kind], config_snippet(default))
+        replaced = find_replaced(stack, new_node.section, replaces) if replaces else None
+        if isinstance(replaced, Rejected):
+            return request
+        types = {
+            component.partition("_")[2]: full
+            for component, full in matching_types(new_node, stack, replaced).items()
+        }
+        return replace(
+            request,
+            ctrl_msg=request.ctrl_msg or types.get("ctrl"),
+            est_msg=request.est_msg or types.get("est"),
+            sensor_msg=request.sensor_msg or types.get("sensor"),
+        )
+
+    def add(self, spec: PackageSpec) -> ConfigEdit:
+        """The edit that puts the new node into the config; nothing is written.
+
+        Raises:
+            CommandFailedError: the config cannot take the node.
+        """
+        added = add_node(
+            self._file.source,
+            read_new_node(SECTIONS[spec.kind], config_snippet(spec)),
+            make_options(None, None),
+            before=self._outcome,
+            device=self.options.device,
+            replaces=self.options.replaces,
+        )
+        if isinstance(added, Rejected):
+            raise _failure(added)
+        return ConfigEdit(
+            added=added,
+            _file=self._file,
+            _before=self._outcome,
+            _is_built_later=spec.language == "cpp",
+        )
+
+
+def open_config(options: AddToOptions) -> OpenConfig:
+    """Read and compile the config that a node is to be added to.
 
     Raises:
-        CommandFailedError: the config cannot be read, or cannot take the node.
+        CommandFailedError: the config cannot be read.
     """
     file = open_for_edit(options.config)
     if isinstance(file, Diagnostic):
         print_findings((file,))
         raise CommandFailedError(f"`{options.config}` cannot be read; nothing was made")
-    added = add_node(
-        file.source,
-        read_new_node(SECTIONS[spec.kind], config_snippet(spec)),
-        make_options(None, None),
-        device=options.device,
-        replaces=options.replaces,
-    )
-    if isinstance(added, Rejected):
-        raise _failure(added)
-    return ConfigEdit(added=added, _file=file, _is_built_later=spec.language == "cpp")
-
-
-def with_config_types(
-    request: PackageRequest, options: AddToOptions, default: PackageSpec
-) -> PackageRequest:
-    """The request with open message types filled in from the config.
-
-    `default` holds the types otherwise used. Errors in the config are reported by `add_to_config`.
-    """
-    file = open_for_edit(options.config)
-    stack = None
-    if not isinstance(file, Diagnostic):
-        stack = compile_source(file.source, make_options(None, None)).config
-    if stack is None:
-        return request
-    new_node = read_new_node(SECTIONS[default.kind], config_snippet(default))
-    replaced = (
-        find_replaced(stack, new_node.section, options.replaces) if options.replaces else None
-    )
-    if isinstance(replaced, Rejected):
-        return request
-    types = {
-        component.partition("_")[2]: full
-        for component, full in matching_types(new_node, stack, replaced).items()
-    }
-    return replace(
-        request,
-        ctrl_msg=request.ctrl_msg or types.get("ctrl"),
-        est_msg=request.est_msg or types.get("est"),
-        sensor_msg=request.sensor_msg or types.get("sensor"),
-    )
+    outcome = compile_source(file.source, make_options(None, None))
+    return OpenConfig(options=options, _file=file, _outcome=outcome)
 
 
 def _failure(rejected: Rejected) -> CommandFailedError:

@@ -8,8 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.cli.add_to import add_to_options
-from obk_cli.cli.new_run import NewOptions, find_library, run_new
+from obk_cli.cli.new_run import NewOptions, add_to_options, find_library, run_new
 from obk_cli.errors import MisuseError
 from obk_cli.scaffold.kinds import RECIPES, Language, Recipe, Release
 from obk_cli.scaffold.package_spec import (

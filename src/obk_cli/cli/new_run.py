@@ -13,7 +13,6 @@ import typer
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import ask_for, near_names
-from obk_cli.cli.add_to import AddToOptions
 from obk_cli.cli.new_target import (
     TargetFolder,
     compose_config,
@@ -24,7 +23,7 @@ from obk_cli.cli.new_target import (
     require_suitable_package,
 )
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.files import resource_folder
+from obk_cli.files import STANDARD_INPUT, resource_folder
 from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
 from obk_cli.scaffold.describe import (
     NewFiles,
@@ -47,8 +46,13 @@ from obk_cli.scaffold.write import (
 )
 from obk_cli.workspace.package_index import PackageIndex, owner_of_module, owner_of_package
 
+if TYPE_CHECKING:
+    from obk_cli.cli.add_to import OpenConfig
+
 __all__ = [
+    "AddToOptions",
     "NewOptions",
+    "add_to_options",
     "find_library",
     "programs",
     "resolve_conflicts",
@@ -98,8 +102,31 @@ def _ask(question: str) -> str:
     return answer.strip().lower() if answer else "quit"
 
 
-if TYPE_CHECKING:
-    from obk_cli.cli.add_to import ConfigEdit
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddToOptions:
+    """The options `--add-to`, `--device` and `--replace`."""
+
+    config: str
+    device: str | None = None
+    replaces: str | None = None
+
+
+def add_to_options(
+    config: str | None, device: str | None, replaces: str | None
+) -> AddToOptions | None:
+    """The options as a value; None if no config is to be changed.
+
+    Raises:
+        MisuseError: an option lacks `--add-to`, or the config is the standard input.
+    """
+    if config == STANDARD_INPUT:
+        raise MisuseError("`--add-to -`: a file is changed, so it needs one")
+    if config is not None:
+        return AddToOptions(config=config, device=device, replaces=replaces)
+    for option, value in (("--device", device), ("--replace", replaces)):
+        if value is not None:
+            raise MisuseError(f"`{option}` applies to a config: add `--add-to CONFIG`")
+    return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,12 +155,13 @@ def run_new(request: PackageRequest, options: NewOptions) -> None:
         require_suitable_package(target, request)
     request = _with_model_controls(request, target)
     spec = _checked_spec(request, target)
-    if options.add_to:
-        spec = _checked_spec(_with_config_types(request, options.add_to, spec), target)
+    edited = _open_config(options.add_to) if options.add_to else None
+    if edited:
+        spec = _checked_spec(edited.with_types(request, spec), target)
     _note_missing_packages(spec, target)
     library = find_library(options.templates)
     root = target.folder.resolve() if request.kind == "config" else find_root(target, spec.node)
-    edit = _plan_edit(options.add_to, spec) if options.add_to else None
+    edit = edited.add(spec) if edited else None
     stack = edit.tested_stack(spec.kind, root / TESTS) if edit else None
     composition = _compose(spec, library, root, target, stack)
     decisions = write_files(
@@ -153,6 +181,12 @@ def run_new(request: PackageRequest, options: NewOptions) -> None:
         added=edit.describe(is_done=not options.dry_run) if edit else None,
     )
     typer.echo(describe_json(result) if options.form == "json" else describe_text(result))
+
+
+def _open_config(options: AddToOptions) -> "OpenConfig":
+    from obk_cli.cli.add_to import open_config
+
+    return open_config(options)
 
 
 def write_files(
@@ -288,20 +322,6 @@ def _compose(
     if isinstance(composition, Problem):
         raise CommandFailedError(composition.sentence, help=composition.help)
     return composition
-
-
-def _with_config_types(
-    request: PackageRequest, add_to: AddToOptions, default: PackageSpec
-) -> PackageRequest:
-    from obk_cli.cli.add_to import with_config_types
-
-    return with_config_types(request, add_to, default)
-
-
-def _plan_edit(add_to: AddToOptions, spec: PackageSpec) -> "ConfigEdit":
-    from obk_cli.cli.add_to import add_to_config
-
-    return add_to_config(add_to, spec)
 
 
 def _show_conflicts(decisions: tuple[Decision, ...]) -> None:

@@ -7,12 +7,11 @@ from dataclasses import asdict
 from typing import Any
 
 from obk_cli.cli.options import FormatOption, wants_json
-from obk_cli.introspect.nodes import status_text
 from obk_cli.process.identity import seconds_since
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.orphans import Orphan, find_orphans
 from obk_cli.runs.protocol import NodeStatus
-from obk_cli.runs.registry import LiveStack, live_stacks, select_runs
+from obk_cli.runs.registry import LiveStack, live_stacks, select_runs, status_text
 from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "command"]

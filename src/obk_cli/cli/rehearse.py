@@ -24,6 +24,7 @@ from obk_cli.cli.config_options import (
 )
 from obk_cli.cli.options import FormatOption, require_choice, wants_json
 from obk_cli.compiler import compile_config
+from obk_cli.config.hardware import refuse_hardware
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.faultinject.expectations import FAULTS, Case, Fault, make_cases
 from obk_cli.faultinject.verdict import Verdict
@@ -89,9 +90,11 @@ def command(
     plan = valid_plan(outcome, color)
     assert outcome.config is not None  # the plan is made of it
 
-    from obk_cli.faultinject.runner import refuse_hardware
-
-    refuse_hardware(outcome.config)
+    refuse_hardware(
+        outcome.config,
+        "a rehearsal kills and freezes the nodes that control it",
+        help="`is_simulated: true` and a `sim` block, in the config or by `--set`, simulate it",
+    )
     require_libraries(plan, share_of(plan, None, None))
     cases = make_cases(
         _units(plan, config, is_composed=composed),

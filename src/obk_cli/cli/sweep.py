@@ -1,6 +1,7 @@
 """`obk sweep CONFIG [TEST]`: run closed-loop tests for many seeds and values of parameters."""
 
 import json
+import math
 import os
 import sys
 from pathlib import Path
@@ -81,6 +82,14 @@ def command(
     restart: Annotated[
         bool, typer.Option("--restart", help="Remove existing results and run all cases.")
     ] = False,
+    case_limit: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            min=0.1,
+            help="Wall time that a case may take; one that takes longer is ended and has failed.",
+        ),
+    ] = 600.0,
     format: FormatOption = "text",
     set_: SetOption = None,
     ignore: IgnoreOption = None,
@@ -98,6 +107,8 @@ def command(
         raise MisuseError("`obk sweep` loads the config more than once: give a file")
     if scheduler is not None and engine != "dask":
         raise MisuseError("`--scheduler` is for `--engine dask`")
+    if not math.isfinite(case_limit):
+        raise MisuseError(f"`--case-limit {case_limit}`: expected a number of seconds")
     require_extra("pytest", "test")
     if engine == "dask":
         require_extra("distributed", "sweep")
@@ -116,6 +127,7 @@ def command(
         "scheduler": scheduler,
         "output": output,
         "is_restart": restart,
+        "case_limit_s": case_limit,
         "overrides": set_ or [],
         "is_json": is_json,
     }

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import NoReturn
 
 import yaml
+from yaml.events import AliasEvent, MappingStartEvent, ScalarEvent
 
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
@@ -82,7 +83,8 @@ def parse_source(source: SourceFile, *, values_before: int = 0) -> Parsed:
     seen = YamlText(source.text)
     composer = _Composer(source, seen, values_before)
     try:
-        tree = composer.document(iter(yaml.parse(seen.text, Loader=YAML_LOADER)))
+        # As `yaml.parse`, without a turn through Python for each event.
+        tree = composer.document(iter(YAML_LOADER(seen.text).get_event, None))
     except yaml.MarkedYAMLError as error:
         from obk_cli.config.yaml_errors import explain_yaml_error  # most texts need none
 
@@ -149,9 +151,9 @@ class _Composer:
 
     def _take(self, event: yaml.Event) -> Tree | None:
         match event:
-            case yaml.ScalarEvent():
+            case ScalarEvent():
                 return self._add(self._scalar(event), 1, event)
-            case yaml.AliasEvent():
+            case AliasEvent():
                 anchored = self._aliased(event)
                 return self._add(anchored.tree, anchored.weight, event)
             case yaml.CollectionStartEvent():
@@ -170,13 +172,13 @@ class _Composer:
 
     def _add(self, tree: Tree, weight: int, event: yaml.NodeEvent) -> Tree | None:
         """Put a finished value where it belongs; returns it if it is the whole document."""
-        if event.anchor and not isinstance(event, yaml.AliasEvent):
+        if event.anchor and not isinstance(event, AliasEvent):
             self._anchors[event.anchor] = _Anchored(tree, weight)
         if not self._open:
             return tree
         parent = self._open[-1]
         parent.weight += weight
-        is_map = isinstance(parent.start, yaml.MappingStartEvent)
+        is_map = isinstance(parent.start, MappingStartEvent)
         if is_map and len(parent.keys) == len(parent.items):
             parent.keys.append((self._key(tree), tree.span))
         else:
@@ -191,8 +193,9 @@ class _Composer:
             self.faults.append(too_many_values(place, values_before=self._values_before))
             raise _GivenUpError
 
-    def _scalar(self, event: yaml.ScalarEvent) -> TreeScalar:
-        self._check_tag(event)
+    def _scalar(self, event: ScalarEvent) -> TreeScalar:
+        if event.tag:
+            self._check_tag(event)
         span = self._span(event, event)
         is_text = event.tag == "tag:yaml.org,2002:str" or event.style in _QUOTED_STYLES
         value = self._seen.restored(event.value)
@@ -264,7 +267,7 @@ class _Composer:
             )
         )
 
-    def _aliased(self, event: yaml.AliasEvent) -> _Anchored:
+    def _aliased(self, event: AliasEvent) -> _Anchored:
         anchored = self._anchors.get(event.anchor or "")
         if anchored is None:
             inside = event.anchor in self._anchors
@@ -274,7 +277,7 @@ class _Composer:
         self._count(anchored.weight, event)
         return anchored
 
-    def _check_tag(self, event: yaml.ScalarEvent | yaml.CollectionStartEvent) -> None:
+    def _check_tag(self, event: ScalarEvent | yaml.CollectionStartEvent) -> None:
         if event.tag and event.tag not in _CORE_TAGS and event.tag != "!":
             tag = event.tag.replace("tag:yaml.org,2002:", "!!")
             span = self._span(event, event)

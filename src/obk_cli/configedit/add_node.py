@@ -165,16 +165,18 @@ def add_node(
     new_node: NewNode,
     options: Options,
     *,
+    before: Outcome | None = None,
     device: str | None = None,
     replaces: str | None = None,
 ) -> AddedNode | Rejected:
     """Put a node into the text of a config.
 
+    `before` is what the text as it is compiles to; it is compiled here if that is not known.
     `device` chooses among several; `replaces` names a node of the section that makes room. The
     node's package need not be there yet.
     """
     options = _with_planned(source, new_node, options)
-    before = compile_source(source, options)
+    before = before or compile_source(source, options)
     faults = tuple(_unreadable(before))
     tree = parse_source(source).tree
     if faults or before.config is None or not isinstance(tree, TreeMap):

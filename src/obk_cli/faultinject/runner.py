@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.clock import local_time, wall_s
-from obk_cli.config.model import Stack
 from obk_cli.errors import CommandFailedError
 from obk_cli.faultinject.expectations import Case
 from obk_cli.faultinject.launched_stack import LaunchedStack
@@ -33,7 +32,6 @@ from obk_cli.runs.registry import live_folders
 __all__ = [
     "LaunchSettings",
     "make_rehearsal_folder",
-    "refuse_hardware",
     "refuse_running",
     "run_cases",
 ]
@@ -189,23 +187,6 @@ def _never(_: tuple[TimedEvent, ...]) -> bool:
 
 def _responding(events: tuple[TimedEvent, ...]) -> set[str]:
     return {m.event.node for m in events if isinstance(m.event, AnswersAgain)}
-
-
-def refuse_hardware(stack: Stack) -> None:
-    """Reject a stack with a robot that is not simulated.
-
-    Raises:
-        CommandFailedError: it has a robot that is hardware.
-    """
-    robot = next((robot for robot in stack.section("robot") if not robot.runs_simulation), None)
-    if robot is None:
-        return
-    span = robot.is_simulated.span if robot.is_simulated else robot.span
-    raise CommandFailedError(
-        f"{span.path}:{span.line}:{span.column}: the robot {robot.full_name} is hardware, and a "
-        "rehearsal kills and freezes the nodes that control it",
-        help="`is_simulated: true` and a `sim` block, in the config or by `--set`, simulate it",
-    )
 
 
 def refuse_running(runs: Path, name: str) -> None:

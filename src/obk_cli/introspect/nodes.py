@@ -11,6 +11,7 @@ from obk_cli.introspect.target import GraphTarget
 from obk_cli.ros.graph import End, GraphSnapshot, TopicInfo, incompatible_ends, special_services
 from obk_cli.runs.control_client import ask_status
 from obk_cli.runs.protocol import NodeStatus
+from obk_cli.runs.registry import status_text
 from obk_cli.terminal import plain
 
 __all__ = [
@@ -22,7 +23,6 @@ __all__ = [
     "nodes_data",
     "nodes_text",
     "services_text",
-    "status_text",
     "topic_data",
     "topic_text",
     "topics_data",
@@ -201,18 +201,6 @@ def _columns(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
     for row in rows:
         cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
         yield plain("  ".join(cells).rstrip())
-
-
-def status_text(node: NodeStatus) -> str:
-    """The words behind a node's name, on one line."""
-    return "  ".join(
-        [
-            f"{node.state or 'no life cycle':<13}",
-            f"process {node.pid}" if node.pid is not None else "not running here",
-            *(["HANGS"] if node.hangs else ()),
-            *([f"started again {with_number(node.restarts, 'time')}"] if node.restarts else ()),
-        ]
-    )
 
 
 def nodes_text(nodes: Iterable[str], known: Mapping[str, NodeStatus]) -> Iterator[str]:

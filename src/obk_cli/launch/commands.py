@@ -147,10 +147,22 @@ def _write_params(node: Process, folder: Path) -> Path:
 
 
 def _alone(node: _Node, environment: Mapping[str, str]) -> NodeCommand:
+    options = tuple(ros_arguments(node.process, node.params))
+    program = _in_python(node.command)
     return NodeCommand(
-        arguments=(*node.command.arguments, *ros_arguments(node.process, node.params)),
+        arguments=(*node.command.arguments, *options),
         environment=_environment(node, environment),
+        in_python=(*program, *options) if program else (),
     )
+
+
+def _in_python(command: Command) -> tuple[str, ...]:
+    """A program as this Python runs it; empty if it does not."""
+    if not command.is_of_this_python:
+        return ()
+    if command.function is not None or command.module is None:
+        return command.arguments
+    return (sys.executable, "-P", "-m", command.module)
 
 
 def _shared(nodes: Iterable[_Node], folder: Path, environment: Mapping[str, str]) -> NodeCommand:
@@ -266,7 +278,9 @@ def gate_variables(folder: Path | None) -> Mapping[str, str]:
 def early_units(
     units: Iterable[Unit], executables: Executables, gated: Set[tuple[str, str]]
 ) -> tuple[Unit, ...]:
-    """The processes that are known to wait at the gate before they make a node.
+    """The processes that are known to wait at the gate before they make a node, simulators first.
+
+    A simulator has the most to load until then.
 
     Args:
         units: the processes.
@@ -279,7 +293,8 @@ def early_units(
         is_own = is_composable(node, executables[node.full_name])
         return is_own and (node.package, node.executable) in gated
 
-    return tuple(unit for unit in units if all(map(waits, unit.nodes)))
+    early = (unit for unit in units if all(map(waits, unit.nodes)))
+    return tuple(sorted(early, key=lambda unit: not any(node.model for node in unit.nodes)))
 
 
 @contextmanager

@@ -22,7 +22,6 @@ from obk_cli.launch.event_lines import JsonReport, LaunchReport
 from obk_cli.launch.events import OutputEvent, OutputLine
 from obk_cli.launch.journal import Journal
 from obk_cli.launch.process_groups import Unit
-from obk_cli.launch.status import LiveReport, opening_status
 from obk_cli.plan.plan import Plan
 from obk_cli.terminal import plain
 
@@ -392,6 +391,9 @@ class Console:
         report = LaunchReport(names, colour=self._colour, quiet=self._quiet)
         if not self._takes_status:
             return report
+        # Slow, and not needed without a terminal.
+        from obk_cli.launch.status import LiveReport, opening_status
+
         opening = opening_status(plan, units, leads=leads)
         live = LiveReport(report, opening, clock=monotonic_s, colour=self._colour)
         self.screen.set_footer(live.draw)

@@ -6,6 +6,7 @@ from typing import Final, assert_never
 
 from obelisk_spec.suggestions import with_number
 from obk_cli.launch.events import (
+    ActivationReported,
     AnswersAgain,
     Ended,
     Evidence,
@@ -112,6 +113,8 @@ class LaunchReport:
                 yield from self._rate(event)
             case RatesUnreported():
                 yield self._paint(_YELLOW, f"  {short_name(event.node)}: {plain(event.how)}")
+            case ActivationReported():
+                return  # of use to lock-step runs only
             case VideoReported():
                 return  # shown at the end of the run
             case _:

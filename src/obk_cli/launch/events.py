@@ -16,6 +16,7 @@ from obk_cli.runs.protocol import ChangeAnswer, Result, StackStatus
 
 __all__ = [
     "OUTPUT_EVENTS",
+    "ActivationReported",
     "Answered",
     "AnswersAgain",
     "ChangeRequested",
@@ -169,6 +170,17 @@ class RatesReported:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ActivationReported:
+    """A node with simulated time reported when it became active."""
+
+    node: str
+    simulated_s: float
+    """Simulated time [s]."""
+    first_output_s: float | None = None
+    """When it published for the first time then; None: not in the second after it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VideoReported:
     """A simulated robot reported the status of its video."""
 
@@ -203,6 +215,7 @@ InputEvent = (
     | TransitionStarted
     | Failed
     | RatesReported
+    | ActivationReported
     | VideoReported
     | ChangeRequested
     | StatusRequested
@@ -390,6 +403,7 @@ OutputEvent = (
     | RateMoved
     | WaitingFor
     | Evidence
+    | ActivationReported
     | VideoReported
     | Ended
 )

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,7 @@ import psutil
 
 from obk_cli.launch.event_loop import RunContext
 from obk_cli.launch.events import Evidence, OutputLine, ProcessEnded, ProcessStarted
+from obk_cli.launch.preloading import Preload
 from obk_cli.launch.process_groups import Unit
 from obk_cli.process import warden
 
@@ -55,6 +56,8 @@ class NodeCommand:
 
     arguments: tuple[str, ...]
     environment: Mapping[str, str]
+    in_python: tuple[str, ...] = ()
+    """The same program as arguments of this Python, `python -P -m ...`; empty: it is another."""
     inherited: tuple[int, ...] = ()
     """Descriptors of the launcher that the process inherits, under the same numbers."""
 
@@ -70,8 +73,9 @@ class WardenProcesses:
         marks: Mapping[str, str],
         on_event: Callable[[ProcessEvent], None],
         on_line: Callable[[OutputLine], None],
+        preload: Preload | None = None,
     ) -> None:
-        """Start the warden.
+        """Start the warden, and the preload server below it.
 
         Args:
             commands: by the names of the units.
@@ -79,9 +83,11 @@ class WardenProcesses:
             marks: variables by which the warden is known as one of this launch.
             on_event: takes the starts and ends, from a thread.
             on_line: takes the lines of all output, from a thread for each process.
+            preload: the server that forks Python processes; None: there is none.
         """
         self._commands = commands
         self._folder = folder
+        self._preload = preload
         self._on_event = on_event
         self._on_line = on_line
         self._pumps: dict[str, threading.Thread] = {}
@@ -99,14 +105,17 @@ class WardenProcesses:
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         # Not `settimeout`, which would hold for the listener's wait too.
         self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", SEND_S, 0))
+        inherited = {fd for command in commands.values() for fd in command.inherited}
         with theirs:
             self._warden = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(Path(warden.__file__))],
                 stdin=theirs.fileno(),
                 env={**os.environ, **marks},
                 start_new_session=True,
-                pass_fds={fd for command in commands.values() for fd in command.inherited},
+                pass_fds=inherited,
             )
+        if preload is not None:
+            self._start_preload(preload, inherited)
         self._listener = threading.Thread(target=self._listen, name="warden", daemon=True)
         self._listener.start()
 
@@ -154,6 +163,17 @@ class WardenProcesses:
         self._held_back[unit.name] = []
         self._start(unit)
 
+    def _start_preload(self, preload: Preload, inherited: Iterable[int]) -> None:
+        self._send(
+            {
+                "do": "preload",
+                "arguments": preload.arguments,
+                "environment": dict(preload.environment),
+                "folder": str(self._folder),
+                "inherited": sorted(inherited),
+            }
+        )
+
     def _start(self, unit: Unit) -> None:
         command = self._commands[unit.name]
         read_fd, write_fd = os.pipe2(os.O_CLOEXEC)
@@ -164,6 +184,9 @@ class WardenProcesses:
             "environment": dict(command.environment),
             "folder": str(self._folder),
             "inherited": command.inherited,
+            "preloaded": self._preload.forked(command.in_python, command.environment)
+            if self._preload is not None
+            else None,
         }
         self._requested.add(unit.name)
         is_sent = self._send(request, write_fd)

@@ -11,9 +11,16 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any, Final
 
-from obelisk_spec.runtime_protocol import DIAGNOSTICS_TOPIC, parse_rate
+from obelisk_spec.runtime_protocol import (
+    ACTIVATION,
+    DIAGNOSTICS_TOPIC,
+    FIRST_OUTPUT,
+    parse_rate,
+    parse_value,
+)
 from obelisk_spec.video import parse_video
 from obk_cli.launch.events import (
+    ActivationReported,
     Answered,
     Failed,
     InputEvent,
@@ -32,6 +39,7 @@ from obk_cli.runs.lifecycle import RESTING
 __all__ = [
     "NodeWatch",
     "RosNodes",
+    "activation_of",
     "event_of_transition",
     "failed_transition",
     "open_ros_nodes",
@@ -46,6 +54,8 @@ SLOW_POLL_S: Final = 0.1
 FAST_POLLING_S: Final = 10.0
 ASK_AGAIN_S: Final = 0.1
 """A question that reaches only a dead server is lost [s]."""
+ASK_AGAIN_FIRST_S: Final = 0.02
+"""So is one to a server that does not know the client yet: at first asked again sooner [s]."""
 FAULT_S: Final = 1.0
 """How long a node that failed may take to report its fault [s]."""
 DEPTH: Final = 100
@@ -79,7 +89,7 @@ class RosNodes(LifecycleClient):
         self._on_event = on_event
 
     def report_diagnostics(self, nodes: Iterable[str]) -> None:
-        """Report what these nodes publish on `/diagnostics`: rates and videos."""
+        """Report what these nodes publish on `/diagnostics`: rates, activations, videos."""
         subscribe_to_diagnostics(self._node, nodes, self._report)
 
     def watch(self, nodes: Iterable[str]) -> None:
@@ -243,8 +253,8 @@ class NodeWatch:
             elif now - self._begin > FAST_POLLING_S:
                 self._pace(SLOW_POLL_S)
         for name, wait in waiting:
-            if now - wait.asked > ASK_AGAIN_S and self._has_services(name):
-                wait.asked = now
+            if now - wait.asked > wait.pause_s and self._has_services(name):
+                wait.asked, wait.pause_s = now, min(2 * wait.pause_s, ASK_AGAIN_S)
                 self._clients.ask_state(name).add_done_callback(partial(self._ready, name, wait))
 
     def _has_services(self, name: str) -> bool:
@@ -270,16 +280,21 @@ class NodeWatch:
 
 
 class _Wait:
-    """Waiting for a node's first answer since it is watched; when it was last asked [s]."""
+    """Waiting for a node's first answer since it is watched."""
 
     def __init__(self) -> None:
         self.asked = 0.0
+        """When the node was last asked [s]."""
+        self.pause_s = ASK_AGAIN_FIRST_S
+        """Until it is asked again [s]."""
 
 
 def subscribe_to_diagnostics(
-    node: Any, nodes: Iterable[str], on_event: Callable[[RatesReported | VideoReported], None]
+    node: Any,
+    nodes: Iterable[str],
+    on_event: Callable[[ActivationReported | RatesReported | VideoReported], None],
 ) -> None:
-    """Report the rates and videos of these nodes, from the thread that spins.
+    """Report the rates, activations and videos of these nodes, from the thread that spins.
 
     Args:
         node: of rclpy, that subscribes.
@@ -291,7 +306,7 @@ def subscribe_to_diagnostics(
     names = frozenset(nodes)
 
     def on_message(message: Any) -> None:
-        for event in (rates_of(message), video_of(message)):
+        for event in (rates_of(message), activation_of(message), video_of(message)):
             if event is not None and event.node in names:
                 on_event(event)
 
@@ -306,6 +321,23 @@ def rates_of(message: Any) -> RatesReported | None:
         if (rate := parse_rate(status.name, status.level[0], _values(status))) is not None
     )
     return RatesReported(node=str(message.status[0].hardware_id), rates=found) if found else None
+
+
+def activation_of(message: Any) -> ActivationReported | None:
+    """The activation in a `diagnostic_msgs/DiagnosticArray`; None if it has none."""
+    times = {
+        what: time_s
+        for status in message.status
+        for what in (ACTIVATION, FIRST_OUTPUT)
+        if (time_s := parse_value(what, status.name, _values(status))) is not None
+    }
+    if ACTIVATION not in times:
+        return None
+    return ActivationReported(
+        node=str(message.status[0].hardware_id),
+        simulated_s=times[ACTIVATION],
+        first_output_s=times.get(FIRST_OUTPUT),
+    )
 
 
 def video_of(message: Any) -> VideoReported | None:

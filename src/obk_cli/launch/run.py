@@ -45,6 +45,7 @@ from obk_cli.launch.events import (
 )
 from obk_cli.launch.external_rates import ExternalRates
 from obk_cli.launch.options import LaunchOptions
+from obk_cli.launch.preloading import preload_for
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
 from obk_cli.launch.recorder import Recorder, VideoReports
@@ -95,10 +96,13 @@ def run_plan(
         lock.report(output)
         marks = launch_marks(lock.folder)
         variables = {**environment.variables, **marks, **gate_variables(lock.folder)}
-        commands = _commands(units, executables, lock.folder, variables, packages, output, stack)
+        commands, common = _commands(
+            units, executables, lock.folder, variables, packages, output, stack
+        )
         commands = stack.enter_context(with_clock_page(plan, units, commands))
         recorder = Recorder(options.recording, lock.folder, output)
         videos = VideoReports(plan, share, output.note)
+        programs = [command.in_python for command in commands.values()]
         # Before ROS starts: its threads must not be in the warden's fork.
         processes = stack.enter_context(
             WardenProcesses(
@@ -107,6 +111,7 @@ def run_plan(
                 marks=marks,
                 on_event=_process_events(recorder, inbox).publish,
                 on_line=_lines(output, recorder).publish,
+                preload=preload_for(programs, common),
             )
         )
         recorder.start(processes)
@@ -243,14 +248,17 @@ def _commands(
     packages: PackageIndex,
     output: Output,
     stack: ExitStack,
-) -> Mapping[str, NodeCommand]:
-    """The processes' commands; if the run's folder takes no files, with those in another one."""
+) -> tuple[Mapping[str, NodeCommand], Mapping[str, str]]:
+    """The processes' commands, and the environment that they have in common.
 
-    def commands_in(folder: Path) -> Mapping[str, NodeCommand]:
+    If the run's folder takes no files, the commands are with those in another one.
+    """
+
+    def commands_in(folder: Path) -> tuple[Mapping[str, NodeCommand], Mapping[str, str]]:
         prefix = folder / "prefix"
         stack.callback(rmtree, prefix, ignore_errors=True)
-        found = make_share_prefix(prefix, packages)
-        return unit_commands(units, executables, folder, with_prefix(variables, found))
+        common = with_prefix(variables, make_share_prefix(prefix, packages))
+        return unit_commands(units, executables, folder, common), common
 
     if folder is not None:
         try:

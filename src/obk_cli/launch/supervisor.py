@@ -11,6 +11,7 @@ from typing import Final
 
 from obk_cli.launch.event_loop import EventLoop, Inbox, Lifecycle, Limits, Processes, RunContext
 from obk_cli.launch.events import (
+    ActivationReported,
     Answered,
     AnswersAgain,
     ChangeRequested,
@@ -425,7 +426,7 @@ class Supervisor:
                 self._failed(event)
             case RatesReported():
                 self._publish_rates(self._rates.received(event, self._context.loop.now()))
-            case VideoReported():
+            case ActivationReported() | VideoReported():
                 self._context.publisher.publish(event)
             case _:
                 self._dispatch_request(event)

@@ -3,24 +3,30 @@
 Run as a program of its own (`python -I -S warden.py`); its standard input is one end of a Unix
 socket of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request
 is a file, passed by descriptor, because an environment may be larger than a packet: `start`, with a
-second descriptor for the output, `signal`, and `end` before the last. A process may inherit
-descriptors that the warden was started with. The warden is the parent of the nodes
+second descriptor for the output, `signal`, `preload`, and `end` before the last. A process may
+inherit descriptors that the warden was started with. The warden is the parent of the nodes
 and adopts their orphans (child subreaper). When the launcher's end of the socket closes, for any
 reason, all of them get SIGTERM, then SIGKILL; if the launcher did not send `end`, the warden also
 clears shared memory. It imports the standard library only, so that it starts at once.
+
+`preload` starts the preload server (`preload.py`), which forks Python nodes for it. Where there is
+none, or it does not fork a node, the warden starts that one in the ordinary way.
 Source: prctl(2), PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG.
 """
 
 import ctypes
 import json
 import os
+import select
 import selectors
 import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +44,123 @@ LARGEST_PACKET = 1 << 16
 START_MARK = "OBK_START"
 """The environment variable that names the start from which a process descends."""
 SWEEPER = Path(__file__).with_name("shared_memory.py")
+PRELOAD_S = 15.0
+"""How long the preload server may take to import the libraries [s]."""
+FORK_S = 5.0
+"""How long it may take to fork a node [s]."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """The start of a node."""
+
+    request: Mapping[str, Any]
+    output: int
+    mark: str
+    """The value of `START_MARK`."""
+
+    @property
+    def node(self) -> str:
+        """The node's name."""
+        return str(self.request["node"])
+
+
+class PreloadClient:
+    """The preload server, and the starts that it has not answered, one at a time."""
+
+    def __init__(self, request: Mapping[str, Any], in_child: Callable[[], None]) -> None:
+        """Start the server.
+
+        Raises:
+            OSError: it cannot be started.
+        """
+        self.link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.waiting: deque[Start] = deque()
+        self._is_ready = False
+        self._deadline = time.monotonic() + PRELOAD_S
+        with theirs:
+            self._process = subprocess.Popen(
+                request["arguments"],
+                env=request["environment"],
+                cwd=request["folder"],
+                stdin=theirs.fileno(),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+                pass_fds=request["inherited"],
+                preexec_fn=in_child,
+            )
+        self._process.returncode = 0  # children are reaped by the warden
+
+    @property
+    def left_s(self) -> float | None:
+        """How long the server may still take [s]; None: nothing waits for it."""
+        return max(0.0, self._deadline - time.monotonic()) if self.waiting else None
+
+    def add(self, start: Start) -> None:
+        """Have a node forked."""
+        self.waiting.append(start)
+        if self._is_ready and len(self.waiting) == 1:
+            self._hand_over()
+
+    def answers(self) -> Iterator[tuple[Start, int | None]]:
+        """The starts that were answered, each with its process id; None: it was not forked.
+
+        Raises:
+            ConnectionResetError: the server has ended.
+        """
+        while True:
+            try:
+                data = self.link.recv(LARGEST_PACKET, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                return
+            if not data:
+                raise ConnectionResetError
+            if self._is_ready:
+                yield self.waiting.popleft(), json.loads(data)["pid"]
+            self._is_ready = True
+            if self.waiting:
+                self._hand_over()
+
+    def withdraw(self, node: str) -> Start | None:
+        """Take back the start of a node; None: there is none, or it is being answered now."""
+        begun = self.waiting[0] if self._is_ready and self.waiting else None
+        for start in self.waiting:
+            if start.node == node and start is not begun:
+                self.waiting.remove(start)
+                return start
+        if begun is not None and begun.node == node and not self._has_news():
+            self.kill()
+            self._has_news()
+        return None
+
+    def kill(self) -> None:
+        """End the server; `answers` raises soon after."""
+        _kill(self._process.pid, signal.SIGKILL)
+        self._deadline = time.monotonic() + FORK_S
+
+    def _has_news(self) -> bool:
+        """Whether the server answers, or ends, in time."""
+        poll = select.poll()
+        poll.register(self.link, select.POLLIN)
+        return bool(poll.poll((self.left_s or 0.0) * 1000))
+
+    def _hand_over(self) -> None:
+        self._deadline = time.monotonic() + FORK_S
+        start = self.waiting[0]
+        request = {
+            **start.request["preloaded"],
+            "folder": start.request["folder"],
+            "inherited": start.request["inherited"],
+        }
+        request["variables"] = {**request["variables"], START_MARK: start.mark}
+        with os.fdopen(os.memfd_create("request"), "w+", encoding="utf-8") as file:
+            json.dump(request, file)
+            file.seek(0)
+            try:
+                socket.send_fds(self.link, [b"request"], [file.fileno(), start.output])
+            except OSError:
+                return  # it has ended, which `answers` reports
 
 
 class Warden:
@@ -57,28 +180,36 @@ class Warden:
         self._has_unknown_orphan = False
         """Whether the environment of an orphan was not readable yet."""
         self._count = 0
+        self._selector = selectors.DefaultSelector()
+        self._preload: PreloadClient | None = None
         self.ends_cleanly = False
         """Whether the launcher sent `end`."""
 
     def serve(self) -> None:
         """Answer requests until the launcher's end of the socket closes."""
         children_fd = _child_signals()
-        with selectors.DefaultSelector() as selector:
+        with self._selector as selector:
             selector.register(self._link, selectors.EVENT_READ)
             selector.register(children_fd, selectors.EVENT_READ)
             while True:
-                ready = selector.select(RETRY_S if self._has_unknown_orphan else None)
+                ready = selector.select(self._timeout_s())
                 if not ready:
                     self._terminate_orphans()
+                    self._end_late_preload()
                 for key, _ in ready:
                     if key.fileobj == children_fd:
                         os.read(children_fd, 512)
                         self._reap()
+                    elif key.fileobj != self._link:
+                        self._hear_preload()
                     elif not self._answer():
                         return
 
     def end_all(self) -> None:
         """End every process below this one: SIGTERM, a grace time, SIGKILL."""
+        if self._preload is not None:  # what waits for it does not start any more
+            self._preload.link.close()
+            self._preload = None
         deadline = time.monotonic() + GRACE_S
         for pid in _children():
             _terminate(pid)
@@ -103,39 +234,85 @@ class Warden:
         with os.fdopen(fds[0], encoding="utf-8") as file:
             request = json.load(file)
         if request["do"] == "start":
-            self._start(request, fds[1])
+            self._count += 1
+            start = Start(request=request, output=fds[1], mark=f"{self._pid}:{self._count}")
+            if request["preloaded"] is not None and self._preload is not None:
+                self._preload.add(start)
+            else:
+                self._start(start)
+        elif request["do"] == "preload":
+            self._start_preload(request)
         elif request["do"] == "end":
             self.ends_cleanly = True
         else:
             self._signal(request["node"], request["number"])
         return True
 
-    def _start(self, request: dict[str, Any], output: int) -> None:
-        node = request["node"]
-        self._count += 1
-        start = f"{self._pid}:{self._count}"
+    def _start(self, start: Start) -> None:
+        """Start a node's program in the ordinary way."""
+        request = start.request
         try:
             # The Popen object is let go: children are reaped here, all in one place.
             child = subprocess.Popen(
                 request["arguments"],
-                env={**request["environment"], START_MARK: start},
+                env={**request["environment"], START_MARK: start.mark},
                 cwd=request["folder"],
                 stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=output,
+                stdout=start.output,
+                stderr=start.output,
                 start_new_session=True,
                 pass_fds=request["inherited"],
                 preexec_fn=self._in_child,
             )
         except (OSError, ValueError, subprocess.SubprocessError) as error:
-            self._send(event="ended", node=node, code=127, text=f"it cannot start: {error}")
+            text = f"it cannot start: {error}"
+            self._send(event="ended", node=start.node, code=127, text=text)
         else:
-            self._pids[child.pid] = node
-            self._starts[child.pid] = start
             child.returncode = 0
-            self._send(event="started", node=node, pid=child.pid)
+            self._started(start, child.pid)
         finally:
-            os.close(output)
+            os.close(start.output)
+
+    def _started(self, start: Start, pid: int) -> None:
+        self._pids[pid] = start.node
+        self._starts[pid] = start.mark
+        self._send(event="started", node=start.node, pid=pid)
+
+    def _start_preload(self, request: Mapping[str, Any]) -> None:
+        try:
+            self._preload = PreloadClient(request, self._in_child)
+        except (OSError, ValueError, subprocess.SubprocessError):
+            return  # nodes start without it
+        self._selector.register(self._preload.link, selectors.EVENT_READ)
+
+    def _hear_preload(self) -> None:
+        """Take note of what the preload server has forked; without it, start what waits for it."""
+        preload = self._preload
+        if preload is None:
+            return
+        try:
+            for start, pid in preload.answers():
+                if pid is None:
+                    self._start(start)
+                else:
+                    os.close(start.output)
+                    self._started(start, pid)
+        except ConnectionResetError:
+            self._preload = None
+            self._selector.unregister(preload.link)
+            preload.link.close()
+            for start in preload.waiting:
+                self._start(start)
+
+    def _end_late_preload(self) -> None:
+        if self._preload is not None and self._preload.left_s == 0.0:
+            self._preload.kill()
+
+    def _timeout_s(self) -> float | None:
+        """How long to wait for the next event [s]; None: for as long as it takes."""
+        if self._has_unknown_orphan:
+            return RETRY_S
+        return self._preload.left_s if self._preload is not None else None
 
     def _in_child(self) -> None:
         self._libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -145,12 +322,18 @@ class Warden:
             signal.signal(number, signal.SIG_DFL)
 
     def _signal(self, node: str, number: int) -> None:
+        withdrawn = self._preload.withdraw(node) if self._preload is not None else None
+        if withdrawn is not None:
+            os.close(withdrawn.output)
+            self._send(event="ended", node=node, code=-number, text="")
+        self._hear_preload()
         for pid, name in self._pids.items():
             if name == node:
                 _kill_group(pid, number)
 
     def _reap(self) -> None:
         for pid, status in _reaped():
+            self._hear_preload()  # what it has forked before that process ended
             node = self._pids.pop(pid, None)
             self._terminated.discard(pid)
             if node is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from obelisk_spec.components import TIERS
-from obelisk_spec.suggestions import did_you_mean
+from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import is_untrusted, is_within_untrusted
 from obk_cli.process.identity import boot_id, is_process, signal_process, wait_for_ends
@@ -35,6 +35,7 @@ __all__ = [
     "select_runs",
     "select_stack",
     "stack_nodes",
+    "status_text",
 ]
 
 NO_ANSWER: Final = "no answer"
@@ -241,6 +242,18 @@ def in_tier_order(nodes: Iterable[str]) -> tuple[str, ...]:
         return (TIERS.index(section) if section else len(TIERS), node)
 
     return tuple(sorted(nodes, key=rank))
+
+
+def status_text(node: NodeStatus) -> str:
+    """The words behind a node's name, on one line."""
+    return "  ".join(
+        [
+            f"{node.state or 'no life cycle':<13}",
+            f"process {node.pid}" if node.pid is not None else "not running here",
+            *(["HANGS"] if node.hangs else ()),
+            *([f"started again {with_number(node.restarts, 'time')}"] if node.restarts else ()),
+        ]
+    )
 
 
 def end_launcher(

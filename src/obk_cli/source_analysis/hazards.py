@@ -62,8 +62,8 @@ _DEVICES = ("/dev/", "/proc/", "/sys/")
 _NO_DEVICES = ("/dev/null", "/dev/zero", "/dev/full")
 _REAL_CLOCKS = frozenset(
     """
-    time.clock_gettime time.clock_gettime_ns time.process_time time.process_time_ns
-    time.thread_time time.thread_time_ns os.times resource.getrusage datetime.date.today
+    time.process_time time.process_time_ns time.thread_time time.thread_time_ns os.times
+    resource.getrusage
     """.split()
 )
 _COMPILED = frozenset(
@@ -99,6 +99,7 @@ _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
         _REAL_CLOCKS,
         ("OBK603", "`{}` is not simulated", "read `self.t`, or `time.monotonic()`"),
     ),
+    "uuid.uuid1": ("OBK603", "`{}` takes the real time", "use `uuid.uuid4`, which repeats"),
     **dict.fromkeys(
         _COMPILED,
         (

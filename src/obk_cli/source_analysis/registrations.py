@@ -7,6 +7,7 @@ used on the way. What is computed at run time counts as unknown.
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Final
 
 from obelisk_spec.registration import (
@@ -58,12 +59,14 @@ def scope_of(function: Function, module: Module, local: KnownValues) -> Scope:
     """The scope of a method's body; local names that are assigned are computed at run time."""
     arguments = [*function.args.posonlyargs, *function.args.args]
     self_name = arguments[0].arg if arguments else ""
-    assigned = {
-        n.id: UNKNOWN
-        for n in ast.walk(function)
-        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-    }
-    return Scope(module, {**local, **assigned}, self_name)
+    return Scope(module, {**local, **dict.fromkeys(_assigned_names(function), UNKNOWN)}, self_name)
+
+
+@lru_cache(maxsize=1_000)
+def _assigned_names(function: Function) -> tuple[str, ...]:
+    """The local names that are assigned anywhere in a function, which is walked once for them."""
+    names = (n for n in ast.walk(function) if isinstance(n, ast.Name))
+    return tuple(n.id for n in names if isinstance(n.ctx, ast.Store))
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,6 +306,8 @@ _DECLARES_ALL: Final = (
 _BRANCHES = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.Try, ast.IfExp, ast.Match, ast.Lambda,
              ast.FunctionDef, ast.AsyncFunctionDef, ast.ListComp, ast.SetComp, ast.DictComp,
              ast.GeneratorExp)  # fmt: skip
+_LEAVES = (ast.expr_context, ast.operator, ast.cmpop, ast.unaryop, ast.boolop, ast.Constant)
+"""Most nodes of a tree: none of them contains a name."""
 
 
 @dataclass(slots=True)
@@ -346,11 +351,14 @@ def _takes_names(function: Function) -> bool:
     return is_plain and _mentions(function, "register_obk_", "declare_parameter")
 
 
-def _mentions(function: Function, *names: str) -> bool:
-    """Whether a function uses an attribute whose name starts so."""
-    return any(
-        isinstance(n, ast.Attribute) and n.attr.startswith(names) for n in ast.walk(function)
-    )
+def _mentions(function: Function, *prefixes: str) -> bool:
+    """Whether a function uses an attribute whose name starts with one of these."""
+    return any(name.startswith(prefixes) for name in _attribute_names(function))
+
+
+@lru_cache(maxsize=1_000)
+def _attribute_names(function: Function) -> frozenset[str]:
+    return frozenset(n.attr for n in ast.walk(function) if isinstance(n, ast.Attribute))
 
 
 class _Walk:
@@ -449,7 +457,7 @@ class _Walk:
             self._give_up()  # `self` is handed to something that may register more
         is_certain = is_certain and not isinstance(node, _BRANCHES)
         for child in ast.iter_child_nodes(node):
-            if child not in kept:
+            if child not in kept and not isinstance(child, _LEAVES):
                 self._node(child, index, source, scope, is_certain=is_certain)
 
     def _call(

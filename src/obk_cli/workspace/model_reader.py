@@ -118,6 +118,7 @@ class _Scan:
 _LINE = re.compile(r"[Ll]ine(?: number)?[ =]+(\d+)")
 _NOT_XML = re.compile(r"Error=XML_ERROR_(\w+).*XMLElement name=(\w*)", re.DOTALL)
 _NOISE = re.compile(r"^(XML Error|Error|ParseXML): *")
+_NO_MESSAGE: Final = "MuJoCo rejects it without a message, as it does for a name that is not UTF-8"
 
 
 def has_mujoco() -> bool:
@@ -135,7 +136,7 @@ def read_model(path: Path) -> ModelRead | ModelFault:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
-        return _fault(str(error))
+        return _fault(error)
     referenced = _referenced_files(spec, path)
     facts = read_model_facts(spec)
     missing = missing_files(referenced, path)
@@ -152,7 +153,7 @@ def _compile_fault(spec: Any) -> ModelFault | None:
     try:
         spec.compile()
     except (ValueError, import_mujoco().FatalError) as error:
-        return _fault(str(error))
+        return _fault(error)
     return None
 
 
@@ -169,7 +170,13 @@ def import_mujoco() -> Any:
             os.environ["MUJOCO_GL"] = chosen
 
 
-def _fault(text: str) -> ModelFault:
+def _fault(error: Exception) -> ModelFault:
+    # MuJoCo quotes names byte by byte. If they are not UTF-8, its message becomes this exception,
+    # or is lost, depending on the version of Python.
+    if isinstance(error, UnicodeDecodeError):
+        text = error.object.decode(errors="replace")
+    else:
+        text = str(error) or _NO_MESSAGE
     line = _LINE.search(text)
     not_xml = _NOT_XML.search(text)
     if not_xml is not None:

@@ -10,7 +10,7 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +37,7 @@ from obk_testing.sweep.cases import (
     parse_varied,
     with_types_of_config,
 )
-from obk_testing.sweep.engines import Engine, LocalEngine, WorkerProcess
+from obk_testing.sweep.engines import Engine, LocalEngine, RestartingWorker, WorkerProcess
 from obk_testing.sweep.report import report_page
 from obk_testing.sweep.store import SweepStore, hashes_of, installed_sources
 from obk_testing.sweep.summary import Result, Summary, duration_text, summary_json, summary_text
@@ -69,6 +69,8 @@ class SweepRequest:
     scheduler: str | None = None
     output: str | None = None
     is_restart: bool = False
+    case_limit_s: float = 600.0
+    """Wall time that a case may take [s]."""
     overrides: Sequence[str] = ()
     is_json: bool = False
 
@@ -139,7 +141,9 @@ def run_sweep(request: SweepRequest) -> int:
             tests = _require_tests(first, request)
             hashes = hashes_of(_inputs(compiled, first.hello.files), Path.cwd())
             versions = {name: text for name, text in machine().items() if name not in _OF_ANY_RUN}
-            store.require_same_inputs({**hashes, **installed_sources(), **versions})
+            inputs = {**hashes, **installed_sources(), **versions}
+            if not request.is_restart:
+                store.require_same_inputs(inputs)
             cases = make_cases(
                 tests,
                 seeds=request.seeds,
@@ -147,7 +151,7 @@ def run_sweep(request: SweepRequest) -> int:
                 is_grid=request.is_grid,
                 overrides=request.overrides,
             )
-            is_complete = _run(request, config, cases, store, first)
+            is_complete = _run(request, config, cases, store, first, inputs)
         finally:
             first.close()
         rows = store.rows()
@@ -233,9 +237,10 @@ def _run(
     cases: Sequence[SweepCase],
     store: SweepStore,
     first: WorkerProcess,
+    inputs: Mapping[str, str],
 ) -> bool:
     """Run the cases without a result; whether all of them have ended."""
-    rows = store.rows()
+    rows = {} if request.is_restart else store.rows()
     pending = [case for case in cases if case.key not in rows]
     bad = sum(rows[case.key].is_bad for case in cases if case.key in rows)
     done = len(cases) - len(pending)
@@ -245,9 +250,12 @@ def _run(
         return True
     by_key = {case.key: case for case in pending}
     progress = _Progress(len(cases), done, bad)
-    seen: set[str] = set(store.notes())
     try:
         with _engine(request, config, store.scratch, first, cases[0]) as engine:
+            if request.is_restart:  # not before everything that may be wrong has been found
+                store.clear()
+                store.require_same_inputs(inputs)
+            seen = set(store.notes())
             for placed in engine.map(pending):
                 store.add(by_key[placed.row.key], placed.row)
                 progress.add(is_bad=placed.row.is_bad)
@@ -266,23 +274,27 @@ def _run(
 def _engine(
     request: SweepRequest, config: Path, scratch: Path, first: WorkerProcess, probe: SweepCase
 ) -> Iterator[Engine]:
-    tests = tuple(request.tests)
+    tests, limit_s = tuple(request.tests), request.case_limit_s
     if request.engine == "local":
-        with LocalEngine(config, tests, scratch, workers=request.workers, first=first) as local:
+        with LocalEngine(
+            config, tests, scratch, workers=request.workers, limit_s=limit_s, first=first
+        ) as local:
             yield local
         return
     from obk_testing.sweep.dask_engine import DaskEngine
 
-    digest = first.run(probe).digest
-    first.close()
+    worker = RestartingWorker(config, tests, scratch, limit_s=limit_s, first=first)
+    digest = worker.run(probe).digest
+    worker.close()
     with DaskEngine(
         config,
         tests,
         scratch,
         scheduler=request.scheduler,
         workers=request.workers,
+        limit_s=limit_s,
         probe=probe,
-        digest=digest or "none",
+        digest=digest,
     ) as engine:
         yield engine
 

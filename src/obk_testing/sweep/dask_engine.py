@@ -14,7 +14,6 @@ from contextlib import ExitStack, suppress
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 from typing import Any, Final, Self
 
 import dask
@@ -23,6 +22,8 @@ from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.scheduler import KilledWorker
 
 from obk_cli.errors import CommandFailedError
+from obk_cli.workspace.overlay import FOLDER as MESSAGES
+from obk_cli.workspace.overlay import overlay_folder
 from obk_cli.workspace.package_index import find_workspace
 from obk_testing.sweep.cases import Row, SweepCase
 from obk_testing.sweep.engines import Placed, RestartingWorker
@@ -31,7 +32,10 @@ from obk_testing.sweep.worker import machine
 __all__ = ["DaskEngine"]
 
 _NOT_SHIPPED: Final = frozenset(
-    {".git", ".venv", "__pycache__", "build", "install", "log", ".pytest_cache", "node_modules"}
+    {
+        *(".git", ".venv", "__pycache__", "build", "install", "log", ".pytest_cache"),
+        *("node_modules", MESSAGES),
+    }
 )
 _CONNECT_S: Final = 10
 
@@ -47,6 +51,7 @@ class DaskEngine:
         *,
         scheduler: str | None,
         workers: int,
+        limit_s: float,
         probe: SweepCase,
         digest: str,
         is_shipped: bool = False,
@@ -59,8 +64,9 @@ class DaskEngine:
             scratch: a folder for temporary files.
             scheduler: address; None: start a cluster on this machine.
             workers: of that cluster.
+            limit_s: wall time that a case may take [s].
             probe: the case that every worker runs first.
-            digest: of the probe case on this machine.
+            digest: of the probe case on this machine; empty if it started no trial.
             is_shipped: use the copy of the workspace even where the same files exist.
 
         Raises:
@@ -86,6 +92,7 @@ class DaskEngine:
             workspace=str(workspace),
             archive=b"" if scheduler is None and not is_shipped else zipped(workspace),
             is_shipped=is_shipped,
+            limit_s=limit_s,
             probe=probe,
         )
         self._name = runner.name
@@ -94,12 +101,7 @@ class DaskEngine:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
@@ -149,10 +151,15 @@ class DaskEngine:
             return Placed(row=Row(key=case.key, outcome="died", why=died))
         if error is not None:
             raise error
-        row, digest, cpu = future.result()
-        if digest == self._digest:
+        row, probe, cpu = future.result()
+        if probe.digest == self._digest:
             return Placed(row=row)
-        name = row.worker.partition(":")[0]
+        name = probe.worker.partition(":")[0]
+        if not probe.digest:
+            raise CommandFailedError(
+                f"the Dask worker on {name} cannot run the first case: {probe.why}",
+                help="it needs the same installation as this machine: Python, packages, messages",
+            )
         note = f"worker {name} computes other bits (CPU {cpu}): its results are statistics"
         return Placed(row=row, note=f"{note}, not replays")
 
@@ -168,12 +175,14 @@ class _CaseRunner(WorkerPlugin):
         workspace: str,
         archive: bytes,
         is_shipped: bool,
+        limit_s: float,
         probe: SweepCase,
     ) -> None:
         identity = repr((config, tests, probe, os.getpid())).encode() + archive
         self.name = f"obk-sweep-{hashlib.sha256(identity).hexdigest()[:12]}"
         self._config, self._tests, self._workspace = config, tests, workspace
         self._archive, self._is_shipped, self._probe = archive, is_shipped, probe
+        self._limit_s = limit_s
 
     def setup(self, worker: Worker) -> None:
         """Prepare a Dask worker; called by Dask on each, also on those that join later."""
@@ -183,7 +192,7 @@ class _CaseRunner(WorkerPlugin):
             self._unpack()
         self._idle: queue.SimpleQueue[RestartingWorker] = queue.SimpleQueue()
         self._all: list[RestartingWorker] = []
-        self._digest = ""
+        self._probed: Row | None = None
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - Dask's
         """End the processes; called by Dask."""
@@ -191,18 +200,20 @@ class _CaseRunner(WorkerPlugin):
             each.kill()
             each.close()
 
-    def run(self, case: SweepCase) -> tuple[Row, str, str]:
-        """Run a case; also gives the digest of the probe case on this machine, and its CPU."""
+    def run(self, case: SweepCase) -> tuple[Row, Row, str]:
+        """Run a case; also gives the result of the probe case on this machine, and its CPU."""
         try:
             process = self._idle.get_nowait()
         except queue.Empty:
-            process = RestartingWorker(Path(self._config), self._tests, self._scratch)
+            process = RestartingWorker(
+                Path(self._config), self._tests, self._scratch, limit_s=self._limit_s
+            )
             self._all.append(process)
-        if not self._digest:
-            self._digest = process.run(self._probe).digest or "none"
+        if self._probed is None:
+            self._probed = process.run(self._probe)
         row = process.run(case)
         self._idle.put(process)
-        return row, self._digest, machine()["cpu"]
+        return row, self._probed, machine()["cpu"]
 
     def _has_same_files(self) -> bool:
         if not self._archive:
@@ -225,14 +236,14 @@ class _CaseRunner(WorkerPlugin):
         self._config, self._tests = moved(self._config), tuple(map(moved, self._tests))
 
 
-def _run_case(name: str, case: SweepCase) -> tuple[Row, str, str]:
+def _run_case(name: str, case: SweepCase) -> tuple[Row, Row, str]:
     runner: Any = get_worker().plugins[name]
-    result: tuple[Row, str, str] = runner.run(case)
+    result: tuple[Row, Row, str] = runner.run(case)
     return result
 
 
 def zipped(workspace: Path) -> bytes:
-    """The files of a workspace without what is built from them."""
+    """The files of a workspace and its compiled messages, without what else is built."""
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         for folder, folders, files in os.walk(workspace):
@@ -241,4 +252,8 @@ def zipped(workspace: Path) -> bytes:
                 path = Path(folder) / name
                 if path.is_file():
                     archive.write(path, path.relative_to(workspace))
+        overlay = overlay_folder(workspace)
+        for path in sorted(overlay.rglob("*")):  # a link, which walking does not follow
+            if path.is_file() and "__pycache__" not in path.parts:
+                archive.write(path, path.relative_to(workspace))
     return data.getvalue()

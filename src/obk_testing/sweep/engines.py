@@ -9,6 +9,7 @@ which is a daemon, may not start one.
 import json
 import os
 import queue
+import select
 import signal
 import socket
 import subprocess
@@ -17,13 +18,14 @@ import tempfile
 import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
 from obk_cli.errors import CommandFailedError
+from obk_cli.workspace.overlay import overlay_prefixes, with_overlays
+from obk_cli.workspace.package_index import find_workspace
 from obk_testing.sweep.cases import FoundTest, Row, SweepCase
 from obk_testing.sweep.worker import Hello, WorkerSettings
 
@@ -67,6 +69,10 @@ class _WorkerDiedError(Exception):
     """A worker ended in the middle of a case; the text says how."""
 
 
+class _TimeLimitError(Exception):
+    """A case took longer than it may; its worker was ended."""
+
+
 class WorkerProcess:
     """A process that runs one case at a time."""
 
@@ -90,6 +96,9 @@ class WorkerProcess:
         self._errors = self._resources.enter_context(
             (Path(folder) / "errors").open("w+", encoding="utf-8", errors="replace")
         )
+        # A Dask worker does not have the variables of the sweep.
+        overlays = overlay_prefixes([find_workspace(config.parent)])
+        environment = with_overlays(os.environ, overlays)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "obk_testing.sweep.worker"],
             stdin=subprocess.PIPE,
@@ -97,7 +106,7 @@ class WorkerProcess:
             stderr=self._errors,
             text=True,
             cwd=config.parent,
-            env={**os.environ, **_ENVIRONMENT, "TMPDIR": folder, "ROS_LOG_DIR": folder},
+            env={**environment, **_ENVIRONMENT, "TMPDIR": folder, "ROS_LOG_DIR": folder},
         )
         try:
             settings = WorkerSettings(config=str(config), tests=tuple(tests), parent=os.getpid())
@@ -116,14 +125,19 @@ class WorkerProcess:
         """The process id."""
         return self._process.pid
 
-    def run(self, case: SweepCase) -> Row:
+    def run(self, case: SweepCase, limit_s: float) -> Row:
         """Run a case.
+
+        Args:
+            case: the case.
+            limit_s: wall time that it may take [s].
 
         Raises:
             _WorkerDiedError: the process ended.
+            _TimeLimitError: the case took longer; the process is ended.
         """
         self.cases += 1
-        return Row(**self._ask(asdict(case)))
+        return Row(**self._ask(asdict(case), limit_s))
 
     def kill(self) -> None:
         """End it at once; a case that is running fails."""
@@ -142,16 +156,25 @@ class WorkerProcess:
                 self._process.wait()
             self._process.stdout.close()
 
-    def _ask(self, data: Mapping[str, Any]) -> dict[str, Any]:
+    def _ask(self, data: Mapping[str, Any], limit_s: float | None = None) -> dict[str, Any]:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
             self._process.stdin.write(json.dumps(data) + "\n")
             self._process.stdin.flush()
+            if limit_s is not None:
+                # Nothing is buffered here: a worker writes one line for each that it reads.
+                answers = select.poll()
+                answers.register(self._process.stdout, select.POLLIN)
+                if not answers.poll(limit_s * 1e3):
+                    self._process.kill()
+                    raise _TimeLimitError
             line = self._process.stdout.readline()
         except OSError:
             line = ""
         if not line.endswith("\n"):
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_END_S)  # its own exit code says more than that of a kill
             self._process.kill()
             raise _WorkerDiedError(self._end())
         answer: dict[str, Any] = json.loads(line)
@@ -169,17 +192,28 @@ class WorkerProcess:
 
 
 class RestartingWorker:
-    """Runs cases in a worker that is replaced when it dies, and after many cases."""
+    """Runs cases in a worker that is replaced when it dies or hangs, and after many cases."""
 
     def __init__(
         self,
         config: Path,
         tests: Sequence[str],
         scratch: Path,
+        *,
+        limit_s: float,
         first: WorkerProcess | None = None,
     ) -> None:
-        """Take over a first worker, if there is one; the other arguments are those of a worker."""
+        """Take over a first worker, if there is one.
+
+        Args:
+            config: as a worker takes it, like `tests` and `scratch`.
+            tests: as a worker takes them.
+            scratch: as a worker takes it.
+            limit_s: wall time that a case may take [s].
+            first: a worker that has started already.
+        """
         self._config, self._tests, self._scratch = config, tests, scratch
+        self._limit_s = limit_s
         self._worker = first
         self._is_closed = False
 
@@ -189,7 +223,17 @@ class RestartingWorker:
         for _ in range(_ATTEMPTS):
             worker = self._started()
             try:
-                return worker.run(case)
+                return worker.run(case, self._limit_s)
+            except _TimeLimitError:
+                self._drop()
+                why = f"it did not end within {self._limit_s:g} s of wall time (`--case-limit`)"
+                return Row(
+                    key=case.key,
+                    outcome="failed",
+                    why=why,
+                    seconds=self._limit_s,
+                    worker=socket.gethostname(),
+                )
             except _WorkerDiedError as error:
                 how = str(error)
                 self._drop()
@@ -232,6 +276,7 @@ class LocalEngine:
         scratch: Path,
         *,
         workers: int,
+        limit_s: float,
         first: WorkerProcess | None = None,
     ) -> None:
         """Take over a first worker; the others start with the first case.
@@ -241,22 +286,20 @@ class LocalEngine:
             tests: as a worker takes them.
             scratch: as a worker takes it.
             workers: how many.
+            limit_s: wall time that a case may take [s].
             first: one that has started already.
         """
-        self._workers = [RestartingWorker(config, tests, scratch, first)]
-        self._workers += [RestartingWorker(config, tests, scratch) for _ in range(workers - 1)]
+        firsts = (first, *(None for _ in range(workers - 1)))
+        self._workers = [
+            RestartingWorker(config, tests, scratch, limit_s=limit_s, first=each) for each in firsts
+        ]
         self._threads: list[threading.Thread] = []
         self._waiting: deque[SweepCase] = deque()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:

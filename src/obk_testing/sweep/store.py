@@ -12,7 +12,6 @@ import shutil
 import sqlite3
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Self, cast
 
 from obk_cli.errors import CommandFailedError, MisuseError
@@ -50,7 +49,7 @@ class SweepStore:
 
         Args:
             folder: where the results are.
-            restart: remove the results that it has.
+            restart: replace a database that cannot be read; `clear` removes results.
 
         Raises:
             CommandFailedError: another sweep has it open, or it cannot be written.
@@ -69,18 +68,16 @@ class SweepStore:
                 f"another sweep is running in {folder}",
                 help="wait for its end, or choose another folder with `--output`",
             ) from error
-        if restart:
-            for path in folder.glob(f"{_FILE}*"):
-                path.unlink()
         self._remove_scratch()  # of a sweep that was killed
         self.scratch.mkdir()
         try:
-            self._database = sqlite3.connect(folder / _FILE)
-            # A row is written before the next one; only a power failure can lose the last ones.
-            self._database.execute("PRAGMA journal_mode=WAL")
-            self._database.execute("PRAGMA synchronous=NORMAL")
-            self._database.executescript(_TABLES)
+            self._database = _opened(folder / _FILE)
         except sqlite3.Error as error:
+            if restart:
+                for path in folder.glob(f"{_FILE}*"):
+                    path.unlink()
+                self._database = _opened(folder / _FILE)
+                return
             os.close(self._lock)
             raise CommandFailedError(
                 f"{folder / _FILE} cannot be used: {error}", help="`--restart` makes a new one"
@@ -89,12 +86,7 @@ class SweepStore:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._database.close()
         self._remove_scratch()
         os.close(self._lock)
@@ -121,6 +113,13 @@ class SweepStore:
             )
             for key, outcome, why, metrics, digest, seconds, worker in found
         }
+
+    def clear(self) -> None:
+        """Remove all results."""
+        with self._database:
+            self._database.execute("DELETE FROM rows")
+            self._database.execute("DELETE FROM inputs")
+            self._database.execute("DELETE FROM notes")
 
     def add(self, case: SweepCase, row: Row) -> None:
         """Keep a result."""
@@ -176,6 +175,15 @@ class SweepStore:
 
     def _remove_scratch(self) -> None:
         shutil.rmtree(self.scratch, ignore_errors=True)
+
+
+def _opened(path: Path) -> sqlite3.Connection:
+    database = sqlite3.connect(path)
+    # A row is written before the next one; only a power failure can lose the last ones.
+    database.execute("PRAGMA journal_mode=WAL")
+    database.execute("PRAGMA synchronous=NORMAL")
+    database.executescript(_TABLES)
+    return database
 
 
 def hashes_of(paths: Iterable[Path], around: Path) -> dict[str, str]:

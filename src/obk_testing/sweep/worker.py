@@ -85,6 +85,8 @@ class _CaseLoop:
 
     def __init__(self, settings: WorkerSettings, cases: TextIO, results: TextIO) -> None:
         self._config = Path(settings.config)
+        # Ids that name parameters, as reports have them: without the seed.
+        self._variants = tuple(f"::{_name(test)}" for test in settings.tests if _parameters(test))
         self._cases = cases
         self._results = results
         self._reports: list[pytest.TestReport] = []
@@ -106,6 +108,12 @@ class _CaseLoop:
             for item in session.items
             if isinstance(item, pytest.Function) and "stack" in item.fixturenames
         }
+        if self._variants:
+            found = {
+                test: item
+                for test, item in found.items()
+                if any(id.endswith(self._variants) for id in (test.name, test.node_id))
+            }
         hello = Hello(
             tests=tuple(found),
             files=tuple(sorted({str(item.path) for item in session.items})),
@@ -117,7 +125,12 @@ class _CaseLoop:
         items = {test.name: item for test, item in found.items()}
         for line in self._cases:
             case = case_of(json.loads(line))
-            self._send(self._run(items[case.test], case).data())
+            if case.test in items:
+                row = self._run(items[case.test], case)
+            else:  # on another machine than the one that has chosen the cases
+                why = hello.problem.strip().rpartition("\n")[2].removeprefix("E").strip()
+                row = Row(key=case.key, outcome="died", why=why, worker=_worker())
+            self._send(row.data())
         return True
 
     def _run(self, pattern: pytest.Function, case: SweepCase) -> Row:
@@ -158,6 +171,17 @@ def case_of(data: Mapping[str, Any]) -> SweepCase:
     return SweepCase(**{**data, "overrides": overrides})
 
 
+def _name(test: str) -> str:
+    """What pytest selects in a file, `test_push[down]`."""
+    return test.partition("::")[2]
+
+
+def _parameters(test: str) -> str:
+    """The end of it that names parameters, `[down]`; empty if there is none."""
+    _, bracket, rest = _name(test).partition("[")
+    return f"{bracket}{rest}"
+
+
 def _id_of(item: pytest.Item, folder: Path) -> str:
     """The id of a test relative to a folder; pytest has none for tests outside of it."""
     if item.path == _SMOKE_TEST:
@@ -194,8 +218,12 @@ def _row(case: SweepCase, reports: Sequence[pytest.TestReport], digest: str, sec
         metrics=metrics,
         digest=digest,
         seconds=seconds,
-        worker=f"{platform.node()}:{os.getpid()}",
+        worker=_worker(),
     )
+
+
+def _worker() -> str:
+    return f"{platform.node()}:{os.getpid()}"
 
 
 def _why(report: pytest.TestReport) -> str:
@@ -233,7 +261,10 @@ def main() -> None:
         *("--continue-on-collection-errors", "--keep-none", "--stack", settings.config),
         *(["-n0"] if find_spec("xdist") else []),
         f"--rootdir={Path(settings.config).parent}",
-        *(settings.tests or ("-c", os.devnull, str(_SMOKE_TEST))),
+        *(
+            [test.removesuffix(_parameters(test)) for test in settings.tests]
+            or ("-c", os.devnull, str(_SMOKE_TEST))
+        ),
     ]
     sys.exit(pytest.main(arguments, plugins=[_CaseLoop(settings, cases, results)]))
 

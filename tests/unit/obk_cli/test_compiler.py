@@ -1,3 +1,4 @@
+import gc
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,18 @@ def compile_text(text: str, **more: tuple[str, ...]) -> Outcome:
 
 def codes(outcome: Outcome) -> list[str]:
     return [diagnostic.code for diagnostic in outcome.diagnostics]
+
+
+@pytest.mark.parametrize("text", [SOUND, "control: [", ""])
+@pytest.mark.parametrize("is_enabled", [True, False])
+def test_garbage_is_collected_afterwards_as_it_was_before(text: str, is_enabled: bool) -> None:
+    was_enabled = gc.isenabled()
+    (gc.enable if is_enabled else gc.disable)()
+    try:
+        compile_text(text)
+        assert gc.isenabled() is is_enabled
+    finally:
+        (gc.enable if was_enabled else gc.disable)()
 
 
 def test_a_file_that_cannot_be_read_is_a_finding(tmp_path: Path) -> None:

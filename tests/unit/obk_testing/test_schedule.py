@@ -1,12 +1,13 @@
 """Schedules that a seed draws, and the bring-up of a real run, read from its events."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.plan.plan import Origin, Plan, Process
+from obk_cli.plan.plan import Origin, Plan, Process, Promise
 from obk_testing.schedule import Schedule, bring_up_times
 
 BEGIN_S = 1_795_000_000.0
@@ -54,6 +55,45 @@ def test_times_count_from_the_middle_of_the_simulators_first_activation(tmp_path
     expected = {"/control": 0.0205, "/robot": 0.0}
     assert bring_up_times(run, PLAN) == expected
     assert bring_up_times("run/events.jsonl", PLAN, tmp_path) == expected
+
+
+def test_what_a_node_reports_of_its_activation_comes_before_the_launchers_view(tmp_path):
+    run = write_run(tmp_path / "run", robot=10.0, control=28.5)
+    events = (run / "events.jsonl").read_text().rpartition("\n")[0]
+    reports = [
+        {"time": BEGIN_S + 2, "event": "ActivationReported", "node": node, "simulated_s": time_s}
+        for node, time_s in (("/robot", 0.003), ("/control", 0.008), ("/control", 1.2))
+    ]
+    lines = "\n".join(json.dumps(report) for report in reports)
+    (run / "events.jsonl").write_text(f"{events}\n{lines}\n")
+    assert bring_up_times(run, PLAN) == {"/control": 0.008, "/robot": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("first_output_s", "start_s"),
+    [
+        (None, 0.008),
+        (0.0085, 0.008),  # by a message, before its first tick
+        (0.012, 0.008),
+        (0.0159, 0.008),
+        (0.016, 0.012),
+        (0.021, 0.016),
+    ],
+)
+def test_a_node_without_inputs_begins_with_the_tick_before_its_first_message(
+    tmp_path, first_output_s, start_s
+):
+    run = write_run(tmp_path / "run", robot=10.0, control=28.5)
+    events = (run / "events.jsonl").read_text().rpartition("\n")[0]
+    report = {"event": "ActivationReported", "node": "/control", "simulated_s": 0.008}
+    line = json.dumps({**report, "time": BEGIN_S, "first_output_s": first_output_s})
+    (run / "events.jsonl").write_text(f"{events}\n{line}\n")
+    origin = Origin(path="walker.yaml", line=1, column=1)
+    ticks = Promise(name="timer_ctrl", period_s=0.004, origin=origin, topic="/ctrl")
+    other = Promise(name="timer_log", period_s=1.0, origin=origin)
+    control, robot = PLAN.processes
+    plan = replace(PLAN, processes=(replace(control, promises=(ticks, other)), robot))
+    assert bring_up_times(run, plan)["/control"] == pytest.approx(start_s, abs=1e-9)
 
 
 def test_a_node_that_was_active_before_the_simulator_is_active_at_once(tmp_path):

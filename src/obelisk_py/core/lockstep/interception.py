@@ -33,7 +33,14 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.lockstep.guest_thread import GuestThread, take_time
 from obelisk_py.core.lockstep.scheduler import NS_PER_S, LockstepError, Scheduler, user_place
 
-__all__ = ["Interception", "LogEntry", "intercepted", "refuse_plain_nodes", "run_in_progress"]
+__all__ = [
+    "Interception",
+    "LogEntry",
+    "intercepted",
+    "refuse_plain_nodes",
+    "repeatable_import",
+    "run_in_progress",
+]
 
 _IN_SECONDS: Final = ("time", "monotonic", "perf_counter")
 _IN_NANOSECONDS: Final = ("time_ns", "monotonic_ns", "perf_counter_ns")
@@ -45,6 +52,8 @@ _EVENT_LOOPS: Final = ("asyncio.",)
 _OWN_WAITS: Final = ("obelisk_py.", "threading.")
 _OWN_THREADS: Final = (*_OWN_WAITS, "rclpy.", "mujoco.")
 """Modules whose waits and threads are not the user's."""
+_OF_CHANCE: Final = (f"{__name__}.", "random.", "secrets.", "numpy.random.")
+"""Modules by way of which the system's randomness is asked for."""
 _SEED_BITS: Final = 256
 
 
@@ -88,6 +97,25 @@ class _RunInProgress:
 
     def __init__(self) -> None:
         self.interception: Interception | None = None
+        self.importing: int | None = None
+        """The thread that imports nodes."""
+        self.of_modules: dict[str, random.Random] = {}
+        """Of each module its randomness while it is imported, whatever was imported before."""
+
+    def entropy(self) -> random.Random | None:
+        """What stands in for the system's randomness for the caller; None: nothing does."""
+        run = self.inside()
+        if run is not None:
+            return run.entropy
+        if self.importing != threading.get_ident():
+            return None
+        frame: FrameType | None = sys._getframe(1)
+        while frame is not None and _is_of(_OF_CHANCE, frame):
+            frame = frame.f_back
+        name = frame.f_globals.get("__name__", "") if frame is not None else ""
+        if name not in self.of_modules:
+            self.of_modules[name] = random.Random(f"import {name}")  # noqa: S311
+        return self.of_modules[name]
 
     def inside(self) -> Interception | None:
         """The run, if the caller is a callback of it."""
@@ -110,6 +138,16 @@ def run_in_progress(interception: Interception) -> Iterator[None]:
 
 
 @contextmanager
+def repeatable_import() -> Iterator[None]:
+    """While entered, unseeded generators that this thread makes are the same in each process."""
+    before, _process.importing = _process.importing, threading.get_ident()
+    try:
+        yield
+    finally:
+        _process.importing = before
+
+
+@contextmanager
 def intercepted() -> Iterator[None]:
     """While entered, the functions of the system are replaced."""
     with ExitStack() as stack:
@@ -128,6 +166,7 @@ def _replacements() -> Iterator[tuple[Any, str, Any]]:
     yield time, "clock_gettime_ns", _clock_function(time.clock_gettime_ns, in_seconds=False)
     for name in _OF_A_TIME:
         yield time, name, _of_present(getattr(time, name))
+    yield time, "strftime", _text_of_present(time.strftime)
     yield time, "sleep", _sleep_function(time.sleep)
     selector = selectors.DefaultSelector
     yield selector, "select", _select_function(selector.select)
@@ -138,6 +177,8 @@ def _replacements() -> Iterator[tuple[Any, str, Any]]:
     urandom = _urandom_function(os.urandom)
     yield os, "urandom", urandom
     yield random, "_urandom", urandom
+    if hasattr(os, "getrandom"):
+        yield os, "getrandom", _urandom_function(os.getrandom)
     # C seeds generators from the system without asking `os`.
     seed = _seed_function(random.Random.seed)
     yield random.Random, "seed", seed
@@ -183,6 +224,14 @@ def _of_present(real: Callable[..., Any]) -> Callable[..., Any]:
         if seconds is None and run is not None:
             seconds = run.scheduler.time_ns / NS_PER_S
         return real(seconds)
+
+    return call
+
+
+def _text_of_present(real: Callable[..., str]) -> Callable[..., str]:
+    def call(form: str, *given: Any) -> str:
+        # `time.localtime` is replaced too.
+        return real(form, *(given or (time.localtime(),)))
 
     return call
 
@@ -298,19 +347,18 @@ def _sleep_of_clocks(real: Callable[..., bool]) -> Callable[..., bool]:
     return sleep_until
 
 
-def _urandom_function(real: Callable[[int], bytes]) -> Callable[[int], bytes]:
-    def urandom(size: int) -> bytes:
-        run = _process.inside()
-        return real(size) if run is None else run.entropy.randbytes(size)
+def _urandom_function(real: Callable[..., bytes]) -> Callable[..., bytes]:
+    def urandom(size: int, *flags: int) -> bytes:
+        entropy = _process.entropy()
+        return real(size, *flags) if entropy is None else entropy.randbytes(size)
 
     return urandom
 
 
 def _seed_function(real: Callable[..., None]) -> Callable[..., None]:
     def seed(self: random.Random, a: Any = None, version: int = 2) -> None:
-        run = _process.inside()
-        if a is None and run is not None:
-            a = run.entropy.getrandbits(_SEED_BITS)
+        if a is None and (entropy := _process.entropy()) is not None:
+            a = entropy.getrandbits(_SEED_BITS)
         real(self, a, version)
 
     return seed

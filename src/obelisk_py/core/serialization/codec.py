@@ -44,7 +44,7 @@ __all__ = ["Codec", "PackedMessage", "codec_for"]
 _LITTLE_ENDIAN: Final = b"\0\1"
 _HEADER: Final = _LITTLE_ENDIAN + b"\0\0"
 _ALIGNMENT: Final = 8
-_STAMP: Final = struct.Struct("<iI")
+_pack_stamp: Final = struct.Struct("<iI").pack_into
 _LENGTH: Final = struct.Struct("<I")
 _NS_PER_S: Final = 1_000_000_000
 
@@ -248,4 +248,4 @@ class PackedMessage:
     def _set_stamps(self, stamp_ns: int) -> None:
         seconds, nanoseconds = divmod(stamp_ns, _NS_PER_S)
         for start in self._stamps:
-            _STAMP.pack_into(self._bytes, start, seconds, nanoseconds)
+            _pack_stamp(self._bytes, start, seconds, nanoseconds)

@@ -29,8 +29,8 @@ RULES: tuple[Rule, ...] = (
         severity="info",
         title="a clock that is not simulated",
         cause="A lock-step run simulates ROS clocks, `time.time`, `monotonic`, `perf_counter`, "
-        "`sleep` and `datetime.now`. Processor time, clocks that are read by number, and clocks "
-        "that compiled code reads stay real.",
+        "`sleep`, `clock_gettime`, `datetime.now` and `date.today`. Processor time, `uuid.uuid1` "
+        "and clocks that compiled code reads stay real.",
         fix="Read `self.t` or one of the simulated clocks. If the value is only logged, silence "
         "the finding.",
     ),

@@ -60,13 +60,26 @@ def test_the_help_is_plain_text(capsys: pytest.CaptureFixture[str], verb: str) -
 
 
 @pytest.mark.usefixtures("unmeasured")
-def test_plain_help_needs_neither_a_renderer_nor_what_a_config_is() -> None:
+@pytest.mark.parametrize(
+    ("words", "unneeded"),
+    [
+        (
+            ["topic", "echo", "--help"],
+            {"rich", "yaml", "hashlib", "obk_cli.config.model", "obk_cli.launch.events"},
+        ),
+        (["ps", "--help"], {"obk_cli.ros.graph", "obk_cli.compiler", "obk_cli.launch.events"}),
+        (["new", "controller", "--help"], {"obk_cli.compiler", "obk_cli.launch.commands"}),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else None,
+)
+def test_plain_help_imports_only_what_its_command_needs(
+    words: list[str], unneeded: set[str]
+) -> None:
     code = (
         "import sys\n"
         "from obk_cli.cli.main import main\n"
-        "unneeded = {'rich', 'yaml', 'hashlib', 'obk_cli.config.model', 'obk_cli.launch.events'}\n"
-        "try: main(['topic', 'echo', '--help'])\n"
-        "except SystemExit as ended: print(ended.code, unneeded & sys.modules.keys())\n"
+        f"try: main({words})\n"
+        f"except SystemExit as ended: print(ended.code, {unneeded} & sys.modules.keys())\n"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.stdout.splitlines()[-1] == "0 set()"

@@ -7,13 +7,11 @@ from pathlib import Path
 import pytest
 
 from obk_cli.clock import local_time
-from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError
 from obk_cli.faultinject.launched_stack import LaunchedStack
 from obk_cli.faultinject.runner import (
     LaunchSettings,
     make_rehearsal_folder,
-    refuse_hardware,
     refuse_running,
     run_cases,
 )
@@ -22,8 +20,6 @@ from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run
 
 from .made_up import case
-
-DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"
 
 
 def test_a_launch_that_fails_is_told_in_its_own_words_and_tried_again(tmp_path: Path) -> None:
@@ -53,23 +49,6 @@ def test_a_launcher_that_may_still_say_something_is_not_waited_for(tmp_path: Pat
     stack = LaunchedStack(("sleep", "60"), dict(os.environ), tmp_path)
     assert stack.outcome(20.0) is None
     stack.end(0.0)
-
-
-def compiled(*overrides: str) -> Options:
-    return Options(variables={}, working_folder=DUMMY.parent, overrides=overrides)
-
-
-def test_a_robot_that_is_hardware_is_refused_with_its_place() -> None:
-    outcome = compile_config(str(DUMMY), compiled("onboard.robot[0].is_simulated=false"))
-    assert outcome.config is not None
-    with pytest.raises(CommandFailedError, match=r"<command line>:1:1: .*/obelisk_robot_0"):
-        refuse_hardware(outcome.config)
-
-
-def test_a_robot_that_is_simulated_is_not_refused() -> None:
-    outcome = compile_config(str(DUMMY), compiled())
-    assert outcome.config is not None
-    refuse_hardware(outcome.config)
 
 
 def test_a_stack_that_runs_is_refused_with_its_process(tmp_path: Path) -> None:

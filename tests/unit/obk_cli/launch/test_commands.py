@@ -46,7 +46,7 @@ def test_parameters_that_the_run_folder_does_not_take_go_to_one_that_goes_at_the
     output = Output(None, screen, LaunchReport((), colour=False, quiet=False), UNITS)
     with ExitStack() as stack:
         folder = tmp_path if is_there else None
-        commands = _commands(UNITS, EXECUTABLES, folder, {}, PACKAGES, output, stack)
+        commands, _ = _commands(UNITS, EXECUTABLES, folder, {}, PACKAGES, output, stack)
         arguments = commands[CONTROLLER.full_name].arguments
         params = Path(arguments[arguments.index("--params-file") + 1])
         assert '"a": 1' in params.read_text()
@@ -60,6 +60,27 @@ def test_a_process_gets_its_name_its_level_and_its_environment(tmp_path: Path) -
     assert command.arguments[:4] == ("run", "--ros-args", "-r", "__node:=obelisk_control_0")
     assert command.arguments[-2:] == ("--log-level", "debug")
     assert command.environment == {"PYTHONPATH": "/src:/before", "HOME": "/h", "GAIN": "2"}
+
+
+@pytest.mark.parametrize(
+    ("command", "program"),
+    [
+        ({"arguments": (sys.executable, "-P", "-c", "c"), "module": "m", "function": "f"}, "c"),
+        ({"arguments": (f"{sys.prefix}/lib/p/program",), "module": "m"}, "m"),
+        ({"arguments": ("/opt/ros/lib/p/program",), "module": "m"}, None),
+        ({"arguments": (f"{sys.prefix}/lib/p/native",)}, None),
+    ],
+)
+def test_a_program_of_this_python_is_known_as_its_arguments(
+    tmp_path: Path, command: dict[str, str], program: str | None
+) -> None:
+    executables = {CONTROLLER.full_name: Command(**command, found_in="here")}  # type: ignore[arg-type]
+    found = unit_commands(UNITS, executables, tmp_path, {})[CONTROLLER.full_name]
+    if program is None:
+        assert found.in_python == ()
+    else:
+        assert found.in_python[:2] == (sys.executable, "-P")
+        assert found.in_python[3:5] == (program, "--ros-args")
 
 
 def test_nodes_that_share_a_process_are_one_command(tmp_path: Path) -> None:

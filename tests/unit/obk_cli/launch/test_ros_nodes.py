@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 
 from obelisk_spec.runtime_protocol import Rate, rate_values
-from obk_cli.launch.events import RatesReported, StateSeen, TransitionStarted
+from obk_cli.launch.events import ActivationReported, RatesReported, StateSeen, TransitionStarted
 from obk_cli.launch.ros_nodes import (
+    activation_of,
     event_of_transition,
     failed_transition,
     rates_of,
@@ -64,6 +65,21 @@ def test_what_else_is_told_beside_rates_is_left_aside() -> None:
 def test_diagnostics_without_rates_are_none() -> None:
     assert rates_of(SimpleNamespace(status=[])) is None
     assert rates_of(SimpleNamespace(status=[status("lidar: x", "lidar", ())])) is None
+
+
+def test_an_activation_without_a_time_is_none() -> None:
+    own = status("c: active_since_s", "/c", (("active_since_s", "0.024"),))
+    first = status("c: first_output_s", "/c", (("first_output_s", "0.03"),))
+    assert activation_of(SimpleNamespace(status=[own])) == ActivationReported(
+        node="/c", simulated_s=0.024
+    )
+    assert activation_of(SimpleNamespace(status=[first, own])) == ActivationReported(
+        node="/c", simulated_s=0.024, first_output_s=0.03
+    )
+    assert activation_of(SimpleNamespace(status=[first])) is None
+    for name, text in (("c: active_since_s", "nan"), ("c: active_since_s", "x"), ("c: x", "0.1")):
+        wrong = status(name, "/c", (("active_since_s", text),))
+        assert activation_of(SimpleNamespace(status=[wrong])) is None
 
 
 def test_only_the_nodes_that_are_listened_to_are_heard() -> None:

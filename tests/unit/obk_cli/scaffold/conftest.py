@@ -12,10 +12,7 @@ from obk_cli.scaffold.kinds import Kind
 from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec, check_request
 from obk_cli.scaffold.templates import RenderedFile, Template, TemplateLibrary
 
-
-def no_owner(_name: str) -> str | None:
-    """Nobody owns any name."""
-    return None
+from .owners import no_owner
 
 
 @pytest.fixture
@@ -51,6 +48,12 @@ def package(
         return {file.path: file for file in made.files}
 
     return make
+
+
+@pytest.fixture(scope="session")
+def mypy_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What mypy knows of the libraries."""
+    return tmp_path_factory.mktemp("mypy")
 
 
 @pytest.fixture

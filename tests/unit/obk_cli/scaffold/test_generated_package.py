@@ -66,33 +66,40 @@ def ros_environment(tmp_path: Path) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
-def test_it_passes_ruff_by_its_own_rules_and_by_the_projects(
-    package: Package, tmp_path: Path, kind: str, name: str, typed: dict[str, str]
+def test_they_pass_ruff_by_their_own_rules_and_by_the_projects(
+    package: Package, tmp_path: Path
 ) -> None:
-    root = write(package(kind, name, **typed), tmp_path / name)
-    run("ruff", "check", "--no-cache", ".", cwd=root)
-    run("ruff", "format", "--no-cache", "--check", ".", cwd=root)
-    project = str(REPOSITORY / "pyproject.toml")
-    rules = ("--config", project, "--config", f'src = ["{root}"]')
-    run("ruff", "check", "--no-cache", *rules, ".", cwd=root)
+    roots = [
+        write(package(kind, name, **typed), tmp_path / f"{number}_{kind}" / name)
+        for number, (kind, name, typed) in enumerate(VARIANTS)
+    ]
+    run("ruff", "check", "--no-cache", ".", cwd=tmp_path)
+    run("ruff", "format", "--no-cache", "--check", ".", cwd=tmp_path)
+    rules = ("--config", str(REPOSITORY / "pyproject.toml"))
+    sources = ("--config", f"src = {[str(root) for root in roots]}")
+    run("ruff", "check", "--no-cache", *rules, *sources, ".", cwd=tmp_path)
 
 
-@pytest.fixture(scope="module")
-def mypy_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What mypy knows of the libraries."""
-    return tmp_path_factory.mktemp("mypy")
-
-
-@pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor"])
-def test_it_passes_mypy_by_its_own_rules(
-    package: Package, tmp_path: Path, mypy_cache: Path, kind: str
+def test_they_pass_mypy_by_their_own_rules(
+    package: Package, tmp_path: Path, mypy_cache: Path
 ) -> None:
-    root = write(package(kind, "foo"), tmp_path / "foo")
-    with (root / "foo" / "foo.py").open("a") as node:
-        node.write(f"\n\ndef tell(node: Foo{kind.capitalize()}) -> None:\n")
-        node.write("    node.get_logger().info('here')\n")
-    run("mypy", "--cache-dir", str(mypy_cache), cwd=root)
+    roots = []
+    for kind in ("controller", "estimator", "robot", "sensor"):
+        name = f"foo_{kind}"
+        root = write(package(kind, name), tmp_path / name)
+        with (root / name / f"{name}.py").open("a") as node:
+            node.write(f"\n\ndef tell(node: Foo{kind.capitalize()}) -> None:\n")
+            node.write("    node.get_logger().info('here')\n")
+        roots.append(root)
+    # The rules of a package name it, and are otherwise the same.
+    rules = {(root / "mypy.ini").read_text().replace(root.name, "foo") for root in roots}
+    assert len(rules) == 1
+    packages = [word for root in roots for word in ("--package", root.name)]
+    run(
+        *("mypy", "--cache-dir", str(mypy_cache), *packages),
+        cwd=roots[0],
+        env=os.environ | {"MYPYPATH": os.pathsep.join(map(str, roots))},
+    )
 
 
 @pytest.mark.ros

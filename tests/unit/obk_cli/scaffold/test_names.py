@@ -6,9 +6,7 @@ from hypothesis import strategies as st
 
 from obk_cli.scaffold.kinds import LONGEST_NAME, check_name, suggest_name
 
-
-def no_owner(_name: str) -> str | None:
-    return None
+from .owners import no_owner
 
 
 @pytest.mark.parametrize("name", ["foo", "foo_bar", "leg2_controller", "x1", "a" * LONGEST_NAME])

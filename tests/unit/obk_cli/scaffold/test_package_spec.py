@@ -5,9 +5,7 @@ import pytest
 from obk_cli.scaffold.message_code import has_header
 from obk_cli.scaffold.package_spec import MessageType, PackageRequest, PackageSpec, check_request
 
-
-def no_owner(_name: str) -> str | None:
-    return None
+from .owners import no_owner
 
 
 def test_messages_are_resolved_to_their_packages(make_spec: Callable[..., PackageSpec]) -> None:

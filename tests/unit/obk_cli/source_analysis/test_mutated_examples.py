@@ -18,6 +18,8 @@ from obk_cli.workspace.environment import MachineEnvironment
 
 EXAMPLES = Path(__file__).parents[4] / "examples"
 STACKS = ("arm", "quadruped", "hardware")
+ALWAYS = "arm"
+"""The stack whose nodes have all kinds of mistakes; the other stacks are slow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,7 +119,14 @@ def findings(folder: Path, config: str) -> list[Diagnostic]:
     return [d for d in outcome.diagnostics if d.code.startswith("OBK4") or d.code == "OBK317"]
 
 
-@pytest.mark.parametrize("mistake", [*mistakes()], ids=str)
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        pytest.param(mistake, marks=[] if mistake.stack == ALWAYS else [pytest.mark.slow])
+        for mistake in mistakes()
+    ],
+    ids=str,
+)
 def test_one_mistake_gives_one_finding_at_its_place(mistake: Mistake, tmp_path: Path) -> None:
     folder = tmp_path / mistake.stack
     shutil.copytree(EXAMPLES / mistake.stack, folder)

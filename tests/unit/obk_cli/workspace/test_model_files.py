@@ -47,6 +47,15 @@ def test_an_element_of_several_lines_is_underlined_on_its_first(tmp_path: Path) 
 
 
 @pytest.mark.mujoco
+def test_an_error_that_quotes_what_is_not_utf8_is_a_sentence_of_mujocos(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_bytes(b"<mujoco><worldbody><geom ma\xff='1'/></worldbody></mujoco>")
+    fault = read_model(tmp_path / "m.xml")
+    assert isinstance(fault, ModelFault)
+    # Which of the two depends on the version of Python.
+    assert "ma\ufffd" in fault.message or "MuJoCo rejects it" in fault.message
+
+
+@pytest.mark.mujoco
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [

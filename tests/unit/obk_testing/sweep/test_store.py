@@ -36,10 +36,14 @@ def test_a_result_is_there_for_the_next_sweep(tmp_path: Path) -> None:
         assert not list(store.scratch.iterdir())
 
 
-def test_a_restart_removes_results(tmp_path: Path) -> None:
+def test_a_restart_keeps_results_until_they_are_removed(tmp_path: Path) -> None:
     with SweepStore(tmp_path) as store:
+        store.require_same_inputs({"arm.yaml": "1"})
         store.add(CASE, ROW)
     with SweepStore(tmp_path, restart=True) as store:
+        assert store.rows() == {CASE.key: ROW}
+        store.clear()
+        store.require_same_inputs({"arm.yaml": "2"})
         assert store.rows() == {}
 
 

@@ -25,7 +25,6 @@ from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
 from obelisk_py.core.sim.mujoco.noise import DelayLine, Dropout, NoiseGenerator, RandomStream
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSource
-from obelisk_py.core.sim.mujoco.sensors.kind import in_turn
 from obelisk_py.core.sim.mujoco.sim_config import SensorGroupConfig, SimConfig
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import TimedOutput
@@ -88,7 +87,7 @@ def group_outputs(
     publish: Publish,
     *,
     has_subscribers: Callable[[], bool],
-    left_out: Callable[[], None],
+    count: Callable[[], None],
 ) -> Iterator[TimedOutput]:
     """The outputs of a group.
 
@@ -98,7 +97,8 @@ def group_outputs(
         sampler: takes the samples.
         publish: sends a message.
         has_subscribers: whether the topic has a subscriber.
-        left_out: called for each sample that is dropped or has no subscriber.
+        count: called for each sample that is taken, dropped, or has no subscriber; of samples that
+            come later only for the last two.
     """
     times = SampleTimes(period_s=group.period_s, step_s=simulation.step_s)
     settings = group.sensor_noise
@@ -108,8 +108,8 @@ def group_outputs(
         yield TimedOutput(times=line, publish=_release(line, publish), restart=line.restart)
     send = publish if line is None else _hold(line, simulation)
     if not settings.noise and settings.dropout == 0.0:
-        sample = sampled(sampler, send)
-        yield TimedOutput(times=times, publish=if_subscribed(has_subscribers, sample, left_out))
+        sample = sampled(sampler, send, count)
+        yield TimedOutput(times=times, publish=if_subscribed(has_subscribers, sample, count))
         return
     stream = RandomStream(seed=settings.seed, topic=group.topic, purpose="dropout")
     dropout = Dropout(settings.dropout, stream)
@@ -122,11 +122,11 @@ def group_outputs(
         if noise is not None:
             noise.add()
 
-    disturbed = sampled(Sampler(message=sampler.message, take=take), send)
+    disturbed = sampled(Sampler(message=sampler.message, take=take), send, count)
 
     def publish_unless_lost(stamp_ns: int) -> None:
         if dropout.is_dropped():
-            left_out()
+            count()
         else:
             disturbed(stamp_ns)
 
@@ -138,29 +138,31 @@ def group_outputs(
     yield TimedOutput(times=times, publish=publish_unless_lost, restart=restart)
 
 
-def sampled(sampler: Sampler, send: Publish) -> Sample:
-    """Take samples and send them at once; a sampler without a message sends its own later."""
+def sampled(sampler: Sampler, send: Publish, count: Callable[[], None]) -> Sample:
+    """Take, count and send samples at once; a sampler without a message sends its own later."""
     take, message = sampler.take, sampler.message
     if message is None:
         return lambda _stamp_ns: take()
+    to_bytes = message.to_bytes
 
     def publish(stamp_ns: int) -> None:
         take()
-        send(message.to_bytes(stamp_ns))
+        count()
+        send(to_bytes(stamp_ns))
 
     return publish
 
 
 def if_subscribed(
-    has_subscribers: Callable[[], bool], sample: Sample, left_out: Callable[[], None]
+    has_subscribers: Callable[[], bool], sample: Sample, count: Callable[[], None]
 ) -> Sample:
-    """Takes samples while there is a subscriber; otherwise calls `left_out`."""
+    """Takes samples while there is a subscriber; otherwise calls `count`."""
 
     def publish(stamp_ns: int) -> None:
         if has_subscribers():
             sample(stamp_ns)
         else:
-            left_out()
+            count()
 
     return publish
 
@@ -189,7 +191,10 @@ MakePublisher = Callable[[type[Any], str, int], Publisher]
 
 def no_rate_monitor(_topic: str, _period_s: float) -> Callable[[], None]:
     """Counts nothing."""
-    return lambda: None
+    return _count_nothing
+
+
+def _count_nothing() -> None: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -267,15 +272,13 @@ def _group(
         )
     )
 
-    if sampler.message is not None:
-        sampler = Sampler(message=sampler.message, take=in_turn((sampler.take, count)))
     return group_outputs(
         simulation,
         group,
         sampler,
         publish,
         has_subscribers=_check_of(publisher, context),
-        left_out=count,
+        count=count,
     )
 
 
@@ -299,7 +302,9 @@ def _geoms(simulation: Simulation, config: SimConfig, context: OutputContext) ->
 
     return TimedOutput(
         times=SampleTimes(period_s=config.geoms_period_s, step_s=simulation.step_s),
-        publish=if_subscribed(has_subscribers, sampled(sampler, send), lambda: None),
+        publish=if_subscribed(
+            has_subscribers, sampled(sampler, send, _count_nothing), _count_nothing
+        ),
     )
 
 
@@ -328,17 +333,17 @@ class SimulationClock:
         self._period_ns = NS_PER_S / rate_hz
         self._time_ns = time_ns
         self._page = page
-        self._count = 0
-        """Periods that have passed at the next message."""
+        self._next_ns = 0
+        """When the next message is due."""
 
     def advance(self) -> None:
         """Publish the time after a step."""
         now_ns = self._time_ns()
         if self._page is not None:
             self._page.advance(now_ns)
-        if now_ns < round(self._count * self._period_ns):
+        if now_ns < self._next_ns:
             return
-        self._count = int(now_ns // self._period_ns) + 1
+        self._next_ns = self._next_after(now_ns)
         if self._check.has_subscribers():
             self._publisher.publish(self._message.to_bytes(now_ns))
 
@@ -347,5 +352,8 @@ class SimulationClock:
         now_ns = self._time_ns()
         if self._page is not None:
             self._page.restart(now_ns)
-        self._count = int(now_ns // self._period_ns) + 1
+        self._next_ns = self._next_after(now_ns)
         self._publisher.publish(self._message.to_bytes(now_ns))
+
+    def _next_after(self, now_ns: int) -> int:
+        return round((now_ns // self._period_ns + 1) * self._period_ns)

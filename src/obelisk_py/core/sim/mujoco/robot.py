@@ -225,9 +225,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._simulation = Simulation(loaded.model, self._inbox, self._when_stale())
         # Viewers see the start of the run before the first step.
         self._simulation.reset(self._keyframe)
-        # In lock-step the clock of all nodes has the time of the step, and never jumps back.
-        is_simulated = self._uses_simulation_time() and not self.surroundings.is_lockstep
-        self._stamp_ns = self._simulation_time_ns if is_simulated else self._ros_time_ns
+        self._stamp_ns = self._choose_stamp()
         context = OutputContext(
             make_publisher=self._own_publisher,
             warn=self._warn,
@@ -277,9 +275,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """Step until the node is deactivated."""
         assert self._stepper is not None
         stop, requests = self.simulator_stop, self._requests
+        is_set, is_waiting = stop.is_set, requests.is_waiting
 
         def interrupted() -> bool:
-            return stop.is_set() or requests.is_waiting()
+            return is_set() or is_waiting()
 
         while not stop.is_set():
             if requests.is_paused:
@@ -517,6 +516,14 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _uses_simulation_time(self) -> bool:
         return bool(self.get_parameter(USE_SIM_TIME).value)
+
+    def _choose_stamp(self) -> Callable[[], int]:
+        """What stamps messages with the time of the node's clock [ns]."""
+        if self.surroundings.is_lockstep:
+            # The clock of all nodes has the time of the step, and never jumps back.
+            return self._ros_time_ns
+        # rclpy's clock would have the same time a hundred times as slowly.
+        return self._simulation_time_ns if self._uses_simulation_time() else time.time_ns
 
     def _ros_time_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)

@@ -74,16 +74,13 @@ class Simulation:
         self._split = int(model.opt.integrator) in _SPLIT_INTEGRATORS
         self._step_time = StepTime(self.step_s)
         self._start_ns = 0
+        self.time_ns = 0
+        """Simulation time [ns]; `data.time` is a sum of floats and drifts."""
 
     @property
     def step_s(self) -> float:
         """Simulation time of a step [s]."""
         return float(self.model.opt.timestep)
-
-    @property
-    def time_ns(self) -> int:
-        """Simulation time [ns]; `data.time` is a sum of floats and drifts."""
-        return self._start_ns + self._step_time.ns(self.steps)
 
     @property
     def next_step_ns(self) -> int:
@@ -95,7 +92,7 @@ class Simulation:
         self._writer.restart()
         _reset_state(self.model, self.data, keyframe)
         self.steps = 0
-        self._start_ns = round(self.data.time * NS_PER_S)
+        self.time_ns = self._start_ns = round(self.data.time * NS_PER_S)
         self._warnings.restart()
 
     def advance(self, count: int = 1) -> tuple[str, ...]:
@@ -125,6 +122,7 @@ class Simulation:
             mujoco.mj_step(self.model, self.data, count)
         mujoco.mj_step1(self.model, self.data)
         self.steps += count
+        self.time_ns = self._start_ns + self._step_time.ns(self.steps)
 
     def _look_at_warnings(self) -> tuple[str, ...]:
         fatal = self._warnings.fatal()

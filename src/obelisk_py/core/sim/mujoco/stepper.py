@@ -111,6 +111,7 @@ class Stepper:
         self._pace = pace
         self._clock = clock
         self._outputs = tuple(outputs)
+        self._times = tuple(output.times for output in self._outputs)
         self._stamp = stamp
         self._warn = warn
         self._report = report
@@ -150,7 +151,8 @@ class Stepper:
         while not stopped():
             if pace is None:
                 before_ns, now_ns = now_ns, clock.now_ns()
-                count = min(_next_batch(count, now_ns - before_ns), due - simulation.steps)
+                most = due - simulation.steps
+                count = 1 if most == 1 else min(_next_batch(count, now_ns - before_ns), most)
             else:
                 deadline_ns = pace.next_deadline_ns(now_ns)
                 now_ns = clock.sleep_until_ns(max(deadline_ns, now_ns + shortest_ns), stopped)
@@ -190,15 +192,16 @@ class Stepper:
 
     def _next_due(self) -> int:
         never = self._simulation.steps + LONGEST_BATCH
-        return min((output.times.next_step for output in self._outputs), default=never)
+        return min([times.next_step for times in self._times], default=never)
 
     def _publish_due(self) -> None:
         step = self._simulation.steps
         stamp_ns = self._stamp()
         for output in self._outputs:
-            if output.times.next_step <= step:
+            times = output.times
+            if times.next_step <= step:
                 output.publish(stamp_ns)
-                output.times.pass_step(step)
+                times.pass_step(step)
 
 
 def _next_batch(count: int, took_ns: int) -> int:

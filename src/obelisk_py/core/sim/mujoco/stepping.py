@@ -40,9 +40,12 @@ class MonotonicClock:
     def sleep_until_ns(self, deadline_ns: int, stopped: Callable[[], bool]) -> int:
         """Wait for `deadline_ns` or for `stopped`; the time at which it returned [ns]."""
         now_ns = time.monotonic_ns()
-        while now_ns < deadline_ns and not stopped():
+        # A short sleep asks nothing: the caller has just asked, and will again.
+        while (left_ns := deadline_ns - now_ns) > 0 and (
+            left_ns <= LONGEST_SLEEP_NS or not stopped()
+        ):
             # Python's sleep is clock_nanosleep to an absolute time of CLOCK_MONOTONIC.
-            time.sleep(min(deadline_ns - now_ns, LONGEST_SLEEP_NS) / NS_PER_S)
+            time.sleep(min(left_ns, LONGEST_SLEEP_NS) / NS_PER_S)
             now_ns = time.monotonic_ns()
         return now_ns
 
@@ -124,6 +127,9 @@ class SampleTimes:
 
     def pass_step(self, step: int) -> None:
         """Find the next sample after `step`."""
+        if self._per == 1:  # most periods are a whole number of steps
+            self.next_step = step - step % self._steps + self._steps
+            return
         multiple = step * self._per // self._steps + 1
         reached = -(-multiple * self._steps // self._per)
         self.next_step = max(step + 1, reached)

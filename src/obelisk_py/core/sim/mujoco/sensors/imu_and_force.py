@@ -24,10 +24,10 @@ from obelisk_py.core.sim.mujoco.sensors.kind import (
     Sampler,
     SensorKind,
     SensorSource,
-    copy_all,
+    copy_blocks,
     copy_picked,
-    copy_quaternion,
-    in_turn,
+    quaternion_blocks,
+    vector_blocks,
 )
 
 __all__ = ["FORCE", "IMU", "OBK_IMU"]
@@ -35,9 +35,9 @@ __all__ = ["FORCE", "IMU", "OBK_IMU"]
 ObkForceSensor: Any = optional_message("ObkForceSensor")
 ObkImu: Any = optional_message("ObkImu")
 _PARTS = (
-    ("accelerometer", "linear_acceleration", copy_all),
-    ("gyro", "angular_velocity", copy_all),
-    ("framequat", "orientation", copy_quaternion),
+    ("accelerometer", "linear_acceleration", vector_blocks),
+    ("gyro", "angular_velocity", vector_blocks),
+    ("framequat", "orientation", quaternion_blocks),
 )
 
 
@@ -51,12 +51,13 @@ def _imu_builder(message_type: type[Any]) -> Callable[[SensorSource], Sampler]:
             if named[kind] is None:
                 getattr(message, f"{field}_covariance")[0] = -1.0
         packed = PackedMessage(message)
-        copies = [
-            copy(packed.numbers(field), source.view(sensor))
-            for kind, field, copy in _PARTS
+        blocks = [
+            block
+            for kind, field, blocks_of in _PARTS
             if (sensor := named[kind]) is not None
+            for block in blocks_of(packed.numbers(field), source.view(sensor))
         ]
-        return Sampler(message=packed, take=in_turn(copies))
+        return Sampler(message=packed, take=copy_blocks(blocks))
 
     return build
 

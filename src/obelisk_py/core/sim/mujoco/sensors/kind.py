@@ -6,7 +6,7 @@ names of frames, found once, so that a sample costs no look-up and makes no mess
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,15 +18,18 @@ from obelisk_py.core.sim.mujoco.raycast import RayCaster
 __all__ = [
     "WORLD",
     "Array",
+    "Block",
     "Copy",
     "Sampler",
     "SensorKind",
     "SensorSource",
     "copy_all",
+    "copy_blocks",
     "copy_picked",
-    "copy_quaternion",
     "in_turn",
+    "quaternion_blocks",
     "set_quaternion",
+    "vector_blocks",
 ]
 
 Array = NDArray[np.float64]
@@ -135,13 +138,30 @@ class SensorKind:
 Copy = Callable[[], None]
 
 
-def copy_all(numbers: NDArray[Any], source: Array) -> Copy:
-    """Copies an array, shape `(n,)`."""
+class Block(NamedTuple):
+    """Numbers that lie side by side in a message and in MuJoCo's memory, both of shape `(n,)`."""
+
+    numbers: NDArray[Any]
+    source: Array
+
+
+def copy_blocks(blocks: Iterable[Block]) -> Copy:
+    """Copies blocks, in one call for all of them."""
+    pairs: tuple[tuple[Any, Any], ...] = tuple(blocks)
+    # Memory views take a third of the time of numpy, which also converts.
+    if all(numbers.dtype == source.dtype for numbers, source in pairs):
+        pairs = tuple((memoryview(numbers), memoryview(source)) for numbers, source in pairs)
 
     def copy() -> None:
-        numbers[:] = source
+        for numbers, source in pairs:
+            numbers[:] = source
 
     return copy
+
+
+def copy_all(numbers: NDArray[Any], source: Array) -> Copy:
+    """Copies an array, shape `(n,)`."""
+    return copy_blocks(vector_blocks(numbers, source))
 
 
 def copy_picked(numbers: NDArray[Any], source: Array, index: NDArray[np.intp]) -> Copy:
@@ -150,19 +170,27 @@ def copy_picked(numbers: NDArray[Any], source: Array, index: NDArray[np.intp]) -
         return copy_all(numbers, source[index[0] : index[-1] + 1])
 
     def copy() -> None:
-        numbers[:] = source[index]
+        # The indices are valid; with "clip" numpy writes without a buffer of its own.
+        source.take(index, out=numbers, mode="clip")
 
     return copy
 
 
-def copy_quaternion(xyzw: NDArray[Any], wxyz: Array) -> Copy:
-    """Copies a quaternion of MuJoCo's into a message's."""
-    return in_turn((copy_all(xyzw[:3], wxyz[1:]), copy_all(xyzw[3:], wxyz[:1])))
+def vector_blocks(numbers: NDArray[Any], source: Array) -> tuple[Block]:
+    """A vector of MuJoCo's in a message."""
+    return (Block(numbers, source),)
+
+
+def quaternion_blocks(xyzw: NDArray[Any], wxyz: Array) -> tuple[Block, Block]:
+    """A quaternion of MuJoCo's in a message."""
+    return Block(xyzw[:3], wxyz[1:]), Block(xyzw[3:], wxyz[:1])
 
 
 def in_turn(copies: Iterable[Copy]) -> Copy:
     """One call for several."""
     calls = tuple(copies)
+    if len(calls) == 1:
+        return calls[0]
 
     def copy() -> None:
         for call in calls:

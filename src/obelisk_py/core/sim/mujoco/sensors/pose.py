@@ -32,8 +32,10 @@ from obelisk_py.core.sim.mujoco.sensors.kind import (
     SensorKind,
     SensorSource,
     copy_all,
-    copy_quaternion,
+    copy_blocks,
     in_turn,
+    quaternion_blocks,
+    vector_blocks,
 )
 
 __all__ = ["FRAME_POSE", "ODOMETRY", "POSE_STAMPED", "pose_reference"]
@@ -70,11 +72,11 @@ def _sampler(source: SensorSource, message: Any, place: str) -> Sampler:
     position, orientation = _sensors(source)
     message.header.frame_id = pose_reference(source, position, orientation)
     packed = PackedMessage(message)
-    copies = (
-        copy_all(packed.numbers(f"{place}position"), source.view(position)),
-        copy_quaternion(packed.numbers(f"{place}orientation"), source.view(orientation)),
+    blocks = (
+        *vector_blocks(packed.numbers(f"{place}position"), source.view(position)),
+        *quaternion_blocks(packed.numbers(f"{place}orientation"), source.view(orientation)),
     )
-    return Sampler(message=packed, take=in_turn(copies))
+    return Sampler(message=packed, take=copy_blocks(blocks))
 
 
 FRAME_POSE = SensorKind(message_type=ObkFramePose, build=_build_obk)
@@ -118,14 +120,16 @@ def _build_odometry(source: SensorSource) -> Sampler:
     message = Odometry(child_frame_id=frame)
     message.header.frame_id = reference
     packed = PackedMessage(message)
-    copies = [
-        copy(packed.numbers(field), source.view(sensor))
-        for field, sensor, copy in (
-            ("pose.pose.position", position, copy_all),
-            ("pose.pose.orientation", orientation, copy_quaternion),
+    blocks = [
+        block
+        for field, sensor, blocks_of in (
+            ("pose.pose.position", position, vector_blocks),
+            ("pose.pose.orientation", orientation, quaternion_blocks),
         )
         if sensor is not None
+        for block in blocks_of(packed.numbers(field), source.view(sensor))
     ]
+    copies = [copy_blocks(blocks)]
     copies += _twist_copies(source, packed, _twist(source, pose_sensor, velocimeter, gyro))
     return Sampler(message=packed, take=in_turn(copies))
 

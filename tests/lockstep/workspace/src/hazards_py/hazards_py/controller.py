@@ -1,5 +1,6 @@
 """A controller that publishes what it sees of time, chance and its components."""
 
+import random
 from time import monotonic
 
 import numpy as np
@@ -10,9 +11,14 @@ from std_msgs.msg import Float64MultiArray
 from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.utils.ros import spin_obelisk
 
+UNSEEDED = np.random.default_rng()
+PLAIN = random.Random()
+
 
 class Controller(ObeliskController):
     """Follows a sine; its parameter `fault` lets a callback raise or configuring fail."""
+
+    legacy = np.random.RandomState()
 
     def __init__(self, node_name: str = "controller") -> None:
         super().__init__(node_name, PositionSetpoint, EstimatedState)
@@ -34,7 +40,9 @@ class Controller(ObeliskController):
         if self.get_parameter("fault").value == "compute" and self.t >= 0.5:
             raise ValueError("on purpose")
         chance = np.random.default_rng().random()
-        self.views.publish(Float64MultiArray(data=[self.t, monotonic(), self.estimate, chance]))
+        kept = [UNSEEDED.random(), PLAIN.random(), self.legacy.random_sample()]
+        views = [self.t, monotonic(), self.estimate, chance, *kept]
+        self.views.publish(Float64MultiArray(data=views))
         message = PositionSetpoint(u_mujoco=[float(np.sin(self.t))])
         self.obk_publishers["pub_ctrl"].publish(message)
         return message

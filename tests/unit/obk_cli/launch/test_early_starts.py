@@ -46,6 +46,10 @@ def test_nodes_in_one_process_are_early_when_all_of_them_wait() -> None:
     assert not early(node("a"), node("b", executable="of_another_kind"), together=True)
 
 
+def test_a_simulator_comes_first() -> None:
+    assert early(node("a"), node("b"), node("robot", model="r.xml")) == ["/robot", "/a", "/b"]
+
+
 class Started:
     """The door to the processes."""
 

@@ -1,0 +1,129 @@
+"""Which node processes the preload server forks, and how the server is started. Pure.
+
+A forked process has the libraries that the server has imported, with the server's interpreter and
+environment. So only programs of this Python are forked, and only those whose environment differs
+from the server's in nothing that a library might read when it is imported.
+"""
+
+import os
+import sys
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from obk_cli.process import preload
+
+__all__ = ["SWITCH", "Preload", "preload_for"]
+
+SWITCH: Final = "OBK_PRELOAD"
+"""The variable that turns preloading off by the value `off`."""
+TYPE_SUPPORTS: Final = (
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "lifecycle_msgs",
+    "obelisk_control_msgs",
+    "obelisk_estimator_msgs",
+    "obelisk_sensor_msgs",
+    "rcl_interfaces",
+    "rosgraph_msgs",
+    "service_msgs",
+    "std_msgs",
+    "std_srvs",
+    "type_description_interfaces",
+)
+"""The message packages whose compiled part every node loads, or most of them."""
+MODULES: Final = (
+    "rclpy",
+    # Generators of code, which ROS loads with the first compiled message.
+    "rosidl_generator_py",
+    "obelisk_py.core.control",
+    "obelisk_py.core.estimation",
+    "obelisk_py.core.robot",
+    "obelisk_py.core.sensing",
+    "obelisk_py.core.utils.ros",
+    *(f"{package}.msg" for package in TYPE_SUPPORTS),
+    "lifecycle_msgs.srv",
+    "rcl_interfaces.srv",
+    *(f"{package}.{package}_s__rosidl_typesupport_c" for package in TYPE_SUPPORTS),
+)
+"""What nearly every node imports; what is not installed is left out."""
+FEWEST: Final = 2
+"""A single process would start no sooner."""
+OWN_PREFIX: Final = "OBK_"
+"""Of the variables that the run-time library reads when a node is made, and no one else."""
+PATH: Final = "PYTHONPATH"
+HOOKS: Final = ("COV", "LD_PRELOAD")
+"""Beginnings of variables by which something measures or replaces parts of each process from its
+start."""
+FORKABLE: Final = (("-P", "-c"), ("-P", "-m"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Preload:
+    """The preload server of a run."""
+
+    environment: Mapping[str, str]
+    """Of the server: what all processes have in common."""
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """How the server is started."""
+        return (sys.executable, "-P", str(Path(preload.__file__)), *MODULES)
+
+    def forked(
+        self, arguments: Sequence[str], environment: Mapping[str, str]
+    ) -> Mapping[str, object] | None:
+        """What to request of the server for a process; None: it is started in the ordinary way.
+
+        Args:
+            arguments: of the program as this Python runs it, `python -P -m ...`; empty: it does
+                not.
+            environment: the process's.
+        """
+        if not _is_forkable(arguments) or self.environment.keys() - environment.keys():
+            return None
+        variables = {
+            name: value
+            for name, value in environment.items()
+            if self.environment.get(name) != value
+        }
+        path = self._added_path(environment)
+        if path is None or any(not _is_own(name) for name in variables):
+            return None
+        return {"arguments": arguments, "variables": variables, "path": path}
+
+    def _added_path(self, environment: Mapping[str, str]) -> Sequence[str] | None:
+        """The folders in front of the server's PYTHONPATH; None: it is another path."""
+        own, theirs = (_folders(variables) for variables in (self.environment, environment))
+        added = theirs[: len(theirs) - len(own)]
+        return added if [*added, *own] == theirs else None
+
+
+def preload_for(
+    programs: Collection[Sequence[str]], environment: Mapping[str, str]
+) -> Preload | None:
+    """The preload server for a run; None: every process is started in the ordinary way.
+
+    Args:
+        programs: the arguments of each process, as for `Preload.forked`.
+        environment: what all processes have in common.
+    """
+    is_off = environment.get(SWITCH) == "off"
+    if is_off or any(name.startswith(HOOKS) for name in environment):
+        return None
+    if sum(map(_is_forkable, programs)) < FEWEST:
+        return None
+    return Preload(environment=environment)
+
+
+def _is_forkable(arguments: Sequence[str]) -> bool:
+    return arguments[:1] == (sys.executable,) and tuple(arguments[1:3]) in FORKABLE
+
+
+def _is_own(name: str) -> bool:
+    return name == PATH or name.startswith(OWN_PREFIX)
+
+
+def _folders(environment: Mapping[str, str]) -> list[str]:
+    return [folder for folder in environment.get(PATH, "").split(os.pathsep) if folder]
