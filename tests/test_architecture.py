@@ -121,7 +121,8 @@ def test_the_shared_facts_need_only_the_standard_library_and_yaml() -> None:
 
 
 def test_the_reader_of_recordings_needs_neither_ros_nor_the_tool() -> None:
-    allowed = sys.stdlib_module_names | {"mcap", "numpy", "obelisk_recordings", "obelisk_spec"}
+    own = {"obelisk_recordings", "obelisk_spec"}
+    allowed = sys.stdlib_module_names | own | {"mcap", "numpy", "platformdirs"}
     for path in modules_of("obelisk_recordings"):
         assert not libraries(path) - allowed, path
 

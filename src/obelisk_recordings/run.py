@@ -11,6 +11,7 @@ from obelisk_recordings.bag import Bag
 from obelisk_recordings.chunks import TopicMessages, joined, messages_in_parts
 from obelisk_recordings.definition import MessageDefinition, parse_definition
 from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.find import find_recording, folder_of_runs
 from obelisk_recordings.summary import read_attachments, read_bag
 from obelisk_recordings.topic import RecordedTopic
 from obelisk_spec.suggestions import did_you_mean, list_names
@@ -191,15 +192,10 @@ def open_run(run: str | os.PathLike[str]) -> RecordedRun:
     """Open a recording.
 
     Args:
-        run: an MCAP file, or a folder with one: a run's, or one of rosbag2.
+        run: an MCAP file, a folder with one, the name of a config (its newest run that was
+            recorded on this machine; with `~1` behind it the one before), or of a run's folder.
 
     Raises:
         RecordingError: there is none, or it cannot be read.
     """
-    path = Path(run)
-    if path.is_dir():
-        files = sorted(path.glob("*.mcap"))
-        if len(files) != 1:
-            raise RecordingError(f"{path} holds {len(files)} recordings: expected one")
-        path = files[0]
-    return RecordedRun(path)
+    return RecordedRun(find_recording(folder_of_runs(os.environ), os.fspath(run)))

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from obelisk_recordings.bag import Bag, BagTopic
+from obelisk_recordings.find import find_recording
 from obk_cli.cli.options import FormatOption, wants_json
-from obk_cli.record.recording import find_recording
 from obk_cli.runs.folder import runs_folder
 from obk_cli.terminal import plain
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from obelisk_recordings.find import find_recording
 from obelisk_spec.suggestions import with_number
 from obk_cli.cli.options import FormatOption, RunArgument, print_json, wants_json
-from obk_cli.record.recording import find_recording
 from obk_cli.runs.folder import runs_folder
 from obk_cli.terminal import columns_of, escaped, shortened
 

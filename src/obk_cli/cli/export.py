@@ -7,8 +7,8 @@ from typing import Annotated, Literal, cast
 
 import typer
 
+from obelisk_recordings.find import find_recording
 from obk_cli.cli.options import RunArgument, TopicsOption, require_choice
-from obk_cli.record.recording import find_recording
 from obk_cli.runs.folder import runs_folder
 
 __all__ = ["EXAMPLE", "command"]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from obelisk_recordings.find import find_recording
 from obelisk_spec.suggestions import with_number
 from obk_cli.cli.options import (
     TIMEOUT_S,
@@ -21,7 +22,6 @@ from obk_cli.cli.options import (
     with_types,
 )
 from obk_cli.errors import EXIT_FAILED, EXIT_INTERRUPTED, CommandFailedError, MisuseError
-from obk_cli.record.recording import find_recording
 from obk_cli.runs.folder import runs_folder
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Annotated, Final
 
 import typer
 
+from obelisk_recordings.find import find_recording
 from obk_cli.errors import MisuseError
-from obk_cli.record.recording import find_recording
 from obk_cli.runs.folder import runs_folder
 
 __all__ = ["EXAMPLE", "command"]

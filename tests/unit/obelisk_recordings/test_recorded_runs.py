@@ -221,6 +221,18 @@ def test_times_begin_at_the_activation_that_the_launcher_noted(tmp_path: Path) -
     assert open_run(tmp_path)["arm"].received == pytest.approx([-0.5, -0.499, -0.498])
 
 
+def test_a_run_is_opened_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path))
+    for day, count in (("01", 2), ("02", 5)):
+        folder = tmp_path / "runs" / f"arm_202603{day}_120000"
+        folder.mkdir(parents=True)
+        written(folder / "recording.mcap", map(arm, range(count)))
+    assert [len(open_run(name)["arm"]) for name in ("arm", "arm~1")] == [5, 2]
+    assert open_run("arm").name == "arm_20260302_120000"
+    with pytest.raises(RecordingError, match="no run called `leg`"):
+        open_run("leg")
+
+
 @pytest.mark.parametrize(
     ("look", "told"),
     [
