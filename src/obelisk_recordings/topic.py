@@ -237,6 +237,24 @@ class RecordedTopic:
             numbers[places] = values if place is None else values[:, place]
         return numbers
 
+    def matrix(self, path: str, width: int) -> NDArray[np.float64]:
+        """The first numbers of a field, shape `(n, width)`; NaN for a message that has fewer.
+
+        Quicker than one number after the other.
+
+        Args:
+            path: of a field of numbers.
+            width: how many numbers; 1 for a field that is no array.
+        """
+        numbers = np.full((len(self), width), np.nan)
+        for layout, places, rows in self.tables:
+            column = layout.columns.get(path)
+            if column is not None:
+                values = column.read(rows)
+                values = values[:, None] if column.count is None else values[:, :width]
+                numbers[places, : values.shape[1]] = values
+        return numbers
+
     def signals(self, path: str = "") -> Iterator[RecordedSignal]:
         """The numbers in a field, each as one signal; in all fields without a path.
 

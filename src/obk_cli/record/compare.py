@@ -7,7 +7,7 @@ length need little memory.
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import zip_longest
+from itertools import groupby, zip_longest
 from typing import Any, Final
 
 import numpy as np
@@ -256,15 +256,20 @@ class _Topic:
         at = times[0][chosen]
         order = np.argsort(times[1], kind="stable")  # they are in the order of receipt
         known = {(one.path, one.place) for one in seconds[0].signals() if not _is_time(one)}
-        for signal in firsts[0].signals():
-            key = (signal.path, signal.place)
-            if key in known:
-                values = [
-                    _joined([part.numbers(*key) for part in parts]) for parts in (firsts, seconds)
-                ]
-                sums = self.sums.setdefault(key, _Sums(signal.label, signal.unit))
-                others = np.interp(at, times[1][order], values[1][order])
-                sums.add(at, values[0][chosen] - others)
+        for path, group in groupby(firsts[0].signals(), key=lambda one: one.path):
+            signals = [one for one in group if (path, one.place) in known]
+            if not signals:
+                continue
+            width = 1 + max(one.place or 0 for one in signals)
+            mine, theirs = (
+                _joined([part.matrix(path, width) for part in parts]) for parts in (firsts, seconds)
+            )
+            mine, theirs = mine[chosen], theirs[order]
+            for signal in signals:
+                place = signal.place or 0
+                sums = self.sums.setdefault((path, signal.place), _Sums(signal.label, signal.unit))
+                others = np.interp(at, times[1][order], theirs[:, place])
+                sums.add(at, mine[:, place] - others)
 
     def _trim(self) -> None:
         """Let go of what was compared; the second run's last part before it is interpolated."""
