@@ -78,9 +78,11 @@ def open_ros_nodes(name: str, environment: RosEnvironment) -> AbstractContextMan
 class RosNodes(LifecycleClient):
     """Sends requests without waiting; what follows is reported as events."""
 
-    def __init__(self, name: str, context: Any, executor: Any) -> None:
+    def __init__(
+        self, name: str, context: Any, executor: Any, begin_s: float | None = None
+    ) -> None:
         """Make the node; see `LifecycleClient`."""
-        super().__init__(name, context, executor)
+        super().__init__(name, context, executor, begin_s)
         self._on_event: Callable[[InputEvent], None] = lambda _: None
         self._watch = NodeWatch(self._node, self._clients, self._report, executor.wake)
 
