@@ -211,6 +211,8 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
     monkeypatch.setattr("obk_cli.ros.lifecycle_client.PING_S", 0.0)
     with open_ros_nodes("watch", environment) as ros:
         ears = Ears(ros)
+        ros.prepare(["/n"])
+        assert ears.heard == []
         ros.watch(["/n"])
         with running_node() as first:
             eventually(lambda: ears.count(ready) == 1, "the first process")

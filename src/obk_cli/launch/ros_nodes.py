@@ -94,6 +94,10 @@ class RosNodes(LifecycleClient):
         """Report what these nodes publish on `/diagnostics`: rates, activations, videos."""
         subscribe_to_diagnostics(self._node, nodes, self._report)
 
+    def prepare(self, nodes: Iterable[str]) -> None:
+        """Make what it takes to watch these nodes, which are to start."""
+        self._watch.prepare(nodes)
+
     def watch(self, nodes: Iterable[str]) -> None:
         """Watch these nodes: `Ready` when their services answer, then what they report.
 
@@ -202,12 +206,16 @@ class NodeWatch:
         self._timer = node.create_timer(POLL_S, self._check)
         self._timer.cancel()
 
+    def prepare(self, nodes: Iterable[str]) -> None:
+        """Make the subscriptions and clients of these nodes, which are to start."""
+        for name in nodes:
+            self._subscribe(name)
+            self._clients.open(name)
+
     def watch(self, nodes: Iterable[str]) -> None:
         """Watch these nodes; `Ready` follows for each, also if it was watched before."""
         names = tuple(nodes)
-        for name in names:
-            self._subscribe(name)
-            self._clients.open(name)
+        self.prepare(names)
         with self._lock:
             self._waiting |= {name: _Wait() for name in names}
             self._begin = time.monotonic()
