@@ -257,6 +257,19 @@ def test_a_stranger_that_publishes_on_a_control_topic_is_found(
         assert ros.foreign_publishers(["/control"], ["/n"], OWN_DISCOVERY_S) == ()
 
 
+def test_a_node_that_never_comes_is_no_longer_looked_for_at_the_end(
+    environment: RosEnvironment,
+) -> None:
+    before = set(threading.enumerate())
+    with open_ros_nodes("watch", environment) as ros:
+        ears = Ears(ros)
+        ros.watch(["/never", "/nor_this"])
+        ros.watch(["/never"])
+        assert "watch" in {thread.name for thread in set(threading.enumerate()) - before}
+    assert set(threading.enumerate()) <= before
+    assert ears.heard == []
+
+
 def test_of_a_client_only_its_own_node_stays_in_the_graph(environment: RosEnvironment) -> None:
     with (
         open_ros_nodes("probe", environment) as ros,
