@@ -22,6 +22,8 @@ KEYWORDS = frozenset({"allow_pickle", "shell"})
 NAMED = {
     # Its text is made of slots of generated classes.
     "obelisk_py/core/serialization/layout.py: exec(source, names)",
+    # The program of a node, which the launcher writes and would else give to `python -c`.
+    "obk_cli/process/preload.py: exec(compile(target, '<string>', 'exec'), main_module.__dict__)",
 }
 """The exceptions; SECURITY.md gives the reasons."""
 
