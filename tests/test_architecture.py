@@ -39,8 +39,8 @@ LIBRARIES = {
     "rclpy": ("ros", "launch", "record", "doctor"),
     "mujoco": ("workspace", "doctor"),
     "mcap": ("record",),
-    "mcap_ros2": ("record",),
     "matplotlib": ("record",),
+    "pyarrow": ("record",),
     "textual": ("monitor",),
     "starlette": ("web",),
     "uvicorn": ("web",),
@@ -118,6 +118,13 @@ def test_the_shared_facts_need_only_the_standard_library_and_yaml() -> None:
     for path in modules_of("obelisk_spec"):
         foreign = libraries(path) - sys.stdlib_module_names - {"obelisk_spec", "yaml"}
         assert not foreign, path
+
+
+def test_the_reader_of_recordings_needs_neither_ros_nor_the_tool() -> None:
+    own = {"obelisk_recordings", "obelisk_spec"}
+    allowed = sys.stdlib_module_names | own | {"mcap", "numpy", "platformdirs"}
+    for path in modules_of("obelisk_recordings"):
+        assert not libraries(path) - allowed, path
 
 
 def test_no_two_public_classes_have_the_same_name() -> None:

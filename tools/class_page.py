@@ -18,12 +18,16 @@ MODULES: Final = (
     "obelisk_py.core.robot",
     "obelisk_py.core.sensing",
     "obelisk_py.core.node",
+    "obelisk_py.core.parameter",
     "obelisk_py.core.exceptions",
     "obelisk_py.core.utils.ros",
     "obelisk_py.core.utils.msg",
 )
-_UNTOLD: Final = ("destroy_node",)
-"""Of rclpy's own, and no part of how a node is written."""
+_UNTOLD: Final = (
+    "destroy_node",
+    *("descriptor", "fault", "fit", "parameters_of", "to_ros", "value"),
+)
+"""Of rclpy's own or for the library, and no part of how a node is written."""
 
 Definition = ast.ClassDef | ast.FunctionDef
 
@@ -40,7 +44,7 @@ def class_page() -> Iterator[str]:
         text = (ROOT / "src" / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8")
         lines = text.splitlines()
         for statement in ast.parse(text).body:
-            if isinstance(statement, Definition) and not statement.name.startswith("_"):
+            if isinstance(statement, Definition) and _is_told(statement.name):
                 yield f"## {statement.name}"
                 yield f"`from {module} import {statement.name}`"
                 yield "```python\n" + "\n\n".join(_heads(statement, lines)) + "\n```"

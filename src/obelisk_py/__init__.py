@@ -4,6 +4,10 @@ Importing it gives the message classes the field names of their older layouts ba
 (`PositionSetpoint.u`, `EstimatedState.x_hat`); the wire format does not change.
 """
 
+import importlib.util
+
 from obelisk_py.core.messages import add_field_aliases
 
-add_field_aliases()
+# `obelisk_py.recordings` works without ROS too.
+if importlib.util.find_spec("rclpy") is not None:
+    add_field_aliases()

@@ -95,6 +95,7 @@ def compile_stack(
             f"{config} has errors\n{report_text(errors, colour=False)}",
             help=f"`obk validate {config}` reports them too",
         )
+    left_out = _full_names(outcome.plan, without)
     # A robot whose config does not say what it is may be a simulator of the user's own: the class
     # of its node decides, before it is configured.
     refuse_hardware(
@@ -103,8 +104,8 @@ def compile_stack(
         help="name a variant whose robot is simulated, or override it: "
         "set=['robot[0].is_simulated=true']",
         may_be_unclear=True,
+        left_out=left_out,
     )
-    left_out = _full_names(outcome.plan, without)
     nodes = tuple(each for each in outcome.plan.processes if each.full_name not in left_out)
     packages = PackageIndex.around(config.parent, Path.cwd(), dict(os.environ))
     unclear = frozenset(

@@ -17,11 +17,10 @@ from rcl_interfaces.msg import Log
 from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.messages import message_name
 from obelisk_py.core.serialization.codec import codec_for
+from obelisk_recordings.run import open_run
 from obk_cli.emit.json import emit_plan
 from obk_cli.optional_deps import run_versions
-from obk_cli.record.mcap_reader import messages_of
 from obk_cli.record.mcap_writer import BagWriter
-from obk_cli.record.plot import resolve_topic
 from obk_cli.record.recorder import installed_definition, schema_text
 from obk_testing.result import StateLog, TrialResult
 from obk_testing.topic_log import Array
@@ -163,33 +162,15 @@ def read_signals(
         positions: number of positions of the simulator, read as `qpos`; None: not read.
 
     Raises:
-        CommandFailedError: the file cannot be read, or has no such topic.
-        LookupError: it has no such field.
+        RecordingError: the file cannot be read, or has no such topic or field.
     """
-    wanted = {name: (name.partition(".")[0], name.partition(".")[2]) for name in fields}
+    run = open_run(path)
+    found: dict[str, tuple[Array, Array]] = {}
+    for name in fields:
+        topic, _, field = name.partition(".")
+        log = run[topic]
+        found[name] = (log.messages.published_ns * _NS, np.array(log[field], float))
     if positions is not None:
-        wanted["qpos"] = (STATE_TOPIC, "y")
-    topics = {topic for topic, _ in wanted.values()}
-    times: dict[str, list[float]] = {name: [] for name in wanted}
-    values: dict[str, list[Any]] = {name: [] for name in wanted}
-    for message in messages_of(path, topics):
-        for name, (topic, field) in wanted.items():
-            if topic == message.topic:
-                times[name].append(message.published_ns * _NS)
-                values[name].append(_value(message.value, field, name))
-    for name, (topic, _) in wanted.items():
-        if not values[name]:
-            resolve_topic(topic, ())
-    found = {name: (np.array(times[name]), np.array(values[name], float)) for name in wanted}
-    if positions is not None:
-        found["qpos"] = (found["qpos"][0], found["qpos"][1][:, :positions])
+        log = run[STATE_TOPIC]
+        found["qpos"] = (log.messages.published_ns * _NS, log["y"][:, :positions])
     return found
-
-
-def _value(message: Any, field: str, name: str) -> Any:
-    value = message
-    for step in field.split("."):
-        if not hasattr(value, step):
-            raise LookupError(f"the recording has no field `{name}`")
-        value = getattr(value, step)
-    return value

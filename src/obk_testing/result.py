@@ -16,8 +16,8 @@ import numpy as np
 from obelisk_py.core.lockstep.interception import LogEntry
 from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.lockstep.topics import Topic
+from obelisk_recordings.errors import RecordingError
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan
 from obk_testing.topic_log import Array, TopicLog
 
@@ -251,7 +251,7 @@ class TrialResult:
             width = None if self.states is None else self._qpos.shape[1]
             try:
                 theirs = read_signals(Path(other), names, positions=width)
-            except CommandFailedError as error:
+            except RecordingError as error:
                 help = "`obk test --keep-all` leaves recordings of tests that pass"
                 raise LookupError(f"{error.message}\n  help: {error.help or help}") from None
         for name, (t, mine) in self.signals(names).items():

@@ -24,6 +24,7 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.lockstep.scheduler import (
     FAULT,
     NS_PER_S,
+    TIMER,
     LockstepError,
     ScheduledNode,
     TimingModel,
@@ -31,6 +32,7 @@ from obelisk_py.core.lockstep.scheduler import (
 from obelisk_py.core.lockstep.simulator import StepEvents
 from obelisk_py.core.lockstep.surroundings import LockstepRun
 from obelisk_py.core.lockstep.topics import Topic
+from obelisk_py.core.messages import message_name
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_spec.suggestions import did_you_mean
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
@@ -48,6 +50,8 @@ _KEYFRAME: Final = "ic_keyframe"
 _BEFORE: Final = {"configure": "unconfigured", "activate": "inactive"}
 """The state that a transition starts from."""
 _STUB_DEPTH: Final = 10
+_AFTER_TIMERS: Final = 1 << 60
+"""Places behind those of all timers."""
 Vector = Sequence[float] | NDArray[np.float64]
 
 
@@ -299,6 +303,38 @@ class StackTrial:
         self._log_intervention(f"publish on {topic}")
         with self._lockstep.entered():
             self._lockstep.topics.publish(topic, message)
+
+    def feed(self, topic: str, data: bytes, time_ns: int, *, after_timers: bool = False) -> None:
+        """Publish a recorded message at a time, as a node outside the stack.
+
+        Args:
+            topic: full name; a node has to subscribe to it.
+            data: the message, serialized.
+            time_ns: when [ns].
+            after_timers: whether its publisher ran after the timers of that time.
+        """
+        found, scheduler = self._topic(topic), self._lockstep.scheduler
+
+        def publish() -> None:
+            if found.log is not None:
+                found.log.append((time_ns, scheduler.next_place(), data))
+            arrives_ns = time_ns + scheduler.delay_ns(topic)
+            for subscriber in found.subscribers:
+                self._lockstep.topics.send(subscriber, data, arrives_ns)
+
+        if after_timers:
+            place = _AFTER_TIMERS + scheduler.next_place()
+            scheduler.push_at_place(time_ns, TIMER, place, None, publish)
+        else:
+            scheduler.push(time_ns, FAULT, None, publish)
+
+    def message_type(self, topic: str) -> str:
+        """The full type name of a topic's messages.
+
+        Raises:
+            LookupError: no node has the topic.
+        """
+        return message_name(self._topic(topic).message_class)
 
     # --- nodes
 

@@ -3,11 +3,13 @@
 The help of all commands is in `docs/reference/commands.md`, which a test keeps up to date.
 """
 
+import json
 import os
 import re
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -16,10 +18,10 @@ from pathlib import Path
 
 import pytest
 
+from obelisk_recordings.bag import DROPS
 from obk_cli.cli.commands import VERBS
 from obk_cli.process.identity import this_process
 from obk_cli.record.mcap_writer import BagWriter
-from obk_cli.record.recording import DROPS
 
 from ..ros.stack import EXAMPLE, OBK, calm  # noqa: TID252 - shared by folders of tests
 from ..turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
@@ -96,6 +98,20 @@ COMMANDS = {
         "plot speed.mcap speed",
         "plot speed.mcap sped.data",
         "plot dummy speed.data",
+        "plot speed.mcap speed.data --xlim 2 1",
+        "plot speed.mcap speed.data --output speed.gif",
+    ),
+    "diff": ("diff before.mcap after.mcap", "diff before.mcap none"),
+    "export": (
+        "export after.mcap --to csv --output tables",
+        "export before.mcap --to xlsx",
+        "export before.mcap --to csv --topic ets",
+    ),
+    "play": (
+        "play before.mcap --topic ctrl",
+        "play before.mcap --nodes control",
+        f"play before.mcap --into {DUMMY} --nodes estimtion",
+        f"play before.mcap --into {DUMMY} --nodes estimation",
     ),
     "schema": ("schema --install-vscode", "schema nowhere"),
     "sweep": (
@@ -191,6 +207,35 @@ def recording(folder: Path) -> None:
         writer.describe({DROPS: {"/speed": "2"}}, {}, second)
 
 
+ESTIMATE = "# Joint positions [rad].\nfloat64[] q_joints\nstring[] joint_names\n"
+
+
+def write_run(path: Path, gain: float) -> None:
+    """An estimate of two joints at 100 Hz for a second, and a command."""
+    process = {"node": "control", "section": "control", "parameters": {"kp": gain}}
+    with BagWriter(path) as writer:
+        plan = json.dumps({"name": "arm", "processes": [process]})
+        versions = {"obk": "0.1.0", "python": "3.11.7"}
+        writer.describe({"obelisk_versions": versions}, {"plan.json": plan}, 0)
+        estimates = writer.add_topic("/arm/est", "demo_msgs/msg/Estimate", ESTIMATE, {})
+        commands = writer.add_topic(
+            "/arm/ctrl", "obelisk_control_msgs/msg/PositionSetpoint", "float64 u\n", {}
+        )
+        names = struct.pack("<I4sI5s", 4, b"hip", 5, b"knee")
+        for number in range(101):
+            time_ns = 1_000_000_000 + number * 10_000_000
+            data = struct.pack("<I4xddI", 2, number / 100, number / gain, 2) + names
+            writer.add_message(estimates, b"\0\1\0\0" + data, time_ns, time_ns, number)
+        data = b"\0\1\0\0" + struct.pack("<d", gain)
+        writer.add_message(commands, data, time_ns, time_ns, number)
+
+
+def two_runs(folder: Path) -> None:
+    """Recordings of two runs with different gains."""
+    write_run(folder / "before.mcap", 20.0)
+    write_run(folder / "after.mcap", 25.0)
+
+
 def wrong_messages(folder: Path) -> None:
     """A workspace with a package of messages whose definition is wrong."""
     package = folder / "apart/wrong/src/wrong_msgs"
@@ -217,6 +262,7 @@ def calm_dummy(folder: Path) -> None:
 PREPARED: Mapping[str, Callable[[Path], None]] = {
     "bag": recording,
     "plot": recording,
+    **dict.fromkeys(("diff", "export", "play"), two_runs),
     "build": wrong_messages,
     "launch": calm_dummy,
     "rehearse": calm_dummy,
@@ -389,11 +435,17 @@ def orphan() -> Iterator[Mapping[int, str]]:
 def compare(name: str, text: str, is_update: bool) -> None:
     for varying, name_of_it in VARYING.get(name, ()):
         text = re.sub(varying, name_of_it, text, flags=re.MULTILINE)
+    text = re.sub(r"(?:^  \w+: process <pid>\n)+", in_order_of_names, text, flags=re.MULTILINE)
     expected = TRANSCRIPTS / f"{name}.txt"
     if is_update:
         expected.parent.mkdir(exist_ok=True)
         expected.write_text(text, encoding="utf-8")
     assert text == expected.read_text(encoding="utf-8")
+
+
+def in_order_of_names(lines: re.Match[str]) -> str:
+    """Processes that start together are reported in the order in which they are up."""
+    return "".join(sorted(lines[0].splitlines(keepends=True)))
 
 
 def test_every_transcript_is_of_a_command() -> None:

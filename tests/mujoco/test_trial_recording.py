@@ -9,8 +9,9 @@ from std_msgs.msg import Float64
 
 from obelisk_py.core.lockstep.interception import LogEntry
 from obelisk_py.core.lockstep.topics import Topic
+from obelisk_recordings.run import open_run
+from obelisk_recordings.summary import read_bag
 from obk_cli.plan.plan import Plan
-from obk_cli.record.mcap_reader import messages_of, read_bag
 from obk_testing.plot import draw_trial, signals_of
 from obk_testing.recording import STATE_TOPIC, write_recording
 from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult
@@ -80,9 +81,9 @@ def test_a_recording_holds_the_trial(result: TrialResult, tmp_path: Path) -> Non
 
 def test_its_log_has_simulated_time(result: TrialResult, tmp_path: Path) -> None:
     write_recording(tmp_path / "trial.mcap", result, {})
-    (line,) = messages_of(tmp_path / "trial.mcap", {"/rosout"})
-    assert (line.value.level, line.value.msg, line.value.line) == (40, "no", 7)
-    assert line.published_ns == line.value.stamp.nanosec == MS
+    log = open_run(tmp_path / "trial.mcap")["/rosout"]
+    assert [log.level.tolist(), log.msg.tolist(), log.line.tolist()] == [[40], ["no"], [7]]
+    assert log.messages.published_ns == log.stamp.nanosec == MS
 
 
 def test_a_golden_recording_is_compared(result: TrialResult, tmp_path: Path) -> None:

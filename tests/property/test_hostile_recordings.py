@@ -11,12 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.run import open_run
+from obelisk_recordings.summary import read_bag
 from obk_cli.cli.bag import bag_data, bag_text
 from obk_cli.errors import ObkError
 from obk_cli.introspect.message_text import json_line
-from obk_cli.record.mcap_reader import messages_of, read_bag
 from obk_cli.record.mcap_writer import BagWriter
-from obk_cli.record.plot import PlotField, parse_field
+from obk_cli.record.plot import parse_field, plot_parts
 
 from .hostile import SPOILT, assert_shows_only_text, damaged
 
@@ -58,14 +60,18 @@ def look_at(data: bytes) -> None:
         path = Path(file.name)
         try:
             bag = read_bag(path)
-        except ObkError:
+        except RecordingError:
             return
         assert_shows_only_text(list(bag_text(bag)))
         json_line(bag_data(bag))
-        lines = PlotField(parse_field("/speed.data"))
-        with suppress(ObkError):
-            for message in messages_of(path, {topic.topic for topic in bag.topics}):
-                lines.add(message.received_ns * 1e-9, message.value)
+        with suppress(ObkError, RecordingError):
+            run = open_run(path)
+            for topic in run.read(run.topics).values():
+                for field in topic.fields:
+                    assert len(topic[field]) == len(topic)
+                for signal in topic.signals():
+                    assert len(signal.values()) == len(topic)
+            plot_parts([run], [parse_field("/speed.data")])
 
 
 @given(st.binary(max_size=200).map(lambda data: b"\x89MCAP0\r\n" + data) | st.binary())

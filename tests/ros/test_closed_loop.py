@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from obk_cli.record.mcap_reader import messages_of, read_bag
+from obelisk_recordings.run import open_run
+from obelisk_recordings.summary import read_bag
 from obk_testing.recording import STATE_TOPIC
 
 from ..waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
@@ -95,7 +96,7 @@ def test_a_failed_test_leaves_what_is_needed_to_repeat_it(folder: Path) -> None:
     assert bag.is_complete
     assert bag.metadata["obelisk"]["seed"] == "0"
     assert {"plan.json", "schedule.json", "interventions.json"} <= bag.attachments.keys()
-    assert sum(1 for _ in messages_of(recording, {STATE_TOPIC})) == 200
+    assert len(open_run(recording)[STATE_TOPIC]) == 200
     report = ElementTree.parse(folder / "report.xml").getroot()
     assert [*report.iter("failure")]
 

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
@@ -256,6 +256,8 @@ class Walk:
     folder: Path
     setup: Setup
     shell: UserShell
+    seen_beside: dict[str, str] = field(default_factory=dict)
+    """What the commands in the second terminal showed."""
 
     def go(self) -> None:
         """Do every step in its order."""
@@ -270,7 +272,10 @@ class Walk:
                 continue
             seen = ""
             for line in step.lines:
-                if words_of(line)[0] not in TYPED or is_beside(line):
+                if words_of(line)[0] not in TYPED:
+                    continue
+                if is_beside(line):
+                    seen += self.seen_beside[line]
                     continue
                 code = self.enter(line, beside)
                 is_last = line == step.lines[-1]
@@ -296,6 +301,7 @@ class Walk:
         """Run a command in a second terminal."""
         done = obk(*shlex.split(line)[1:], folder=self.folder)
         assert done.returncode == 0, (line, done.stdout, done.stderr)
+        self.seen_beside[line] = done.stdout
 
 
 def is_beside(line: str) -> bool:

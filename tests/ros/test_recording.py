@@ -187,7 +187,7 @@ def test_topics_of_a_running_stack_are_recorded_and_drawn(tmp_path: Path) -> Non
     picture = tmp_path / "imu.svg"
     drawn = obk("plot", path, "imu.angular_velocity", "joint_encoders.y", "-o", picture)
     assert drawn.returncode == 0, drawn.stderr
-    assert ">imu.angular_velocity<" in picture.read_text(encoding="utf-8")
+    assert ">imu.angular_velocity [rad/s]<" in picture.read_text(encoding="utf-8")
 
 
 def test_without_a_stack_and_without_topics_nothing_is_recorded(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The door to life-cycle nodes, and the stack as one of them: asked by other ROS 2 clients."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -7,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from queue import SimpleQueue
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -25,7 +27,8 @@ from obk_cli.launch.events import (
 from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
 from obk_cli.launch.state_node import StateNode
 from obk_cli.ros.environment import RosEnvironment, ros_environment
-from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S
+from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, RosGraph
+from obk_cli.ros.participant import open_participant
 from obk_cli.runs.protocol import ChangeAnswer
 
 from .stack import DEADLINE_S, eventually
@@ -208,6 +211,8 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
     monkeypatch.setattr("obk_cli.ros.lifecycle_client.PING_S", 0.0)
     with open_ros_nodes("watch", environment) as ros:
         ears = Ears(ros)
+        ros.prepare(["/n"])
+        assert ears.heard == []
         ros.watch(["/n"])
         with running_node() as first:
             eventually(lambda: ears.count(ready) == 1, "the first process")
@@ -250,3 +255,43 @@ def test_a_stranger_that_publishes_on_a_control_topic_is_found(
         )
         assert ros.foreign_publishers(["/other"], [], OWN_DISCOVERY_S) == ()
         assert ros.foreign_publishers(["/control"], ["/n"], OWN_DISCOVERY_S) == ()
+
+
+def test_a_node_that_never_comes_is_no_longer_looked_for_at_the_end(
+    environment: RosEnvironment,
+) -> None:
+    before = set(threading.enumerate())
+    with open_ros_nodes("watch", environment) as ros:
+        ears = Ears(ros)
+        ros.watch(["/never", "/nor_this"])
+        ros.watch(["/never"])
+        assert "watch" in {thread.name for thread in set(threading.enumerate()) - before}
+    assert set(threading.enumerate()) <= before
+    assert ears.heard == []
+
+
+def test_of_a_client_only_its_own_node_stays_in_the_graph(environment: RosEnvironment) -> None:
+    with (
+        open_ros_nodes("probe", environment) as ros,
+        open_participant(environment, name="beside") as beside,
+    ):
+        own = f"/probe_{os.getpid()}"
+        eventually(lambda: beside.nodes() == (own,), "the client's node, and no other")
+        assert ros.participant().nodes() == (beside.name,)
+
+
+def test_discovery_is_waited_for_since_the_participants_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nobody = SimpleNamespace(get_node_names_and_namespaces=list)
+    slept: list[float] = []
+    monkeypatch.setattr("obk_cli.ros.graph.time", clock_that_sleeps(slept))
+    RosGraph(nobody, begin_s=-OWN_DISCOVERY_S).taken(["/n"], OWN_DISCOVERY_S)
+    assert slept == []
+    RosGraph(nobody, begin_s=-0.3).taken(["/n"], OWN_DISCOVERY_S)
+    assert sum(slept) == pytest.approx(OWN_DISCOVERY_S - 0.3, abs=0.02)
+
+
+def clock_that_sleeps(slept: list[float]) -> SimpleNamespace:
+    """A clock at 0 s that goes on by what is slept [s]."""
+    return SimpleNamespace(monotonic=lambda: sum(slept), sleep=slept.append)

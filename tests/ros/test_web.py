@@ -203,3 +203,32 @@ def test_a_browser_is_opened_without_the_token_on_its_command_line(
             seen(lambda: "No stack runs" in text(page, "#notice"), "the page")
             assert urlsplit(page.url).netloc == urlsplit(url).netloc
     assert not file.exists()
+
+
+def test_parameters_are_tuned_by_sliders_and_fields_and_reset() -> None:
+    chromium()
+    arm = EXAMPLE.parents[1] / "arm" / "arm.yaml"
+    with launched(arm), served() as url, opened(url, width=1280, height=900) as page:
+        smoothing = page.get_by_label("estimation_0 time_constant_s", exact=True)
+        seen(lambda: smoothing.count() == 1, "the parameters")
+        slider = page.get_by_label("estimation_0 time_constant_s slider")
+        slider.fill("0.05")
+        row = page.locator(".parameter", has=slider)
+        said = "time_constant_s changed from 0.005 to 0.05 s, in effect"
+        seen(lambda: said in row.inner_text(), "the change")
+        assert smoothing.input_value() == "0.05"
+        of_node = ("param", "get", "estimation_0", "time_constant_s")
+        assert obk(*of_node).stdout.split()[-1] == "0.05"
+
+        smoothing.fill("7")
+        smoothing.press("Enter")
+        seen(lambda: "expected 0.001 to 0.1" in row.inner_text(), "the node's reason")
+        page.get_by_label("reset estimation_0 time_constant_s").click()
+        seen(lambda: "to 0.005 s, in effect" in row.inner_text(), "the reset")
+        assert obk(*of_node).stdout.split()[-1] == "0.005"
+
+        # A list has a field; what another terminal sets is shown too.
+        gains = page.get_by_label("control_0 kd", exact=True)
+        assert page.get_by_label("control_0 kd slider").count() == 0
+        obk("param", "set", "control_0", "kd", "[6, 6, 6, 6, 6, 6]")
+        seen(lambda: gains.input_value().startswith("[6.0, "), "the value of another terminal")

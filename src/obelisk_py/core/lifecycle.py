@@ -16,10 +16,12 @@ from typing import Any
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.client import Client
 from rclpy.guard_condition import GuardCondition
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.subscription import Subscription
@@ -34,7 +36,13 @@ from obelisk_py.core.faults import (
     guard_service,
     wrong_answer,
 )
-from obelisk_py.core.parameters import GuardedCheck, ParameterRules, guard_setting_service
+from obelisk_py.core.live_parameters import LiveParameters
+from obelisk_py.core.parameters import (
+    SETTING_SERVICES,
+    GuardedCheck,
+    ParameterRules,
+    guard_setting_service,
+)
 from obelisk_py.core.shared_clock import ClockFeed
 from obelisk_py.core.surroundings import current_surroundings
 
@@ -80,6 +88,7 @@ class GuardedLifecycleNode(LifecycleNode):
         self._is_failing = False
         self._is_unrecoverable = False
         self.surroundings = current_surroundings()
+        self.live_parameters = LiveParameters(self)
         own = _own_arguments.get()
         if own is not None:
             kwargs = {"cli_args": list(own), "use_global_arguments": False, **kwargs}
@@ -91,6 +100,7 @@ class GuardedLifecycleNode(LifecycleNode):
         }
         self._service_change_state.callback = self._on_change_state
         self._parameter_rules = ParameterRules(self, lambda: self.state_label)
+        self.live_parameters.declare()
         self._last_error_service = self.create_service(Trigger, "~/last_error", self._on_last_error)
 
     @property
@@ -127,7 +137,7 @@ class GuardedLifecycleNode(LifecycleNode):
 
     def guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
         """Wrap a callback: an exception takes the node to error processing."""
-        return guard_callback(callback, self.is_failing, self.fail)
+        return guard_callback(self.live_parameters.around(callback), self.is_failing, self.fail)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
         """As rclpy's, but bypasses DDS if only this process subscribes."""
@@ -213,12 +223,17 @@ class GuardedLifecycleNode(LifecycleNode):
         So does an answer that is no response of this type.
         """
         # rclpy makes the services of its parameters by this too.
-        checked = guard_setting_service(self, srv_type, callback)
+        checked = self._guarded_service(srv_type, callback)
         service = super().create_service(
             srv_type, srv_name, guard_service(checked, self.fail), *args, **kwargs
         )
         self.surroundings.adopt(self, service)
         return service
+
+    def _guarded_service(self, srv_type: Any, callback: Callable[..., Any]) -> Callable[..., Any]:
+        if srv_type in SETTING_SERVICES:
+            return guard_setting_service(self, srv_type, callback)
+        return self.live_parameters.around(callback)
 
     def destroy_service(self, service: Service) -> bool:
         """As rclpy's."""
@@ -232,6 +247,26 @@ class GuardedLifecycleNode(LifecycleNode):
     def remove_on_set_parameters_callback(self, callback: Any) -> None:
         """As rclpy's."""
         super().remove_on_set_parameters_callback(GuardedCheck(callback))
+
+    def on_parameters(self, changed: frozenset[str]) -> None:
+        """Compute what depends on parameters that have just changed, such as gains; override it.
+
+        Called between two callbacks while the node is inactive or active. Compute the first values
+        in `on_configure`.
+
+        Args:
+            changed: names of the `Parameter`s with a new value.
+        """
+
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """As rclpy's, but new values of `Parameter`s take effect together."""
+        with self.live_parameters.held():
+            return list(super().set_parameters(parameter_list))
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As rclpy's, but new values of `Parameter`s take effect after the running callbacks."""
+        with self.live_parameters.held():
+            return super().set_parameters_atomically(parameter_list)
 
     def trigger_configure(self) -> TransitionCallbackReturn:
         """Configure now, on this thread."""
@@ -263,7 +298,7 @@ class GuardedLifecycleNode(LifecycleNode):
         """
 
     def _settled(self, trigger: Callable[[], TransitionCallbackReturn]) -> TransitionCallbackReturn:
-        with self._transition_lock:
+        with self._transition_lock, self.live_parameters.held():
             self._forget_fault_at_rest()
             result = trigger()
             state = self.state_label
@@ -317,6 +352,7 @@ class GuardedLifecycleNode(LifecycleNode):
                 return ERROR
             if where == "on_configure":
                 self.last_fault = None
+                self.live_parameters.configure()
             result = attempt(state)
             return ERROR if self.is_failing() else result
 

@@ -19,10 +19,17 @@ from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.faults import wrong_answer
 from obelisk_spec.suggestions import did_you_mean
 
-__all__ = ["Getter", "GuardedCheck", "ParameterRules", "guard_setting_service"]
+__all__ = [
+    "SETTING_SERVICES",
+    "Getter",
+    "GuardedCheck",
+    "ParameterRules",
+    "guard_setting_service",
+]
 
 Getter = Callable[[str], Any]
 """Gives the value that a parameter has, or would have."""
+SETTING_SERVICES: Final = (SetParameters, SetParametersAtomically)
 READ_AT_CONFIGURE: Final = "is read at configure: clean up, set it, configure again"
 _FREE_STATES: Final = ("unconfigured", "configuring", "finalized")
 """States in which nothing depends on parameters that configure reads."""
@@ -126,14 +133,14 @@ class ParameterRules:
 
 
 def guard_setting_service(
-    node: Node, srv_type: type[Any], callback: Callable[[Any, Any], Any]
+    node: Any, srv_type: type[Any], callback: Callable[[Any, Any], Any]
 ) -> Callable[[Any, Any], Any]:
-    """Wrap a service callback; requests for parameters that cannot be set do not reach rclpy's.
+    """Wrap the callback of one of `SETTING_SERVICES`.
 
-    rclpy's raises at an unknown parameter type, and accepts a parameter without a name.
+    Requests for parameters that cannot be set do not reach rclpy's, which raises at an unknown
+    parameter type, and accepts a parameter without a name. For a `Parameter`, the reason of a
+    success is when the new value takes effect.
     """
-    if srv_type not in (SetParameters, SetParametersAtomically):
-        return callback
 
     def requested(request: Any, response: Any) -> Any:
         token = _is_requested.set(True)
@@ -143,28 +150,38 @@ def guard_setting_service(
             _is_requested.reset(token)
 
     def set_each(request: Any, response: Any) -> Any:
-        for message in request.parameters:
-            reason = _rejection_reason(node, message)
-            if reason is None:
-                one = SetParameters.Request(parameters=[message])
-                requested(one, response)
-            else:
-                response.results.append(_rejection(reason))
+        messages = list(map(node.live_parameters.fitted, request.parameters))
+        with node.live_parameters.held():
+            for message in messages:
+                reason = _rejection_reason(node, message)
+                if reason is None:
+                    requested(SetParameters.Request(parameters=[message]), response)
+                else:
+                    response.results.append(_rejection(reason))
+        for message, result in zip(messages, response.results, strict=True):
+            if result.successful:
+                result.reason = node.live_parameters.effect(message.name)
         return response
 
     def set_together(request: Any, response: Any) -> Any:
-        reasons = [_rejection_reason(node, message) for message in request.parameters]
+        messages = list(map(node.live_parameters.fitted, request.parameters))
+        reasons = [_rejection_reason(node, message) for message in messages]
         rejected = [reason for reason in reasons if reason is not None]
-        if not rejected:
-            return requested(request, response)
-        response.result = _rejection("; ".join(rejected))
+        if rejected:
+            response.result = _rejection("; ".join(rejected))
+            return response
+        with node.live_parameters.held():
+            requested(SetParametersAtomically.Request(parameters=messages), response)
+        if response.result.successful:
+            effects = dict.fromkeys(node.live_parameters.effect(m.name) for m in messages)
+            response.result.reason = "; ".join(filter(None, effects))
         return response
 
     return set_each if srv_type is SetParameters else set_together
 
 
-def _rejection_reason(node: Node, message: Any) -> str | None:
-    """Why a parameter cannot be set, whatever its value is."""
+def _rejection_reason(node: Any, message: Any) -> str | None:
+    """Why a parameter cannot be set, whatever the node's own checks find."""
     known = {kind.value: kind.name.lower() for kind in Parameter.Type}
     if message.value.type not in known:
         there = ", ".join(f"{number} ({kind})" for number, kind in known.items())
@@ -174,7 +191,8 @@ def _rejection_reason(node: Node, message: Any) -> str | None:
     ):
         hint = did_you_mean(message.name, sorted(node._parameters))
         return f"the node has no parameter `{message.name}`; {hint}"
-    return None
+    fault: str | None = node.live_parameters.fault(Parameter.from_parameter_msg(message))
+    return fault
 
 
 def _rejection(reason: str) -> SetParametersResult:

@@ -1,4 +1,4 @@
-"""OBK405 to OBK410, OBK412, OBK420 to OBK425: a node's Python source against its config."""
+"""OBK405 to OBK410, OBK412, OBK415, OBK420 to OBK425: a node's Python source against its config."""
 
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
@@ -25,7 +25,7 @@ from obk_cli.config.environment import (
     kind_of_value,
 )
 from obk_cli.config.fixes import append_to
-from obk_cli.config.model import PARAMS_PACKAGE, Component, Node, Parameter, Spanned
+from obk_cli.config.model import PARAMS_PACKAGE, Component, ConfigParameter, Node, Spanned
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.edits import Edit
 
@@ -317,10 +317,14 @@ def _check_parameters(node: Node, code: NodeFacts) -> Iterator[Diagnostic]:
 
 
 def _check_kind(
-    parameter: Parameter, declared: CodeParameter, code: NodeFacts
+    parameter: ConfigParameter, declared: CodeParameter, code: NodeFacts
 ) -> Iterator[Diagnostic]:
     written = kind_of_value(parameter.value)
-    if written is None or declared.kind is None or declared.kind == written:
+    if written is None or declared.kind is None:
+        return
+    is_taken = declared.notes is not None and written == declared.kind.replace("float", "int")
+    if declared.kind == written or is_taken:
+        yield from _check_limits(parameter, declared, code)
         return
     help: str | None = None
     fix: tuple[Edit, ...] = ()
@@ -340,7 +344,23 @@ def _check_kind(
     )
 
 
-def _similar(parameter: Parameter, declared: CodeParameter, code: NodeFacts) -> Diagnostic:
+def _check_limits(
+    parameter: ConfigParameter, declared: CodeParameter, code: NodeFacts
+) -> Iterator[Diagnostic]:
+    fault = None if declared.notes is None else declared.notes.fault(parameter.value)
+    if fault is None:
+        return
+    sentence, _, hint = fault.partition("; ")
+    yield found(
+        "OBK415",
+        f"parameter `{parameter.name}` of class `{code.class_name}` {sentence}",
+        parameter.span,
+        help=hint or None,
+        related=(Related(message="in the code", span=declared.span),),
+    )
+
+
+def _similar(parameter: ConfigParameter, declared: CodeParameter, code: NodeFacts) -> Diagnostic:
     """Of code that computes names of parameters, so that the written one may be declared too."""
     return found(
         "OBK409",
@@ -352,7 +372,7 @@ def _similar(parameter: Parameter, declared: CodeParameter, code: NodeFacts) -> 
     )
 
 
-def _undeclared(parameter: Parameter, code: NodeFacts) -> Diagnostic:
+def _undeclared(parameter: ConfigParameter, code: NodeFacts) -> Diagnostic:
     settings = {s for c in code.components for s in (c.ros_parameter,) if s}
     own = [
         declared.name

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
+from obelisk_recordings.bag import Bag, BagTopic
+from obelisk_recordings.find import find_recording
 from obk_cli.cli.options import FormatOption, wants_json
-from obk_cli.record.recording import Bag, BagTopic, find_recording
 from obk_cli.runs.folder import runs_folder
 from obk_cli.terminal import plain
 
@@ -99,9 +100,9 @@ def info(
 
     from obk_cli.optional_deps import require_extra
 
-    require_extra("mcap_ros2", "record")
+    require_extra("mcap", "record")
 
-    from obk_cli.record.mcap_reader import read_bag
+    from obelisk_recordings.summary import read_bag
 
     bag = read_bag(find_recording(runs_folder(os.environ), recording))
     if is_json:

@@ -280,6 +280,8 @@ def on_overlays(
     import_from(overlays)
     variables = with_overlays(environment.variables, overlays)
     packages = PackageIndex.around(folder, Path.cwd(), variables)
+    if packages == index:  # which has found the sources already
+        packages = index
     return packages, replace(environment, variables=variables)
 
 

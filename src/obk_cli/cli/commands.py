@@ -18,6 +18,7 @@ import typer
 from click.shell_completion import CompletionItem
 from typer.core import TyperGroup
 
+from obelisk_recordings.errors import RecordingError
 from obelisk_spec.suggestions import ask_for, did_you_mean
 from obk_cli.errors import EXIT_FAILED, MisuseError, ObkError
 from obk_cli.process.interrupt import is_interrupted
@@ -58,6 +59,9 @@ VERBS = {
     "record": Verb("obk_cli.cli.record", "Record topics of a running stack into an MCAP file."),
     "bag": Verb("obk_cli.cli.bag", "Show what a recording holds."),
     "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
+    "diff": Verb("obk_cli.cli.diff", "Compare two recorded runs."),
+    "export": Verb("obk_cli.cli.export", "Write a recording as Parquet or CSV."),
+    "play": Verb("obk_cli.cli.play", "Publish a recording again, or run nodes on it."),
     "doctor": Verb("obk_cli.cli.doctor", "Check this machine and explain how to fix problems."),
     "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
     "rehearse": Verb("obk_cli.cli.rehearse", "Test how a stack reacts when its nodes fail."),
@@ -162,7 +166,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
             root_command().main(args=[a for a in given if a != "--debug"], prog_name="obk")
         finally:
             _flush_output()
-    except ObkError as error:
+    except (ObkError, RecordingError) as error:
         if is_interrupted():
             raise
         if debug:

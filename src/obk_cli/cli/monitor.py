@@ -19,9 +19,11 @@ from obk_cli.cli.options import (
 from obk_cli.errors import EXIT_DONE, MisuseError
 from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
+from obk_cli.monitor.parameters import StackParameters
 from obk_cli.monitor.stack_follower import StackFollower, StackSelector
 from obk_cli.monitor.table import monitor_data, monitor_text
 from obk_cli.optional_deps import require_extra
+from obk_cli.runs.folder import runs_folder
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -42,9 +44,10 @@ def command(
     """Watch a running stack: nodes, topics with their rates, the newest lines of its log.
 
     Rates are measured on messages as they are sent; a topic that is more than a tenth off what the
-    config expects is marked with `!`. Keys take the stack or one node through transitions; `?`
-    lists them. If no stack is running, it waits for one. --format json prints an object per line,
-    each period, until the stack ends. A stack of another host has no expected rates and no log.
+    config expects is marked with `!`. Keys take the stack or one node through transitions, and `p`
+    tunes parameters; `?` lists them. If no stack is running, it waits for one. --format json prints
+    an object per line, each period, until the stack ends. A stack of another host has no expected
+    rates, no parameters and no log.
     """
     is_json = wants_json(format)
     require_positive("--period", period, "seconds")
@@ -64,7 +67,7 @@ def command(
     require_extra("textual", "monitor")
     from obk_cli.monitor.app import run_monitor
 
-    run_monitor(follower, target.change)
+    run_monitor(follower, target.change, StackParameters(runs_folder(os.environ)))
 
 
 def _print_views(

@@ -18,8 +18,10 @@ __all__ = [
     "DomainOption",
     "FormatOption",
     "NodeArgument",
+    "RunArgument",
     "TimeoutOption",
     "TopicArgument",
+    "TopicsOption",
     "graph_target",
     "load_message",
     "print_json",
@@ -46,6 +48,13 @@ TopicArgument = Annotated[
 ]
 NodeArgument = Annotated[
     str, typer.Argument(help="A node, full or in short.", autocompletion=complete_nodes)
+]
+RunArgument = Annotated[
+    str, typer.Argument(metavar="FILE|RUN", help="A file, or a run by its config's name.")
+]
+TopicsOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="T", help="Only this topic, in full or its end; may be repeated."),
 ]
 TimeoutOption = Annotated[
     float,

@@ -1,13 +1,16 @@
-"""`obk param list|get|set|dump`: the parameters of running nodes."""
+"""`obk param list|get|set|save|dump`: the parameters of running nodes."""
 
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
+import click
 import typer
+from typer.core import TyperCommand
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.complete import complete_nodes
@@ -21,15 +24,23 @@ from obk_cli.cli.options import (
     print_json,
     wants_json,
 )
-from obk_cli.emit.params import emit_node_params, emit_value
+from obk_cli.emit.params import emit_node_params
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.parameters import NOT_SET, NodeParameter, fit_parameter, parse_parameter, refusal
-from obk_cli.terminal import escaped, plain
+from obk_cli.ros.parameters import (
+    NOT_SET,
+    NodeParameter,
+    ParameterDescription,
+    parse_parameter,
+)
+from obk_cli.terminal import plain
 
 if TYPE_CHECKING:
     from obk_cli.introspect.graph_source import Parameters
 
 __all__ = ["app"]
+
+NEGATIVE: Final = re.compile(r"-(\d|\.\d|\.?inf\b)", re.IGNORECASE)
+UNDESCRIBED: Final = ParameterDescription(kind=NOT_SET)
 
 app = typer.Typer(
     add_completion=False,
@@ -54,7 +65,7 @@ def list_(
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """Show the names of a node's parameters, or of all nodes'."""
+    """Show a node's parameters, or those of all nodes: type, range, unit, description."""
     is_json = wants_json(format)
     target = graph_target(domain, timeout)
 
@@ -62,7 +73,7 @@ def list_(
     from obk_cli.introspect.resolve import find_node, settle
     from obk_cli.ros.graph import parameter_nodes
 
-    names: dict[str, tuple[str, ...]] = {}
+    found: dict[str, Mapping[str, ParameterDescription]] = {}
     silent: list[str] = []
     with open_graph(target, node, asks_nodes=True) as source:
         if node is None:
@@ -72,16 +83,19 @@ def list_(
             nodes = (find_node(source, target, node, timeout),)
         for one in nodes:
             try:
-                names[one] = parameters_of(source, one, timeout).names()
+                parameters = parameters_of(source, one, timeout)
+                names = parameters.names()
+                described = parameters.describe(names)
+                found[one] = {name: described.get(name, UNDESCRIBED) for name in names}
             except CommandFailedError as error:
                 silent.append(error.message)
     if is_json:
-        print_json(names)
+        print_json({one: _described(of_node) for one, of_node in found.items()})
     elif node is not None:
-        print("\n".join(name for of_node in names.values() for name in of_node))
+        print("\n".join(line for of_node in found.values() for line in _description_lines(of_node)))
     else:
-        for one, of_node in names.items():
-            print("\n".join([f"{one}:", *(f"  {name}" for name in of_node)]))
+        for one, of_node in found.items():
+            print("\n".join([f"{one}:", *(f"  {line}" for line in _description_lines(of_node))]))
     if silent:
         raise CommandFailedError("; ".join(silent))
 
@@ -112,41 +126,35 @@ def get(
     print("\n".join(_lines(values)))
 
 
-@app.command("set", epilog="Example: obk param set control_0 gain 2.5")
+class _TakesNegativeNumbers(TyperCommand):
+    """A command whose last argument may be a negative number."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put a negative number behind `--`, where click takes it for no option."""
+        place = next((n for n, word in enumerate(args) if NEGATIVE.match(word)), None)
+        if "--" not in args and place is not None and not args[place - 1].startswith("-"):
+            args = [*args[:place], *args[place + 1 :], "--", args[place]]
+        return super().parse_args(ctx, args)
+
+
+@app.command("set", cls=_TakesNegativeNumbers, epilog="Example: obk param set control_0 gain 2.5")
 def set_(
     node: NodeArgument,
     name: Annotated[str, typer.Argument(help="The parameter.")],
-    value: Annotated[str, typer.Argument(help="As YAML: 2.5, true, on, [1, 2], 'a text'.")],
+    value: Annotated[str, typer.Argument(help="As YAML: 2.5, -1, true, on, [1, 2], 'a text'.")],
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
-    """Set a parameter of a running node.
+    """Set a parameter of a running node, and report when the value takes effect.
 
     VALUE is read as in a parameter file of ROS, then as the parameter's type wants it: 1 is 1.0 to
-    a double. A value that begins with a minus sign goes behind `--`. Exit code 1 where the node
-    refuses, with its reason.
+    a double. Exit code 1 if the node rejects it, with its reason.
     """
-    given = parse_parameter(value)
+    parse_parameter(value)
     with _open_parameters(node, domain, timeout) as opened:
-        present = opened.parameters.values((name,))[name]
-        kind = present.kind
-        if kind == NOT_SET:
-            kind = opened.parameters.declared_kind(name)
-        fitted = fit_parameter(value, given, kind)
-        reason = opened.parameters.set(name, fitted)
-        if reason is not None:
-            known = opened.parameters.names()
-            if name not in known:
-                _require_known(opened.node, (name,), known)
-            why = escaped(refusal(reason, fitted))
-            raise CommandFailedError(
-                f"{opened.node} refuses {name} = {_text(fitted)}: {why}",
-                help=f"it is of the type {kind}, now {_text(present)}"
-                if kind not in (fitted.kind, NOT_SET)
-                else None,
-            )
-    change = f"changed from {_text(present)} to {_text(fitted)} ({fitted.kind})"
-    print(f"{opened.node}: {name} {change}")
+        from obk_cli.introspect.tuning import set_parameter
+
+        print(f"{opened.node}: {set_parameter(opened.parameters, opened.node, name, value)}")
 
 
 @app.command(epilog="Example: obk param dump control_0 --output control_0.yaml")
@@ -181,6 +189,28 @@ def dump(
     print(f"{len(written)} parameters of {opened.node} in {output}", file=sys.stderr)
 
 
+@app.command(epilog="Example: obk param save stack.yaml --diff")
+def save(
+    config: Annotated[str, typer.Argument(metavar="CONFIG", help="The config to edit.")],
+    diff: Annotated[
+        bool, typer.Option("--diff", help="Show what would change, write nothing.")
+    ] = False,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+) -> None:
+    """Write the present parameters of running nodes into their config.
+
+    Changes the values under `params` that differ from those of the nodes, and adds parameters that
+    were tuned and that the config does not have. Comments and layout stay. Each edit is proven by
+    compiling the config again. Exit code 1 if a value cannot be written.
+    """
+    target = graph_target(domain, timeout)
+
+    from obk_cli.cli import param_save
+
+    param_save.save(config, target, timeout, is_dry=diff)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _NodeParameters:
     """One node and its parameters."""
@@ -209,12 +239,42 @@ def _require_known(node: str, requested: Sequence[str], known: Sequence[str]) ->
         )
 
 
+def _described(of_node: Mapping[str, ParameterDescription]) -> Mapping[str, object]:
+    return {
+        name: {
+            "type": one.kind,
+            "range": [one.notes.least, one.notes.most] if one.notes.range else None,
+            "choices": list(one.notes.choices),
+            "unit": one.notes.unit,
+            "live": one.notes.is_live,
+            "description": one.text,
+        }
+        for name, one in of_node.items()
+    }
+
+
+def _description_lines(of_node: Mapping[str, ParameterDescription]) -> Iterator[str]:
+    """A line for each parameter: name, type, range, unit, description."""
+    rows = [
+        (
+            name,
+            one.kind,
+            one.notes.range or ", ".join(one.notes.choices),
+            one.notes.unit,
+            one.text + (" (at the next configure)" if one.notes.is_live is False else ""),
+        )
+        for name, one in of_node.items()
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True) if width)
+        yield plain("  ".join(cells).rstrip())
+
+
 def _lines(values: Mapping[str, NodeParameter]) -> Iterator[str]:
+    from obk_cli.introspect.tuning import value_text
+
     names = max(map(len, values), default=0)
     kinds = max((len(one.kind) for one in values.values()), default=0)
     for name, one in values.items():
-        yield f"{name:<{names}}  {one.kind:<{kinds}}  {_text(one)}"
-
-
-def _text(parameter: NodeParameter) -> str:
-    return NOT_SET if parameter.value is None else plain(emit_value(parameter.value))
+        yield f"{name:<{names}}  {one.kind:<{kinds}}  {value_text(one)}"

@@ -13,6 +13,7 @@ import typer
 
 from obk_cli.cli.options import TIMEOUT_S, DomainOption, graph_target, with_types
 from obk_cli.errors import EXIT_DONE
+from obk_cli.monitor.parameters import StackParameters
 from obk_cli.monitor.stack_follower import StackFollower, StackSelector
 from obk_cli.optional_deps import require_extra
 from obk_cli.runs.folder import runs_folder
@@ -34,7 +35,7 @@ def command(
     ] = PORT,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
 ) -> None:
-    """Show a running stack as a page: states with buttons, the graph with rates, plots, the log.
+    """Show a running stack as a page: states with buttons, the parameters, rates, plots, the log.
 
     Prints the page's URL with its token and serves browsers on this host until Ctrl-C; to use
     another host, run `ssh -L 8420:127.0.0.1:8420 HOST` there. Anyone who has the URL can move the
@@ -57,7 +58,13 @@ def command(
         server, plots = WebServer(), Plots()
         follower = StackFollower(target, with_types, PERIOD_S, on_turn=plots.turn)
         feed = Feed(follower, runs_folder(os.environ), server.end)
-        site = PageApi(lambda: feed.snapshot, plots, target.change, lambda: server.is_ending)
+        site = PageApi(
+            lambda: feed.snapshot,
+            plots,
+            target.change,
+            StackParameters(runs_folder(os.environ)),
+            lambda: server.is_ending,
+        )
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"
         print(f"the stack is shown at {url}\nCtrl-C ends", flush=True)
         if run is not None and not is_there:

@@ -10,6 +10,7 @@ from typing import Final, Protocol
 
 from obelisk_spec.components import SETTING_SUFFIX, component_identity, component_spellings
 from obelisk_spec.model import ModelFacts
+from obelisk_spec.parameter_notes import ParameterNotes
 from obelisk_spec.suggestions import list_names
 from obk_cli.config.model import Component, ComponentKind
 from obk_cli.diagnostics.diagnostic import Diagnostic
@@ -226,6 +227,8 @@ class CodeParameter:
     """As `kind_of_value` has it, None where the code takes any or computes it."""
     span: Span
     """The line of the call."""
+    notes: ParameterNotes | None = None
+    """Limits and unit; None unless it is declared with `Parameter`."""
 
 
 def kind_of_value(value: object) -> str | None:

@@ -35,11 +35,11 @@ __all__ = [
     "CallbackGroup",
     "Component",
     "ComponentKind",
+    "ConfigParameter",
     "ExternalTopic",
     "FileSearch",
     "Joystick",
     "Node",
-    "Parameter",
     "Qos",
     "Remapping",
     "SensorGroup",
@@ -162,7 +162,7 @@ class CallbackGroup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
+class ConfigParameter:
     """One ROS parameter of the user's, nested names joined by dots."""
 
     name: str
@@ -239,7 +239,7 @@ class Node:
     name: Spanned[str] | None = None
     namespace: Spanned[str] | None = None
     params_path: Spanned[str] | None = None
-    params: tuple[Parameter, ...] = ()
+    params: tuple[ConfigParameter, ...] = ()
     callback_groups: tuple[CallbackGroup, ...] = ()
     components: tuple[Component, ...] = ()
     remappings: tuple[Remapping, ...] = ()
@@ -324,7 +324,7 @@ class Joystick:
     span: Span
     pub_topic: Spanned[str] | None = None
     sub_topic: Spanned[str] | None = None
-    params: tuple[Parameter, ...] = ()
+    params: tuple[ConfigParameter, ...] = ()
 
     @property
     def full_name(self) -> str:

@@ -31,8 +31,8 @@ from obk_cli.config.model import (
     CallbackGroup,
     Component,
     ComponentKind,
+    ConfigParameter,
     Node,
-    Parameter,
     Qos,
     Remapping,
     SensorGroup,
@@ -57,9 +57,9 @@ _WHOLE_NUMBERS = ("history_depth", "num_steps_per_viz", "n_u", "seed")
 _INT64 = range(-(2**63), 2**63)
 
 
-def read_params(tree: TreeMap | None, faults: Faults) -> tuple[Parameter, ...]:
+def read_params(tree: TreeMap | None, faults: Faults) -> tuple[ConfigParameter, ...]:
     """The parameters of a `params` mapping; those that ROS cannot hold become findings."""
-    by_name: dict[str, Parameter] = {}
+    by_name: dict[str, ConfigParameter] = {}
     for parameter in _read_map(tree, "", faults) if tree else ():
         first = by_name.setdefault(parameter.name, parameter)
         if first is not parameter:
@@ -67,7 +67,7 @@ def read_params(tree: TreeMap | None, faults: Faults) -> tuple[Parameter, ...]:
     return tuple(by_name.values())
 
 
-def _given_twice(parameter: Parameter, first: Parameter) -> Diagnostic:
+def _given_twice(parameter: ConfigParameter, first: ConfigParameter) -> Diagnostic:
     """`a.b: 1` and `a: {b: 1}` are one name."""
     return found(
         "OBK004",
@@ -77,7 +77,7 @@ def _given_twice(parameter: Parameter, first: Parameter) -> Diagnostic:
     )
 
 
-def _read_map(tree: TreeMap, prefix: str, faults: Faults) -> Iterator[Parameter]:
+def _read_map(tree: TreeMap, prefix: str, faults: Faults) -> Iterator[ConfigParameter]:
     for entry in tree:
         name = prefix + entry.key
         if isinstance(entry.value, TreeMap):
@@ -85,7 +85,9 @@ def _read_map(tree: TreeMap, prefix: str, faults: Faults) -> Iterator[Parameter]
             continue
         value = _read_value(name, entry.value, faults)
         if value is not None:
-            yield Parameter(name=name, value=value, span=entry.value.span, key_span=entry.key_span)
+            yield ConfigParameter(
+                name=name, value=value, span=entry.value.span, key_span=entry.key_span
+            )
 
 
 def _read_value(name: str, tree: Tree, faults: Faults) -> ParameterValue | None:

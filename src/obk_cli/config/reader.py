@@ -24,10 +24,10 @@ from obk_cli.config.fixes import respell
 from obk_cli.config.model import (
     NODE_SECTIONS,
     ONE_DEVICE,
+    ConfigParameter,
     ExternalTopic,
     Joystick,
     Node,
-    Parameter,
     Spanned,
     Stack,
 )
@@ -174,7 +174,7 @@ def _read_external_topic(named: Entry, faults: Faults) -> ExternalTopic:
     return replace(topic, msg_type=fields.text("msg_type"), direction=direction)
 
 
-def _read_joystick_params(fields: Fields) -> tuple[Parameter, ...]:
+def _read_joystick_params(fields: Fields) -> tuple[ConfigParameter, ...]:
     """The parameters of ROS's `joy_node`, in the types that it declares."""
     read: Mapping[str, Spanned[int] | Spanned[float] | Spanned[str] | Spanned[bool] | None] = {
         "device_id": fields.count("device_id", least=0),
@@ -185,7 +185,7 @@ def _read_joystick_params(fields: Fields) -> tuple[Parameter, ...]:
         "coalesce_interval_ms": fields.count("coalesce_interval_ms", least=0),
     }
     return tuple(
-        Parameter(name=name, value=given.value, span=given.span, key_span=given.key_span)
+        ConfigParameter(name=name, value=given.value, span=given.span, key_span=given.key_span)
         for name, given in read.items()
         if given is not None
     )

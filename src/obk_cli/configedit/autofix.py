@@ -16,7 +16,7 @@ from obk_cli.diagnostics.source import SourceFile
 from obk_cli.plan.lower import lower_stack
 from obk_cli.plan.plan import Origin, Plan
 
-__all__ = ["Fixed", "fix_config"]
+__all__ = ["Fixed", "fix_config", "plan_without_places"]
 
 _OF_READING = ("OBK0", "OBK1")
 _MOST_ROUNDS = 20
@@ -108,7 +108,7 @@ class _Fixer:
             if f.fix and (f.code, f.message) not in refused and self._is_editable(f)
         ]
         serious = [finding for finding in able if finding.severity != "info"]
-        if not serious and _meaning(outcome) is None:
+        if not serious and plan_without_places(outcome) is None:
             return []
         chosen: list[Diagnostic] = []
         taken: set[tuple[Path, int]] = set()
@@ -139,7 +139,7 @@ class _Fixer:
             texts[real] = apply_edits(source, of_file)
         outcome = compile_config(self._path, replace(self._options, read=self._reader(texts)))
         is_style = all(finding.severity == "info" for finding in chosen)
-        is_other = is_style and _meaning(state.outcome) != _meaning(outcome)
+        is_other = is_style and plan_without_places(state.outcome) != plan_without_places(outcome)
         if _errors(outcome) > _errors(state.outcome) or is_other:
             return None
         return _State(outcome=outcome, texts=texts)
@@ -156,7 +156,7 @@ def _errors(outcome: Outcome) -> int:
     return sum(finding.severity == "error" for finding in outcome.diagnostics)
 
 
-def _meaning(outcome: Outcome) -> Plan | None:
+def plan_without_places(outcome: Outcome) -> Plan | None:
     """The config's plan without its places; None if the config cannot be read as a whole."""
     is_read = not any(
         finding.severity == "error" and finding.code.startswith(_OF_READING)

@@ -26,6 +26,7 @@ from obk_cli.diagnostics.source import SourceFile, Span, indent_of, line_end_of
 __all__ = [
     "InsertionPoint",
     "index_of",
+    "inline_text",
     "insert_node",
     "named_as",
     "place_of",
@@ -415,13 +416,13 @@ def _block_lines(entry: Mapping[str, object], style: Style) -> list[str]:
     return list(_block(entry, style))
 
 
-def _inline(value: object) -> str:
-    """A value within braces."""
+def inline_text(value: object) -> str:
+    """A value on one line, as within braces."""
     if isinstance(value, Mapping):
-        inside = (f"{key}: {_inline(item)}" for key, item in value.items())
+        inside = (f"{key}: {inline_text(item)}" for key, item in value.items())
         return f"{{{', '.join(inside)}}}"
     if isinstance(value, list):
-        return f"[{', '.join(_inline(item) for item in value)}]"
+        return f"[{', '.join(inline_text(item) for item in value)}]"
     return _scalar(value)
 
 
@@ -442,14 +443,14 @@ def _block(mapping: Mapping[str, object], style: Style) -> Iterator[str]:
             for item in value:
                 yield from _item(item, style)
         else:
-            yield f"{key}: {_inline(value)}"
+            yield f"{key}: {inline_text(value)}"
 
 
 def _item(item: object, style: Style) -> Iterator[str]:
     if isinstance(item, Mapping):
         yield from _list_lines(item, style, style.dash)
     else:
-        yield f"{' ' * style.dash}-{' ' * style.gap}{_inline(item)}"
+        yield f"{' ' * style.dash}-{' ' * style.gap}{inline_text(item)}"
 
 
 def _scalar(value: object) -> str:

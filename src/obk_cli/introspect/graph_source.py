@@ -13,27 +13,34 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, Union, cast
 
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect.protocol import (
+    DescriptionsReply,
     FailedReply,
     GraphQuestion,
     GraphReply,
-    KindReply,
     KnownGraph,
     NamesReply,
     NodeEnds,
     ParameterQuestion,
     Question,
-    ReasonReply,
+    SetReply,
     ValuesReply,
     decode_reply,
+    description_of,
     graph_of,
     graph_reply,
     parameter_of,
+    wire_description,
     wire_parameter,
 )
 from obk_cli.introspect.resolve import matching_names
 from obk_cli.introspect.target import GraphTarget
 from obk_cli.ros.graph import GraphSnapshot, TopicInfo
-from obk_cli.ros.parameters import NodeParameter, NodeParameters
+from obk_cli.ros.parameters import (
+    NodeParameter,
+    NodeParameters,
+    ParameterDescription,
+    SetAnswer,
+)
 from obk_cli.ros.participant import RosParticipant
 from obk_cli.runs.control_client import ANSWER_S, ask_graph
 from obk_cli.runs.protocol import Fault, decode, encode
@@ -171,22 +178,24 @@ class LauncherParameters:
             )
         return {name: parameter_of(one) for name, one in zip(names, values, strict=True)}
 
-    def declared_kind(self, name: str) -> str:
-        """The type that a parameter is declared with, also if it has no value.
+    def describe(self, names: Sequence[str]) -> Mapping[str, ParameterDescription]:
+        """What the node reports about these; nothing about names that it does not have.
 
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        return self._ask(KindReply, do="kind", name=name).kind
+        found = self._ask(DescriptionsReply, do="describe", names=tuple(names)).descriptions
+        return {one.name: description_of(one) for one in found}
 
-    def set(self, name: str, parameter: NodeParameter) -> str | None:
-        """Set one; returns the node's reason if it rejects the value.
+    def set(self, name: str, parameter: NodeParameter) -> SetAnswer:
+        """Set one.
 
         Raises:
             CommandFailedError: the node gives no answer.
         """
         wire = wire_parameter(parameter)
-        return self._ask(ReasonReply, do="set", name=name, parameter=wire).reason
+        reply = self._ask(SetReply, do="set", name=name, parameter=wire)
+        return SetAnswer(successful=reply.successful, reason=reply.reason)
 
     def _ask(self, kind: type[T], **words: Any) -> T:
         question = ParameterQuestion(node=self._node, timeout_s=self._timeout_s, **words)
@@ -266,7 +275,7 @@ def parameters_of(source: GraphSource, node: str, timeout_s: float) -> Parameter
 LONGEST_S: Final = 60.0
 """How long a node may take to answer [s]."""
 
-Reply = GraphReply | NamesReply | ValuesReply | KindReply | ReasonReply | FailedReply
+Reply = GraphReply | NamesReply | ValuesReply | DescriptionsReply | SetReply | FailedReply
 
 
 class GraphService:
@@ -325,9 +334,13 @@ def _of_parameters(parameters: NodeParameters, asked: ParameterQuestion) -> Repl
         case "values":
             values = parameters.values(asked.names).values()
             return ValuesReply(values=tuple(map(wire_parameter, values)))
-        case "kind":
-            return KindReply(kind=parameters.declared_kind(asked.name))
+        case "describe":
+            found = parameters.describe(asked.names)
+            return DescriptionsReply(
+                descriptions=tuple(wire_description(name, one) for name, one in found.items())
+            )
         case "set":
             if asked.parameter is None:
                 raise CommandFailedError("invalid question: it has no `parameter`")
-            return ReasonReply(reason=parameters.set(asked.name, parameter_of(asked.parameter)))
+            answer = parameters.set(asked.name, parameter_of(asked.parameter))
+            return SetReply(successful=answer.successful, reason=answer.reason)

@@ -7,28 +7,32 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 
 import msgspec
 
+from obelisk_spec.parameter_notes import ParameterNotes
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.graph import GraphSnapshot, TopicInfo
-from obk_cli.ros.parameters import KINDS, NodeParameter
+from obk_cli.ros.parameters import KINDS, NodeParameter, ParameterDescription
 from obk_cli.runs.protocol import decode
 
 __all__ = [
+    "DescriptionsReply",
     "FailedReply",
     "GraphQuestion",
     "GraphReply",
-    "KindReply",
     "KnownGraph",
     "NamesReply",
     "NodeEnds",
     "ParameterQuestion",
     "Question",
-    "ReasonReply",
+    "SetReply",
     "ValuesReply",
+    "WireDescription",
     "WireParameter",
     "decode_reply",
+    "description_of",
     "graph_of",
     "graph_reply",
     "parameter_of",
+    "wire_description",
     "wire_parameter",
 ]
 
@@ -83,11 +87,11 @@ class ParameterQuestion(
     """Full name."""
     timeout_s: Annotated[float, msgspec.Meta(gt=0.0)]
     """For each answer of the node [s]."""
-    do: Literal["names", "values", "kind", "set"]
+    do: Literal["names", "values", "describe", "set"]
     names: tuple[str, ...] = ()
-    """Of `values`."""
+    """Of `values` and `describe`."""
     name: str = ""
-    """Of `kind` and `set`."""
+    """Of `set`."""
     parameter: WireParameter | None = None
     """Of `set`."""
 
@@ -128,16 +132,32 @@ class ValuesReply(msgspec.Struct, frozen=True, kw_only=True):
     values: tuple[WireParameter, ...]
 
 
-class KindReply(msgspec.Struct, frozen=True, kw_only=True):
-    """The type that a parameter is declared with."""
+class WireDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a node reports about a parameter."""
 
+    name: str
     kind: str
+    """One of `KINDS`."""
+    text: str = ""
+    unit: str = ""
+    least: float | None = None
+    most: float | None = None
+    choices: tuple[str, ...] = ()
+    is_live: bool | None = None
+    initial: Scalar | tuple[Scalar, ...] | None = None
 
 
-class ReasonReply(msgspec.Struct, frozen=True, kw_only=True):
-    """Why a node rejects a value; None: it is set."""
+class DescriptionsReply(msgspec.Struct, frozen=True, kw_only=True):
+    """What a node reports about the parameters that were asked for and that it has."""
 
-    reason: str | None
+    descriptions: tuple[WireDescription, ...]
+
+
+class SetReply(msgspec.Struct, frozen=True, kw_only=True):
+    """A node's answer to a request to set a parameter; see `SetAnswer`."""
+
+    successful: bool
+    reason: str
 
 
 class FailedReply(msgspec.Struct, frozen=True, kw_only=True):
@@ -235,6 +255,40 @@ def parameter_of(wire: WireParameter) -> NodeParameter:
         fault = f"the value of a parameter is not of the type {wire.kind}"
         raise CommandFailedError(fault) from None
     return NodeParameter(kind=wire.kind, value=value)
+
+
+def wire_description(name: str, description: ParameterDescription) -> WireDescription:
+    """A description for the wire."""
+    notes = description.notes
+    return WireDescription(
+        name=name,
+        kind=description.kind,
+        text=description.text,
+        unit=notes.unit,
+        least=notes.least,
+        most=notes.most,
+        choices=notes.choices,
+        is_live=notes.is_live,
+        initial=notes.initial,
+    )
+
+
+def description_of(wire: WireDescription) -> ParameterDescription:
+    """The description that came over the wire."""
+    is_whole = wire.kind == "integer"
+    least, most = (
+        int(limit) if is_whole and limit is not None else limit for limit in (wire.least, wire.most)
+    )
+    initial: Any = wire.initial
+    notes = ParameterNotes(
+        unit=wire.unit,
+        least=least,
+        most=most,
+        choices=wire.choices,
+        is_live=wire.is_live,
+        initial=initial,
+    )
+    return ParameterDescription(kind=wire.kind, notes=notes, text=wire.text)
 
 
 def _double(value: float) -> float | str:

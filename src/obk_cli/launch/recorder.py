@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from obelisk_recordings.find import RECORDING
 from obelisk_spec.suggestions import list_names
 from obk_cli.files import STATE_MODE, write_text
 from obk_cli.launch.console import Output
@@ -21,7 +22,7 @@ from obk_cli.launch.process_groups import Share, Unit
 from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
 from obk_cli.plan.plan import Plan
 from obk_cli.record.recorder_job import BEGUN, RecorderJob, RecordRequest, job_to_json
-from obk_cli.record.recording import RECORDING, run_metadata_of
+from obk_cli.record.recording import run_metadata_of
 from obk_cli.runs.folder import topics_of_run
 
 __all__ = ["UNIT", "Recorder", "VideoReports"]

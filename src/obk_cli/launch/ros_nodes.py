@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from functools import partial
+from types import TracebackType
 from typing import Any, Final
 
 from obelisk_spec.runtime_protocol import (
@@ -78,11 +79,22 @@ def open_ros_nodes(name: str, environment: RosEnvironment) -> AbstractContextMan
 class RosNodes(LifecycleClient):
     """Sends requests without waiting; what follows is reported as events."""
 
-    def __init__(self, name: str, context: Any, executor: Any) -> None:
+    def __init__(
+        self, name: str, context: Any, executor: Any, begin_s: float | None = None
+    ) -> None:
         """Make the node; see `LifecycleClient`."""
-        super().__init__(name, context, executor)
+        super().__init__(name, context, executor, begin_s)
         self._on_event: Callable[[InputEvent], None] = lambda _: None
-        self._watch = NodeWatch(self._node, self._clients, self._report, executor.wake)
+        self._watch = NodeWatch(self._node, self._clients, self._report)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._watch.close()
+        super().__exit__(kind, error, trace)
 
     def report_to(self, on_event: Callable[[InputEvent], None]) -> None:
         """Report events to `on_event` from now on, from a thread."""
@@ -91,6 +103,10 @@ class RosNodes(LifecycleClient):
     def report_diagnostics(self, nodes: Iterable[str]) -> None:
         """Report what these nodes publish on `/diagnostics`: rates, activations, videos."""
         subscribe_to_diagnostics(self._node, nodes, self._report)
+
+    def prepare(self, nodes: Iterable[str]) -> None:
+        """Make what it takes to watch these nodes, which are to start."""
+        self._watch.prepare(nodes)
 
     def watch(self, nodes: Iterable[str]) -> None:
         """Watch these nodes: `Ready` when their services answer, then what they report.
@@ -172,14 +188,17 @@ def event_of_transition(node: str, start: str, goal: str) -> StateSeen | Transit
 
 
 class NodeWatch:
-    """Reports events of nodes, from the thread that spins."""
+    """Reports events of nodes, from the thread that spins.
+
+    Nodes that are not ready yet are looked for in a thread of its own: a timer would make the
+    executor look at all clients of a large stack each time, which takes longer than the look.
+    """
 
     def __init__(
         self,
         node: Any,
         clients: NodeClients,
         on_event: Callable[[InputEvent], None],
-        wake: Callable[[], Any],
     ) -> None:
         """Watch no node yet.
 
@@ -187,30 +206,42 @@ class NodeWatch:
             node: of rclpy, that subscribes.
             clients: of the nodes to come.
             on_event: takes `Ready`, `TransitionStarted`, `StateSeen` and `Failed`.
-            wake: wakes the thread that spins.
         """
         self._node = node
         self._clients = clients
         self._on_event = on_event
-        self._wake = wake
         self._subscribed: set[str] = set()
         self._waiting: dict[str, _Wait] = {}
         self._lock = threading.Lock()
         self._begin = 0.0
-        self._timer = node.create_timer(POLL_S, self._check)
-        self._timer.cancel()
+        self._is_over = threading.Event()
+        self._seeker: threading.Thread | None = None
+        """Looks for the waiting nodes; None: there are none."""
+
+    def close(self) -> None:
+        """Look for no node any more; to be called before the node is destroyed."""
+        with self._lock:
+            self._is_over.set()
+            seeker = self._seeker
+        if seeker is not None:
+            seeker.join()
+
+    def prepare(self, nodes: Iterable[str]) -> None:
+        """Make the subscriptions and clients of these nodes, which are to start."""
+        for name in nodes:
+            self._subscribe(name)
+            self._clients.open(name)
 
     def watch(self, nodes: Iterable[str]) -> None:
         """Watch these nodes; `Ready` follows for each, also if it was watched before."""
         names = tuple(nodes)
-        for name in names:
-            self._subscribe(name)
-            self._clients.open(name)
+        self.prepare(names)
         with self._lock:
             self._waiting |= {name: _Wait() for name in names}
             self._begin = time.monotonic()
-            self._pace(POLL_S)
-        self._wake()
+            if self._seeker is None and not self._is_over.is_set():
+                self._seeker = threading.Thread(target=self._seek, name="watch", daemon=True)
+                self._seeker.start()
 
     def report_fault(self, node: str, report: Callable[[str], None]) -> None:
         """Ask a node for its newest fault; `report` is called once, with "" without an answer."""
@@ -240,18 +271,20 @@ class NodeWatch:
                 TransitionEvent, topic, partial(self._on_transition_event, name), 10
             )
 
-    def _pace(self, period_s: float) -> None:
-        self._timer.timer_period_ns = int(period_s * 1e9)
-        self._timer.reset()
+    def _seek(self) -> None:
+        """Ask the waiting nodes again and again, until there are none."""
+        pause_s = 0.0
+        while not self._is_over.wait(pause_s):
+            now = time.monotonic()
+            with self._lock:
+                waiting = tuple(self._waiting.items())
+                if not waiting:
+                    self._seeker = None
+                    return
+                pause_s = SLOW_POLL_S if now - self._begin > FAST_POLLING_S else POLL_S
+            self._ask(waiting, now)
 
-    def _check(self) -> None:
-        now = time.monotonic()
-        with self._lock:
-            waiting = tuple(self._waiting.items())
-            if not waiting:
-                self._timer.cancel()
-            elif now - self._begin > FAST_POLLING_S:
-                self._pace(SLOW_POLL_S)
+    def _ask(self, waiting: Iterable[tuple[str, "_Wait"]], now: float) -> None:
         for name, wait in waiting:
             if now - wait.asked > wait.pause_s and self._has_services(name):
                 wait.asked, wait.pause_s = now, min(2 * wait.pause_s, ASK_AGAIN_S)

@@ -15,7 +15,6 @@ from tempfile import TemporaryDirectory
 
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_source import GraphService
 from obk_cli.launch.commands import (
     Executables,
     composable,
@@ -34,7 +33,6 @@ from obk_cli.launch.conflicts import (
     watching_types,
 )
 from obk_cli.launch.console import Console, Output
-from obk_cli.launch.control_server import serve_control
 from obk_cli.launch.events import (
     Ended,
     EventBus,
@@ -120,12 +118,13 @@ def run_plan(
         gated = early_units(units, executables, options.gated_executables)
         with held_at_gate(lock.folder, gated, processes):
             ros = stack.enter_context(open_ros_nodes("obk_launch", environment))
+            # What follows takes place while discovery goes on.
+            ros.report_to(inbox.put)
+            _prepare_for(units, ros)
+            _serve_others(lock.folder, ros, inbox, output, stack)
             stack.enter_context(_without_conflicts(plan, units, ros, environment, options, inbox))
-        ros.report_to(inbox.put)
-        ros.report_diagnostics(name for unit in units for name in unit.node_names)
         stack.enter_context(watching_types(plan, ros.graph, output.note))
         state_node = StateNode(ros, plan.name, inbox.put, output.note) if share.leads else None
-        _serve_others(lock.folder, ros, inbox, output, stack)
         local = [node for unit in units for node in unit.nodes]
         external = stack.enter_context(ExternalRates(ros.participant(), local, inbox.put))
         supervisor = Supervisor(
@@ -226,6 +225,13 @@ def _state_node(plan: Plan) -> str:
     return f"/{state_node_name(plan.name)}"
 
 
+def _prepare_for(units: tuple[Unit, ...], ros: RosNodes) -> None:
+    """Make what the nodes to come are asked and heard by."""
+    nodes = [node for unit in units for node in unit.nodes]
+    ros.report_diagnostics(node.full_name for node in nodes)
+    ros.prepare(node.full_name for node in nodes if node.has_lifecycle)
+
+
 def _serve_others(
     folder: Path | None,
     ros: RosNodes,
@@ -236,6 +242,10 @@ def _serve_others(
     """Answer other terminals of this host; if that is not possible they ask the nodes."""
     if folder is None:
         return
+    # Not at the top: the nodes' processes start before this is loaded.
+    from obk_cli.introspect.graph_source import GraphService
+    from obk_cli.launch.control_server import serve_control
+
     try:
         stack.enter_context(serve_control(folder, inbox.put, GraphService(ros.participant()).ask))
     except OSError as error:

@@ -7,7 +7,7 @@ thread, so the screen never waits.
 import asyncio
 import signal
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ClassVar, Final
 
 from rich.text import Text
@@ -19,8 +19,11 @@ from textual.message import Message
 from textual.widgets import Input, Static
 
 from obk_cli.errors import ObkError
+from obk_cli.introspect.tuning import TunableParameter
 from obk_cli.launch.event_lines import short_name
 from obk_cli.monitor.model import StackView, Views
+from obk_cli.monitor.parameter_table import ParameterRow, ParameterTable
+from obk_cli.monitor.parameters import Tuner, field_text
 from obk_cli.monitor.table import (
     TableLine,
     age_line,
@@ -45,15 +48,22 @@ VERBS: Final = {
     "r": ("deactivate", "cleanup", "configure", "activate"),
 }
 """Key -> transitions."""
+RESET: Final = "r"
+"""With the parameters on the screen this key is no transition."""
 MOVING: Final = "activate"
 SEARCHING: Final = "looking for a stack ..."
 WAITING: Final = "no stack runs here; waiting for one (`obk launch`)"
-KEYS: Final = "a activate  d deactivate  r restart  / filter  ? help  q quit"
+KEYS: Final = "a activate  d deactivate  r restart  p parameters  / filter  ? help  q quit"
+TUNING_KEYS: Final = "left, right change  Enter type a value  r reset  Esc back"
+READ_EVERY: Final = 3
+"""Views between two looks at parameters that others may have changed."""
 HELP: Final = (
     "up, down    choose a node; `all nodes` is the stack",
     "a  c        activate, configure",
     "d  x        deactivate, clean up",
     "r           restart: deactivate, clean up, configure, activate",
+    "p           parameters of the node or the stack: left and right move a slider, Enter takes a",
+    "            value, r goes back to the config's; up, down choose; Esc closes",
     "/           show only log lines with these words in them; Esc shows all",
     "q           quit; the stack goes on",
     "!           a topic that is more than a tenth off what the config promises",
@@ -87,17 +97,26 @@ class ChangeProgress(Message):
         super().__init__()
 
 
-def run_monitor(follower: Views, change: Change) -> None:
+class ParametersRead(Message):
+    """The nodes have reported their parameters."""
+
+    def __init__(self, found: Mapping[str, tuple[TunableParameter, ...]]) -> None:
+        self.found = found
+        super().__init__()
+
+
+def run_monitor(follower: Views, change: Change, tuner: Tuner) -> None:
     """Show the live table until the user quits.
 
     Args:
         follower: delivers the views.
         change: carries transitions out.
+        tuner: reads and sets parameters.
 
     Raises:
         Exception: the follower raised it, or a transition raised one that is no ObkError.
     """
-    app = MonitorApp(follower, change)
+    app = MonitorApp(follower, change, tuner)
     error = app.run()
     app.stop_following()
     if error is not None:
@@ -115,7 +134,7 @@ class MonitorApp(App[Exception | None]):
     #nodes { height: auto; max-height: 34%; margin-top: 1; scrollbar-size: 0 0; }
     #topics { height: auto; max-height: 45%; margin-top: 1; scrollbar-size: 0 0; }
     #log { height: 1fr; margin-top: 1; scrollbar-size: 0 0; }
-    #filter { display: none; height: 1; border: none; padding: 0; }
+    #filter, #value { display: none; height: 1; border: none; padding: 0; }
     #message { height: 1; }
     #keys { height: 1; text-style: dim; }
     """
@@ -123,6 +142,10 @@ class MonitorApp(App[Exception | None]):
         *(Binding(key, f"ask('{key}')", show=False) for key in VERBS),
         Binding("up,k", "move(-1)", show=False),
         Binding("down,j", "move(1)", show=False),
+        Binding("p", "tune", show=False),
+        Binding("left,h", "nudge(-1)", show=False),
+        Binding("right,l", "nudge(1)", show=False),
+        Binding("enter", "type_value", show=False),
         Binding("y", "confirm", show=False),
         Binding("n", "drop", show=False),
         Binding("escape", "leave", show=False, priority=True),
@@ -132,16 +155,22 @@ class MonitorApp(App[Exception | None]):
         Binding("ctrl+c", "quit", show=False, priority=True),
     ]
 
-    def __init__(self, follower: Views, change: Change) -> None:
+    def __init__(self, follower: Views, change: Change, tuner: Tuner) -> None:
         """Make the app; it follows nothing before it runs.
 
         Args:
             follower: delivers the views.
             change: carries transitions out.
+            tuner: reads and sets parameters.
         """
         super().__init__()
         self._follower = follower
         self._change = change
+        self._tuner = tuner
+        self._table: ParameterTable | None = None
+        """The parameters on the screen; None: they are not shown."""
+        self._since_read = 0
+        """Views since the parameters were read."""
         self._thread = threading.Thread(target=self._take_views, daemon=True)
         self._view: StackView | None = None
         self._has_received = False
@@ -160,6 +189,7 @@ class MonitorApp(App[Exception | None]):
             with VerticalScroll(id=name, can_focus=False):
                 yield Static(id=f"{name}_text")
         yield Input(id="filter", placeholder="words in log lines; Enter keeps, Esc clears")
+        yield Input(id="value", placeholder="a value; Enter sets it, Esc does not")
         yield Static(id="message", markup=False)
         yield Static(Text(KEYS), id="keys")
 
@@ -190,7 +220,16 @@ class MonitorApp(App[Exception | None]):
             self._view = message.view
         if self._view is None or self._chosen not in (node.node for node in self._view.nodes):
             self._chosen = ""
+        self._since_read += 1
+        if self._table is not None and self._since_read >= READ_EVERY:
+            self._read_parameters()
         self._draw()
+
+    def on_parameters_read(self, message: ParametersRead) -> None:
+        """Show the parameters."""
+        if self._table is not None:
+            self._table = self._table.read(message.found)
+            self._draw()
 
     def on_follow_failed(self, message: FollowFailed) -> None:
         """End with the error."""
@@ -203,13 +242,22 @@ class MonitorApp(App[Exception | None]):
 
     def action_move(self, step: int) -> None:
         """Choose the next or the last one."""
+        if self._table is not None:
+            self._table = self._table.moved(step)
+            self._draw()
+            return
         names = ["", *(node.node for node in self._view.nodes)] if self._view else [""]
         place = names.index(self._chosen) + step
         self._chosen = names[max(0, min(place, len(names) - 1))]
         self._draw()
 
     def action_ask(self, key: str) -> None:
-        """Ask the user to confirm transitions."""
+        """Ask the user to confirm transitions; with the parameters on the screen, `r` resets."""
+        if self._table is not None:
+            row = self._table.chosen
+            if key == RESET and row is not None and row.initial is not None:
+                self._set(row, row.initial)
+            return
         view = self._view
         if not self._has_received:
             return  # the first line shows it
@@ -220,6 +268,31 @@ class MonitorApp(App[Exception | None]):
         who = short_name(self._chosen) if self._chosen else f"all {len(view.nodes)} nodes"
         moves = "; the robot may move" if MOVING in VERBS[key] else ""
         self._show_message(f"{', '.join(VERBS[key])} {who}{moves}?  y / n")
+
+    def action_tune(self) -> None:
+        """Show the parameters of the chosen node or of the stack, or the topics again."""
+        self._table = ParameterTable() if self._table is None else None
+        self._shows_help = False
+        self._show_message("")
+        if self._table is not None:
+            self._read_parameters()
+        self._draw()
+
+    def action_nudge(self, steps: int) -> None:
+        """Move the slider of the chosen parameter."""
+        row = self._table.chosen if self._table is not None else None
+        text = row.nudged(steps) if row is not None else None
+        if row is not None and text is not None:
+            self._set(row, text)
+
+    def action_type_value(self) -> None:
+        """Let the user type a value of the chosen parameter."""
+        row = self._table.chosen if self._table is not None else None
+        if row is not None:
+            box = self.query_one("#value", Input)
+            box.value = field_text(row.parameter.value)
+            box.display = True
+            box.focus()
 
     def action_confirm(self) -> None:
         """Request the confirmed transitions."""
@@ -240,9 +313,13 @@ class MonitorApp(App[Exception | None]):
     def action_leave(self) -> None:
         """Close what is open: question, help, filter, selection of a node."""
         box = self.query_one("#filter", Input)
-        if box.display:
+        if self.query_one("#value", Input).display:
+            self._close_value()
+        elif box.display:
             box.value = ""
             self._close_filter()
+        elif self._table is not None:
+            self._table = None
         elif self._to_confirm is None and not self._shows_help:
             self._chosen, self._part = "", ""
         self._shows_help = False
@@ -270,6 +347,45 @@ class MonitorApp(App[Exception | None]):
         self.query_one("#filter", Input).display = False
         self.set_focus(None)
         self.call_after_refresh(self._draw)
+
+    @on(Input.Submitted, "#value")
+    def _take_value(self, event: Input.Submitted) -> None:
+        row = self._table.chosen if self._table is not None else None
+        self._close_value()
+        if row is not None:
+            self._set(row, event.value)
+
+    def _close_value(self) -> None:
+        self.query_one("#value", Input).display = False
+        self.set_focus(None)
+        self.call_after_refresh(self._draw)
+
+    def _read_parameters(self) -> None:
+        self._since_read = 0
+        view = self._view
+        if view is not None:
+            threading.Thread(target=self._ask_nodes, args=(view,), daemon=True).start()
+
+    def _ask_nodes(self, view: StackView) -> None:
+        found = self._tuner.of(view)
+        chosen = {n: each for n, each in found.items() if self._chosen in ("", n)}
+        self.post_message(ParametersRead(chosen))
+
+    def _set(self, row: ParameterRow, text: str) -> None:
+        if self._view is None or self._is_busy:
+            return
+        self._is_busy = True
+        threading.Thread(
+            target=self._set_parameter, args=(self._view, row, text), daemon=True
+        ).start()
+
+    def _set_parameter(self, view: StackView, row: ParameterRow, text: str) -> None:
+        try:
+            said = str(self._tuner.set(view, row.node, row.parameter.name, text))
+        except ObkError as error:
+            said = f"{error.message}; {error.help}" if error.help else error.message
+        self._ask_nodes(view)  # first, because the next step starts from what it reads
+        self.post_message(ChangeProgress(said, is_done=True))
 
     def _take_views(self) -> None:
         try:
@@ -315,15 +431,21 @@ class MonitorApp(App[Exception | None]):
             return
         age = age_line(view, width)
         self.query_one("#topics").display = not self._shows_help
+        table = self._table
         self._put("head", [head_line(view, width)])
         self._put("nodes_text", self._node_rows(view, width))
-        self._put("topics_text", [*topic_lines(view, width), *([age] if age else [])])
+        topics = [*topic_lines(view, width), *([age] if age else [])]
+        self._put("topics_text", topics if table is None else table.lines(width))
         room = max(1, self.query_one("#log").size.height)
         log = log_lines(view, width, self._part)[-room:]
         self._put("log_text", [TableLine(text=line) for line in HELP] if self._shows_help else log)
+        keys = KEYS if table is None else TUNING_KEYS
         self.query_one("#keys", Static).update(
-            Text(f"{KEYS}   [{self._part}]" if self._part else KEYS)
+            Text(f"{keys}   [{self._part}]" if self._part else keys)
         )
+        if table is not None:
+            pane = self.query_one("#topics", VerticalScroll)
+            self.call_after_refresh(pane.scroll_to, y=max(0, table.cursor + 1 - pane.size.height))
 
     def _node_rows(self, view: StackView, width: int) -> list[TableLine]:
         """The lines of nodes, with one for the whole stack, and the cursor."""

@@ -1,17 +1,22 @@
-"""Plot fields of recorded messages, such as `/arm/joints.position[0]`, as PNG or SVG.
+"""Plot fields of recorded runs, such as `/arm/joints.position[0]`, as PNG, SVG or a page.
 
-`PlotField` collects the numbers of one field, message by message; `draw` writes the picture with
-matplotlib and opens no window.
+`plot_parts` reads the numbers; `draw` writes a picture with matplotlib, `page.write_page` one file
+for the browser.
 """
 
-from array import array
-from collections.abc import Collection, Iterator, Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
-from obelisk_spec.suggestions import did_you_mean, list_names
+import numpy as np
+from numpy.typing import NDArray
+
+from obelisk_recordings.run import RecordedRun, topic_named
+from obelisk_recordings.topic import RecordedSignal
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import unwritable, write_bytes
 from obk_cli.ros.field_path import field_steps
@@ -20,13 +25,14 @@ __all__ = [
     "FORMATS",
     "MOST_LINES",
     "FieldName",
-    "PlotField",
     "PlotLine",
+    "PlotPart",
     "draw",
     "parse_field",
-    "resolve_topic",
+    "plot_parts",
 ]
 
+Floats = NDArray[np.float64]
 MOST_LINES: Final = 32
 """Of one field: more cannot be distinguished in a picture."""
 
@@ -36,21 +42,41 @@ class FieldName:
     """A field of a topic's messages."""
 
     topic: str
-    steps: tuple[str | int, ...]
-    """Names of fields and places in arrays, outermost first."""
+    path: str
+    """In the message: `position[0]`."""
     text: str
     """As the user typed it."""
 
 
-@dataclass(slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlotLine:
     """One number over time."""
 
     label: str
-    """What follows the field's name: `[2]`, `.x`; empty for the field itself."""
-    times_s: list[float] = field(default_factory=list)
-    """Since the start of the recording [s]."""
-    values: list[float] = field(default_factory=list)
+    """What distinguishes it in its part: run, field, joint; empty if it is the only one."""
+    times_s: Floats
+    """Since the activation of the stack [s], shape `(n,)`."""
+    values: Floats
+    """Shape `(n,)`."""
+    run: int
+    """Place of its run among the runs, for the style of the line."""
+    colour: int
+    """Place of its number in the part; the same number of another run has the same."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlotPart:
+    """What has one axis of values."""
+
+    title: str
+    unit: str
+    """Empty: there is none, or several."""
+    lines: tuple[PlotLine, ...]
+
+    @property
+    def label(self) -> str:
+        """Title and unit."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
 
 
 def parse_field(text: str) -> FieldName:
@@ -59,120 +85,166 @@ def parse_field(text: str) -> FieldName:
     Raises:
         MisuseError: it is not of that form.
     """
-    topic, dot, rest = text.partition(".")
-    steps = field_steps(dot + rest)
-    if not topic or not steps:
+    topic, dot, path = text.partition(".")
+    if not topic or not field_steps(dot + path):
         raise MisuseError(
             f"`{text}` names no field",
             help="expected TOPIC.FIELD, such as /arm/joints.position[0] or imu.gyro.x",
         )
-    return FieldName(topic=topic, steps=steps, text=text)
+    return FieldName(topic=topic, path=path, text=text)
 
 
-def resolve_topic(name: str, topics: Collection[str]) -> str:
-    """The topic of a recording that a user means, by its name or the end of it.
+@dataclass(slots=True, kw_only=True)
+class _Collected:
+    """One number of one run, while it is read."""
+
+    label: str
+    unit: str
+    times_s: list[Floats] = field(default_factory=list)
+    values: list[Floats] = field(default_factory=list)
+
+
+def plot_parts(
+    runs: Sequence[RecordedRun],
+    fields: Sequence[FieldName],
+    *,
+    by_receipt: bool = False,
+    overlay: bool = False,
+) -> tuple[PlotPart, ...]:
+    """Read fields of all runs: a part for each field, or one for all of them.
+
+    Args:
+        runs: the recordings; a field has to be in one of them at least.
+        fields: what to read.
+        by_receipt: whether times are those of receipt, not of publication.
+        overlay: whether all fields share one part.
 
     Raises:
-        CommandFailedError: no topic or several match.
+        CommandFailedError: no number of a field was recorded, or too many.
+        RecordingError: a recording cannot be read, or no run has the topic or field.
     """
-    if name in topics:
-        return name
-    meant = [topic for topic in topics if topic.endswith(f"/{name.lstrip('/')}")]
-    if len(meant) == 1:
-        return meant[0]
-    if meant:
-        raise CommandFailedError(f"`{name}` means several topics: {list_names(meant)}")
-    raise CommandFailedError(
-        f"the recording has no topic `{name}`",
-        help=did_you_mean(name, topics) or f"it has {list_names(topics) or 'none'}",
-    )
+    found = [_read(run, fields, by_receipt=by_receipt) for run in runs]
+    parts = []
+    for place, name in enumerate(fields):
+        of_runs = [numbers[place] for numbers in found]
+        if not any(of_runs):
+            raise CommandFailedError(f"`{name.text}`: no number was recorded")
+        if max(map(len, of_runs)) > MOST_LINES:
+            several = next(numbers for numbers in of_runs if len(numbers) > MOST_LINES)
+            example = [*several][MOST_LINES]
+            raise CommandFailedError(
+                f"`{name.text}` has more than {MOST_LINES} numbers",
+                help=f"name one of them: {name.topic}.{example}",
+            )
+        parts.append(_part(runs, name, of_runs))
+    return (_overlaid(parts),) if overlay and len(parts) > 1 else tuple(parts)
 
 
-class PlotField:
-    """The lines of one field."""
-
-    def __init__(self, name: FieldName) -> None:
-        """Start without lines; the first message with numbers creates them."""
-        self.name = name
-        self._lines: dict[str, PlotLine] = {}
-
-    @property
-    def lines(self) -> tuple[PlotLine, ...]:
-        """In the order of the message."""
-        return tuple(self._lines.values())
-
-    def add(self, time_s: float, message: Any) -> None:
-        """Add the field's numbers from a message.
-
-        Raises:
-            CommandFailedError: the message has no such field, or it holds no numbers.
-        """
-        for label, number in _numbers(self._value(message), ""):
-            if label not in self._lines:
-                if len(self._lines) == MOST_LINES:
-                    raise CommandFailedError(
-                        f"`{self.name.text}` has more than {MOST_LINES} numbers",
-                        help=f"name one of them: {self.name.text}{label}",
-                    )
-                self._lines[label] = PlotLine(label=label)
-            line = self._lines[label]
-            line.times_s.append(time_s)
-            line.values.append(number)
-
-    def _value(self, message: Any) -> Any:
-        value = message
-        for step in self.name.steps:
-            if isinstance(step, int):
-                if not _is_array(value):
-                    raise CommandFailedError(f"`{self.name.text}`: [{step}] is of no array")
-                if step >= len(value):
-                    return ()  # this message has fewer
-                value = value[step]
+def _read(
+    run: RecordedRun, fields: Sequence[FieldName], *, by_receipt: bool
+) -> list[dict[str, _Collected]]:
+    """For each field the numbers in it by their path."""
+    topics = [topic_named(name.topic, run.topics) for name in fields]
+    found: list[dict[str, _Collected]] = [{} for _ in fields]
+    for part in run.parts(topics):
+        for place, name in enumerate(fields):
+            if topics[place] != part.name:
                 continue
-            known = _field_names(value)
-            if step not in known:
-                raise CommandFailedError(
-                    f"`{self.name.text}`: there is no field `{step}`",
-                    help=did_you_mean(step, known) or f"there are {list_names(known) or 'none'}",
+            for signal in islice(part.signals(name.path), MOST_LINES + 1):
+                number = found[place].setdefault(
+                    _key(signal), _Collected(label=_label(signal, name), unit=signal.unit)
                 )
-            value = getattr(value, step)
-        if not _is_array(value) and next(_numbers(value, ""), None) is None:
-            raise CommandFailedError(f"`{self.name.text}` holds no number")
-        return value
+                values = signal.values()
+                known = ~np.isnan(values) | (signal.place is None)
+                number.times_s.append((part.received if by_receipt else part.t)[known])
+                number.values.append(values[known])
+    return found
 
 
-def _numbers(value: Any, label: str) -> Iterator[tuple[str, float]]:
-    if isinstance(value, bool | int | float):
-        yield label, float(value)
-    elif _is_array(value):
-        for place, item in enumerate(value):
-            yield from _numbers(item, f"{label}[{place}]")
-    else:
-        for name in _field_names(value):
-            yield from _numbers(getattr(value, name), f"{label}.{name}")
+def _key(signal: RecordedSignal) -> str:
+    return signal.path if signal.place is None else f"{signal.path}[{signal.place}]"
 
 
-def _is_array(value: Any) -> bool:
-    return isinstance(value, Sequence | array) and not isinstance(value, str)
+def _label(signal: RecordedSignal, name: FieldName) -> str:
+    """What distinguishes a number from the others of its field: `knee`, `[2]`, `x`."""
+    if _key(signal) == name.path:
+        return ""
+    text = signal.label.removeprefix(name.path)
+    joint = re.fullmatch(r"\[(\D.*)\]", text)
+    return joint[1] if joint else text.removeprefix(".")
 
 
-def _field_names(value: Any) -> Sequence[str]:
-    """The fields of a decoded message; a number or a text has none."""
-    slots: Sequence[str] = getattr(type(value), "__slots__", ())
-    return slots if not isinstance(value, str | bool | int | float) else ()
+def _part(
+    runs: Sequence[RecordedRun], name: FieldName, of_runs: Sequence[dict[str, _Collected]]
+) -> PlotPart:
+    keys = list(dict.fromkeys(key for numbers in of_runs for key in numbers))
+    lines = []
+    for place, (run, numbers) in enumerate(zip(runs, of_runs, strict=True)):
+        for key, number in numbers.items():
+            words = (run.name if len(runs) > 1 else "", number.label if len(keys) > 1 else "")
+            lines.append(
+                PlotLine(
+                    label=" ".join(filter(None, words)),
+                    times_s=np.concatenate(number.times_s),
+                    values=np.concatenate(number.values),
+                    run=place,
+                    colour=keys.index(key),
+                )
+            )
+    units = {number.unit for numbers in of_runs for number in numbers.values()}
+    title = name.text
+    if len(keys) == 1 and (inner := next(n for one in of_runs for n in one.values()).label):
+        title = f"{title} {inner}"
+    return PlotPart(title=title, unit=_only(units), lines=tuple(lines))
 
 
-FORMATS: Final = (".png", ".svg")
+def _overlaid(parts: Sequence[PlotPart]) -> PlotPart:
+    """All parts in one; numbers have other colours."""
+    lines: list[PlotLine] = []
+    for part in parts:
+        first = max((line.colour for line in lines), default=-1) + 1
+        lines += [
+            PlotLine(
+                label=" ".join(filter(None, (line.label, part.title))),
+                times_s=line.times_s,
+                values=line.values,
+                run=line.run,
+                colour=first + line.colour,
+            )
+            for line in part.lines
+        ]
+    title = ", ".join(part.title for part in parts)
+    return PlotPart(title=title, unit=_only({part.unit for part in parts}), lines=tuple(lines))
+
+
+def _only(units: set[str]) -> str:
+    return units.pop() if len(units) == 1 else ""
+
+
+FORMATS: Final = (".png", ".svg", ".html")
 WIDTH_IN: Final = 9.0
 HEIGHT_IN: Final = 2.6
 """Of one field's plot [inch]."""
 DPI: Final = 120
 MOST_NAMED: Final = 12
-"""PlotField that fit into a legend."""
+"""Lines that fit into a legend."""
+_STYLES: Final = ("-", "--", ":", "-.")
+"""Of lines, by run."""
 
 
-def draw(fields: Sequence[PlotField], title: str, path: Path) -> None:
-    """Write a picture with one plot for each field, one below the other; whole or not at all.
+def draw(
+    parts: Sequence[PlotPart],
+    title: str,
+    path: Path,
+    xlim: tuple[float, float] | None = None,
+) -> None:
+    """Write a picture with the parts one below the other; whole or not at all.
+
+    Args:
+        parts: what to draw.
+        title: above all.
+        path: of the file, .png or .svg.
+        xlim: which times are shown [s]; None: all.
 
     Raises:
         CommandFailedError: the file cannot be written.
@@ -180,16 +252,27 @@ def draw(fields: Sequence[PlotField], title: str, path: Path) -> None:
     import matplotlib
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN * len(fields) + 0.8), layout="constrained")
-    parts = figure.subplots(len(fields), 1, sharex=True, squeeze=False)
-    for part, plotted in zip(parts[:, 0], fields, strict=True):
-        for line in plotted.lines:
-            part.plot(line.times_s, line.values, linewidth=1.0, label=line.label)
-        part.set_ylabel(plotted.name.text, fontsize="small")
-        part.grid(visible=True, alpha=0.3)
-        if 1 < len(plotted.lines) <= MOST_NAMED:
-            part.legend(loc="upper right", fontsize="small")
-    parts[-1, 0].set_xlabel("time since start of recording [s]")
+    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN * len(parts) + 0.8), layout="constrained")
+    axes = figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, part in zip(axes, parts, strict=True):
+        for line in part.lines:
+            axis.plot(
+                line.times_s,
+                line.values,
+                linewidth=1.0,
+                label=line.label,
+                color=f"C{line.colour}",
+                linestyle=_STYLES[line.run % len(_STYLES)],
+            )
+        axis.set_ylabel(part.label, fontsize="small")
+        axis.grid(visible=True, alpha=0.3)
+        if 1 < len(part.lines) <= MOST_NAMED:
+            axis.legend(loc="upper right", fontsize="small")
+    if xlim is not None:
+        axes[-1].set_xlim(*xlim)
+        for axis, part in zip(axes, parts, strict=True):
+            _fit(axis, part, xlim)
+    axes[-1].set_xlabel("time since activation [s]")
     figure.suptitle(title, fontsize="medium")
     # Reproducible bytes, and text stays text.
     picture, kind = BytesIO(), path.suffix.removeprefix(".")
@@ -200,3 +283,18 @@ def draw(fields: Sequence[PlotField], title: str, path: Path) -> None:
         write_bytes(path, picture.getvalue())
     except OSError as error:
         raise unwritable(path, error) from error
+
+
+def _fit(axis: Any, part: PlotPart, xlim: tuple[float, float]) -> None:
+    """Scale the axis of values to what is shown."""
+    shown = [*_shown(part, xlim)]
+    finite = np.concatenate([values[np.isfinite(values)] for values in shown] or [np.empty(0)])
+    if len(finite):
+        low, high = float(finite.min()), float(finite.max())
+        margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
+        axis.set_ylim(low - margin, high + margin)
+
+
+def _shown(part: PlotPart, xlim: tuple[float, float]) -> Iterator[Floats]:
+    for line in part.lines:
+        yield line.values[(line.times_s >= xlim[0]) & (line.times_s <= xlim[1])]

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from obelisk_recordings.bag import DROPS
 from obk_cli.errors import EXIT_DONE, EXIT_MISUSE, CommandFailedError
 from obk_cli.files import explain_os_error
 from obk_cli.optional_deps import no_ros
@@ -35,7 +36,6 @@ from obk_cli.record.recorder_job import (
     matching_topics,
     unmatched_requests,
 )
-from obk_cli.record.recording import DROPS
 from obk_cli.ros.participant import remove_participant
 from obk_cli.ros.raw_subscription import DropCounter, RawSubscription
 from obk_cli.ros.types import find_type

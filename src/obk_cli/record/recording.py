@@ -1,118 +1,28 @@
-"""A recording as a value, and the file that a user means by a name.
+"""The recording that a user means by a name, and what a recording says about its run.
 
-Needs no MCAP library: `mcap_reader` makes the values.
+Needs no MCAP library.
 """
 
 import json
-import os
+import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.suggestions import did_you_mean
-from obk_cli.errors import CommandFailedError
-from obk_cli.runs.folder import config_of, read_record, run_folders
+from obk_cli.runs.folder import config_of, read_record
 
 __all__ = [
-    "DROPS",
-    "RECORDING",
-    "Bag",
-    "BagTopic",
     "RunMetadata",
     "file_name",
-    "find_recording",
     "run_metadata_of",
 ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BagTopic:
-    """One topic of a recording."""
-
-    topic: str
-    msg_type: str
-    count: int
-    dropped: int | None = None
-    """Messages that the recorder missed; None: unknown."""
-    type_hash: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bag:
-    """A recording as a whole."""
-
-    path: str
-    size_bytes: int
-    profile: str
-    library: str
-    is_complete: bool
-    """Whether its recorder closed it; otherwise it holds what was written by then."""
-    start_ns: int | None
-    """Time of the first message [ns since 1970]; None if it has no message."""
-    end_ns: int | None
-    topics: tuple[BagTopic, ...]
-    metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    attachments: Mapping[str, int] = field(default_factory=dict)
-    """Name -> size [bytes]."""
-
-    @property
-    def duration_s(self) -> float:
-        """From the first message to the last [s]."""
-        return ((self.end_ns or 0) - (self.start_ns or 0)) * 1e-9
-
-    @property
-    def count(self) -> int:
-        """Number of messages."""
-        return sum(topic.count for topic in self.topics)
-
-
-DROPS: Final = "obelisk_drops"
-"""The metadata record with the number of dropped messages by topic."""
-RECORDING: Final = "recording.mcap"
-"""The file in a run's folder."""
-
-
-def find_recording(parent: Path, name: str | None) -> Path:
-    """The path of the recording that a name means.
-
-    Args:
-        parent: the folder of all runs.
-        name: a file, a folder with one recording, the name of a config (its newest run that was
-            recorded) or of a run's folder; None: the newest run that was recorded.
-
-    Raises:
-        CommandFailedError: no recording has that name.
-    """
-    if name is not None and os.path.isfile(name):  # noqa: PTH113  (`Path.is_file` raises)
-        return Path(name)
-    if name is not None and (inside := _in_folder(Path(name))):
-        return inside
-    folders = run_folders(parent)
-    fitting = [f for f in folders if name is None or name in (f.name, config_of(f))]
-    recorded = [f / RECORDING for f in fitting if (f / RECORDING).is_file()]
-    if recorded:
-        return recorded[0]
-    how = "record one with `obk launch --record`, or `obk record` while it runs"
-    if name is None:
-        raise CommandFailedError(f"no run in {parent} was recorded", help=how)
-    if fitting:
-        raise CommandFailedError(f"the run `{name}` was not recorded", help=how)
-    names = dict.fromkeys(config_of(folder) for folder in folders)
-    raise CommandFailedError(
-        f"there is no file and no run called `{name}`", help=did_you_mean(name, names) or how
-    )
-
-
-def _in_folder(folder: Path) -> Path | None:
-    """The only recording in a folder, such as rosbag2 creates."""
-    is_there = os.path.isdir(folder)  # noqa: PTH112  (`Path.is_dir` raises)
-    files = sorted(folder.glob("*.mcap")) if is_there else []
-    return files[0] if len(files) == 1 else None
-
-
 PLAN_FILE: Final = "plan.json"
+GIT_S: Final = 2.0
+"""Longest time that git may take [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,10 +48,34 @@ def run_metadata_of(folder: Path) -> RunMetadata:
     every = recorded_versions.items() if isinstance(recorded_versions, dict) else ()
     versions = {key: str(value) for key, value in every}
     plan = {PLAN_FILE: json.dumps(run["plan"], indent=1)} if "plan" in run else {}
+    code = {"obelisk_code": found} if (found := _code(run.get("config"))) else {}
     return RunMetadata(
-        metadata={"obelisk": {"run": folder.name, **stored}, "obelisk_versions": versions},
+        metadata={
+            "obelisk": {"run": folder.name, **stored},
+            "obelisk_versions": versions,
+            **code,
+        },
         attachments={**plan, **_parameters(folder)},
     )
+
+
+def _code(config: object) -> Mapping[str, str]:
+    """The commit of the workspace of a config; empty if it is in no git repository."""
+    if not isinstance(config, str):
+        return {}
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        described = subprocess.run(
+            command,
+            cwd=Path(config).parent,
+            capture_output=True,
+            text=True,
+            timeout=GIT_S,
+            check=True,
+        )
+    except (OSError, ValueError, subprocess.SubprocessError):
+        return {}
+    return {"commit": described.stdout.strip()}
 
 
 def _parameters(folder: Path) -> Mapping[str, str]:

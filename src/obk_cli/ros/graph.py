@@ -43,14 +43,15 @@ POLL_S: Final = 0.01
 class RosGraph:
     """The graph as one node sees it; every wait has a deadline."""
 
-    def __init__(self, node: Any) -> None:
+    def __init__(self, node: Any, begin_s: float | None = None) -> None:
         """Begin to find others.
 
         Args:
-            node: of rclpy, made just now.
+            node: of rclpy.
+            begin_s: since when its participant finds others (monotonic [s]); None: since just now.
         """
         self._node = node
-        self._begin = time.monotonic()
+        self._begin = time.monotonic() if begin_s is None else begin_s
 
     def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
         """Full names of the life-cycle nodes in the graph.
@@ -75,7 +76,7 @@ class RosGraph:
     def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
         """Those of the full names that other nodes in the graph have already.
 
-        Returns when there are some, or once `discovery_s` have gone by since this node's start.
+        Returns when there are some, or once `discovery_s` have gone by since discovery began.
         """
         taken = frozenset(names)
 
@@ -91,7 +92,7 @@ class RosGraph:
     ) -> tuple[tuple[str, str], ...]:
         """Publishers on these topics by nodes that are not ours: topic and the node's full name.
 
-        Returns when there are some, or once `discovery_s` have gone by since this node's start. A
+        Returns when there are some, or once `discovery_s` have gone by since discovery began. A
         node whose name is not known by then is `UNNAMED`.
 
         Args:

@@ -15,12 +15,12 @@ from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.optional_deps import no_ros
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.graph import RosGraph
 from obk_cli.ros.participant import (
     RosParticipant,
-    defer_message_generator,
+    make_bare_node,
+    open_context,
     remove_participant,
 )
 from obk_cli.ros.services import ASK_AGAIN_S
@@ -114,13 +114,17 @@ class NodeClients:
 class LifecycleClient:
     """Asks life-cycle nodes and waits for their answers."""
 
-    def __init__(self, name: str, context: Any, executor: Any) -> None:
+    def __init__(
+        self, name: str, context: Any, executor: Any, begin_s: float | None = None
+    ) -> None:
         """Make the node; it spins from `__enter__` on.
 
         Args:
             name: of the node.
             context: of rclpy, initialised.
             executor: of rclpy, of that context.
+            begin_s: since when the context's participant finds others (monotonic [s]); None: the
+                node is its first one.
         """
         self._context = context
         self._executor = executor
@@ -128,7 +132,7 @@ class LifecycleClient:
         self._node = self.add_node(name)
         self._clients = NodeClients(self._node)
         self._thread = threading.Thread(target=executor.spin, name="ros", daemon=True)
-        self.graph: Final = RosGraph(self._node)
+        self.graph: Final = RosGraph(self._node, begin_s)
         """Other nodes in the ROS domain."""
 
     def __enter__(self) -> Self:
@@ -237,23 +241,23 @@ def open_client(name: str, environment: RosEnvironment, kind: type[C]) -> Iterat
     Raises:
         CommandFailedError: there is no rclpy, or it does not start.
     """
-    environment.put_into_effect()
-    try:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.signals import SignalHandlerOptions
-    except ImportError as error:
-        raise no_ros(error) from error
-    defer_message_generator()
-    with ExitStack() as stack:
-        context = rclpy.Context()
+    with open_context(environment) as context, ExitStack() as stack:
         try:
-            context.init(domain_id=environment.domain)
-            stack.callback(context.try_shutdown)
-            rclpy.signals.install_signal_handlers(SignalHandlerOptions.NO)
-            executor = SingleThreadedExecutor(context=context)
-            client = kind(f"{name}_{os.getpid()}", context, executor)
+            # The participant comes with the first node in the context, and stays for the others.
+            # What a node of rclpy needs is loaded while this one finds others already.
+            first = make_bare_node(context)
+            begin_s = time.monotonic()
+            client = _make_client(f"{name}_{os.getpid()}", context, begin_s, kind)
+            first.destroy_when_not_in_use()
         except Exception as error:
             raise CommandFailedError(f"ROS 2 does not start: {error}") from error
         stack.enter_context(client)
         yield client
+
+
+def _make_client(name: str, context: Any, begin_s: float, kind: type[C]) -> C:
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions, install_signal_handlers
+
+    install_signal_handlers(SignalHandlerOptions.NO)
+    return kind(name, context, SingleThreadedExecutor(context=context), begin_s)

@@ -3,10 +3,12 @@
 Source: rcl_interfaces/srv.
 """
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from obelisk_spec.parameter_notes import ParameterNotes, parse_notes
 from obelisk_spec.suggestions import with_article
 from obelisk_spec.values import ParameterValue
 from obk_cli.errors import MisuseError
@@ -20,6 +22,8 @@ __all__ = [
     "NOT_SET",
     "NodeParameter",
     "NodeParameters",
+    "ParameterDescription",
+    "SetAnswer",
     "fit_parameter",
     "parse_parameter",
     "refusal",
@@ -43,6 +47,8 @@ ARRAY: Final = "_array"
 LEAST: Final = -(2**63)
 _WRONG_TYPE: Final = "Wrong parameter type"
 """How the reason starts that rclpy and rclcpp give, in words and braces of their own code."""
+_WAITING: Final = "accepted"
+"""How the reason starts if a value is not in effect yet; see `obelisk_py`'s `LiveParameters`."""
 _SWITCHES: Final = {"on": True, "yes": True, "off": False, "no": False}
 """Words that the parameter files of ROS take for a truth value."""
 
@@ -55,6 +61,31 @@ class NodeParameter:
     """One of `KINDS`."""
     value: ParameterValue | None
     """None: not set. A byte array is a tuple of integers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterDescription:
+    """What a node reports about one of its parameters."""
+
+    kind: str
+    """The type that it is declared with, one of `KINDS`."""
+    notes: ParameterNotes = ParameterNotes()  # noqa: RUF009 - frozen
+    """Limits, unit, and when a new value takes effect, as far as the node reports it."""
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetAnswer:
+    """A node's answer to a request to set a parameter."""
+
+    successful: bool
+    reason: str
+    """Why not, or when the new value takes effect; empty if the node gives none."""
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether the value takes effect only after callbacks that are running."""
+        return self.successful and self.reason.startswith(_WAITING)
 
 
 def parse_parameter(text: str) -> NodeParameter:
@@ -111,7 +142,7 @@ def fit_parameter(text: str, given: NodeParameter, kind: str) -> NodeParameter:
 def refusal(reason: str, given: NodeParameter) -> str:
     """Why a node refuses a value, in its own words unless they are those of a ROS library."""
     wrong_type = f"{with_article(given.kind)} was given"
-    return wrong_type if reason.startswith(_WRONG_TYPE) else reason
+    return wrong_type if reason.startswith(_WRONG_TYPE) else reason or "it gave no reason"
 
 
 def _array(text: str, items: list[object]) -> NodeParameter:
@@ -182,17 +213,17 @@ class NodeParameters:
             values = [next(iter(self._values([name])), None) for name in names]
         return {name: _parameter(value) for name, value in zip(names, values, strict=True)}
 
-    def declared_kind(self, name: str) -> str:
-        """The type that a parameter is declared with, also where it has no value.
+    def describe(self, names: Sequence[str]) -> Mapping[str, ParameterDescription]:
+        """What the node reports about these; nothing about names that it does not have.
 
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        response = self._ask("DescribeParameters", "describe_parameters", names=[name])
-        return next((KINDS[one.type] for one in response.descriptors), NOT_SET)
+        response = self._ask("DescribeParameters", "describe_parameters", names=list(names))
+        return {one.name: _description(one) for one in response.descriptors if one.name in names}
 
-    def set(self, name: str, parameter: NodeParameter) -> str | None:
-        """Set one; gives the node's reason where it refuses.
+    def set(self, name: str, parameter: NodeParameter) -> SetAnswer:
+        """Set one.
 
         Raises:
             CommandFailedError: the node gives no answer.
@@ -204,7 +235,7 @@ class NodeParameters:
             setattr(message.value, f"{parameter.kind}_value", _for_message(parameter))
         request = find_type(f"{PACKAGE}/srv/SetParameters").Request(parameters=[message])
         result = client.call(request, self._timeout_s).results[0]
-        return None if result.successful else str(result.reason) or "it gave no reason"
+        return SetAnswer(successful=bool(result.successful), reason=str(result.reason))
 
     def _values(self, names: Sequence[str]) -> Sequence[Any]:
         response = self._ask("GetParameters", "get_parameters", names=list(names))
@@ -218,6 +249,19 @@ class NodeParameters:
     def _client(self, kind: str, service: str) -> ServiceClient:
         python_type = find_type(f"{PACKAGE}/srv/{kind}")
         return ServiceClient(self._participant, f"{self._node}/{service}", python_type)
+
+
+def _description(descriptor: Any) -> ParameterDescription:
+    notes = parse_notes(descriptor.additional_constraints)
+    for limits in (*descriptor.floating_point_range, *descriptor.integer_range):
+        least, most = (
+            limit if math.isfinite(limit) else None
+            for limit in (limits.from_value, limits.to_value)
+        )
+        notes = replace(notes, least=least, most=most)
+    return ParameterDescription(
+        kind=KINDS[descriptor.type], notes=notes, text=descriptor.description
+    )
 
 
 def _parameter(message: Any) -> NodeParameter:

@@ -26,6 +26,8 @@ __all__ = [
     "OBSERVER_NODE",
     "RosParticipant",
     "defer_message_generator",
+    "make_bare_node",
+    "open_context",
     "open_participant",
     "remove_participant",
 ]
@@ -83,33 +85,65 @@ def open_participant(
         CommandFailedError: there is no rclpy, or it does not start.
     """
     require_shared_memory()
+    with open_context(environment) as context:
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+
+        try:
+            node = make_bare_node(context, name)
+        except Exception as error:
+            raise CommandFailedError(f"ROS 2 does not start: {error}") from error
+        for module in ("rclpy.topic_endpoint_info", *needs):
+            # The first use of it reports what is wrong.
+            with suppress(Exception):
+                importlib.import_module(module)
+        participant = RosParticipant(node, rclpy_implementation, environment.domain)
+        try:
+            yield participant
+        finally:
+            remove_participant(participant.close)
+
+
+@contextmanager
+def open_context(environment: RosEnvironment) -> Iterator[Any]:
+    """A context of rclpy in the ROS domain of the environment.
+
+    Args:
+        environment: put into effect for this process first.
+
+    Raises:
+        CommandFailedError: there is no rclpy, or it does not start.
+    """
     environment.put_into_effect()
     try:
         from rclpy.context import Context
-        from rclpy.impl.implementation_singleton import rclpy_implementation
     except ImportError as error:
         raise no_ros(error) from error
     context: Any = Context()
     try:
         context.init(domain_id=environment.domain)
-        with context.handle:
-            node = rclpy_implementation.Node(
-                f"{name}_{os.getpid()}", "", context.handle, [], False, False
-            )
     except Exception as error:
         context.try_shutdown()
         raise CommandFailedError(f"ROS 2 does not start: {error}") from error
     defer_message_generator()
-    for module in ("rclpy.topic_endpoint_info", *needs):
-        # The first use of it reports what is wrong.
-        with suppress(Exception):
-            importlib.import_module(module)
-    participant = RosParticipant(node, rclpy_implementation, environment.domain)
     try:
-        yield participant
+        yield context
     finally:
-        remove_participant(participant.close)
         context.try_shutdown()
+
+
+def make_bare_node(context: Any, name: str = OBSERVER_NODE) -> Any:
+    """Make a node that publishes and serves nothing, as a handle; discovery starts with it.
+
+    Args:
+        context: as `open_context` gives it.
+        name: of the node; the process id is added.
+    """
+    from rclpy.impl.implementation_singleton import rclpy_implementation
+
+    with context.handle:
+        return rclpy_implementation.Node(
+            f"{name}_{os.getpid()}", "", context.handle, [], False, False
+        )
 
 
 def remove_participant(remove: Callable[[], object]) -> None:

@@ -22,13 +22,16 @@ KNOWN_S: Final = 0.1
 class RosPublisher:
     """One topic's publisher; reliable, which matches every subscription."""
 
-    def __init__(self, participant: RosParticipant, topic: TopicInfo, python_type: Any) -> None:
+    def __init__(
+        self, participant: RosParticipant, topic: TopicInfo, python_type: Any, *, depth: int = 10
+    ) -> None:
         """Make the publisher.
 
         Args:
             participant: the participant that publishes.
             topic: with its subscriptions; `transient_local` is offered if one requests it.
             python_type: the message's class.
+            depth: of the history: how many messages wait for a slow subscription.
 
         Raises:
             CommandFailedError: messages of the class cannot be sent here.
@@ -40,7 +43,7 @@ class RosPublisher:
         is_latched = any(e.qos.durability == "transient_local" for e in topic.subscriptions)
         durability = DurabilityPolicy
         qos: Any = QoSProfile(  # type: ignore[no-untyped-call]
-            depth=10,
+            depth=depth,
             durability=durability.TRANSIENT_LOCAL if is_latched else durability.VOLATILE,
         )
         with participant.node:
@@ -62,6 +65,10 @@ class RosPublisher:
     def publish(self, message: Any) -> None:
         """Send a message."""
         self._publisher.publish(message)
+
+    def publish_bytes(self, data: bytes) -> None:
+        """Send a message that is serialized already."""
+        self._publisher.publish_raw(data)
 
     def rest(self) -> bool:
         """Wait until reliable subscriptions have the last message; return whether they have."""

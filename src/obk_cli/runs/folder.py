@@ -6,7 +6,6 @@ log a node, and while it runs `control.sock`.
 """
 
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import datetime
@@ -15,6 +14,7 @@ from typing import Any, Final
 
 import msgspec
 
+from obelisk_recordings.find import config_of, folder_of_runs, run_folders
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan, Process
 
@@ -37,7 +37,6 @@ __all__ = [
 RUN_FILE: Final = "run.json"
 LONGEST_RUN_FILE: Final = 1 << 23
 """A stack of hundreds of nodes, with its plan [bytes]."""
-_FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,21 +96,12 @@ def runs_folder(environment: Mapping[str, str]) -> Path:
     Raises:
         CommandFailedError: there is no place for it, since the user has no home.
     """
-    home = environment.get("OBK_HOME")
-    logs = environment.get("ROS_LOG_DIR")
-    if home:
-        return Path(home) / "runs"
-    if logs:
-        return Path(logs) / "obk" / "runs"
-
-    from platformdirs import user_state_path  # only if no variable sets the folder
-
-    try:
-        return user_state_path("obk") / "runs"
-    except RuntimeError as error:
+    folder = folder_of_runs(environment)
+    if folder is None:
         raise CommandFailedError(
             "there is no folder for runs: this user has no home", help="set HOME, or OBK_HOME"
-        ) from error
+        )
+    return folder
 
 
 def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
@@ -174,26 +164,6 @@ def record_end(
 def read_runs(parent: Path) -> tuple[Run, ...]:
     """Every run in the folder, newest first; unreadable ones are left out."""
     return tuple(run for folder in run_folders(parent) if (run := read_run(folder)) is not None)
-
-
-def run_folders(parent: Path) -> tuple[Path, ...]:
-    """The folders of all runs, newest first; what is not named like one is left out.
-
-    In a folder that is closed to this user there are none.
-    """
-    try:
-        found = list(parent.glob("*/"))
-    except PermissionError:
-        return ()
-    named = ((path, _FOLDER_NAME.fullmatch(path.name)) for path in found)
-    dated = [(m["stamp"], int(m["suffix"] or 0), path) for path, m in named if m]
-    return tuple(path for _, _, path in sorted(dated, reverse=True))
-
-
-def config_of(folder: Path) -> str:
-    """The config's name in a run folder's; a slash in it is an underscore here."""
-    match = _FOLDER_NAME.fullmatch(folder.name)
-    return match["config"] if match else folder.name
 
 
 def read_run(folder: Path) -> Run | None:

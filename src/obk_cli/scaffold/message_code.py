@@ -45,6 +45,8 @@ class MessageCode:
     statements: tuple[str, ...]
     assertions: tuple[str, ...] = ()
     sample: tuple[str, ...] = ()
+    unit: str = ""
+    """Of the control's amplitude or of the readings; empty: it depends on the model."""
 
     @property
     def uses_math(self) -> bool:
@@ -64,6 +66,7 @@ _VELOCITY = MessageCode(
         "msg.w_z = 0.0  # [rad/s]",
     ),
     assertions=("assert abs(msg.v_x) <= 1.0",),
+    unit="m/s",
 )
 _ESTIMATE = {
     (
@@ -133,22 +136,32 @@ def is_position_control(ctrl: MessageType) -> bool:
     return ctrl.full in _WITH_U_MUJOCO
 
 
-def reading_code(sensor: MessageType, positions: str) -> MessageCode:
-    """How a robot or a sensor fills its message; `positions` is code for the joints' [rad or m]."""
+def reading_code(sensor: MessageType, positions: str, offset: str = "") -> MessageCode:
+    """How a robot or a sensor fills its message.
+
+    Args:
+        sensor: the message.
+        positions: code for the joints' positions [rad or m].
+        offset: code in front of other readings, such as `self.offset + `.
+    """
     codes = {
-        "obelisk_sensor_msgs/msg/JointEncoders": MessageCode(statements=(f"msg.y = {positions}",)),
+        "obelisk_sensor_msgs/msg/JointEncoders": MessageCode(
+            statements=(f"msg.y = {positions}",), unit="rad"
+        ),
         "obelisk_sensor_msgs/msg/ObkJointEncoders": MessageCode(
             statements=(
                 f"msg.joint_pos = {positions}",
                 "msg.joint_vel = [0.0] * len(msg.joint_pos)",
             ),
             assertions=("assert len(msg.joint_pos) == len(msg.joint_vel)",),
+            unit="rad",
         ),
         "obelisk_sensor_msgs/msg/ObkImu": MessageCode(
             statements=(
                 "msg.orientation.w = 1.0",
-                "msg.linear_acceleration.z = 9.81  # [m/s^2] at rest",
+                f"msg.linear_acceleration.z = {offset}9.81  # [m/s^2] at rest",
             ),
+            unit="m/s^2",
             assertions=("assert msg.linear_acceleration.z > 0.0",),
         ),
         "obelisk_sensor_msgs/msg/ObkFramePose": MessageCode(
@@ -167,6 +180,7 @@ def _stamped(message: MessageType, code: MessageCode | None, stamp: str = _STAMP
         statements=(stamp, *known.statements),
         assertions=known.assertions,
         sample=known.sample,
+        unit=known.unit,
     )
 
 

@@ -133,6 +133,9 @@ _BASES = {
     "sensor": ("obelisk_py.core.sensing", "ObeliskSensor"),
 }
 _LIFECYCLE = "rclpy.lifecycle"
+_OFFSET = "self.offset + "
+"""In front of what a sensor without a device measures."""
+_POSITIONS = f"[{_OFFSET}math.sin(self.t)]"
 
 
 def template_variables(
@@ -178,7 +181,7 @@ def _test_entry(spec: PackageSpec) -> str:
 
 def _node_variables(spec: PackageSpec, topics: str) -> dict[str, object]:
     follows = spec.kind == "robot" and is_position_control(spec.ctrl)
-    positions = "self.positions" if spec.kind == "robot" else "[math.sin(self.t)]"
+    measures = ("self.positions",) if spec.kind == "robot" else (_POSITIONS, _OFFSET)
     return {
         "class_name": spec.class_name,
         "description": f"The Obelisk {spec.kind} {spec.node}.",
@@ -193,7 +196,7 @@ def _node_variables(spec: PackageSpec, topics: str) -> dict[str, object]:
         "test_sensor_topic": sensor_topic(spec.sensor, _TEST_TOPICS),
         "control": control_code(spec.ctrl, spec.controls),
         "estimate": estimate_code(spec.est, spec.sensor),
-        "reading": reading_code(spec.sensor, positions),
+        "reading": reading_code(spec.sensor, *measures),
         "follows_positions": follows,
         "dependencies": dependencies(spec),
         "release": spec.release,
@@ -219,10 +222,24 @@ def _import_variables(spec: PackageSpec) -> dict[str, object]:
     )
     if spec.kind == "sensor":
         node = tuple(name for name in node if name[0] != _LIFECYCLE)
+    if _has_parameter(spec):
+        node = (*node, ("obelisk_py.core.parameter", "Parameter"))
     test = (*messages, ("obk_testing.plugin", "StartStack"))
     if spec.kind == "robot":
         test = (*test, ("obelisk_py.core.utils.ros", "run_transitions"))
     return {"node_imports": import_block(node), "test_imports": import_block(test)}
+
+
+def _has_parameter(spec: PackageSpec) -> bool:
+    """Whether the generated node declares a `Parameter`: where there is something to tune."""
+    match spec.kind:
+        case "controller":
+            return control_code(spec.ctrl).uses_math
+        case "robot":
+            return is_position_control(spec.ctrl)
+        case "sensor":
+            return bool(reading_code(spec.sensor, _POSITIONS).unit)
+    return True
 
 
 def _noqa(script: str) -> str:

@@ -19,6 +19,7 @@ from obelisk_spec.registration import (
 from obk_cli.config.environment import CodeComponent, CodeParameter, kind_of_value
 from obk_cli.config.model import ComponentKind
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
+from obk_cli.source_analysis.live_parameters import class_parameters
 from obk_cli.source_analysis.modules import (
     UNKNOWN,
     Dotted,
@@ -330,6 +331,8 @@ def registrations_of(
 ) -> Registrations:
     """The components and parameters of a class; made with its defaults unless `has_arguments`."""
     walk = _Walk(lineage, library, has_arguments=has_arguments)
+    declared, walk.found.knows_parameters = class_parameters(lineage, library)
+    walk.found.parameters.update(declared)
     walk.constructor(0, None)
     for name in sorted({m.name for c in lineage.classes for m in c.methods()}):
         if name.startswith("on_"):

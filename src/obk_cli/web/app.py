@@ -26,6 +26,7 @@ from obk_cli.errors import CommandFailedError, ObkError
 from obk_cli.introspect.lifecycle import possible_transitions
 from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
+from obk_cli.monitor.parameters import Tuner, parameter_data
 from obk_cli.monitor.table import monitor_data
 from obk_cli.process.interrupt import until_interrupt
 from obk_cli.ros.types import fields_of, short_type
@@ -143,6 +144,7 @@ POLL_S: Final = 0.1
 """Period of polling for changes [s]."""
 MOST_CURVES: Final = 12
 CHANGE: Final = 'expected {"transition": "activate", "node": "/name", "run": "name_of_its_folder"}'
+SETTING: Final = 'expected {"node": "/name", "name": "kp", "value": "2.5", "run": "its_folder"}'
 PAGE: Final = Path(obk_cli.web.__file__).with_name("page")
 KINDS: Final = {
     ".html": "text/html; charset=utf-8",
@@ -175,6 +177,7 @@ class PageApi:
         snapshot: Callable[[], Snapshot],
         fields: FieldSource,
         change: Change,
+        tuner: Tuner,
         is_ending: Callable[[], bool],
     ) -> None:
         """Connect the page to its sources.
@@ -183,11 +186,13 @@ class PageApi:
             snapshot: returns the newest snapshot.
             fields: the fields that pages draw.
             change: carries transitions out.
+            tuner: reads and sets parameters.
             is_ending: whether the streams are to end.
         """
         self._snapshot = snapshot
         self._fields = fields
         self._change = change
+        self._tuner = tuner
         self._is_ending = is_ending
 
     async def graph(self, _: Request) -> Response:
@@ -241,6 +246,36 @@ class PageApi:
         except ObkError as error:
             answer = ChangeAnswer(success=False, why=_sentence(error))
         return JSONResponse(change_data(answer))
+
+    async def parameters(self, _: Request) -> Response:
+        """The tunable parameters of all nodes."""
+        view = self._snapshot().view
+        found = await run_in_threadpool(self._tuner.of, view) if view is not None else {}
+        nodes = [
+            {"node": node, "parameters": [parameter_data(one) for one in parameters]}
+            for node, parameters in found.items()
+        ]
+        return JSONResponse({"run": view.run if view else "", "nodes": nodes})
+
+    async def set_parameter(self, request: Request) -> Response:
+        """Set a parameter of a node."""
+        try:
+            body = await request.json()
+            node, name, text, run = (str(body[key]) for key in ("node", "name", "value", "run"))
+        except (ValueError, TypeError, KeyError):
+            return _error_response(400, SETTING)
+        view = self._snapshot().view
+        if view is None or node not in {one.node for one in view.nodes}:
+            return _error_response(404, f"there is no node {node}" if view else "no stack runs")
+        if view.run != run:
+            return _error_response(
+                409, f"the stack of {run or 'another host'} is not what runs now"
+            )
+        try:
+            changed = await run_in_threadpool(self._tuner.set, view, node, name, text)
+        except ObkError as error:
+            return JSONResponse({"success": False, "why": _sentence(error)})
+        return JSONResponse({"success": True, "why": str(changed)})
 
     async def _events(self, requests: list[FieldRequest]) -> AsyncIterator[str]:
         shown: Snapshot | None = None
@@ -297,6 +332,8 @@ def make_app(site: PageApi, *, token: str, port: int) -> ASGIApp:
         Route("/fields", site.fields),
         Route("/events", site.events),
         Route("/change", site.change, methods=["POST"]),
+        Route("/parameters", site.parameters),
+        Route("/parameter", site.set_parameter, methods=["POST"]),
     ]
     return _AuthMiddleware(Starlette(routes=routes), token, cookie)
 

@@ -4,7 +4,7 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -361,28 +361,53 @@ def package_names_in(workspace: Path) -> tuple[str, ...]:
 
 def _package_folders(folder: Path, depth: int) -> Iterator[Path]:
     """Folders with a package.xml; a package is not looked into for further ones."""
-    if (folder / "COLCON_IGNORE").exists():
+    if _has(folder, "COLCON_IGNORE"):
         return
-    if (folder / "package.xml").is_file() and not is_untrusted(folder / "package.xml"):
+    manifest = folder / "package.xml"
+    if _has(folder, manifest.name) and manifest.is_file() and not is_untrusted(manifest):
         yield folder
         return
     for child in _searched_children(folder, depth):
         yield from _package_folders(child, depth + 1)
 
 
+def _has(folder: Path, name: str) -> bool:
+    """Whether a folder has a file; a workspace may have thousands of folders to ask."""
+    return os.path.exists(f"{folder}/{name}")  # noqa: PTH110  (several times as fast as pathlib's)
+
+
 def _searched_children(folder: Path, depth: int) -> Iterator[Path]:
     if depth == _DEEPEST:
         return
-    for child in _listed(folder):
-        is_skipped = child.name.startswith(".") or child.name in _SKIPPED
-        is_open = _is_folder(child) and os.access(child, os.X_OK)
-        if not is_skipped and is_open and not _is_foreign(child) and not _leads_back(child):
+    for name in _searched_names(folder):
+        child = folder / name
+        is_open = os.access(child, os.X_OK)
+        if is_open and not _is_foreign(child) and not _leads_back(child):
             yield child
+
+
+def _searched_names(folder: Path) -> Sequence[str]:
+    """The names of the folders in one, in order; a workspace may have many files beside them."""
+    try:
+        with os.scandir(folder) as entries:
+            folders = [entry.name for entry in entries if _is_searched(entry)]
+    except OSError:
+        return ()
+    return sorted(folders)
+
+
+def _is_searched(entry: "os.DirEntry[str]") -> bool:
+    if entry.name.startswith(".") or entry.name in _SKIPPED:
+        return False
+    try:
+        return entry.is_dir()
+    except OSError:  # a link in a circle
+        return False
 
 
 def _is_foreign(folder: Path) -> bool:
     """Whether it is an environment of Python, or was put there by another user."""
-    return (folder / "pyvenv.cfg").exists() or is_untrusted(folder)
+    return _has(folder, "pyvenv.cfg") or is_untrusted(folder)
 
 
 def _leads_back(folder: Path) -> bool:

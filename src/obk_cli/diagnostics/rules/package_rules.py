@@ -76,7 +76,7 @@ RULES: tuple[Rule, ...] = (
         cause="A ROS node receives only the parameters that it declares, so this one is dropped. "
         "It is an info if no declared parameter has a similar name. If the code computes names of "
         "parameters, only a typo of a declared one that is not set is reported.",
-        fix="Correct the name, or declare the parameter in the node's constructor.",
+        fix="Correct the name, or declare the parameter with `Parameter` in the node's class.",
     ),
     Rule(
         code="OBK410",
@@ -99,9 +99,9 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a parameter of another kind than the code declares",
         cause="A ROS parameter keeps to the kind of its default: a node that declares a float and "
-        "is given an int, `2` for `2.0`, does not start.",
-        fix="Write the value as the code declares it, or declare the parameter with "
-        "`ParameterDescriptor(dynamic_typing=True)`.",
+        "is given an int, `2` for `2.0`, does not start. Only a float of `Parameter` takes an int.",
+        fix="Write the value as the code declares it, or declare the parameter with `Parameter` or "
+        "with `ParameterDescriptor(dynamic_typing=True)`.",
     ),
     Rule(
         code="OBK413",
@@ -119,6 +119,14 @@ RULES: tuple[Rule, ...] = (
         cause="The file is not well-formed XML, or it has no `<name>`; colcon does not build such "
         "a package, and other tools do not find it.",
         fix="Correct package.xml at the place that is shown.",
+    ),
+    Rule(
+        code="OBK415",
+        severity="error",
+        title="a parameter beyond the limits that the code declares",
+        cause="The node's class declares the parameter with `Parameter`, with limits or with the "
+        "members of an enum: a node that is given another value does not start.",
+        fix="Write a value within the limits, or change `ge` and `le` in the code.",
     ),
     Rule(
         code="OBK420",

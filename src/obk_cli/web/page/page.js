@@ -3,6 +3,7 @@
 import { byId, element, keep, setText } from "./dom.js";
 import { MISSING, clock, commonSpace, milliseconds, rate, shortNode } from "./format.js";
 import { showGraph } from "./graph.js";
+import { showParameters } from "./parameters.js";
 import { beginCurves, setCurves, showPlots, takeSamples, wantedCurves } from "./plots.js";
 
 // What moves the robot, and what cannot be taken back, is asked about.
@@ -56,6 +57,7 @@ function showView(shown) {
   showTopics(shown);
   offerTopics(shown.topics);
   showGraph(shown);
+  showParameters(shown);
 }
 
 function standing(shown) {

@@ -26,6 +26,7 @@ setup(
             "second = demo_py.generations:second",
             "third = demo_py.generations:third",
             "third_controller = demo_py.generations:controller",
+            "tuned = demo_py.tuned:main",
             "unfinished = demo_py.unfinished:main",
             "untyped = demo_py.untyped:main",
             "without_base = demo_py.without_base:main",

@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
+from obelisk_spec.parameter_notes import ParameterNotes
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import GraphService, LauncherGraph, ask_launcher
 from obk_cli.launch.control_server import serve_control
 from obk_cli.ros.graph import GraphSnapshot, TopicInfo
-from obk_cli.ros.parameters import NodeParameter
+from obk_cli.ros.parameters import NodeParameter, SetAnswer
 
 WAIT_S = 20.0
 TYPES = {"/q": ("p/msg/M",)}
@@ -87,16 +88,24 @@ def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
     def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
         heard.append(question)
         value = {"kind": "double", "value": 1.5}
-        reason = "too much"
-        return {"names": ["gain"], "values": [value], "kind": "double", "reason": reason}
+        described = {"name": "gain", "kind": "double", "unit": "m", "least": 0, "is_live": True}
+        return {
+            "names": ["gain"],
+            "values": [value],
+            "descriptions": [described],
+            "successful": False,
+            "reason": "too much",
+        }
 
     with launcher(tmp_path, answer) as look:
         parameters = look.parameters("/arm", WAIT_S)
         gain = NodeParameter(kind="double", value=1.5)
         assert parameters.names() == ("gain",)
         assert parameters.values(["gain"]) == {"gain": gain}
-        assert parameters.declared_kind("gain") == "double"
-        assert parameters.set("gain", gain) == "too much"
+        (description,) = parameters.describe(["gain"]).values()
+        assert description.kind == "double"
+        assert description.notes == ParameterNotes(unit="m", least=0.0, is_live=True)
+        assert parameters.set("gain", gain) == SetAnswer(successful=False, reason="too much")
     assert heard[-1] == {
         "about": "parameters",
         "node": "/arm",
@@ -141,11 +150,11 @@ def test_a_launcher_that_does_not_tell_is_passed_over(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("told", [None, 5, "x", ["x"], {"x": {"y": 1}}])
 def test_whatever_a_launcher_says_it_raises_nothing_else(told: object, tmp_path: Path) -> None:
-    keys = ("names", "values", "kind")
+    keys = ("names", "values", "descriptions")
     asked: tuple[Callable[[LauncherGraph], object], ...] = (
         lambda look: look.parameters("/n0", WAIT_S).names(),
         lambda look: look.parameters("/n0", WAIT_S).values(("a", "b")),
-        lambda look: look.parameters("/n0", WAIT_S).declared_kind("a"),
+        lambda look: look.parameters("/n0", WAIT_S).describe(("a",)),
     )
     with launcher(tmp_path, lambda _: dict.fromkeys(keys, told)) as look:
         for ask in asked:

@@ -11,7 +11,7 @@ from obk_cli.introspect.protocol import (
     KnownGraph,
     NamesReply,
     NodeEnds,
-    ReasonReply,
+    SetReply,
     WireParameter,
     decode_reply,
     graph_of,
@@ -107,4 +107,4 @@ def test_a_parameter_of_another_shape_is_an_error(wire: WireParameter) -> None:
 @pytest.mark.parametrize("data", [b"", b"7", b"[]", b"{}", b"\xff", b'{"reason":' * 10_000])
 def test_bytes_that_are_no_reply_are_an_error(data: bytes) -> None:
     with pytest.raises(CommandFailedError, match="invalid answer"):
-        decode_reply(data, ReasonReply)
+        decode_reply(data, SetReply)

@@ -5,14 +5,23 @@ import threading
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import replace
 from queue import SimpleQueue
+from typing import Any
 
 import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
+from obelisk_spec.parameter_notes import ParameterNotes
 from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.tuning import ChangedParameter, TunableParameter
 from obk_cli.monitor.app import HELP, MonitorApp
 from obk_cli.monitor.model import StackView
+from obk_cli.ros.parameters import (
+    NodeParameter,
+    ParameterDescription,
+    fit_parameter,
+    parse_parameter,
+)
 from obk_cli.runs.protocol import ChangeAnswer
 
 from .stacks import BROKEN, HEALTHY
@@ -44,6 +53,23 @@ class Watch:
         self._next.put("stop")
 
 
+NOTES = {
+    "kp": ParameterNotes(least=0.0, most=200.0, unit="N m/rad", is_live=True, initial=20.0),
+    "is_on": ParameterNotes(is_live=True, initial=True),
+    "steps": ParameterNotes(is_live=False, initial=3),
+}
+KINDS = {float: "double", bool: "bool", int: "integer"}
+
+
+def tunable(name: str, value: Any) -> TunableParameter:
+    kind = KINDS[type(value)]
+    return TunableParameter(
+        name=name,
+        value=NodeParameter(kind=kind, value=value),
+        description=ParameterDescription(kind=kind, notes=NOTES[name]),
+    )
+
+
 class World:
     """An app in a test, with what it asked for."""
 
@@ -55,7 +81,8 @@ class World:
         self.error: Exception | None = None
         self.may_answer = threading.Event()
         self.may_answer.set()
-        self.app = MonitorApp(watch, self.change)
+        self.values: dict[str, Any] = {"kp": 20.0, "is_on": True, "steps": 3}
+        self.app = MonitorApp(watch, self.change, self)
         self.pilot: Pilot[Exception | None]
 
     def change(self, view: StackView, verb: str, nodes: tuple[str, ...]) -> ChangeAnswer:
@@ -67,6 +94,19 @@ class World:
         if verb == "cleanup" and not self.answer.success:
             raise CommandFailedError("no answer", help="see `obk ps`")
         return self.answer
+
+    def of(self, view: StackView) -> dict[str, tuple[TunableParameter, ...]]:
+        assert view.nodes
+        return {CONTROL: tuple(tunable(name, value) for name, value in self.values.items())}
+
+    def set(self, view: StackView, node: str, name: str, text: str) -> ChangedParameter:
+        assert (view.run, node) == (HEALTHY.run, CONTROL)
+        before = tunable(name, self.values[name]).value
+        after = fit_parameter(text, parse_parameter(text), before.kind)
+        if name == "kp" and not 0.0 <= float(text) <= 200.0:
+            raise CommandFailedError("too much")
+        self.values[name] = after.value
+        return ChangedParameter(name=name, before=before, after=after, unit="", effect="in effect")
 
     def text(self, part: str) -> str:
         return str(self.app.query_one(f"#{part}", Static).render())
@@ -297,3 +337,32 @@ def test_a_fault_of_the_tool_in_a_change_ends_the_table_with_it() -> None:
                 await world.pilot.pause(0.01)
 
     assert live(steps, HEALTHY).app.return_value is error
+
+
+def test_parameters_are_tuned_by_keys() -> None:
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        await world.press("p")
+        await world.shows("topics_text", "kp")
+        await world.shows("keys", "r reset")
+        await world.press("right")
+        await world.shows("message", "kp changed from 20.0 to 22.0, in effect")
+        await world.shows("topics_text", "was 20.0")
+        await world.press("left")
+        await world.shows("message", "kp changed from 22.0 to 20.0")
+        await world.press("enter", *["backspace"] * 4, *"250", "enter")
+        await world.shows("message", "too much")
+        await world.press("enter", *["backspace"] * 4, *"50", "enter")
+        await world.shows("message", "kp changed from 20.0 to 50.0")
+        await world.press("r")
+        await world.shows("message", "kp changed from 50.0 to 20.0")
+        await world.press("down", "left")
+        await world.shows("message", "is_on changed from true to false")
+        await world.press("down", "right")  # without a range there is no slider
+        await world.press("enter", "escape", "escape")
+        await world.shows("keys", "p parameters")
+        assert world.values["steps"] == 3
+        await world.press("r")
+        await world.shows("message", "deactivate, cleanup")
+
+    assert not live(steps, HEALTHY).asked

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from obelisk_recordings.bag import DROPS
 from obk_cli.cli.main import main
 from obk_cli.record.mcap_writer import BagWriter
-from obk_cli.record.plot import PlotField
-from obk_cli.record.recording import DROPS
+from obk_cli.record.plot import PlotPart
 
 SECOND = 1_000_000_000
 
@@ -65,11 +65,19 @@ def test_plot_names_the_picture_that_it_makes(
 def test_plot_is_over_the_time_of_publication_or_of_receipt(
     bag: Path, monkeypatch: pytest.MonkeyPatch, option: tuple[str, ...], first_s: float
 ) -> None:
-    drawn: list[PlotField] = []
-    monkeypatch.setattr("obk_cli.record.plot.draw", lambda fields, *_: drawn.extend(fields))
+    drawn: list[PlotPart] = []
+    monkeypatch.setattr("obk_cli.record.plot.draw", lambda parts, *_: drawn.extend(parts))
     assert obk("plot", bag, "speed.data", *option) == 0
     (line,) = drawn[0].lines
     assert line.times_s == pytest.approx([first_s + number for number in range(5)])
+
+
+def test_plot_takes_files_then_fields_and_writes_a_page(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert obk("plot", bag, "speed.mcap", "speed.data", "--html", "--xlim", "-1", "2") == 0
+    assert capsys.readouterr().out == "speed_speed_data.html\n"
+    assert Path("speed_speed_data.html").read_text().startswith("<!DOCTYPE html>")
 
 
 @pytest.mark.parametrize(
@@ -79,7 +87,10 @@ def test_plot_is_over_the_time_of_publication_or_of_receipt(
         (("plot", "speed.mcap", "speed"), 2, "`speed`"),
         (("plot", "speed.mcap", "sped.data"), 1, "`sped`"),
         (("plot", "speed.mcap", "speed.dat"), 1, "`data`"),
-        (("plot", "speed.mcap", "speed.data", "-o", "a.gif"), 2, ".png or .svg"),
+        (("plot", "speed.mcap", "speed.data", "-o", "a.gif"), 2, ".png, .svg or .html"),
+        (("plot", "speed.mcap", "speed.data", "-o", "a.png", "--html"), 2, "named .html"),
+        (("plot", "speed.mcap", "speed.data", "--xlim", "2", "1"), 2, "`--xlim 2 1`"),
+        (("plot", "speed.mcap", "speed"), 2, "`speed` names no field"),
         (("record", "--duration", "0"), 2, "`--duration 0`"),
     ],
 )

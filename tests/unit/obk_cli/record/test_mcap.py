@@ -7,17 +7,20 @@ import struct
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from obelisk_recordings.bag import DROPS, BagTopic
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.run import open_run
+from obelisk_recordings.summary import read_bag
 from obk_cli.cli.bag import bag_text
 from obk_cli.errors import CommandFailedError
-from obk_cli.record.mcap_reader import messages_of, read_bag
 from obk_cli.record.mcap_writer import BagWriter, offers_text
-from obk_cli.record.plot import PlotField, draw, parse_field
-from obk_cli.record.recording import DROPS, BagTopic
+from obk_cli.record.plot import PlotPart, draw, parse_field, plot_parts
 from obk_cli.ros.raw_subscription import OfferedQos
 
 TYPE = "std_msgs/msg/Float64"
@@ -73,11 +76,11 @@ def test_what_was_made_from_stands_before_the_messages(tmp_path: Path) -> None:
 
 def test_messages_come_back_by_the_definitions_in_the_file(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap")
-    got = list(messages_of(path, {"/speed"}))
-    assert [one.value.data for one in got] == [float(n) for n in range(COUNT)]
-    assert got[1].received_ns == BEGIN_NS + 10_000_000
-    assert got[1].published_ns == BEGIN_NS + 10_000_000 - 1
-    assert list(messages_of(path, {"/silent"})) == []
+    run = open_run(path)
+    assert run["/speed"].data.tolist() == [float(n) for n in range(COUNT)]
+    assert run["/speed"].messages.received_ns[1] == BEGIN_NS + 10_000_000
+    assert run["/speed"].messages.published_ns[1] == BEGIN_NS + 10_000_000 - 1
+    assert run.read(["/silent"]) == {}
 
 
 @pytest.mark.parametrize("part", [0.0, 0.001, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.9999])
@@ -87,7 +90,7 @@ def test_a_file_that_breaks_off_anywhere_is_read_up_to_there(tmp_path: Path, par
     cut.write_bytes(whole[: int(len(whole) * part)])
     bag = read_bag(cut)
     assert not bag.is_complete
-    values = [one.value.data for one in messages_of(cut, {"/speed"})]
+    values = [value for one in open_run(cut).parts(["/speed"]) for value in one.data]
     assert values == [float(n) for n in range(bag.count)]
     assert bag.count % 10 == 0
 
@@ -102,8 +105,8 @@ def test_a_damaged_chunk_is_an_error_of_the_file(tmp_path: Path) -> None:
         file.seek(end - 40)
         file.write(b"\xff" * 40)
     assert read_bag(path).count == COUNT
-    with pytest.raises(CommandFailedError, match=r"a\.mcap"):
-        list(messages_of(path, {"/speed"}))
+    with pytest.raises(RecordingError, match=r"a\.mcap"):
+        open_run(path).read(["/speed"])
 
 
 def test_what_was_flushed_is_there_without_an_end(tmp_path: Path) -> None:
@@ -129,21 +132,18 @@ def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
 def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("some text that is no recording")
-    with pytest.raises(CommandFailedError, match="MCAP"):
+    with pytest.raises(RecordingError, match="MCAP"):
         read_bag(path)
-    with pytest.raises(CommandFailedError, match=r"b\.mcap"):
+    with pytest.raises(RecordingError, match=r"b\.mcap"):
         read_bag(tmp_path / "b.mcap")
 
 
-def speed_lines(path: Path) -> PlotField:
-    lines = PlotField(parse_field("/speed.data"))
-    for one in messages_of(path, {"/speed"}):
-        lines.add((one.received_ns - BEGIN_NS) * 1e-9, one.value)
-    return lines
+def speed_lines(path: Path) -> tuple[PlotPart, ...]:
+    return plot_parts([open_run(path)], [parse_field("/speed.data")])
 
 
 def test_a_field_is_drawn_as_png_and_as_svg_the_same_bytes_each_time(tmp_path: Path) -> None:
-    lines = speed_lines(written(tmp_path / "a.mcap"))
+    (lines,) = speed_lines(written(tmp_path / "a.mcap"))
     for name, begin in (("a.png", b"\x89PNG"), ("a.svg", b"<?xml")):
         draw([lines, lines], "a title", tmp_path / name)
         first = (tmp_path / name).read_bytes()
@@ -159,7 +159,7 @@ def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     lines = speed_lines(written(tmp_path / "a.mcap"))
     (tmp_path / "a.png").mkdir()
     with pytest.raises(CommandFailedError, match=r"a\.png` cannot be written: it is a folder"):
-        draw([lines], "t", tmp_path / "a.png")
+        draw(lines, "t", tmp_path / "a.png")
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
@@ -172,7 +172,7 @@ def test_a_picture_that_was_there_stays_where_no_new_one_can_be_drawn(
     (tmp_path / "a.png").write_text("the one before")
     monkeypatch.setattr("os.fdopen", fail)
     with pytest.raises(CommandFailedError, match="no space left on device"):
-        draw([speed_lines(written(tmp_path / "a.mcap"))], "t", tmp_path / "a.png")
+        draw(speed_lines(written(tmp_path / "a.mcap")), "t", tmp_path / "a.png")
     assert (tmp_path / "a.png").read_text() == "the one before"
 
 
@@ -197,7 +197,7 @@ def test_messages_of_overlapping_chunks_come_in_the_order_of_their_receipt(
             made.add_message(speed, number, message(number), number)
             made.add_message(other, number, message(-1.0), number)
         made.finish()
-    heard = [one.received_ns for one in messages_of(path, {"/speed"})]
+    heard = open_run(path)["/speed"].messages.received_ns.view(np.uint64).tolist()
     assert heard == [*range(10), 2**64 - 1]
     with path.open("rb") as file:
         theirs = [m.log_time for _, _, m in make_reader(file).iter_messages(topics=["/speed"])]
@@ -233,7 +233,7 @@ def with_definition(path: Path, definition: str, data: bytes) -> Path:
 def test_comments_and_constants_of_a_definition_do_not_count(tmp_path: Path, line: str) -> None:
     definition = f"{line}\nfloat64 data 1.5\n{line}\n"
     path = with_definition(tmp_path / "a.mcap", definition, struct.pack("<d", 2.5))
-    assert [one.value.data for one in messages_of(path, {"/speed"})] == [2.5]
+    assert open_run(path)["/speed"].data.tolist() == [2.5]
 
 
 @pytest.mark.parametrize(
@@ -248,8 +248,8 @@ def test_a_message_that_breaks_off_is_told_and_not_cut_short(
     tmp_path: Path, definition: str, data: bytes
 ) -> None:
     path = with_definition(tmp_path / "a.mcap", definition, data)
-    with pytest.raises(CommandFailedError, match=r"damaged \(EOFError: \d+ bytes were expected"):
-        list(messages_of(path, {"/speed"}))
+    with pytest.raises(RecordingError, match=r"damaged: \d+ bytes were expected"):
+        _ = open_run(path)["/speed"]["data"]
 
 
 def test_bytes_of_names_that_are_no_utf8_are_escaped(tmp_path: Path) -> None:

@@ -1,44 +1,71 @@
-"""Fields of recorded messages by name, and the numbers in them."""
+"""Fields of recorded runs by name, and the lines that are drawn of them."""
 
-from array import array
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from mcap_ros2.writer import Writer
 
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.run import RecordedRun, open_run, topic_named
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.record.plot import FieldName, PlotField, parse_field, resolve_topic
+from obk_cli.record.plot import FieldName, PlotPart, draw, parse_field, plot_parts
+from obk_cli.record.plot_page import MOST_POINTS, _thinned, write_page
+
+from ....browser import opened  # noqa: TID252 - shared by folders of tests
+
+BAR = "=" * 80
+DEFINITION = f"""\
+string frame
+Vector gyro # [rad/s]
+bool ok
+# Positions [rad].
+float64[] position
+string[] joint_names
+Vector[] sides
+{BAR}
+MSG: demo_msgs/Vector
+float64 x
+float64 y
+"""
 
 
-class Vector:
-    __slots__ = ("x", "y")
-
-    def __init__(self, x: float, y: float) -> None:
-        self.x, self.y = x, y
-
-
-class Message:
-    __slots__ = ("frame", "gyro", "ok", "position", "sides")
-
-    def __init__(self, **values: Any) -> None:
-        self.frame = "world"
-        self.gyro = Vector(1.0, 2.0)
-        self.ok = True
-        self.position = array("d", (3.0, 4.0))
-        self.sides = [Vector(5.0, 6.0)]
-        for name, value in values.items():
-            setattr(self, name, value)
+def reading(**values: Any) -> dict[str, Any]:
+    message = {
+        "frame": "world",
+        "gyro": {"x": 1.0, "y": 2.0},
+        "ok": True,
+        "position": [3.0, 4.0],
+        "joint_names": [],
+        "sides": [{"x": 5.0, "y": 6.0}],
+    }
+    return {**message, **values}
 
 
-def lines(text: str, *messages: Message) -> dict[str, list[float]]:
-    found = PlotField(parse_field(text))
-    for second, message in enumerate(messages or (Message(),)):
-        found.add(float(second), message)
-    return {line.label: line.values for line in found.lines}
+def recorded(path: Path, *messages: dict[str, Any]) -> RecordedRun:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        schema = writer.register_msgdef("demo_msgs/msg/Reading", DEFINITION)
+        for second, message in enumerate(messages or (reading(),)):
+            writer.write_message("/arm/t", schema, message, 10**9 * second)
+        writer.finish()
+    return open_run(path)
+
+
+def parts(runs: Iterable[RecordedRun], *texts: str, overlay: bool = False) -> tuple[PlotPart, ...]:
+    return plot_parts([*runs], [parse_field(text) for text in texts], overlay=overlay)
+
+
+def lines(folder: Path, text: str, *messages: dict[str, Any]) -> dict[str, list[float]]:
+    (part,) = parts([recorded(folder / "a.mcap", *messages)], text)
+    return {line.label: line.values.tolist() for line in part.lines}
 
 
 def test_a_field_is_a_topic_and_the_way_into_its_message() -> None:
     assert parse_field("/arm/imu.sides[2].x") == FieldName(
-        topic="/arm/imu", steps=("sides", 2, "x"), text="/arm/imu.sides[2].x"
+        topic="/arm/imu", path="sides[2].x", text="/arm/imu.sides[2].x"
     )
 
 
@@ -48,54 +75,159 @@ def test_what_is_no_field_is_told(text: str) -> None:
         parse_field(text)
 
 
-def test_a_number_is_one_line_an_array_or_a_message_one_for_each_number() -> None:
-    assert lines("t.gyro.x") == {"": [1.0]}
-    assert lines("t.ok") == {"": [1.0]}
-    assert lines("t.position") == {"[0]": [3.0], "[1]": [4.0]}
-    assert lines("t.position[1]") == {"": [4.0]}
-    assert lines("t.gyro") == {".x": [1.0], ".y": [2.0]}
-    assert lines("t.sides") == {"[0].x": [5.0], "[0].y": [6.0]}
+def test_a_number_is_one_line_an_array_or_a_message_one_for_each_number(tmp_path: Path) -> None:
+    assert lines(tmp_path, "t.gyro.x") == {"": [1.0]}
+    assert lines(tmp_path, "t.ok") == {"": [1.0]}
+    assert lines(tmp_path, "t.position") == {"[0]": [3.0], "[1]": [4.0]}
+    assert lines(tmp_path, "t.position[1]") == {"": [4.0]}
+    assert lines(tmp_path, "t.gyro") == {"x": [1.0], "y": [2.0]}
+    assert lines(tmp_path, "t.sides") == {"[0].x": [5.0], "[0].y": [6.0]}
+    named = reading(joint_names=["hip", "knee"])
+    assert lines(tmp_path, "t.position", named) == {"hip": [3.0], "knee": [4.0]}
 
 
-def test_an_array_that_grows_and_shrinks_has_the_numbers_that_are_there() -> None:
-    shorter = Message(position=[7.0])
-    assert lines("t.position", shorter, Message()) == {"[0]": [7.0, 3.0], "[1]": [4.0]}
-    assert lines("t.position[1]", shorter, Message()) == {"": [4.0]}
+def test_an_array_that_grows_and_shrinks_has_the_numbers_that_are_there(tmp_path: Path) -> None:
+    shorter = reading(position=[7.0])
+    both = (shorter, reading())
+    assert lines(tmp_path, "t.position", *both) == {"[0]": [7.0, 3.0], "[1]": [4.0]}
+    assert lines(tmp_path, "t.position[1]", *both) == {"": [4.0]}
 
 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
         ("t.giro", "did you mean `gyro`"),
-        ("t.gyro.z", "`x`, `y`"),
+        ("t.gyro.z", "did you mean `gyro.y` or `gyro.x`"),
         ("t.frame", "holds no number"),
-        ("t.gyro[0]", "is of no array"),
-        ("t.gyro.x.y", "there is no field `y`"),
+        ("t.ok[0]", "is no array"),
+        ("t.gyro.x.y", "has no field `gyro.x.y`"),
+        ("t.position[2]", "has only 2 items"),
+        ("u.ok", "has no topic `u`"),
     ],
 )
-def test_a_field_that_is_not_there_is_told_with_those_that_are(text: str, told: str) -> None:
-    with pytest.raises(CommandFailedError) as error:
-        lines(text)
-    assert told in f"{error.value.message} {error.value.help}"
+def test_a_field_that_is_not_there_is_told_with_those_that_are(
+    tmp_path: Path, text: str, told: str
+) -> None:
+    with pytest.raises(RecordingError, match=told.replace("[", "\\[")):
+        lines(tmp_path, text)
 
 
-def test_more_lines_than_can_be_told_apart_are_refused() -> None:
+def test_more_lines_than_can_be_told_apart_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CommandFailedError) as error:
-        lines("t.position", Message(position=[0.0] * 100))
+        lines(tmp_path, "t.position", reading(position=[0.0] * 100))
     assert error.value.help == "name one of them: t.position[32]"
 
 
 def test_a_topic_may_be_named_by_its_end() -> None:
     topics = ["/arm/imu", "/leg/imu", "/arm/est"]
-    assert resolve_topic("/arm/imu", topics) == "/arm/imu"
-    assert resolve_topic("est", topics) == "/arm/est"
-    with pytest.raises(CommandFailedError, match="means several topics"):
-        resolve_topic("imu", topics)
-    with pytest.raises(CommandFailedError, match="has no topic `st`"):
-        resolve_topic("st", topics)
+    assert topic_named("/arm/imu", topics) == "/arm/imu"
+    assert topic_named("est", topics) == "/arm/est"
+    with pytest.raises(RecordingError, match="means several topics"):
+        topic_named("imu", topics)
+    with pytest.raises(RecordingError, match="has no topic `st`"):
+        topic_named("st", topics)
 
 
 @pytest.mark.parametrize("text", [f"/a.b[{'9' * 5000}]", "/a.b[\u0661]", "/a.b[-1]"])
 def test_a_place_that_no_array_has_names_no_field(text: str) -> None:
     with pytest.raises(MisuseError, match="names no field"):
         parse_field(text)
+
+
+def two_runs(folder: Path) -> list[RecordedRun]:
+    one = recorded(folder / "one.mcap", *(reading(position=[n, 2.0 * n]) for n in range(5)))
+    two = recorded(folder / "two.mcap", *(reading(position=[n + 0.5]) for n in range(3)))
+    return [one, two]
+
+
+def test_runs_are_drawn_over_each_other_with_one_colour_for_each_number(tmp_path: Path) -> None:
+    (part,) = parts(two_runs(tmp_path), "t.position")
+    shown = [(line.label, line.run, line.colour) for line in part.lines]
+    assert shown == [("one [0]", 0, 0), ("one [1]", 0, 1), ("two [0]", 1, 0)]
+    assert part.label == "t.position [rad]"
+    assert part.lines[2].times_s.tolist() == [0.0, 1.0, 2.0]
+    assert part.lines[2].values.tolist() == [0.5, 1.5, 2.5]
+
+
+def test_fields_have_a_part_each_or_one_for_all(tmp_path: Path) -> None:
+    runs = two_runs(tmp_path)[:1]
+    assert [part.label for part in parts(runs, "t.position[0]", "t.gyro.x")] == [
+        "t.position[0] [rad]",
+        "t.gyro.x [rad/s]",
+    ]
+    (part,) = parts(runs, "t.position[0]", "t.gyro.x", overlay=True)
+    assert (part.title, part.unit) == ("t.position[0], t.gyro.x", "")
+    assert [(line.label, line.colour) for line in part.lines] == [
+        ("t.position[0]", 0),
+        ("t.gyro.x", 1),
+    ]
+
+
+def test_only_the_times_asked_for_are_drawn(tmp_path: Path) -> None:
+    drawn = parts(two_runs(tmp_path), "t.position")
+    draw(drawn, "all", tmp_path / "all.svg")
+    draw(drawn, "all", tmp_path / "part.svg", xlim=(0.0, 1.0))
+    assert (tmp_path / "all.svg").read_text() != (tmp_path / "part.svg").read_text()
+
+
+SHOWN = """() => obkPlots.map((plot) => ({
+    labels: plot.series.map((one) => one.label),
+    axis: plot.axes[1].label,
+    min: plot.scales.x.min,
+    max: plot.scales.x.max,
+    data: plot.data.map((column) => Array.from(column)),
+}))"""
+
+
+def test_the_page_draws_the_numbers_without_a_network(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    drawn = parts(two_runs(tmp_path), "t.position[0]", "t.gyro")
+    write_page(drawn, "</script><b>one & two", page, xlim=(0.0, 2.5))
+    assert "</script><b>one" not in page.read_text()
+    with opened(page.as_uri(), width=900, height=800) as browser:
+        problems: list[str] = []
+        requests: list[str] = []
+        browser.on("pageerror", lambda error: problems.append(str(error)))
+        browser.on("request", lambda request: requests.append(request.url))
+        browser.reload()
+        browser.wait_for_function(
+            "window.obkPlots !== undefined && obkPlots[0].scales.x.max === 2.5"
+        )
+        first, second = browser.evaluate(SHOWN)
+        assert browser.locator("h1").inner_text() == "</script><b>one & two"
+        assert (first["axis"], first["labels"]) == (
+            "t.position[0] [rad]",
+            ["t [s]", "one", "two"],
+        )
+        assert first["data"] == [
+            [0, 1, 2, 3, 4],
+            [0, 1, 2, 3, 4],
+            [0.5, 1.5, 2.5, None, None],
+        ]
+        assert second["labels"] == ["t [s]", "one x", "one y", "two x", "two y"]
+        assert (second["min"], second["max"]) == (0, 2.5)
+        # A zoom in one plot is a zoom in all.
+        box = browser.locator(".u-over").first.bounding_box()
+        assert box is not None
+        y = box["y"] + 50
+        browser.mouse.move(box["x"] + 0.2 * box["width"], y)
+        browser.mouse.down()
+        browser.mouse.move(box["x"] + 0.6 * box["width"], y, steps=5)
+        browser.mouse.up()
+        browser.wait_for_function("obkPlots[1].scales.x.min > 0.3")
+        one, two = browser.evaluate(SHOWN)
+        assert (one["min"], one["max"]) == (two["min"], two["max"])
+        assert one["min"] == pytest.approx(0.5, abs=0.05)
+        assert one["max"] == pytest.approx(1.5, abs=0.05)
+        assert not problems
+        assert {url.partition(":")[0] for url in requests} <= {"file"}
+
+
+def test_a_long_line_keeps_its_extremes_in_the_page() -> None:
+    times = np.arange(1_000_003) * 1e-3
+    values = np.sin(times)
+    values[[123_456, 1_000_002]] = (7.0, -5.0)
+    few_times, few_values = _thinned(times, values)
+    assert len(few_times) <= MOST_POINTS
+    assert (np.diff(few_times) > 0.0).all()
+    assert (few_values.max(), few_values.min()) == (7.0, -5.0)

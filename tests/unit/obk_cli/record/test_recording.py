@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.errors import CommandFailedError
-from obk_cli.record.recording import RECORDING, find_recording
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.find import RECORDING, find_recording
 
 
 @pytest.fixture
@@ -49,11 +49,22 @@ def test_a_missing_recording_is_reported_with_what_to_do(
 ) -> None:
     if name is None:
         runs = runs.parent
-    with pytest.raises(CommandFailedError) as error:
+    with pytest.raises(RecordingError) as error:
         find_recording(runs, name)
     assert expected in f"{error.value.message} {error.value.help}"
 
 
 def test_a_name_that_no_file_can_have_is_that_of_none(runs: Path) -> None:
-    with pytest.raises(CommandFailedError, match="`aaa"):
+    with pytest.raises(RecordingError, match="`aaa"):
         find_recording(runs, "a" * 300)
+
+
+def test_the_runs_before_the_newest_have_numbers(runs: Path) -> None:
+    for day in ("05", "06"):
+        folder = runs / f"arm_202601{day}_000000"
+        folder.mkdir()
+        (folder / RECORDING).touch()
+    found = [find_recording(runs, name).parent.name[:12] for name in ("arm", "arm~1", "arm~2")]
+    assert found == ["arm_20260106", "arm_20260105", "arm_20260101"]
+    with pytest.raises(RecordingError, match="only 3 runs of `arm` were recorded"):
+        find_recording(runs, "arm~3")

@@ -1,6 +1,8 @@
 """What a recorder is told comes to it unchanged; what it is told of a run comes from its folder."""
 
 import json
+import re
+import subprocess
 from dataclasses import replace
 from datetime import UTC, datetime
 from math import inf
@@ -107,3 +109,20 @@ def test_a_file_is_named_after_the_config_whose_run_it_is_of() -> None:
     assert file_name(None, when) == "ros_20260304_050607.mcap"
     for run in ("leg_arm_20260102_030405", "leg_arm_20260102_030405_2"):
         assert file_name(Path("/runs", run), when) == "leg_arm_20260304_050607.mcap"
+
+
+def test_the_commit_of_the_workspace_is_named(tmp_path: Path) -> None:
+    workspace, folder = tmp_path / "ws", tmp_path / "arm_20260301_120000"
+    workspace.mkdir()
+    folder.mkdir()
+    config = workspace / "arm.yaml"
+    config.write_text("config: arm\n")
+    (folder / "run.json").write_text(json.dumps({"name": "arm", "config": str(config)}))
+    assert "obelisk_code" not in run_metadata_of(folder).metadata
+    identity = ("-c", "user.name=a", "-c", "user.email=a@b")
+    for words in (("init", "-q"), ("add", "."), (*identity, "commit", "-qm", "first")):
+        subprocess.run(["git", *words], cwd=workspace, check=True)
+    commit = run_metadata_of(folder).metadata["obelisk_code"]["commit"]
+    assert re.fullmatch("[0-9a-f]{12}", commit)
+    config.write_text("config: leg\n")
+    assert run_metadata_of(folder).metadata["obelisk_code"]["commit"] == f"{commit}-dirty"

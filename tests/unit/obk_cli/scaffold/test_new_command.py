@@ -49,7 +49,7 @@ def test_the_next_commands_work_without_an_active_environment(
 
 def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) -> None:
     assert "  params:\n    " in obk_new("controller", "foo").replace("\n  ", "\n")
-    assert 'declare_parameter("amplitude"' in (workspace / "src/foo/foo/foo.py").read_text()
+    assert "amplitude = Parameter(" in (workspace / "src/foo/foo/foo.py").read_text()
 
 
 def test_the_snippet_says_who_would_wire_it(workspace: Path) -> None:

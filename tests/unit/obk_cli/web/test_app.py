@@ -10,8 +10,11 @@ from urllib.parse import quote
 
 import pytest
 
+from obelisk_spec.parameter_notes import ParameterNotes
 from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.tuning import ChangedParameter, TunableParameter
 from obk_cli.monitor.model import StackView
+from obk_cli.ros.parameters import NodeParameter, ParameterDescription
 from obk_cli.runs.protocol import ChangeAnswer, Member
 from obk_cli.web.auth import HEADERS, new_token
 from obk_cli.web.feed import Snapshot
@@ -29,6 +32,17 @@ HOST = f"127.0.0.1:{PORT}"
 RUN = {"run": HEALTHY.run}
 REACHED = ChangeAnswer(
     success=True, members=(Member(node="/obelisk_control_0", result="reached", state="inactive"),)
+)
+
+
+KP = TunableParameter(
+    name="kp",
+    value=NodeParameter(kind="double", value=25.0),
+    description=ParameterDescription(
+        kind="double",
+        notes=ParameterNotes(unit="N m/rad", least=0.0, most=200.0, is_live=True, initial=20.0),
+        text="stiffness",
+    ),
 )
 
 
@@ -75,6 +89,18 @@ class Behind:
             raise self.answer
         return self.answer
 
+    def of(self, view: StackView) -> dict[str, tuple[TunableParameter, ...]]:
+        assert view is HEALTHY
+        return {"/obelisk_control_0": (KP,)}
+
+    def set(self, view: StackView, node: str, name: str, text: str) -> ChangedParameter:
+        if text == "-1":
+            raise CommandFailedError("too small", help="see the range")
+        after = NodeParameter(kind="double", value=float(text))
+        return ChangedParameter(
+            name=name, before=KP.value, after=after, unit="N m/rad", effect="in effect"
+        )
+
     @contextmanager
     def subscribed(self, wishes: list[FieldRequest]) -> Iterator[None]:
         self.is_wanted = True
@@ -101,7 +127,7 @@ def asked(
 ) -> Answer:
     """A request with the headers of the page itself, but for those given."""
     behind = behind or Behind()
-    site = PageApi(behind.snapshot, behind, behind.change, behind.is_ending)
+    site = PageApi(behind.snapshot, behind, behind.change, behind, behind.is_ending)
     app = make_app(site, token=TOKEN, port=PORT)
     page = {"host": HOST, "origin": f"http://{HOST}", "cookie": f"obk_{PORT}={TOKEN}"}
     told = {**page, **(headers or {})}
@@ -292,3 +318,37 @@ def test_a_yes_for_a_stack_that_has_ended_is_not_one_for_the_next() -> None:
     assert answer.status == 409
     assert answer.json["why"] == "the stack of arm_20310203_040506 is not what runs now"
     assert behind.changes == []
+
+
+def test_parameters_are_described_and_set() -> None:
+    (node,) = asked("/parameters").json["nodes"]
+    assert node == {
+        "node": "/obelisk_control_0",
+        "parameters": [
+            {
+                "name": "kp",
+                "kind": "double",
+                "text": "25.0",
+                "unit": "N m/rad",
+                "least": 0.0,
+                "most": 200.0,
+                "step": 0.1,
+                "range": "0.0 to 200.0",
+                "choices": [],
+                "live": True,
+                "description": "stiffness",
+                "initial": "20.0",
+            }
+        ],
+    }
+
+    def told(**changes: str) -> tuple[int, Any]:
+        wanted = {"node": "/obelisk_control_0", "name": "kp", "value": "30", **RUN, **changes}
+        answer = asked("/parameter", method="POST", body=json.dumps(wanted).encode())
+        return answer.status, answer.json["why"]
+
+    assert told() == (200, "kp changed from 25.0 to 30.0 N m/rad, in effect")
+    assert told(value="-1") == (200, "too small: see the range")
+    assert told(node="/other")[0] == 404
+    assert told(run="another")[0] == 409
+    assert asked("/parameter", method="POST", body=b"{}").status == 400

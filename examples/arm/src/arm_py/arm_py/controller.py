@@ -9,6 +9,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from arm_py.law import Gravity, Motion
 from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.parameter import Parameter
 from obelisk_py.core.utils.ros import spin_obelisk
 
 __all__ = ["ArmController", "main"]
@@ -19,6 +20,14 @@ JOINTS = 6
 class ArmController(ObeliskController):
     """Goes from pose to pose; `params_path` is the model that knows the arm's weight."""
 
+    kp = Parameter([100.0] * JOINTS, ge=0.0, unit="N m/rad", description="of each drive")
+    kd = Parameter([5.0] * JOINTS, ge=0.0, unit="N m s/rad", description="of each drive")
+    poses = Parameter(
+        [0.0] * JOINTS, unit="rad", description="the angles of all poses in a row", live=False
+    )
+    move_s = Parameter(2.5, ge=0.1, unit="s", description="from pose to pose", live=False)
+    rest_s = Parameter(1.0, ge=0.0, unit="s", description="at each pose", live=False)
+
     x_hat: EstimatedState | None = None
     """The newest estimate."""
     began: tuple[float, Motion] | None = None
@@ -27,18 +36,9 @@ class ArmController(ObeliskController):
     def __init__(self, node_name: str = "arm_controller") -> None:
         """Make the node; its topics and rates come from the config."""
         super().__init__(node_name, ctrl_msg_type=PDFeedForward, est_msg_type=EstimatedState)
-        self.declare_parameter("kp", [100.0] * JOINTS)
-        self.declare_parameter("kd", [5.0] * JOINTS)
-        self.declare_parameter("poses", [0.0] * JOINTS)
-        self.declare_parameter("move_s", 2.5)
-        self.declare_parameter("rest_s", 1.0)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take the parameters and read the model."""
-        self.kp, self.kd, poses = (
-            np.array(self.get_parameter(name).value) for name in ("kp", "kd", "poses")
-        )
-        self.poses = poses.reshape(-1, JOINTS)
+        """Read the model."""
         self.gravity = Gravity(Path(self.params_path))
         return super().on_configure(state)
 
@@ -63,16 +63,16 @@ class ArmController(ObeliskController):
             pos_target=angles.tolist(),
             vel_target=speeds.tolist(),
             feed_forward=self.gravity.torques(q).tolist(),
-            kp=self.kp.tolist(),
-            kd=self.kd.tolist(),
+            kp=self.kp,
+            kd=self.kd,
         )
         msg.header.stamp = self.x_hat.header.stamp
         self.obk_publishers["pub_ctrl"].publish(msg)
         return msg
 
     def _motion_from(self, angles: np.ndarray) -> Motion:
-        times = {name: float(self.get_parameter(name).value) for name in ("move_s", "rest_s")}
-        return Motion(start=angles, poses=self.poses, **times)
+        poses = np.reshape(self.poses, (-1, JOINTS))
+        return Motion(start=angles, poses=poses, move_s=self.move_s, rest_s=self.rest_s)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -8,6 +8,7 @@ from rclpy.time import Time
 
 from arm_py.law import smoothed
 from obelisk_py.core.estimation import ObeliskEstimator
+from obelisk_py.core.parameter import Parameter
 from obelisk_py.core.utils.ros import spin_obelisk
 
 __all__ = ["ArmEstimator", "main"]
@@ -15,6 +16,10 @@ __all__ = ["ArmEstimator", "main"]
 
 class ArmEstimator(ObeliskEstimator):
     """Hands the angles on, and smooths the noise of the speeds."""
+
+    time_constant_s = Parameter(
+        0.005, ge=0.001, le=0.1, unit="s", description="of the smoothing of the speeds"
+    )
 
     last: ObkJointEncoders | None = None
     """The newest reading."""
@@ -24,7 +29,6 @@ class ArmEstimator(ObeliskEstimator):
     def __init__(self, node_name: str = "arm_estimator") -> None:
         """Make the node; its topics and rates come from the config."""
         super().__init__(node_name, est_msg_type=EstimatedState)
-        self.declare_parameter("time_constant_s", 0.005)
         self.register_obk_subscription(
             "sub_encoders_setting",
             self.encoders_callback,
@@ -33,8 +37,7 @@ class ArmEstimator(ObeliskEstimator):
         )
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take the parameter; from here on readings come."""
-        self.time_constant_s = float(self.get_parameter("time_constant_s").value)
+        """Begin without a reading; from here on readings come."""
         self.last = None
         return super().on_configure(state)
 

@@ -1,11 +1,14 @@
 """The controller's node: a state estimate in, joint positions for the drives out."""
 
+from dataclasses import replace
+
 import numpy as np
 from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_estimator_msgs.msg import EstimatedState
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.parameter import Parameter
 from obelisk_py.core.utils.ros import spin_obelisk
 from quadruped_py.gait import Gait, Trunk, wanted_angles
 from quadruped_py.odometry import rotation_matrix
@@ -16,6 +19,14 @@ __all__ = ["QuadrupedController", "main"]
 class QuadrupedController(ObeliskController):
     """Stands up, sways and trots; the drives hold the joints to the positions that it sends."""
 
+    sway_m = Parameter(
+        Gait().sway_m, ge=0.0, le=0.1, unit="m", description="how far the trunk sways"
+    )
+    lift_m = Parameter(
+        Gait().lift_m, ge=0.0, le=0.1, unit="m", description="how high the feet are lifted"
+    )
+    step_s = Parameter(Gait().step_s, ge=0.1, unit="s", description="time of a step", live=False)
+
     x_hat: EstimatedState | None = None
     """The newest estimate."""
     began: tuple[float, np.ndarray] | None = None
@@ -24,15 +35,16 @@ class QuadrupedController(ObeliskController):
     def __init__(self, node_name: str = "quadruped_controller") -> None:
         """Make the node; its topics and rates come from the config."""
         super().__init__(node_name, ctrl_msg_type=PositionSetpoint, est_msg_type=EstimatedState)
-        self.declare_parameter("sway_m", Gait().sway_m)
-        self.declare_parameter("lift_m", Gait().lift_m)
-        self.declare_parameter("step_s", Gait().step_s)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take the parameters."""
-        names = ("sway_m", "lift_m", "step_s")
-        self.gait = Gait(**{name: float(self.get_parameter(name).value) for name in names})
+        self.gait = Gait(sway_m=self.sway_m, lift_m=self.lift_m, step_s=self.step_s)
         return super().on_configure(state)
+
+    def on_parameters(self, changed: frozenset[str]) -> None:
+        """Go on with the new gait."""
+        if not changed.isdisjoint(("sway_m", "lift_m")):
+            self.gait = replace(self.gait, sway_m=self.sway_m, lift_m=self.lift_m)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin anew: it stands up from wherever it is."""

@@ -1,0 +1,51 @@
+"""A recording as a value; needs no library: `summary` reads it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+__all__ = ["DROPS", "Bag", "BagTopic"]
+
+DROPS: Final = "obelisk_drops"
+"""The metadata record with the number of dropped messages by topic."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BagTopic:
+    """One topic of a recording."""
+
+    topic: str
+    msg_type: str
+    count: int
+    dropped: int | None = None
+    """Messages that the recorder missed; None: unknown."""
+    type_hash: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bag:
+    """A recording as a whole."""
+
+    path: str
+    size_bytes: int
+    profile: str
+    library: str
+    is_complete: bool
+    """Whether its recorder closed it; otherwise it holds what was written by then."""
+    start_ns: int | None
+    """Time of the first message [ns since 1970]; None if it has no message."""
+    end_ns: int | None
+    topics: tuple[BagTopic, ...]
+    metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    attachments: Mapping[str, int] = field(default_factory=dict)
+    """Name -> size [bytes]."""
+
+    @property
+    def duration_s(self) -> float:
+        """From the first message to the last [s]."""
+        return ((self.end_ns or 0) - (self.start_ns or 0)) * 1e-9
+
+    @property
+    def count(self) -> int:
+        """Number of messages."""
+        return sum(topic.count for topic in self.topics)

@@ -1,0 +1,312 @@
+"""The messages of an MCAP file by topic, as tables of bytes, many at once.
+
+A file that breaks off, as that of a killed recorder, is read up to there.
+Source: MCAP specification, records Message (op 5) and Chunk (op 6).
+"""
+
+import struct
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from io import BytesIO
+from itertools import chain
+from pathlib import Path
+from typing import IO, Final
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from numpy.typing import NDArray
+
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.layout import Bytes
+from obelisk_recordings.summary import LONGEST_RECORD, recording_errors
+
+__all__ = [
+    "RecordedMessage",
+    "TopicMessages",
+    "joined",
+    "messages_in_order",
+    "messages_in_parts",
+]
+
+_RECORD: Final = struct.Struct("<BQ")
+_SCHEMA, _CHANNEL, _MESSAGE = 3, 4, 5
+_HEAD: Final = np.dtype(
+    {
+        "names": ["channel", "sequence", "received", "published"],
+        "formats": ["<u2", "<u4", "<i8", "<i8"],
+        "offsets": [0, 2, 6, 14],
+        "itemsize": 22,
+    }
+)
+"""What stands before a message's data: channel, sequence number, two times."""
+_MOST_LOOSE: Final = 10_000
+"""Messages outside of chunks that are read at once."""
+PART_BYTES: Final = 16 << 20
+"""Of a part of one topic [bytes]."""
+Times = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicMessages:
+    """Serialized messages of one topic, in the order of the file."""
+
+    topic: str
+    msg_type: str
+    definition: str
+    """Text; empty: the file has none that can be read."""
+    received_ns: Times
+    """When the recorder received them [ns since 1970], shape `(n,)`."""
+    published_ns: Times
+    """When they were published [ns since 1970], shape `(n,)`; the time of receipt if unknown."""
+    sequence: NDArray[np.uint32]
+    """As the recorder has numbered them, shape `(n,)`; in lock-step in the order of publication."""
+    tables: tuple[tuple[NDArray[np.intp], Bytes], ...]
+    """For each length in bytes: places among the n messages, and their bytes, a row for each."""
+
+    def __len__(self) -> int:
+        return len(self.received_ns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedMessage:
+    """One serialized message."""
+
+    topic: str
+    msg_type: str
+    received_ns: int
+    """When the recorder received it [ns since 1970]."""
+    published_ns: int
+    """When it was published [ns since 1970]; the time of receipt if unknown."""
+    sequence: int
+    """As the recorder has numbered it; in lock-step in the order of publication."""
+    data: bytes
+
+
+def joined(parts: list[TopicMessages]) -> TopicMessages:
+    """Parts of one topic as a whole, in the order of receipt; at least one part."""
+    tables: dict[int, list[tuple[NDArray[np.intp], Bytes]]] = defaultdict(list)
+    begin = 0
+    for part in parts:
+        for places, rows in part.tables:
+            tables[rows.shape[1]].append((places + begin, rows))
+        begin += len(part)
+    received = np.concatenate([part.received_ns for part in parts])
+    published = np.concatenate([part.published_ns for part in parts])
+    sequence = np.concatenate([part.sequence for part in parts])
+    moved: NDArray[np.intp] | None = None
+    if (received[1:] < received[:-1]).any():
+        order = np.argsort(received.view(np.uint64), kind="stable")
+        received, published, sequence = received[order], published[order], sequence[order]
+        moved = np.empty_like(order)
+        moved[order] = np.arange(len(order))
+    whole = []
+    for found in tables.values():
+        places = np.concatenate([places for places, _ in found])
+        rows = found[0][1] if len(found) == 1 else np.concatenate([rows for _, rows in found])
+        if moved is not None:
+            order = np.argsort(moved[places], kind="stable")
+            places, rows = moved[places][order], rows[order]
+        whole.append((places, rows))
+    return TopicMessages(
+        topic=parts[0].topic,
+        msg_type=parts[0].msg_type,
+        definition=parts[0].definition,
+        received_ns=received,
+        published_ns=published,
+        sequence=sequence,
+        tables=tuple(whole),
+    )
+
+
+@dataclass(slots=True)
+class _Schemas:
+    """Schemas and channels so far, and which channels are wanted."""
+
+    topics: Collection[str]
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+
+    def add(self, record: object) -> None:
+        match record:
+            case Schema():
+                self.schemas.setdefault(record.id, record)
+            case Channel():
+                self.channels.setdefault(record.id, record)
+
+    def wanted(self) -> Mapping[int, Channel]:
+        return {id: one for id, one in self.channels.items() if one.topic in self.topics}
+
+    def empty(self, channel: Channel) -> tuple[str, str]:
+        """Type and definition of a channel's messages."""
+        schema = self.schemas.get(channel.schema_id)
+        is_cdr = channel.message_encoding == "cdr"
+        if schema is None or schema.encoding != "ros2msg" or not is_cdr:
+            return schema.name if schema else "", ""
+        return schema.name, schema.data.decode(errors="replace")
+
+
+def messages_in_parts(
+    path: Path, topics: Collection[str], *, part_bytes: int | None = None
+) -> Iterator[TopicMessages]:
+    """The messages of some topics, in parts of limited size, each of one topic.
+
+    Args:
+        path: of the file.
+        topics: full names.
+        part_bytes: size of the parts of one topic, about [bytes]; None: `PART_BYTES`.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    limit = PART_BYTES if part_bytes is None else part_bytes
+    with recording_errors(path), path.open("rb") as file:
+        schemas = _Schemas(topics)
+        waiting: dict[tuple[str, str], list[TopicMessages]] = defaultdict(list)
+        sizes: dict[tuple[str, str], int] = defaultdict(int)
+        for part in chain.from_iterable(_chunks(file, schemas)):
+            key = part.topic, part.definition
+            waiting[key].append(part)
+            sizes[key] += sum(rows.nbytes for _, rows in part.tables)
+            if sizes[key] >= limit:
+                sizes[key] = 0
+                yield joined(waiting.pop(key))
+        for parts in waiting.values():
+            yield joined(parts)
+
+
+def messages_in_order(path: Path, topics: Collection[str]) -> Iterator[RecordedMessage]:
+    """The messages of some topics one by one, in the order of receipt within each chunk.
+
+    Recorders write chunks one after another, so only a file of another origin may have them
+    overlap.
+
+    Args:
+        path: of the file.
+        topics: full names.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    with recording_errors(path), path.open("rb") as file:
+        for parts in _chunks(file, _Schemas(topics)):
+            yield from _in_order(parts)
+
+
+def _in_order(parts: Sequence[TopicMessages]) -> Iterator[RecordedMessage]:
+    found = []
+    for part in parts:
+        for places, rows in part.tables:
+            for place, row in zip(places, rows, strict=True):
+                one = RecordedMessage(
+                    topic=part.topic,
+                    msg_type=part.msg_type,
+                    received_ns=int(part.received_ns[place]),
+                    published_ns=int(part.published_ns[place]),
+                    sequence=int(part.sequence[place]),
+                    data=row.tobytes(),
+                )
+                found.append(one)
+    yield from sorted(found, key=lambda one: (one.received_ns, one.sequence))
+
+
+class _ChunkReader(StreamReader):
+    """Skips the indexes of messages, which take half of the time to decode and are not used."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode == Opcode.MESSAGE_INDEX:
+            self._stream.read(length)
+            return None
+        return super()._read_record(opcode, length)
+
+
+def _chunks(file: IO[bytes], schemas: _Schemas) -> Iterator[Sequence[TopicMessages]]:
+    """The wanted messages by topic, chunk by chunk."""
+    loose: list[Message] = []
+    reader = _ChunkReader(file, emit_chunks=True, record_size_limit=LONGEST_RECORD)
+    with suppress(EndOfFile, struct.error):  # the file breaks off
+        for record in reader.records:
+            schemas.add(record)
+            if isinstance(record, Chunk):
+                stream, length = get_chunk_data_stream(record)
+                yield tuple(_chunk(stream.read(length), schemas))
+            elif isinstance(record, Message):
+                loose.append(record)
+                if len(loose) == _MOST_LOOSE:
+                    yield tuple(_loose(loose, schemas))
+                    loose = []
+    yield tuple(_loose(loose, schemas))
+
+
+def _loose(messages: list[Message], schemas: _Schemas) -> Iterator[TopicMessages]:
+    """TopicMessages that are in no chunk."""
+    data = bytearray()
+    for one in messages:
+        data += _RECORD.pack(_MESSAGE, _HEAD.itemsize + len(one.data))
+        data += struct.pack("<HIQQ", one.channel_id, one.sequence, one.log_time, one.publish_time)
+        data += one.data
+    yield from _chunk(bytes(data), schemas)
+
+
+def _chunk(data: bytes, schemas: _Schemas) -> Iterator[TopicMessages]:
+    """The wanted messages of a chunk, by topic."""
+    begins, ends = _messages_of_chunk(data, schemas)
+    if not len(begins):
+        return
+    every = np.frombuffer(data, np.uint8)
+    heads = _rows(every, begins, _HEAD.itemsize).view(_HEAD)[:, 0]
+    for id, channel in schemas.wanted().items():
+        is_own = heads["channel"] == id
+        if not is_own.any():
+            continue
+        own, offsets = heads[is_own], begins[is_own] + _HEAD.itemsize
+        sizes = ends[is_own] - offsets
+        tables = []
+        for size in np.unique(sizes):
+            places = np.flatnonzero(sizes == size)
+            tables.append((places, _rows(every, offsets[places], int(size))))
+        msg_type, definition = schemas.empty(channel)
+        received = np.ascontiguousarray(own["received"])
+        yield TopicMessages(
+            topic=channel.topic,
+            msg_type=msg_type,
+            definition=definition,
+            received_ns=received,
+            published_ns=np.where(own["published"] == 0, received, own["published"]),
+            sequence=np.ascontiguousarray(own["sequence"]),
+            tables=tuple(tables),
+        )
+
+
+def _messages_of_chunk(data: bytes, schemas: _Schemas) -> tuple[Times, Times]:
+    """Where the messages of a chunk begin and end; takes note of schemas and channels in it."""
+    begins, ends, offset, last = list[int](), list[int](), 0, len(data) - _RECORD.size
+    unpack, head = _RECORD.unpack_from, _RECORD.size
+    while offset <= last:
+        kind, length = unpack(data, offset)
+        offset += head
+        end = offset + length
+        if end > len(data):
+            raise RecordingError("a chunk is damaged: a record in it breaks off")
+        if kind == _MESSAGE:
+            if length < _HEAD.itemsize:
+                raise RecordingError("a chunk is damaged: a message in it has no times")
+            begins.append(offset)
+            ends.append(end)
+        elif kind in (_SCHEMA, _CHANNEL):
+            stream = ReadDataStream(BytesIO(data[offset:end]))
+            schemas.add(Schema.read(stream) if kind == _SCHEMA else Channel.read(stream))
+        offset = end
+    return np.array(begins, np.int64), np.array(ends, np.int64)
+
+
+def _rows(data: Bytes, begins: Times, size: int) -> Bytes:
+    """Parts of the same size as a table, shape `(n, size)`."""
+    if size == 0:
+        return np.empty((len(begins), 0), np.uint8)
+    return np.lib.stride_tricks.sliding_window_view(data, size)[begins]

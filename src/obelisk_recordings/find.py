@@ -1,0 +1,104 @@
+"""Which recording a user means: a file, a folder, or a run by its name; needs no library.
+
+A launch keeps its recording in the folder of its run, `<config>_<date>_<time>`.
+"""
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from obelisk_recordings.errors import RecordingError
+from obelisk_spec.suggestions import did_you_mean
+
+__all__ = ["RECORDING", "config_of", "find_recording", "folder_of_runs", "run_folders"]
+
+_FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
+RECORDING: Final = "recording.mcap"
+"""The file in a run's folder."""
+_EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
+"""The run before the newest is called `arm~1`."""
+
+
+def folder_of_runs(environment: Mapping[str, str]) -> Path | None:
+    """The folder of all runs: below OBK_HOME, else ROS_LOG_DIR, else the user's state folder.
+
+    None: there is no place for it, since the user has no home.
+    """
+    home = environment.get("OBK_HOME")
+    logs = environment.get("ROS_LOG_DIR")
+    if home:
+        return Path(home) / "runs"
+    if logs:
+        return Path(logs) / "obk" / "runs"
+
+    from platformdirs import user_state_path  # only if no variable sets the folder
+
+    try:
+        return user_state_path("obk") / "runs"
+    except RuntimeError:
+        return None
+
+
+def run_folders(parent: Path) -> tuple[Path, ...]:
+    """The folders of all runs, newest first; what is not named like one is left out.
+
+    In a folder that is closed to this user there are none.
+    """
+    try:
+        found = list(parent.glob("*/"))
+    except PermissionError:
+        return ()
+    named = ((path, _FOLDER_NAME.fullmatch(path.name)) for path in found)
+    dated = [(m["stamp"], int(m["suffix"] or 0), path) for path, m in named if m]
+    return tuple(path for _, _, path in sorted(dated, reverse=True))
+
+
+def config_of(folder: Path) -> str:
+    """The config's name in a run folder's; a slash in it is an underscore here."""
+    match = _FOLDER_NAME.fullmatch(folder.name)
+    return match["config"] if match else folder.name
+
+
+def find_recording(parent: Path | None, name: str | None) -> Path:
+    """The path of the recording that a name means.
+
+    Args:
+        parent: the folder of all runs; None: there is none.
+        name: a file, a folder with one recording, the name of a config (its newest run that was
+            recorded; with `~1` behind it the one before) or of a run's folder; None: the newest run
+            that was recorded.
+
+    Raises:
+        RecordingError: no recording has that name.
+    """
+    if name is not None and os.path.isfile(name):  # noqa: PTH113  (`Path.is_file` raises)
+        return Path(name)
+    if name is not None and (inside := _in_folder(Path(name))):
+        return inside
+    folders = () if parent is None else run_folders(parent)
+    earlier = _EARLIER.fullmatch(name or "")
+    name, place = (earlier["name"], int(earlier["place"])) if earlier else (name, 0)
+    fitting = [f for f in folders if name is None or name in (f.name, config_of(f))]
+    recorded = [f / RECORDING for f in fitting if (f / RECORDING).is_file()]
+    if place < len(recorded):
+        return recorded[place]
+    if recorded:
+        raise RecordingError(f"only {len(recorded)} runs of `{name}` were recorded")
+    how = "record one with `obk launch --record`, or `obk record` while it runs"
+    if name is None:
+        raise RecordingError(f"no run in {parent} was recorded", help=how)
+    if fitting:
+        raise RecordingError(f"the run `{name}` was not recorded", help=how)
+    names = dict.fromkeys(config_of(folder) for folder in folders)
+    raise RecordingError(
+        f"there is no file and no run called `{name}`", help=did_you_mean(name, names) or how
+    )
+
+
+def _in_folder(folder: Path) -> Path | None:
+    """The only recording in a folder, such as rosbag2 creates."""
+    is_there = os.path.isdir(folder)  # noqa: PTH112  (`Path.is_dir` raises)
+    files = sorted(folder.glob("*.mcap")) if is_there else []
+    return files[0] if len(files) == 1 else None

@@ -1,0 +1,194 @@
+"""Where the fields of a serialized message are: found once for all messages of the same layout.
+
+Messages are CDR, as ROS 2 writes them. Two messages of equal length whose arrays and texts have
+equal lengths have the same layout, so their fields are columns of one table of bytes.
+Source: OMG DDS-RTPS 2.5, 10.2 (encapsulation); OMG CORBA 3.4, 15.3 (alignment, strings, sequences).
+"""
+
+import struct
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obelisk_recordings.definition import PRIMITIVES, Field, MessageDefinition
+from obelisk_recordings.errors import RecordingError
+
+__all__ = ["HEAD_BYTES", "Bytes", "Column", "MessageLayout", "layout_of"]
+
+Bytes = NDArray[np.uint8]
+HEAD_BYTES: Final = 4
+"""In front of each message: the order of its bytes."""
+_ORDERS: Final = {b"\0\0": ">", b"\0\1": "<"}
+_DEEPEST: Final = 32
+"""Limit for messages within messages."""
+_MOST_COLUMNS: Final = 10_000
+"""Limit for the fields of one message, those in arrays of messages counted one by one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Column:
+    """One field of all messages of a layout."""
+
+    path: str
+    """Such as `header.stamp.sec`, `q_joints` or `parts[0].x`."""
+    code: str
+    """numpy's code of its numbers with the order of bytes; empty for texts."""
+    offset: int = 0
+    """Of the first number [bytes]."""
+    count: int | None = None
+    """How many numbers or texts an array has; None: it is no array."""
+    texts: tuple[tuple[int, int], ...] = ()
+    """Begin and end of each text [bytes]."""
+
+    def read(self, rows: Bytes) -> NDArray[np.generic]:
+        """The values, shape `(n,)` or `(n, count)`; numbers as a view of the bytes.
+
+        Args:
+            rows: the messages, shape `(n, bytes)`.
+        """
+        if self.code:
+            numbers = 1 if self.count is None else self.count
+            size = np.dtype(self.code).itemsize
+            part = rows[:, self.offset : self.offset + numbers * size]
+            values = part.view(self.code) if numbers else np.empty((len(rows), 0), self.code)
+            return values[:, 0] if self.count is None else values
+        texts = np.empty((len(rows), len(self.texts)), object)
+        for place, (begin, end) in enumerate(self.texts):
+            part = rows[:, begin:end]
+            if (part == part[:1]).all():
+                texts[:, place] = _text(part[0]) if len(part) else ""
+            else:
+                texts[:, place] = [_text(row) for row in part]
+        return texts[:, 0] if self.count is None else texts
+
+
+def _text(data: Bytes) -> str:
+    return data.tobytes().decode(errors="replace")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MessageLayout:
+    """The places of all fields, for messages with the same lengths."""
+
+    columns: dict[str, Column]
+    """By path, in the order of the definition."""
+    lengths: tuple[tuple[int, bytes], ...]
+    """Offset and bytes of everything that determines the layout."""
+
+    def fits(self, rows: Bytes) -> NDArray[np.bool_]:
+        """Which messages have this layout, shape `(n,)`; they have to be of its length."""
+        fits = np.ones(len(rows), bool)
+        for offset, data in self.lengths:
+            code = f"u{len(data)}"
+            found = rows[:, offset : offset + len(data)].view(code)[:, 0]
+            fits &= found == np.frombuffer(data, code)[0]
+        return fits
+
+
+def layout_of(definition: MessageDefinition, message: bytes) -> MessageLayout:
+    """Find the fields of a message.
+
+    Raises:
+        RecordingError: the message is shorter than its definition requires, or has a form that
+            ROS 2 does not write.
+    """
+    return _Walk(definition, message).layout()
+
+
+@dataclass(slots=True)
+class _Walk:
+    """One way through a message."""
+
+    definition: MessageDefinition
+    message: bytes
+    order: str = "<"
+    offset: int = HEAD_BYTES
+    columns: dict[str, Column] = field(default_factory=dict)
+    lengths: list[tuple[int, bytes]] = field(default_factory=list)
+
+    def layout(self) -> MessageLayout:
+        head = self.message[:2]
+        if len(self.message) < HEAD_BYTES or head not in _ORDERS:
+            raise RecordingError("a message is not in the form that ROS 2 writes (CDR)")
+        self.order = _ORDERS[head]
+        self.lengths.append((0, head))
+        if self.definition.types.get(self.definition.root):  # an empty message has a filling byte
+            self._message(self.definition.root, "", 0)
+        return MessageLayout(columns=self.columns, lengths=tuple(self.lengths))
+
+    def _message(self, kind: str, path: str, depth: int) -> None:
+        fields = self.definition.types.get(kind)
+        if fields is None:
+            raise RecordingError(f"the recording does not define the message `{kind[:80]}`")
+        if depth > _DEEPEST:
+            raise RecordingError(f"the message `{kind[:80]}` contains itself")
+        if not fields:
+            self._skip(1)
+        for each in fields:
+            self._field(each, f"{path}.{each.name}" if path else each.name, depth)
+
+    def _field(self, each: Field, path: str, depth: int) -> None:
+        count = self._length() if each.is_sequence else each.size
+        if each.kind in PRIMITIVES:
+            self._numbers(each.kind, path, count)
+        elif each.kind == "string":
+            texts = tuple(self._string() for _ in range(self._bounded(count)))
+            self._add(Column(path=path, code="", count=count, texts=texts))
+        elif each.kind == "wstring":
+            raise RecordingError(f"`{path}` is a `wstring`, which cannot be read")
+        elif count is None:
+            self._message(each.kind, path, depth + 1)
+        else:
+            for place in range(self._bounded(count)):
+                self._message(each.kind, f"{path}[{place}]", depth + 1)
+
+    def _bounded(self, count: int | None) -> int:
+        """The number of items, each of which takes a byte at least."""
+        number = 1 if count is None else count
+        if number > len(self.message) - self.offset:
+            raise self._broken(number)
+        return number
+
+    def _numbers(self, kind: str, path: str, count: int | None) -> None:
+        code = PRIMITIVES[kind]
+        size = 1 if code == "?" else int(code[1])
+        if count != 0:
+            self._align(size)
+        order = self.order if size > 1 else ""
+        column = Column(path=path, code=f"{order}{code}", offset=self.offset, count=count)
+        self._skip(size * (1 if count is None else count))
+        self._add(column)
+
+    def _string(self) -> tuple[int, int]:
+        length = self._length()
+        begin = self.offset
+        self._skip(length)
+        return begin, max(begin, self.offset - 1)  # without the zero at its end
+
+    def _length(self) -> int:
+        self._align(4)
+        begin = self.offset
+        self._skip(4)
+        data = self.message[begin : self.offset]
+        self.lengths.append((begin, data))
+        (length,) = struct.unpack(f"{self.order}I", data)
+        return int(length)
+
+    def _align(self, size: int) -> None:
+        self.offset += -(self.offset - HEAD_BYTES) % size
+
+    def _skip(self, size: int) -> None:
+        if self.offset + size > len(self.message):
+            raise self._broken(size)
+        self.offset += size
+
+    def _broken(self, size: int) -> RecordingError:
+        left = max(0, len(self.message) - self.offset)
+        return RecordingError(f"a message is damaged: {size} bytes were expected, there are {left}")
+
+    def _add(self, column: Column) -> None:
+        if len(self.columns) == _MOST_COLUMNS:
+            raise RecordingError(f"a message has more than {_MOST_COLUMNS} fields")
+        self.columns[column.path] = column

@@ -1,0 +1,201 @@
+"""One recorded run: its topics as arrays, its config, parameters and versions."""
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+from obelisk_recordings.bag import Bag
+from obelisk_recordings.chunks import TopicMessages, joined, messages_in_parts
+from obelisk_recordings.definition import MessageDefinition, parse_definition
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.find import find_recording, folder_of_runs
+from obelisk_recordings.summary import read_attachments, read_bag
+from obelisk_recordings.topic import RecordedTopic
+from obelisk_spec.suggestions import did_you_mean, list_names
+
+__all__ = ["EVENTS_FILE", "RecordedRun", "open_run", "topic_named"]
+
+EVENTS_FILE: Final = "events.jsonl"
+"""Beside the recording of a launch: when its stack became active, and more."""
+NS_PER_S: Final = 1_000_000_000
+
+
+def topic_named(name: str, topics: Sequence[str]) -> str:
+    """The topic that a name means: the name in full, or the end of one topic's.
+
+    Raises:
+        RecordingError: there is none, or more than one.
+    """
+    if name in topics:
+        return name
+    meant = [topic for topic in topics if topic.endswith(f"/{name.lstrip('/')}")]
+    if len(meant) == 1:
+        return meant[0]
+    if meant:
+        raise RecordingError(f"`{name}` means several topics: {list_names(meant)}")
+    raise RecordingError(
+        f"the recording has no topic `{name}`",
+        help=did_you_mean(name, topics) or f"it has {list_names(topics) or 'none'}",
+    )
+
+
+class RecordedRun:
+    """One recording; `run["/robot/est"].q_joints` is an array with a row for each message."""
+
+    def __init__(self, path: Path) -> None:
+        """Read what the file holds; topics are read when they are asked for.
+
+        Raises:
+            RecordingError: it cannot be read, or is no MCAP file.
+        """
+        self.path = path
+        self.bag: Bag = read_bag(path)
+        self._topics: dict[str, RecordedTopic] = {}
+
+    def __repr__(self) -> str:
+        return f"<{self.path}: {self.bag.count} messages of {len(self.bag.topics)} topics>"
+
+    @property
+    def name(self) -> str:
+        """For people: a recording in a run's folder is called after the run."""
+        return self.path.parent.name if self.path.stem == "recording" else self.path.stem
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Full names of the recorded topics."""
+        return tuple(dict.fromkeys(topic.topic for topic in self.bag.topics))
+
+    @property
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """What the run was made from: `obelisk`, `obelisk_versions`."""
+        return self.bag.metadata
+
+    @cached_property
+    def attachments(self) -> Mapping[str, str]:
+        """Texts in the recording: `plan.json`, `params/<node>.yaml`."""
+        return read_attachments(self.path)
+
+    @cached_property
+    def plan(self) -> Mapping[str, Any]:
+        """The config as compiled; empty if the recording has none that can be read."""
+        try:
+            plan = json.loads(self.attachments.get("plan.json", "{}"))
+        except (ValueError, RecursionError):
+            return {}
+        return plan if isinstance(plan, dict) else {}
+
+    @cached_property
+    def events(self) -> Sequence[Mapping[str, Any]]:
+        """What the launcher noted beside the recording; empty if there is nothing."""
+        try:
+            lines = self.path.with_name(EVENTS_FILE).read_text(encoding="utf-8").splitlines()
+        except (OSError, ValueError):
+            return ()
+        return tuple(event for line in lines if (event := _event(line)))
+
+    @property
+    def is_lockstep(self) -> bool:
+        """Whether it was recorded in lock-step, where times are simulated."""
+        return self.metadata.get("obelisk", {}).get("lockstep") == "true"
+
+    @cached_property
+    def origin_ns(self) -> int:
+        """When the stack became active [ns since 1970], which times are relative to.
+
+        In lock-step the start of simulated time; without the launcher's events the time of the
+        first message.
+        """
+        if self.is_lockstep:
+            return 0
+        for event in self.events:
+            if event.get("event") == "StackState" and event.get("state") == "active":
+                time = event.get("time")
+                if isinstance(time, int | float) and abs(time) < 1 << 33:
+                    return round(time * NS_PER_S)
+        return self.bag.start_ns or 0
+
+    def __getitem__(self, name: str) -> RecordedTopic:
+        """The messages of a topic by its name, in full or the end of it; kept once they are read.
+
+        Raises:
+            RecordingError: there is no such topic, it has no message, or it cannot be read.
+        """
+        topic = topic_named(name, self.topics)
+        if topic not in self._topics:
+            read = self.read([topic])
+            if topic not in read:
+                raise RecordingError(f"{self.path}: {topic} has no message")
+            self._topics[topic] = read[topic]
+        return self._topics[topic]
+
+    def read(self, topics: Iterable[str]) -> dict[str, RecordedTopic]:
+        """Some topics in one pass over the file, not kept; those without a message are left out.
+
+        Args:
+            topics: full names.
+
+        Raises:
+            RecordingError: the file cannot be read, or a topic has messages of several types.
+        """
+        parts: dict[str, list[TopicMessages]] = {}
+        for part in messages_in_parts(self.path, frozenset(topics), part_bytes=1 << 62):
+            parts.setdefault(part.topic, []).append(part)
+        for name, found in parts.items():
+            if len(found) > 1:
+                raise RecordingError(f"{self.path}: {name} has messages of several types")
+        return {name: RecordedTopic(joined(found), self.origin_ns) for name, found in parts.items()}
+
+    def definitions(self, topics: Iterable[str]) -> dict[str, MessageDefinition]:
+        """The message definitions of some topics, as far as the recording has them.
+
+        Args:
+            topics: full names.
+
+        Raises:
+            RecordingError: the file cannot be read.
+        """
+        found: dict[str, MessageDefinition] = {}
+        missing = set(topics)
+        for part in messages_in_parts(self.path, frozenset(topics), part_bytes=0):
+            if part.topic in missing and part.definition:
+                found[part.topic] = parse_definition(part.msg_type, part.definition)
+            missing.discard(part.topic)
+            if not missing:
+                break
+        return found
+
+    def parts(self, topics: Iterable[str]) -> Iterator[RecordedTopic]:
+        """Some topics in parts of limited size, for recordings larger than the memory.
+
+        Args:
+            topics: full names.
+
+        Raises:
+            RecordingError: the file cannot be read.
+        """
+        for part in messages_in_parts(self.path, frozenset(topics)):
+            yield RecordedTopic(part, self.origin_ns)
+
+
+def _event(line: str) -> Mapping[str, Any]:
+    try:
+        event = json.loads(line)
+    except (ValueError, RecursionError):
+        return {}
+    return event if isinstance(event, dict) else {}
+
+
+def open_run(run: str | os.PathLike[str]) -> RecordedRun:
+    """Open a recording.
+
+    Args:
+        run: an MCAP file, a folder with one, the name of a config (its newest run that was
+            recorded on this machine; with `~1` behind it the one before), or of a run's folder.
+
+    Raises:
+        RecordingError: there is none, or it cannot be read.
+    """
+    return RecordedRun(find_recording(folder_of_runs(os.environ), os.fspath(run)))

@@ -1,0 +1,196 @@
+"""What a recording holds: topics, counts, times, metadata, without decoding any message.
+
+A file that breaks off, as that of a killed recorder, is read up to there.
+"""
+
+import os
+import struct
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Final
+
+from mcap.exceptions import EndOfFile, InvalidMagic
+from mcap.reader import SeekingReader
+from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
+
+from obelisk_recordings.bag import DROPS, Bag, BagTopic
+from obelisk_recordings.errors import RecordingError
+
+__all__ = [
+    "LONGEST_RECORD",
+    "file_summary",
+    "read_attachments",
+    "read_bag",
+    "recording_errors",
+    "records_of",
+    "seeking_reader",
+]
+
+_BREAKS = (EndOfFile, struct.error)
+"""Raised by the library when a file ends in the middle of a record."""
+LONGEST_FAULT: Final = 200
+"""Limit for the text of an error of the library [characters]."""
+LONGEST_RECORD: Final = 1 << 28
+"""Limit for a record in the file: far above any chunk or attachment of a recorder [bytes]."""
+
+
+def read_bag(path: Path) -> Bag:
+    """Read the summary of a recording.
+
+    Raises:
+        RecordingError: it cannot be read, or is not an MCAP file.
+    """
+    with recording_errors(path), path.open("rb") as file:
+        return _indexed(path, file) or _scanned(path, file)
+
+
+def read_attachments(path: Path) -> Mapping[str, str]:
+    """The texts in a recording by name, such as `plan.json`.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    with recording_errors(path), path.open("rb") as file:
+        found = (
+            seeking_reader(file).iter_attachments()
+            if file_summary(file) is not None
+            else (one for one in records_of(file) if isinstance(one, Attachment))
+        )
+        return {one.name: one.data.decode(errors="replace") for one in found}
+
+
+def records_of(file: IO[bytes]) -> Iterator[object]:
+    """Every record, in and outside of chunks, up to where the file breaks off."""
+    with suppress(*_BREAKS):
+        yield from StreamReader(file, record_size_limit=LONGEST_RECORD).records
+
+
+def file_summary(file: IO[bytes]) -> Summary | None:
+    """The summary at the end of a closed recording; leaves the file at its start."""
+    try:
+        summary = seeking_reader(file).get_summary()
+    except Exception:  # the file does not end in a footer: the library may raise anything
+        summary = None
+    file.seek(0)
+    return None if summary is None or summary.statistics is None else summary
+
+
+@dataclass(slots=True, kw_only=True)
+class _Found:
+    """The content of a file so far."""
+
+    header: Header | None = None
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    counts: Counter[int] = field(default_factory=Counter)
+    times_ns: tuple[int, int] | None = None
+    metadata: dict[str, Mapping[str, str]] = field(default_factory=dict)
+    attachments: dict[str, int] = field(default_factory=dict)
+
+
+def _indexed(path: Path, file: IO[bytes]) -> Bag | None:
+    """The recording by the summary at its end; None if it has none."""
+    summary = file_summary(file)
+    if summary is None or summary.statistics is None:
+        return None
+    reader, statistics = seeking_reader(file), summary.statistics
+    found = _Found(
+        header=reader.get_header(),
+        schemas=summary.schemas,
+        channels=summary.channels,
+        counts=Counter(statistics.channel_message_counts),
+        times_ns=(statistics.message_start_time, statistics.message_end_time)
+        if statistics.message_count
+        else None,
+        metadata={record.name: record.metadata for record in reader.iter_metadata()},
+        attachments={index.name: index.data_size for index in summary.attachment_indexes},
+    )
+    return _bag(path, file, found, is_complete=True)
+
+
+def _scanned(path: Path, file: IO[bytes]) -> Bag:
+    """The recording by its records, up to where the file breaks off."""
+    found = _Found()
+    for record in records_of(file):
+        match record:
+            case Header():
+                found.header = record
+            case Schema():
+                found.schemas[record.id] = record
+            case Channel():
+                found.channels[record.id] = record
+            case Message():
+                found.counts[record.channel_id] += 1
+                first, last = found.times_ns or (record.log_time, record.log_time)
+                found.times_ns = min(first, record.log_time), max(last, record.log_time)
+            case Metadata():
+                found.metadata[record.name] = record.metadata
+            case Attachment():
+                found.attachments[record.name] = len(record.data)
+    return _bag(path, file, found, is_complete=False)
+
+
+def _bag(path: Path, file: IO[bytes], found: _Found, *, is_complete: bool) -> Bag:
+    drops = found.metadata.pop(DROPS, {})
+    topics = (
+        BagTopic(
+            topic=channel.topic,
+            msg_type=found.schemas[channel.schema_id].name if channel.schema_id else "",
+            count=found.counts[channel.id],
+            dropped=int(drops[channel.topic]) if channel.topic in drops else None,
+            type_hash=channel.metadata.get("topic_type_hash", ""),
+        )
+        for channel in found.channels.values()
+    )
+    start_ns, end_ns = found.times_ns or (None, None)
+    return Bag(
+        path=str(path),
+        size_bytes=file.seek(0, 2),
+        profile=found.header.profile if found.header else "",
+        library=found.header.library if found.header else "",
+        is_complete=is_complete,
+        start_ns=start_ns,
+        end_ns=end_ns,
+        topics=tuple(sorted(topics, key=lambda topic: topic.topic)),
+        metadata=found.metadata,
+        attachments=found.attachments,
+    )
+
+
+def seeking_reader(file: IO[bytes]) -> SeekingReader:
+    """The library's reader of a file, with a limit for the length of a record."""
+    return SeekingReader(file, record_size_limit=LONGEST_RECORD)
+
+
+@contextmanager
+def recording_errors(path: Path) -> Iterator[None]:
+    """Report errors of the libraries as errors of the file.
+
+    They use fields unchecked: a damaged file makes them raise anything.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    try:
+        yield
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {_plain(error.message)}", help=error.help) from error
+    except FileNotFoundError as error:
+        raise RecordingError(f"{path}: there is no such file") from error
+    except OSError as error:
+        raise RecordingError(f"{path}: {os.strerror(error.errno or 0).lower()}") from error
+    except InvalidMagic as error:
+        raise RecordingError(f"{path} is no MCAP file") from error
+    except Exception as error:
+        fault = _plain(f"{type(error).__name__}: {error}")[:LONGEST_FAULT]
+        raise RecordingError(f"{path} cannot be read: it is damaged ({fault})") from error
+
+
+def _plain(text: str) -> str:
+    """The text of a file without what a terminal would execute."""
+    return "".join(letter for letter in text if letter.isprintable())

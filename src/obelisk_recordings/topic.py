@@ -1,0 +1,342 @@
+"""The messages of one recorded topic as arrays: by field, by joint, with times and units."""
+
+import re
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obelisk_recordings.chunks import TopicMessages
+from obelisk_recordings.definition import parse_definition
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.layout import Bytes, MessageLayout, layout_of
+from obelisk_spec.suggestions import did_you_mean, list_names
+
+__all__ = ["Array", "MessageTable", "RecordedField", "RecordedSignal", "RecordedTopic"]
+
+Array = NDArray[Any]
+NS_PER_S: Final = 1_000_000_000
+_NAMES: Final = ("joint_names", "name")
+"""Fields that name the joints of the other arrays of a message."""
+_PLACE: Final = re.compile(r"(?P<path>.+)\[(?P<place>[0-9]{1,9})\]")
+MessageTable = tuple[MessageLayout, NDArray[np.intp], Bytes]
+"""Messages of one layout: the layout, their places in the topic, their bytes."""
+
+
+class RecordedSignal:
+    """One number of a topic over time."""
+
+    def __init__(self, topic: "RecordedTopic", path: str, place: int | None, label: str) -> None:
+        """Name a number; it is read when it is asked for."""
+        self.topic = topic
+        self.path = path
+        """Of the field, such as `q_joints`."""
+        self.place = place
+        """In the field's array; None: it is no array."""
+        self.label = label
+        """For people: `q_joints[knee]`."""
+
+    @property
+    def unit(self) -> str:
+        """Such as `rad/s`; empty if the definition names none."""
+        return self.topic.unit(self.path)
+
+    def values(self) -> NDArray[np.float64]:
+        """The numbers, shape `(n,)`; NaN for a message whose array is shorter."""
+        return self.topic.numbers(self.path, self.place)
+
+
+class RecordedField:
+    """A field that is itself a message; its fields are attributes: `imu.angular_velocity.x`.
+
+    As an array, it has a row for each message and a column for each of its numbers.
+    """
+
+    def __init__(self, topic: "RecordedTopic", path: str) -> None:
+        self._topic = topic
+        self._path = path
+
+    def __repr__(self) -> str:
+        return f"<{self._topic.name}.{self._path}: {len(self._topic)} messages>"
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return self._topic._attribute(f"{self._path}.{name}")
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        del copy
+        columns = [one.values() for one in self._topic.signals(self._path)]
+        return np.stack(columns, axis=1).astype(dtype or float, copy=False)
+
+
+class RecordedTopic:
+    """The messages of one topic; `est.q_joints` is an array with a row for each message.
+
+    A field of a field is `imu.angular_velocity.x` or `imu["angular_velocity.x"]`. The second form
+    also reads fields that are called like something here, such as `t` or `name`.
+    """
+
+    def __init__(self, messages: TopicMessages, origin_ns: int = 0) -> None:
+        """Take the messages of a topic.
+
+        Args:
+            messages: serialized.
+            origin_ns: what times are relative to [ns since 1970].
+        """
+        self.messages = messages
+        self.name = messages.topic
+        self.msg_type = messages.msg_type
+        self._origin_ns = origin_ns
+
+    def __repr__(self) -> str:
+        return f"<{self.name}: {len(self)} messages>"
+
+    def __len__(self) -> int:
+        return len(self.messages)
+
+    @cached_property
+    def t(self) -> NDArray[np.float64]:
+        """Times of publication since the activation of the stack [s], shape `(n,)`."""
+        return (self.messages.published_ns - self._origin_ns) / NS_PER_S
+
+    @cached_property
+    def received(self) -> NDArray[np.float64]:
+        """Times of receipt since the activation of the stack [s], shape `(n,)`."""
+        return (self.messages.received_ns - self._origin_ns) / NS_PER_S
+
+    @cached_property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Times in the headers of the messages [ns], shape `(n,)`.
+
+        Raises:
+            RecordingError: the messages have no header.
+        """
+        seconds = self["header.stamp.sec"].astype(np.int64)
+        return np.asarray(seconds * NS_PER_S + self["header.stamp.nanosec"], np.int64)
+
+    @cached_property
+    def stamps(self) -> NDArray[np.float64]:
+        """Times in the headers of the messages [s], shape `(n,)`.
+
+        Raises:
+            RecordingError: the messages have no header.
+        """
+        return self.stamps_ns / NS_PER_S
+
+    @cached_property
+    def fields(self) -> tuple[str, ...]:
+        """Paths of all fields that hold numbers or texts, in the order of the definition."""
+        return tuple(dict.fromkeys(path for one, _, _ in self.tables for path in one.columns))
+
+    @cached_property
+    def _definition(self) -> Any:
+        if not self.messages.definition:
+            raise RecordingError(
+                f"{self.name} cannot be decoded: it is not in the form of ROS 2 messages with "
+                "their definition"
+            )
+        return parse_definition(self.messages.msg_type, self.messages.definition)
+
+    @cached_property
+    def tables(self) -> Sequence[MessageTable]:
+        """The messages by layout."""
+        return tuple(self._split())
+
+    def _split(self) -> Iterator[MessageTable]:
+        for places, rows in self.messages.tables:
+            while len(rows):
+                layout = layout_of(self._definition, rows[0].tobytes())
+                fits = layout.fits(rows)
+                if fits.all():
+                    yield layout, places, rows
+                    break
+                yield layout, places[fits], rows[fits]
+                places, rows = places[~fits], rows[~fits]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return self._attribute(name)
+
+    def _attribute(self, path: str) -> Any:
+        try:
+            return self[path]
+        except RecordingError as error:
+            raise AttributeError(str(error)) from error
+
+    def __getitem__(self, path: str) -> Any:
+        """A field by its path, such as `pose.position.x` or `q_joints[0]`.
+
+        Returns:
+            An array with a row for each message, of shape `(n,)` or `(n, length)`; if the length
+            varies, an array of arrays. For a field that is itself a message, a `RecordedField`.
+
+        Raises:
+            RecordingError: the messages have no such field.
+        """
+        if path in self.fields:
+            return self._column(path)
+        if any(one.startswith((f"{path}.", f"{path}[")) for one in self.fields):
+            return RecordedField(self, path)
+        match = _PLACE.fullmatch(path)
+        if match and match["path"] in self.fields:
+            return self._place(match["path"], int(match["place"]))
+        raise self._unknown(path)
+
+    def _column(self, path: str) -> Array:
+        found = [
+            (places, layout.columns[path].read(rows))
+            for layout, places, rows in self.tables
+            if path in layout.columns
+        ]
+        if len(found) == 1 and len(found[0][0]) == len(self):
+            (values,) = (values for _, values in found)
+            return values.astype(values.dtype.newbyteorder("="), copy=False)
+        if len({values.shape[1:] for _, values in found}) == 1:
+            return _placed(len(self), found)
+        ragged = np.empty(len(self), object)
+        for places, values in found:
+            for place, row in zip(places, values, strict=True):
+                ragged[place] = row
+        return ragged
+
+    def _place(self, path: str, place: int) -> Array:
+        lengths = {layout.columns[path].count for layout, _, _ in self.tables}
+        longest = max((length for length in lengths if length is not None), default=None)
+        if longest is None:
+            raise RecordingError(f"{self.name}: `{path}` is no array")
+        if place >= longest:
+            raise RecordingError(f"{self.name}: `{path}` has only {longest} items")
+        if len(lengths) == 1:
+            return np.asarray(self._column(path)[:, place])
+        return self.numbers(path, place)
+
+    def _unknown(self, path: str) -> RecordingError:
+        names = list(dict.fromkeys(re.split(r"[.\[]", one)[0] for one in self.fields))
+        return RecordingError(
+            f"{self.name} has no field `{path}`",
+            help=did_you_mean(path, [*names, *self.fields]) or f"it has {list_names(names)}",
+        )
+
+    def numbers(self, path: str, place: int | None) -> NDArray[np.float64]:
+        """One number of each message, shape `(n,)`; NaN for a message that has none there.
+
+        Args:
+            path: of a field of numbers.
+            place: in its array; None: it is no array.
+        """
+        numbers = np.full(len(self), np.nan)
+        for layout, places, rows in self.tables:
+            column = layout.columns.get(path)
+            if column is None or (place or 0) >= (1 if column.count is None else column.count):
+                continue
+            values = column.read(rows)
+            numbers[places] = values if place is None else values[:, place]
+        return numbers
+
+    def matrix(self, path: str, width: int) -> NDArray[np.float64]:
+        """The first numbers of a field, shape `(n, width)`; NaN for a message that has fewer.
+
+        Quicker than one number after the other.
+
+        Args:
+            path: of a field of numbers.
+            width: how many numbers; 1 for a field that is no array.
+        """
+        numbers = np.full((len(self), width), np.nan)
+        for layout, places, rows in self.tables:
+            column = layout.columns.get(path)
+            if column is not None:
+                values = column.read(rows)
+                values = values[:, None] if column.count is None else values[:, :width]
+                numbers[places, : values.shape[1]] = values
+        return numbers
+
+    def signals(self, path: str = "") -> Iterator[RecordedSignal]:
+        """The numbers in a field, each as one signal; in all fields without a path.
+
+        Raises:
+            RecordingError: the messages have no such field, or it holds only texts.
+        """
+        found = [one for one in self.fields if _is_part(one, path)]
+        match = _PLACE.fullmatch(path)
+        if not found and match and match["path"] in self.fields:
+            self._place(match["path"], int(match["place"]))
+            wanted = int(match["place"])
+            yield from (one for one in self.signals(match["path"]) if one.place == wanted)
+            return
+        if not found:
+            raise self._unknown(path)
+        every = [layout.columns for layout, _, _ in self.tables]
+        if not any(each[one].code for each in every for one in found if one in each):
+            raise RecordingError(f"{self.name}: `{path}` holds no number")
+        for one in found:
+            columns = [table[0].columns[one] for table in self.tables if one in table[0].columns]
+            if not columns[0].code:
+                continue  # texts
+            if columns[0].count is None:
+                yield RecordedSignal(self, one, None, one)
+                continue
+            names = self.names(one)
+            for place in range(max(column.count or 0 for column in columns)):
+                name = (names[place] if place < len(names) else "") or str(place)
+                yield RecordedSignal(self, one, place, f"{one}[{name}]")
+
+    def unit(self, path: str) -> str:
+        """The unit of a field, such as `rad/s`; empty if its definition names none."""
+        return str(self._definition.unit(path))
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints' names in the first message that has any; empty if none has."""
+        for field in _NAMES:
+            for layout, _, rows in self.tables:
+                column = layout.columns.get(field)
+                if column is not None and column.texts and column.count:
+                    return tuple(map(str, column.read(rows[:1])[0]))
+        return ()
+
+    def names(self, path: str) -> tuple[str, ...]:
+        """The joints' names for a field with one number for each joint; empty for another one."""
+        if "." in path or path in _NAMES:
+            return ()
+        counts = {layout.columns[path].count for layout, _, _ in self.tables}
+        return self.joint_names if counts == {len(self.joint_names)} else ()
+
+    def joint(self, name: str, field: str) -> Array:
+        """A field of one joint, by the names in the messages, shape `(n,)`.
+
+        Args:
+            name: of the joint.
+            field: an array with a number for each joint, such as `q_joints`.
+
+        Raises:
+            RecordingError: the messages name no such joint, or have no such field.
+        """
+        names = self.joint_names
+        if name not in names:
+            raise RecordingError(
+                f"the messages of {self.name} name no joint `{name}`",
+                help=did_you_mean(name, names) or f"they name {list_names(names) or 'none'}",
+            )
+        return np.asarray(self[f"{field}[{names.index(name)}]"])
+
+
+def _is_part(path: str, whole: str) -> bool:
+    return not whole or path == whole or path.startswith((f"{whole}.", f"{whole}["))
+
+
+def _placed(count: int, found: Sequence[tuple[NDArray[np.intp], Array]]) -> Array:
+    """Values at their places; NaN, or an empty text, where there is none."""
+    is_text = found[0][1].dtype.kind == "O"
+    is_whole = sum(len(places) for places, _ in found) == count
+    kind = found[0][1].dtype.newbyteorder("=") if is_whole or is_text else np.dtype(float)
+    whole = np.full((count, *found[0][1].shape[1:]), "" if is_text else 0, kind)
+    if not is_whole and not is_text:
+        whole[...] = np.nan
+    for places, values in found:
+        whole[places] = values
+    return whole

@@ -1,0 +1,135 @@
+"""`obk diff RUN1 RUN2`: what differs between two recorded runs."""
+
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from obelisk_recordings.find import find_recording
+from obelisk_spec.suggestions import with_number
+from obk_cli.cli.options import FormatOption, RunArgument, print_json, wants_json
+from obk_cli.runs.folder import runs_folder
+from obk_cli.terminal import columns_of, escaped, shortened
+
+if TYPE_CHECKING:
+    from obk_cli.record.compare import RunComparison
+
+__all__ = ["EXAMPLE", "command", "difference_lines"]
+
+EXAMPLE = """\b
+Example: obk diff dummy_20260301_120000 dummy_20260301_121500
+         obk diff before.mcap after.mcap --format json
+"""
+_WIDEST = 32
+"""Of a value in the table [columns]."""
+_Row = tuple[str, str, str, str, str, str]
+
+
+def command(
+    first: RunArgument,
+    second: RunArgument,
+    format: FormatOption = "text",
+) -> None:
+    """Compare two recorded runs.
+
+    First what they were made from: config, versions and code, message definitions, parameters. Then
+    rate and lateness of each topic, rejected commands, and of each number the root mean square and
+    the largest difference, over the time since the stack became active. The second run is
+    interpolated at the times of the first one. Numbers that are equal are only counted.
+    """
+    is_json = wants_json(format)
+
+    from obk_cli.optional_deps import require_extra
+
+    require_extra("mcap", "record")
+
+    from obelisk_recordings.run import open_run
+    from obk_cli.record.compare import compare_runs
+
+    parent = runs_folder(os.environ)
+    runs = [open_run(find_recording(parent, name)) for name in (first, second)]
+    for run in runs:
+        if not run.bag.is_complete:
+            print(f"note: {run.path} breaks off: its recorder did not end it", file=sys.stderr)
+    found = compare_runs(runs[0], runs[1])
+    if is_json:
+        print_json(asdict(found))
+        return
+    print("\n".join([*_table([_head(found), *_rows(found)]), *_summary(found)]))
+
+
+def difference_lines(found: "RunComparison") -> Iterator[str]:
+    """The table of topics and numbers alone."""
+    yield from _table([_head(found), *_topic_rows(found), *_signal_rows(found)])
+
+
+def _head(found: "RunComparison") -> _Row:
+    return ("", found.runs[0], found.runs[1], "rms", "max", "at [s]")
+
+
+def _rows(found: "RunComparison") -> Iterator[_Row]:
+    for group in ("versions", "config", "parameters"):
+        for one in getattr(found, group):
+            yield (f"{group}: {one.what}", _value(one.first), _value(one.second), "", "", "")
+    yield from _topic_rows(found)
+    rejected = found.rejected_commands
+    if any(rejected):
+        yield ("rejected commands", _value(rejected[0]), _value(rejected[1]), "", "", "")
+    yield from _signal_rows(found)
+
+
+def _topic_rows(found: "RunComparison") -> Iterator[_Row]:
+    for topic in found.topics:
+        name, types, counts = topic.topic, topic.msg_type, topic.count
+        if types[0] != types[1]:
+            yield (f"{name} type", _value(types[0]), _value(types[1]), "", "", "")
+        elif not topic.same_definition:
+            yield (f"{name} definition", "differs", "differs", "", "", "")
+        yield (f"{name} messages", str(counts[0]), str(counts[1]), "", "", "")
+        rates, late = topic.rate_hz, topic.late_p99_ms
+        yield (f"{name} rate [Hz]", f"{rates[0]:.1f}", f"{rates[1]:.1f}", "", "", "")
+        yield (f"{name} late p99 [ms]", f"{late[0]:.2f}", f"{late[1]:.2f}", "", "", "")
+
+
+def _signal_rows(found: "RunComparison") -> Iterator[_Row]:
+    for signal in found.signals:
+        if signal.largest:
+            unit = f" [{signal.unit}]" if signal.unit else ""
+            yield (
+                f"{signal.topic}.{signal.signal}{unit}",
+                "",
+                "",
+                f"{signal.rms:.4g}",
+                f"{signal.largest:.4g}",
+                f"{signal.at_s:.3f}",
+            )
+
+
+def _value(value: object) -> str:
+    if value is None or value == "":
+        return "-"
+    return shortened(escaped(str(value)), _WIDEST)
+
+
+def _table(rows: list[_Row]) -> Iterator[str]:
+    """The rows with aligned columns; numbers stand to the right."""
+    cells = [tuple(map(escaped, row)) for row in rows]
+    widths = [max(columns_of(row[place]) for row in cells) for place in range(6)]
+    for row in cells:
+        line = []
+        for place, cell in enumerate(row):
+            space = " " * (widths[place] - columns_of(cell))
+            line.append(cell + space if place < 3 else space + cell)
+        yield "  ".join(line).rstrip()
+
+
+def _summary(found: "RunComparison") -> Iterator[str]:
+    differing = sum(1 for one in found.signals if one.largest)
+    equal = len(found.signals) - differing
+    if found.is_same:
+        yield f"nothing differs but times: {with_number(equal, 'signal')} compared"
+    else:
+        yield f"{with_number(differing, 'signal')} of {differing + equal} differ"
+    if None in found.rejected_commands:
+        yield "note: rejected commands are unknown where a recording is not in its run's folder"

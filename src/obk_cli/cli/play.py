@@ -1,0 +1,244 @@
+"""`obk play FILE|RUN`: publish a recording again, or run nodes on recorded inputs."""
+
+import json
+import os
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from obelisk_recordings.find import find_recording
+from obelisk_spec.suggestions import with_number
+from obk_cli.cli.options import (
+    TIMEOUT_S,
+    DomainOption,
+    RunArgument,
+    TimeoutOption,
+    TopicsOption,
+    graph_target,
+    require_positive,
+    with_types,
+)
+from obk_cli.errors import EXIT_FAILED, EXIT_INTERRUPTED, CommandFailedError, MisuseError
+from obk_cli.runs.folder import runs_folder
+
+if TYPE_CHECKING:
+    from obelisk_recordings.run import RecordedRun
+    from obk_cli.plan.plan import Plan, Process
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = """\b
+Example: obk play dummy --topic imu --topic est --rate 0.5
+         obk play dummy --into dummy.yaml --nodes estimation
+"""
+_PROGRAM: Final = "obk_testing.replay"
+
+
+def command(
+    recording: RunArgument,
+    topic: TopicsOption = None,
+    rate: Annotated[
+        float, typer.Option(help="How many times faster than recorded; not with --into.")
+    ] = 1.0,
+    into: Annotated[
+        str | None,
+        typer.Option(metavar="CONFIG", help="Run nodes of this config on recorded inputs."),
+    ] = None,
+    nodes: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="N", help="Which nodes: names or sections of --into; may be repeated."
+        ),
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Override a value of --into."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="The recording that --into makes."),
+    ] = None,
+    allow_hardware: Annotated[
+        bool, typer.Option("--allow-hardware", help="Publish on topics that move robots, too.")
+    ] = False,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+) -> None:
+    """Publish a recording again, in real time.
+
+    Topics that command a robot are left out, and a robot that subscribes to one of the others ends
+    the command, unless --allow-hardware is given.
+
+    With --into, nodes of a config run on the recorded inputs instead: in lock-step, in simulated
+    time, each input at its time, so that a second replay gives the same bits. No other process
+    hears them, and no robot is moved. What they publish is recorded and compared with the
+    recording. The same code gives the same bits if the recording was made in lock-step, by
+    `obk test --keep-all`.
+    """
+    require_positive("--rate", rate)
+    if into is None and (nodes or set_ or output):
+        raise MisuseError("`--nodes`, `--set` and `--output` need `--into CONFIG`")
+    if into is not None and not nodes:
+        raise MisuseError("`--into` needs `--nodes`", help="such as `--nodes estimation`")
+
+    from obk_cli.optional_deps import require_extra, require_ros
+
+    require_extra("mcap", "record")
+    require_ros()
+
+    from obelisk_recordings.run import open_run, topic_named
+
+    run = open_run(find_recording(runs_folder(os.environ), recording))
+    if not run.bag.is_complete:
+        print(f"note: {run.path} breaks off: its recorder did not end it", file=sys.stderr)
+    topics = [topic_named(name, run.topics) for name in topic or ()]
+    if into is not None:
+        target = output or Path(f"{run.name}_replay.mcap")
+        raise typer.Exit(_replay(run, into, nodes or (), set_, topics, target))
+    _publish(run, topics, rate, domain, timeout, may_move=allow_hardware)
+
+
+def _publish(
+    run: "RecordedRun",
+    named: Sequence[str],
+    speed: float,
+    domain: int | None,
+    timeout_s: float,
+    *,
+    may_move: bool,
+) -> None:
+    from obk_cli.record.play import play, playable_topics
+
+    topics, left_out = playable_topics(run, named, may_move=may_move)
+    for name in left_out:
+        print(f"note: {name} moves a robot and is left out", file=sys.stderr)
+    target = with_types(graph_target(domain, timeout_s))
+    played = play(run, topics, target, speed=speed, may_move=may_move, wait_s=timeout_s)
+    for name, count in played.counts.items():
+        print(f"{name}  {with_number(count, 'message')}")
+    total = with_number(sum(played.counts.values()), "message")
+    print(f"published {total} in {played.seconds:.1f} s")
+
+
+def _replay(
+    run: "RecordedRun",
+    config: str,
+    nodes: Sequence[str],
+    overrides: list[str] | None,
+    named: Sequence[str],
+    output: Path,
+) -> int:
+    """Run the nodes in a process of its own and compare; return the exit code."""
+    from obk_cli.cli.config_options import make_options, valid_plan
+    from obk_cli.cli.test import lockstep_environment
+    from obk_cli.compiler import compile_config
+    from obk_cli.optional_deps import require_extra
+    from obk_cli.process.child_process import run_in_foreground
+
+    require_extra("pytest", "test")
+    plan = valid_plan(compile_config(config, make_options(overrides, None)), "auto")
+    chosen = [*_chosen(plan, nodes)]
+    published = {end.topic for node in chosen for end in node.publishes}
+    inputs = [*_inputs(run, chosen, published, named)]
+    outputs = sorted(published)
+    without = [node.full_name for node in plan.processes if node not in chosen]
+    request = {
+        "config": str(Path(config).resolve()),
+        "overrides": overrides or [],
+        "without": without,
+        "recording": str(run.path),
+        "inputs": inputs,
+        "outputs": outputs,
+        "output": str(output),
+    }
+    folder = Path(config).resolve().parent
+    environment = lockstep_environment(folder, plan, may_build=True, color="auto")
+    arguments = [sys.executable, "-m", _PROGRAM, json.dumps(request)]
+    code = run_in_foreground(arguments, environment)
+    if code != 0:
+        return EXIT_INTERRUPTED if code is None else EXIT_FAILED
+    print(f"ran {', '.join(node.full_name for node in chosen)} on {', '.join(inputs)}: {output}")
+    counts = {one.topic: one.count for one in run.bag.topics}
+    _compare(run, output, [name for name in outputs if counts.get(name)])
+    return 0
+
+
+def _chosen(plan: "Plan", names: Sequence[str]) -> "Iterator[Process]":
+    """The nodes of these names, node names or sections.
+
+    Raises:
+        MisuseError: a name is of none.
+    """
+    from obelisk_spec.suggestions import did_you_mean, list_names
+
+    known = {word for one in plan.processes for word in (one.full_name, one.node, one.section)}
+    for name in names:
+        if name not in known:
+            raise MisuseError(
+                f"`--nodes {name}`: no node has that name or section",
+                help=did_you_mean(name, known)
+                or f"there are {list_names([one.node for one in plan.processes])}",
+            )
+    for one in plan.processes:
+        if {one.full_name, one.node, one.section} & set(names):
+            yield one
+
+
+def _inputs(
+    run: "RecordedRun",
+    nodes: "Sequence[Process]",
+    published: Collection[str],
+    named: Sequence[str],
+) -> Iterator[str]:
+    """The recorded topics that the nodes subscribe to and do not publish themselves.
+
+    Raises:
+        CommandFailedError: there is none.
+        MisuseError: a named topic is none of them.
+    """
+    from obelisk_spec.suggestions import list_names
+
+    wanted = dict.fromkeys(
+        end.topic for node in nodes for end in node.subscribes if end.topic not in published
+    )
+    counts = {one.topic: one.count for one in run.bag.topics}
+    recorded = [name for name in wanted if counts.get(name)]
+    for name in named:
+        if name not in recorded:
+            raise MisuseError(
+                f"`--topic {name}`: no node subscribes to it",
+                help=f"the nodes subscribe to {list_names(recorded) or 'nothing in the recording'}",
+            )
+    if not recorded:
+        raise CommandFailedError(
+            f"{run.path} has no message for the nodes",
+            help=f"they subscribe to {list_names([*wanted]) or 'nothing'}",
+        )
+    for name in wanted:
+        if name not in recorded:
+            print(f"note: {name} is not in the recording", file=sys.stderr)
+    yield from (name for name in recorded if not named or name in named)
+
+
+def _compare(run: "RecordedRun", output: Path, topics: Sequence[str]) -> None:
+    """Print how the outputs differ from the recorded ones."""
+    from obelisk_recordings.run import open_run
+    from obk_cli.cli.diff import difference_lines
+    from obk_cli.record.compare import compare_runs, first_different_message
+
+    again = open_run(output)
+    shift_ns = int(again.metadata.get("obelisk", {}).get("shift_ns", "0"))
+    again.origin_ns = run.origin_ns - shift_ns
+    are_same = True
+    for topic in topics:
+        count, differs_s = first_different_message(run, again, topic)
+        are_same = are_same and differs_s is None
+        if differs_s is None:
+            print(f"{topic}: {with_number(count, 'message')}, the same bits as recorded")
+        else:
+            print(f"{topic}: the same up to message {count}; the first other at {differs_s:.4f} s")
+    if not are_same:
+        print("\n".join(difference_lines(compare_runs(run, again, topics))))

@@ -1,0 +1,143 @@
+"""Set parameters of running nodes and report what happened; list those that can be tuned.
+
+The same for `obk param`, `obk monitor` and `obk web`.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from obelisk_spec.suggestions import did_you_mean
+from obk_cli.emit.params import emit_value
+from obk_cli.errors import CommandFailedError
+from obk_cli.ros.parameters import (
+    NOT_SET,
+    NodeParameter,
+    ParameterDescription,
+    SetAnswer,
+    fit_parameter,
+    parse_parameter,
+    refusal,
+)
+from obk_cli.terminal import escaped, plain
+
+if TYPE_CHECKING:
+    from obk_cli.introspect.graph_source import Parameters
+
+__all__ = ["ChangedParameter", "TunableParameter", "set_parameter", "tunable", "value_text"]
+
+EFFECT_S: Final = 1.0
+"""How long a change may wait for callbacks of the node that are running [s]."""
+ASK_AGAIN_S: Final = 0.02
+UNKNOWN: Final = ParameterDescription(kind=NOT_SET)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TunableParameter:
+    """A parameter that a node declares with `Parameter`, and its value."""
+
+    name: str
+    value: NodeParameter
+    description: ParameterDescription
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangedParameter:
+    """What became of a request to set a parameter that the node accepted."""
+
+    name: str
+    before: NodeParameter
+    after: NodeParameter
+    unit: str
+    effect: str
+    """When the value takes effect, in the node's words; empty if the node does not say."""
+
+    def __str__(self) -> str:
+        """One sentence: "kp changed from 20.0 to 25.0 N m/rad, in effect"."""
+        new = value_text(self.after) + (f" {self.unit}" if self.unit else "")
+        if not self.effect:
+            new += f" ({self.after.kind})"
+        change = f"changed from {value_text(self.before)} to {new}"
+        if self.before == self.after:
+            change = f"is {new} already"
+        effect = f", {escaped(self.effect)}" if self.effect else ""
+        return f"{self.name} {change}{effect}"
+
+
+def value_text(parameter: NodeParameter) -> str:
+    """A value as a person writes it."""
+    return NOT_SET if parameter.value is None else plain(emit_value(parameter.value))
+
+
+def tunable(parameters: "Parameters") -> tuple[TunableParameter, ...]:
+    """The parameters that a node declares with `Parameter`, in its order.
+
+    Raises:
+        CommandFailedError: the node gives no answer.
+    """
+    described: Mapping[str, ParameterDescription] = {
+        name: one
+        for name, one in parameters.describe(parameters.names()).items()
+        if one.notes.is_live is not None
+    }
+    values = parameters.values(tuple(described)) if described else {}
+    return tuple(
+        TunableParameter(name=name, value=values[name], description=one)
+        for name, one in described.items()
+    )
+
+
+def set_parameter(parameters: "Parameters", node: str, name: str, text: str) -> ChangedParameter:
+    """Set one, and wait a moment for it to take effect.
+
+    Args:
+        parameters: of the node.
+        node: full name.
+        name: of the parameter.
+        text: the value, as in a parameter file of ROS.
+
+    Raises:
+        MisuseError: the text is no value that a parameter can have.
+        CommandFailedError: the node rejects the value, or gives no answer.
+    """
+    given = parse_parameter(text)
+    before = parameters.values((name,))[name]
+    description = parameters.describe((name,)).get(name, UNKNOWN)
+    kind = description.kind if before.kind == NOT_SET else before.kind
+    after = fit_parameter(text, given, kind)
+    answer = _set(parameters, name, after)
+    if not answer.successful:
+        _require_known(node, name, parameters)
+        why = escaped(refusal(answer.reason, after))
+        raise CommandFailedError(
+            f"{node} refuses {name} = {value_text(after)}: {why}",
+            help=f"it is of the type {kind}, now {value_text(before)}"
+            if kind not in (after.kind, NOT_SET)
+            else None,
+        )
+    return ChangedParameter(
+        name=name,
+        before=before,
+        after=after,
+        unit=description.notes.unit,
+        effect=answer.reason,
+    )
+
+
+def _set(parameters: "Parameters", name: str, value: NodeParameter) -> SetAnswer:
+    """Set one; while its node is busy, set it again, which only asks whether it has effect."""
+    answer = parameters.set(name, value)
+    end_s = time.monotonic() + EFFECT_S
+    while answer.is_waiting and time.monotonic() < end_s:
+        time.sleep(ASK_AGAIN_S)
+        answer = parameters.set(name, value)
+    return answer
+
+
+def _require_known(node: str, name: str, parameters: "Parameters") -> None:
+    known = parameters.names()
+    if name not in known:
+        raise CommandFailedError(
+            f"{node} has no parameter `{name}`", help=did_you_mean(name, known)
+        )

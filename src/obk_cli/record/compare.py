@@ -1,0 +1,368 @@
+"""Compare two recorded runs: what they were made from, their topics, and each number over time.
+
+Times are since the activation of the stack. Each run is read once, in parts: two recordings of any
+length need little memory.
+"""
+
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby, zip_longest
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obelisk_recordings.chunks import messages_in_order
+from obelisk_recordings.run import RecordedRun
+from obelisk_recordings.topic import RecordedSignal, RecordedTopic
+
+__all__ = [
+    "Difference",
+    "RunComparison",
+    "SignalDifference",
+    "TopicComparison",
+    "compare_runs",
+    "first_different_message",
+]
+
+Floats = NDArray[np.float64]
+_STAMP: Final = re.compile(r"(?:^|\.)(?:sec|nanosec)$")
+"""Fields that are times; they differ between any two runs."""
+_REJECTED: Final = re.compile(r"control rejected: .*?; (\d+) since the start")
+"""What a robot logs, at most once a second."""
+_LOG: Final = "launch.log"
+_ROSOUT: Final = "/rosout"
+_Key = tuple[str, int | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """A value that is not the same in both runs."""
+
+    what: str
+    first: Any
+    """In the first run; None: it is not there."""
+    second: Any
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicComparison:
+    """A topic that has messages in one of the runs; a pair has a value for each run."""
+
+    topic: str
+    msg_type: tuple[str, str]
+    """Empty: the run has no message of it."""
+    same_definition: bool
+    count: tuple[int, int]
+    rate_hz: tuple[float, float]
+    """From the first message to the last."""
+    late_p99_ms: tuple[float, float]
+    """By how much 99 % of the intervals exceed the median interval at most [ms]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignalDifference:
+    """One number in both runs, at the times of the first one; the second is interpolated."""
+
+    topic: str
+    signal: str
+    unit: str
+    rms: float
+    largest: float
+    at_s: float
+    """When the difference is largest [s since activation]."""
+    count: int
+    """Of times that were compared."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunComparison:
+    """Everything that was compared."""
+
+    runs: tuple[str, str]
+    versions: tuple[Difference, ...]
+    config: tuple[Difference, ...]
+    parameters: tuple[Difference, ...]
+    topics: tuple[TopicComparison, ...]
+    signals: tuple[SignalDifference, ...]
+    rejected_commands: tuple[int | None, int | None]
+    """As the robots have logged, which is at most once a second; None: there is no log."""
+
+    @property
+    def is_same(self) -> bool:
+        """Whether nothing differs but rates and times."""
+        same_topics = all(one.same_definition and all(one.msg_type) for one in self.topics)
+        differs = any(one.largest != 0.0 for one in self.signals)
+        return not (self.versions or self.config or self.parameters or differs) and same_topics
+
+
+def compare_runs(
+    first: RecordedRun, second: RecordedRun, only: Collection[str] | None = None
+) -> RunComparison:
+    """Compare two runs.
+
+    Args:
+        first: a run.
+        second: another one.
+        only: topics to compare; None: all.
+
+    Raises:
+        RecordingError: a recording cannot be read.
+    """
+    runs = (first, second)
+    topics = _compare_topics(runs, only)
+    config, parameters = _compare_plans(first.plan, second.plan)
+    return RunComparison(
+        runs=(first.name, second.name),
+        versions=tuple(_versions(runs)),
+        config=config,
+        parameters=parameters,
+        topics=tuple(one.comparison() for one in topics),
+        signals=tuple(row for one in topics for row in one.differences()),
+        rejected_commands=(_rejected(first), _rejected(second)),
+    )
+
+
+def _versions(runs: tuple[RecordedRun, RecordedRun]) -> Iterator[Difference]:
+    for group in ("obelisk_versions", "obelisk_code"):
+        first, second = (run.metadata.get(group, {}) for run in runs)
+        yield from _differences(first, second)
+
+
+def _differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[Difference]:
+    for key in dict.fromkeys((*first, *second)):
+        if first.get(key) != second.get(key):
+            yield Difference(what=key, first=first.get(key), second=second.get(key))
+
+
+def _compare_plans(
+    first: Mapping[str, Any], second: Mapping[str, Any]
+) -> tuple[tuple[Difference, ...], tuple[Difference, ...]]:
+    """Differences of the config without parameters, and of the nodes' parameters."""
+    flat = [dict(_flat(_by_node(plan), "")) for plan in (first, second)]
+    found = list(_differences(*flat))
+    marks = [".parameters." in one.what for one in found]
+    config = tuple(one for one, mark in zip(found, marks, strict=True) if not mark)
+    parameters = (
+        Difference(what=one.what.replace(".parameters.", " "), first=one.first, second=one.second)
+        for one, mark in zip(found, marks, strict=True)
+        if mark
+    )
+    return config, tuple(parameters)
+
+
+def _by_node(plan: Mapping[str, Any]) -> dict[str, Any]:
+    """A plan with its processes by name; where the config's text stands does not count."""
+    processes = plan.get("processes")
+    nodes = {
+        str(one.get("node")): one
+        for one in (processes if isinstance(processes, list) else ())
+        if isinstance(one, dict)
+    }
+    return {**{key: plan[key] for key in plan if key != "processes"}, **nodes}
+
+
+def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Path -> value; what is long, such as settings as text, stays one value."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            if key != "origin":
+                yield from _flat(inner, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list) and any(isinstance(one, dict) for one in value):
+        for place, inner in enumerate(value):
+            yield from _flat(inner, f"{path}[{place}]")
+    else:
+        yield path, value
+
+
+def _rejected(run: RecordedRun) -> int | None:
+    """How many commands a run's robots rejected, by their log."""
+    if _ROSOUT in run.topics:
+        topic = run.read([_ROSOUT]).get(_ROSOUT)
+        lines = map(str, topic["msg"]) if topic is not None else iter(())
+    else:
+        try:
+            text = run.path.with_name(_LOG).read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            return None
+        lines = iter(text.splitlines())
+    counts = [int(match[1]) for line in lines if (match := _REJECTED.search(line))]
+    return max(counts, default=0)
+
+
+@dataclass(slots=True)
+class _Sums:
+    """What is left of one signal's differences so far."""
+
+    label: str
+    unit: str
+    square: float = 0.0
+    largest: float = 0.0
+    at_s: float = 0.0
+    count: int = 0
+
+    def add(self, times: Floats, differences: Floats) -> None:
+        known = ~np.isnan(differences)
+        if not known.any():
+            return
+        sizes = np.abs(differences[known])
+        self.square += float(np.square(sizes).sum())
+        self.count += len(sizes)
+        place = int(np.argmax(sizes))
+        if self.count == len(sizes) or sizes[place] > self.largest:
+            self.largest, self.at_s = float(sizes[place]), float(times[known][place])
+
+
+@dataclass(slots=True)
+class _Topic:
+    """One topic in both runs, while they are read."""
+
+    name: str
+    is_in_both: bool
+    waiting: tuple[list[RecordedTopic], list[RecordedTopic]] = field(
+        default_factory=lambda: ([], [])
+    )
+    times: tuple[list[Floats], list[Floats]] = field(default_factory=lambda: ([], []))
+    types: list[str] = field(default_factory=lambda: ["", ""])
+    definitions: list[str] = field(default_factory=lambda: ["", ""])
+    done_s: float = -np.inf
+    sums: dict[_Key, _Sums] = field(default_factory=dict)
+
+    def add(self, place: int, part: RecordedTopic) -> None:
+        """Take a part of the messages of a run, and compare as far as both are known."""
+        self.times[place].append(part.t)
+        self.types[place] = part.msg_type
+        self.definitions[place] = part.messages.definition
+        if not self.is_in_both or not part.messages.definition:
+            return
+        self.waiting[place].append(part)
+        firsts, seconds = self.waiting
+        if not firsts or not seconds:
+            return
+        begin, end = seconds[0].t[0], min(firsts[-1].t[-1], seconds[-1].t[-1])
+        self._compare(max(begin, self.done_s), end)
+        self.done_s = max(self.done_s, end)
+        self._trim()
+
+    def _compare(self, begin: float, end: float) -> None:
+        """Compare the messages of the first run after `begin` (or at it, if first) up to `end`."""
+        firsts, seconds = self.waiting
+        times = [_joined([part.t for part in parts]) for parts in (firsts, seconds)]
+        is_first = not self.sums
+        chosen = (times[0] >= begin if is_first else times[0] > begin) & (times[0] <= end)
+        if not chosen.any():
+            return
+        at = times[0][chosen]
+        order = np.argsort(times[1], kind="stable")  # they are in the order of receipt
+        known = {(one.path, one.place) for one in seconds[0].signals() if not _is_time(one)}
+        for path, group in groupby(firsts[0].signals(), key=lambda one: one.path):
+            signals = [one for one in group if (path, one.place) in known]
+            if not signals:
+                continue
+            width = 1 + max(one.place or 0 for one in signals)
+            mine, theirs = (
+                _joined([part.matrix(path, width) for part in parts]) for parts in (firsts, seconds)
+            )
+            mine, theirs = mine[chosen], theirs[order]
+            for signal in signals:
+                place = signal.place or 0
+                sums = self.sums.setdefault((path, signal.place), _Sums(signal.label, signal.unit))
+                others = np.interp(at, times[1][order], theirs[:, place])
+                sums.add(at, mine[:, place] - others)
+
+    def _trim(self) -> None:
+        """Let go of what was compared; the second run's last part before it is interpolated."""
+        firsts, seconds = self.waiting
+        while firsts and firsts[0].t[-1] <= self.done_s:
+            del firsts[0]
+        while len(seconds) > 1 and seconds[1].t[0] <= self.done_s:
+            del seconds[0]
+
+    def comparison(self) -> TopicComparison:
+        times = [_joined(parts) if parts else np.empty(0) for parts in self.times]
+        return TopicComparison(
+            topic=self.name,
+            msg_type=(self.types[0], self.types[1]),
+            same_definition=self.definitions[0] == self.definitions[1] or not all(self.types),
+            count=(len(times[0]), len(times[1])),
+            rate_hz=(_rate_hz(times[0]), _rate_hz(times[1])),
+            late_p99_ms=(_late_ms(times[0]), _late_ms(times[1])),
+        )
+
+    def differences(self) -> Iterator[SignalDifference]:
+        for sums in self.sums.values():
+            if sums.count:
+                yield SignalDifference(
+                    topic=self.name,
+                    signal=sums.label,
+                    unit=sums.unit,
+                    rms=float(np.sqrt(sums.square / sums.count)),
+                    largest=sums.largest,
+                    at_s=sums.at_s,
+                    count=sums.count,
+                )
+
+
+def _is_time(signal: RecordedSignal) -> bool:
+    return _STAMP.search(signal.path) is not None
+
+
+def _joined(parts: Sequence[Floats]) -> Floats:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _rate_hz(times: Floats) -> float:
+    span = float(times[-1] - times[0]) if len(times) > 1 else 0.0
+    return (len(times) - 1) / span if span > 0.0 else 0.0
+
+
+def _late_ms(times: Floats) -> float:
+    if len(times) < 3:
+        return 0.0
+    intervals = np.diff(times)
+    return float(np.percentile(intervals, 99.0) - np.median(intervals)) * 1e3
+
+
+def first_different_message(
+    first: RecordedRun, second: RecordedRun, topic: str
+) -> tuple[int, float | None]:
+    """How many messages of a topic have the same bits, and when the first other one came.
+
+    Returns:
+        The number, and the time [s since activation]; None: all of them have the same bits.
+
+    Raises:
+        RecordingError: a recording cannot be read.
+    """
+    count = 0
+    both = (messages_in_order(run.path, [topic]) for run in (first, second))
+    for one, two in zip_longest(*both):
+        if one is None or two is None or one.data != two.data:
+            run, message = (first, one) if one is not None else (second, two)
+            return count, (message.published_ns - run.origin_ns) * 1e-9
+        count += 1
+    return count, None
+
+
+def _compare_topics(
+    runs: tuple[RecordedRun, RecordedRun], only: Collection[str] | None
+) -> list[_Topic]:
+    """Read both runs side by side, the one that is behind first."""
+    counts = [{one.topic for one in run.bag.topics if one.count} for run in runs]
+    topics = {
+        name: _Topic(name, name in counts[0] and name in counts[1])
+        for name in sorted(counts[0] | counts[1])
+        if only is None or name in only
+    }
+    readers = [run.parts(topics) for run in runs]
+    progress = [-np.inf, -np.inf]
+    while min(progress) < np.inf:
+        place = int(progress[1] < progress[0])
+        part = next(readers[place], None)
+        if part is None:
+            progress[place] = np.inf
+            continue
+        progress[place] = float(part.received[-1])
+        topics[part.name].add(place, part)
+    return [one for one in topics.values() if any(one.types)]

@@ -1,0 +1,190 @@
+"""Run nodes of a config in lock-step on recorded inputs: `python -m obk_testing.replay REQUEST`.
+
+`obk play --into` starts it. REQUEST is a `ReplayRequest` as JSON. What the nodes publish is written
+to a recording. Of a recording in lock-step every input comes when it came, also within one time, so
+that the same code gives the same bits.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+from rclpy.logging import LoggingSeverity, set_logger_level
+
+from obelisk_py.core.lockstep.interception import intercepted
+from obelisk_py.core.lockstep.scheduler import NS_PER_S, LockstepError
+from obelisk_recordings.chunks import RecordedMessage, messages_in_order
+from obelisk_recordings.definition import MessageDefinition, parse_definition
+from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.run import RecordedRun, open_run
+from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError
+from obk_cli.record.recorder import installed_definition, schema_text
+from obk_testing.programs import load_stack
+from obk_testing.recording import write_recording
+from obk_testing.schedule import Schedule
+from obk_testing.trial import StackTrial
+
+__all__ = ["ReplayRequest", "main", "replay"]
+
+_SLICE_NS: Final = NS_PER_S
+"""Messages of so much time wait in the scheduler [ns]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayRequest:
+    """What to run on what."""
+
+    config: str
+    overrides: tuple[str, ...]
+    without: tuple[str, ...]
+    """Full names of the nodes that are left out."""
+    recording: str
+    inputs: tuple[str, ...]
+    """Topics that come from the recording."""
+    outputs: tuple[str, ...]
+    """Topics that the nodes publish."""
+    output: str
+    """The file of the new recording."""
+
+
+def replay(request: ReplayRequest) -> Iterator[str]:
+    """Run the nodes and write what they publish; yields what a user should know.
+
+    Raises:
+        CommandFailedError: the config cannot be run, or messages are defined differently.
+        LockstepError: a node cannot be in lock-step.
+        RecordingError: the recording cannot be read.
+    """
+    run = open_run(request.recording)
+    shift_ns = 0 if run.is_lockstep else _first_ns(run, request.inputs)
+    stack = load_stack(Path(request.config), request.overrides, without=request.without)
+    try:
+        names = {node.process.full_name for node in stack.nodes}
+        schedule, notes = _schedule(run, names)
+        yield from notes
+        seed = int(run.metadata.get("obelisk", {}).get("seed", "0")) if run.is_lockstep else 0
+        with StackTrial(stack, seed=seed, schedule=schedule, watch=request.outputs) as trial:
+            _require_types(run, request.inputs, trial)
+            _feed(trial, run, request, shift_ns)
+            result = trial.result()
+            about = {"replay": run.name, "shift_ns": str(shift_ns)}
+            write_recording(Path(request.output), result, about)
+            yield from result.faults
+    finally:
+        stack.close()
+
+
+def _first_ns(run: RecordedRun, inputs: tuple[str, ...]) -> int:
+    first = next(messages_in_order(run.path, inputs), None)
+    return 0 if first is None else first.published_ns
+
+
+def _schedule(run: RecordedRun, names: set[str]) -> tuple[Schedule, list[str]]:
+    """The schedule of the recorded run for some of its nodes, and what of it cannot be repeated."""
+    values = _attached(run, "schedule.json")
+    if not isinstance(values, dict):
+        return Schedule(), []
+    notes = []
+    if values.get("phases"):
+        notes.append("the timers of the recorded run had drawn phases, which are not repeated")
+    if _attached(run, "interventions.json"):
+        notes.append("what the test did to the recorded run is not repeated")
+    compute, bring_up = (
+        {name: float(one) for name, one in values.get(key, {}).items() if name in names}
+        for key in ("compute", "bring_up")
+    )
+    schedule = Schedule(
+        latency=float(values.get("latency", 0.0)),
+        jitter=float(values.get("jitter", 0.0)),
+        compute=compute,
+        bring_up=bring_up,
+    )
+    return schedule, notes
+
+
+def _attached(run: RecordedRun, name: str) -> Any:
+    try:
+        return json.loads(run.attachments.get(name, "null"))
+    except ValueError:
+        return None
+
+
+def _require_types(run: RecordedRun, inputs: tuple[str, ...], trial: StackTrial) -> None:
+    recorded = {one.topic: one.msg_type for one in run.bag.topics}
+    definitions = run.definitions(inputs)
+    for topic in inputs:
+        kind = trial.message_type(topic)
+        if recorded[topic] != kind:
+            raise CommandFailedError(
+                f"{topic} was recorded as {recorded[topic]}, the node subscribes to {kind}"
+            )
+        here = schema_text(kind, installed_definition)
+        theirs = definitions.get(topic)
+        if here is None or theirs is None:
+            continue
+        if _fields(parse_definition(kind, here)) != _fields(theirs):
+            raise CommandFailedError(f"{topic}: the recording has another definition of {kind}")
+
+
+def _fields(definition: MessageDefinition) -> Mapping[str, list[tuple[Any, ...]]]:
+    """What the bytes of a message depend on."""
+    return {
+        kind: [(one.name, one.kind, one.size, one.is_sequence) for one in fields]
+        for kind, fields in definition.types.items()
+    }
+
+
+def _feed(trial: StackTrial, run: RecordedRun, request: ReplayRequest, shift_ns: int) -> None:
+    """Let time go on to the end of the recording, with the inputs at their times."""
+    ticks = _ticks(run, request.outputs) if run.is_lockstep else {}
+    fed_ns = 0
+    for message in messages_in_order(run.path, request.inputs):
+        time_ns = max(message.published_ns - shift_ns, 0)
+        if time_ns - fed_ns > _SLICE_NS:
+            trial.run((time_ns - fed_ns - 1) / NS_PER_S)
+            fed_ns = round(trial.t * NS_PER_S)
+        trial.feed(message.topic, message.data, time_ns, after_timers=_is_late(message, ticks))
+    end_ns = (run.bag.end_ns or 0) - shift_ns
+    trial.run(max(0, end_ns - round(trial.t * NS_PER_S)) / NS_PER_S)
+
+
+def _ticks(run: RecordedRun, outputs: tuple[str, ...]) -> dict[int, int]:
+    """When the nodes published in the recorded run [ns] -> the place of the last message."""
+    found: dict[int, int] = {}
+    for one in messages_in_order(run.path, outputs):
+        found[one.published_ns] = max(one.sequence, found.get(one.published_ns, 0))
+    return found
+
+
+def _is_late(message: RecordedMessage, ticks: Mapping[int, int]) -> bool:
+    """Whether the nodes had published before the message of the same time."""
+    return ticks.get(message.published_ns, message.sequence) < message.sequence
+
+
+def main(arguments: list[str]) -> int:
+    """Run a request; return the exit code."""
+    request = msgspec.json.decode(arguments[0], type=ReplayRequest)
+    # Nodes of several programs have the same loggers; in lock-step /rosout takes another way.
+    set_logger_level("rcl.logging_rosout", LoggingSeverity.ERROR)
+    with intercepted():
+        try:
+            for note in replay(request):
+                print(f"note: {note}", file=sys.stderr)
+        except (CommandFailedError, LockstepError, RecordingError) as error:
+            print(f"error: {error}", file=sys.stderr)
+            if isinstance(error, CommandFailedError) and error.help:
+                print(f"  help: {error.help}", file=sys.stderr)
+            return EXIT_FAILED
+    return EXIT_DONE
+
+
+if __name__ == "__main__":
+    code = main(sys.argv[1:])
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # programs wait in threads of their own

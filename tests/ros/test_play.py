@@ -1,0 +1,163 @@
+"""`obk play`: recordings published again in real time, and replayed into nodes in lock-step."""
+
+import struct
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import rclpy
+from obelisk_control_msgs.msg import PositionSetpoint
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64, Int32
+
+from obelisk_recordings.run import open_run
+from obk_cli.record.mcap_writer import BagWriter
+from obk_cli.record.recorder import installed_definition, schema_text
+
+from .stack import DEADLINE_S, EXAMPLE, OBK, eventually, obk
+
+pytestmark = pytest.mark.ros
+
+COUNT = 200
+STEP_NS = 5_000_000
+BEGIN_NS = 1_700_000_000_000_000_000
+TESTS = """
+def test_it_runs(stack):
+    stack("{config}").run(1.0)
+"""
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Numbers on two topics, 1 s long, and one command."""
+    path = tmp_path / "numbers.mcap"
+    kinds = {"/count": "std_msgs/msg/Int32", "/value": "std_msgs/msg/Float64"}
+    with BagWriter(path) as writer:
+        channels = [
+            writer.add_topic(name, kind, schema_text(kind, installed_definition) or "", {})
+            for name, kind in kinds.items()
+        ]
+        kind = "obelisk_control_msgs/msg/PositionSetpoint"
+        text = schema_text(kind, installed_definition) or ""
+        command = writer.add_topic("/ctrl", kind, text, {})
+        for number in range(COUNT):
+            time_ns = BEGIN_NS + number * STEP_NS
+            data = (struct.pack("<i", number), struct.pack("<d", number / 2))
+            for channel, one in zip(channels, data, strict=True):
+                writer.add_message(channel, b"\0\1\0\0" + one, time_ns, time_ns, number)
+        empty = b"\0\1\0\0" + bytes(8) + struct.pack("<I", 1) + bytes(4) + bytes(8)
+        writer.add_message(command, empty, time_ns, time_ns, COUNT)
+    return path
+
+
+@contextmanager
+def listening() -> Iterator[tuple[Node, dict[str, list[tuple[float, float]]]]]:
+    """A node that collects numbers with the times of their arrival; commands too."""
+    heard: dict[str, list[tuple[float, float]]] = {"/count": [], "/value": [], "/ctrl": []}
+    rclpy.init()
+    try:
+        node = rclpy.create_node("listener")
+        for kind, name in ((Int32, "/count"), (Float64, "/value")):
+            node.create_subscription(
+                kind,
+                name,
+                lambda message, name=name: heard[name].append((time.monotonic(), message.data)),
+                QoSProfile(depth=2 * COUNT),
+            )
+        node.create_subscription(
+            PositionSetpoint, "/ctrl", lambda _: heard["/ctrl"].append((0.0, 0.0)), 10
+        )
+        yield node, heard
+    finally:
+        rclpy.try_shutdown()
+
+
+def played(node: Node, *words: object) -> subprocess.CompletedProcess[str]:
+    """`obk play`, while the node listens."""
+    process = subprocess.Popen(
+        [str(OBK), "play", *map(str, words), "--timeout", str(DEADLINE_S)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        while process.poll() is None:
+            rclpy.spin_once(node, timeout_sec=0.01)
+        out, error = process.communicate()
+    return subprocess.CompletedProcess(process.args, process.returncode, out, error)
+
+
+def test_every_message_comes_again_in_order_and_no_command(recording: Path) -> None:
+    with listening() as (node, heard):
+        done = played(node, recording, "--rate", "4")
+        assert done.returncode == 0, done.stderr
+
+        def all_came() -> bool:
+            rclpy.spin_once(node, timeout_sec=0.01)
+            return len(heard["/count"]) == len(heard["/value"]) == COUNT
+
+        eventually(all_came, "all messages")
+    assert [value for _, value in heard["/count"]] == list(range(COUNT))
+    assert [value for _, value in heard["/value"]] == [number / 2 for number in range(COUNT)]
+    # It cannot be faster than it is asked to be.
+    assert heard["/count"][-1][0] - heard["/count"][0][0] > 0.5 * COUNT * STEP_NS * 1e-9 / 4
+    assert heard["/ctrl"] == []
+    assert "note: /ctrl moves a robot and is left out" in done.stderr
+    assert "/count  200 messages" in done.stdout
+
+
+def test_commands_are_published_only_on_purpose(recording: Path) -> None:
+    refused = obk("play", recording, "--topic", "ctrl")
+    assert refused.returncode == 1
+    assert "`/ctrl` moves a robot" in refused.stderr
+    with listening() as (node, heard):
+        done = played(node, recording, "--topic", "ctrl", "--allow-hardware")
+        assert done.returncode == 0, done.stderr
+        eventually(lambda: rclpy.spin_once(node, timeout_sec=0.01) or heard["/ctrl"], "the command")
+    assert heard["/count"] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--nodes", "estimation"), "need `--into CONFIG`"),
+        (("--into", EXAMPLE), "`--into` needs `--nodes`"),
+        (("--into", EXAMPLE, "--nodes", "estimtion"), "did you mean `estimation`"),
+        (("--into", EXAMPLE, "--nodes", "estimation"), "no message for the nodes"),
+        (("--topic", "speed"), "no topic `speed`"),
+        (("--rate", "0"), "`--rate 0`"),
+    ],
+)
+def test_a_mistake_is_reported(recording: Path, words: tuple[object, ...], told: str) -> None:
+    done = obk("play", recording, *words)
+    assert done.returncode != 0
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.mujoco
+def test_recorded_sensors_give_the_recorded_estimates_bit_for_bit(tmp_path: Path) -> None:
+    tests = tmp_path / "test_it.py"
+    tests.write_text(TESTS.format(config=EXAMPLE))
+    done = obk("test", EXAMPLE, tests, "--keep-all", "--output", tmp_path / "kept")
+    assert done.returncode == 0, done.stdout
+    (recording,) = (tmp_path / "kept").glob("*.mcap")
+    again = tmp_path / "again.mcap"
+    for node in ("estimation", "/obelisk_control_0"):
+        done = obk("play", recording, "--into", EXAMPLE, "--nodes", node, "--output", again)
+        assert done.returncode == 0, done.stderr
+        assert "1000 messages, the same bits as recorded" in done.stdout
+    change = "onboard.estimation[0].timers[0].timer_period_sec=0.002"
+    done = obk(
+        "play",
+        recording,
+        *("--into", EXAMPLE, "--nodes", "estimation", "--output", again, "--set", change),
+    )
+    assert done.returncode == 0, done.stderr
+    assert "the first other at" in done.stdout
+    assert "/obelisk/dummy/est rate [Hz]" in done.stdout
+    assert len(open_run(again)["est"]) == 500

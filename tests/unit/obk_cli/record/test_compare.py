@@ -1,0 +1,156 @@
+"""`obk diff`: two recordings that were made to differ in known ways."""
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from obelisk_py.recordings import open_run
+from obk_cli.cli.main import main
+from obk_cli.record.compare import SignalDifference, compare_runs
+from obk_cli.record.mcap_writer import BagWriter
+
+MS = 1_000_000
+DEFINITION = "# Position [rad].\nfloat64 q\nint32 sec\nfloat64[] w\n"
+
+
+def plan(gain: float, node: str = "control_0") -> str:
+    process = {"node": node, "origin": {"line": gain}, "parameters": {"kp": gain}, "device": "a"}
+    return json.dumps({"name": "arm", "processes": [process]})
+
+
+def written(
+    path: Path,
+    q: Callable[[float], float],
+    *,
+    count: int = 101,
+    start_ns: int = 0,
+    step_ns: int = 10 * MS,
+    gain: float = 20.0,
+    obk: str = "0.1.0",
+    definition: str = DEFINITION,
+    topic: str = "/arm/est",
+) -> Path:
+    """A number over time, from the first message."""
+    with BagWriter(path) as writer:
+        writer.describe({"obelisk_versions": {"obk": obk}}, {"plan.json": plan(gain)}, 0)
+        channel = writer.add_topic(topic, "demo_msgs/msg/Est", definition, {})
+        for number in range(count):
+            time_ns = start_ns + number * step_ns
+            data = struct.pack("<diId", q((time_ns - start_ns) * 1e-9), number, 1, 0.5)
+            writer.add_message(channel, b"\0\1\0\0" + data, time_ns, time_ns, number)
+    return path
+
+
+def compared(first: Path, second: Path) -> Any:
+    return compare_runs(open_run(first), open_run(second))
+
+
+def test_a_run_is_the_same_as_itself(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap", np.sin)
+    found = compared(path, path)
+    assert found.is_same
+    assert (found.versions, found.config, found.parameters) == ((), (), ())
+    assert [(one.signal, one.largest) for one in found.signals] == [("q", 0.0), ("w[0]", 0.0)]
+
+
+def test_a_signal_is_compared_at_the_same_time_since_activation(tmp_path: Path) -> None:
+    first = written(tmp_path / "a.mcap", lambda t: 2.0 * t, start_ns=10**18)
+    second = written(tmp_path / "b.mcap", lambda t: t, start_ns=5 * 10**17, step_ns=7 * MS)
+    (q, _) = compared(first, second).signals
+    # The second run ends after 0.7 s; between its messages it is interpolated.
+    assert q == SignalDifference(
+        topic="/arm/est",
+        signal="q",
+        unit="rad",
+        rms=pytest.approx(np.sqrt(np.mean(np.arange(71) ** 2)) * 0.01),
+        largest=pytest.approx(0.7),
+        at_s=pytest.approx(0.7),
+        count=71,
+    )
+
+
+def test_parts_of_any_size_give_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = written(tmp_path / "a.mcap", np.sin)
+    second = written(tmp_path / "b.mcap", np.cos, step_ns=3 * MS, count=300)
+    (whole, _) = compared(first, second).signals
+    monkeypatch.setattr("obk_cli.record.mcap_writer.CHUNK_BYTES", 256)
+    first = written(tmp_path / "c.mcap", np.sin)
+    second = written(tmp_path / "d.mcap", np.cos, step_ns=3 * MS, count=300)
+    for size in (1, 300, 2000):
+        monkeypatch.setattr("obelisk_recordings.chunks.PART_BYTES", size)
+        (parts, _) = compared(first, second).signals
+        assert (parts.count, parts.largest, parts.at_s) == (whole.count, whole.largest, whole.at_s)
+        assert parts.rms == pytest.approx(whole.rms)
+
+
+def test_what_the_runs_were_made_from_is_compared(tmp_path: Path) -> None:
+    first = written(tmp_path / "a.mcap", np.sin)
+    second = written(
+        tmp_path / "b.mcap", np.sin, gain=25.0, obk="0.2.0", definition=DEFINITION + "# new\n"
+    )
+    found = compared(first, second)
+    assert [(one.what, one.first, one.second) for one in found.versions] == [
+        ("obk", "0.1.0", "0.2.0")
+    ]
+    assert [(one.what, one.first, one.second) for one in found.parameters] == [
+        ("control_0 kp", 20.0, 25.0)
+    ]
+    assert found.config == ()
+    assert not found.topics[0].same_definition
+    assert not found.is_same
+
+
+def test_a_topic_of_one_run_only_is_reported(tmp_path: Path) -> None:
+    first = written(tmp_path / "a.mcap", np.sin)
+    second = written(tmp_path / "b.mcap", np.sin, topic="/arm/other")
+    found = compared(first, second)
+    assert [(one.topic, one.count) for one in found.topics] == [
+        ("/arm/est", (101, 0)),
+        ("/arm/other", (0, 101)),
+    ]
+    assert found.signals == ()
+    assert not found.is_same
+
+
+def test_rates_lateness_and_rejected_commands(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    first = written(tmp_path / "a" / "recording.mcap", np.sin)
+    first.with_name("launch.log").write_text(
+        "[robot_0] control rejected: NaN in `u_mujoco[0]` (3 times); 3 since the start\n"
+        "[robot_0] control rejected: NaN in `u_mujoco[0]` (4 times); 7 since the start\n"
+    )
+    second = written(tmp_path / "b.mcap", np.sin, step_ns=5 * MS)
+    found = compared(first, second)
+    assert found.topics[0].rate_hz == pytest.approx((100.0, 200.0))
+    assert found.topics[0].late_p99_ms == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert found.rejected_commands == (7, None)
+
+
+def obk(*words: object) -> int:
+    with pytest.raises(SystemExit) as end:
+        main([str(word) for word in words])
+    return int(end.value.code or 0)
+
+
+def test_the_command_prints_a_table_or_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
+    first = written(tmp_path / "before.mcap", lambda _: 1.0)
+    second = written(tmp_path / "after.mcap", lambda _: 1.5, gain=25.0)
+    assert obk("diff", first, second) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert rows[0] == ["before", "after", "rms", "max", "at", "[s]"]
+    assert ["parameters:", "control_0", "kp", "20.0", "25.0"] in rows
+    assert ["/arm/est.q", "[rad]", "0.5", "0.5", "0.000"] in rows
+    assert obk("diff", first, second, "--format", "json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["signals"][0]["rms"] == pytest.approx(0.5)
+    assert found["parameters"][0] == {"what": "control_0 kp", "first": 20.0, "second": 25.0}
+    assert obk("diff", first, "none") == 1
+    assert "`none`" in capsys.readouterr().err
