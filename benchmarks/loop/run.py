@@ -1,5 +1,6 @@
 """One run of one case: starts its processes, measures them from outside, ends them all."""
 
+import os
 import select
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from benchmarks.loop.cases import FLOOR, Case
 from benchmarks.loop.figures import Figures, Usage, figures_of
 from benchmarks.loop.record import read_records
 from benchmarks.loop.turns import Failed
+from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_VARIABLE
 from obk_cli.process.shared_memory import remove_dead_segments
 
 __all__ = ["measure"]
@@ -81,9 +83,11 @@ def measure(case: Case, *, seconds: float, floor: Path, folder: Path) -> Figures
 def _workers(case: Case, floor: Path, folder: Path) -> Iterator[Sequence[_Worker]]:
     """The processes of a case; killed at the latest when left."""
     workers: list[_Worker] = []
+    sockets = folder / "sockets"
+    sockets.mkdir(mode=0o700)
     try:
         for names in case.processes:
-            workers.append(_start(case, names, floor, folder))
+            workers.append(_start(case, names, floor, folder, sockets))
         yield workers
     finally:
         for worker in workers:
@@ -92,7 +96,7 @@ def _workers(case: Case, floor: Path, folder: Path) -> Iterator[Sequence[_Worker
             worker.process.communicate()
 
 
-def _start(case: Case, names: Sequence[str], floor: Path, folder: Path) -> _Worker:
+def _start(case: Case, names: Sequence[str], floor: Path, folder: Path, sockets: Path) -> _Worker:
     record, log = folder / f"{names[0]}.json", folder / f"{names[0]}.log"
     if case.contestant == FLOOR:
         program = [str(floor)]
@@ -106,6 +110,7 @@ def _start(case: Case, names: Sequence[str], floor: Path, folder: Path) -> _Work
             stderr=errors,
             bufsize=0,
             cwd=ROOT,
+            env={LOCAL_TRANSPORT_VARIABLE: str(sockets), **os.environ},
         )
     return _Worker(process=process, record=record, log=log)
 

@@ -16,7 +16,10 @@ __all__ = [
     "DIAGNOSTICS_TOPIC",
     "FIRST_OUTPUT",
     "GATE_VARIABLE",
+    "LOCAL_TRANSPORT_OFF",
+    "LOCAL_TRANSPORT_VARIABLE",
     "REPORT_PERIOD_S",
+    "SOCKETS_FOLDER",
     "STANDINGS",
     "STEPS",
     "TOLERANCE",
@@ -86,6 +89,14 @@ GATE_VARIABLE: Final = "OBK_GATE"
 The launcher holds an exclusive lock (flock) on the file until no other stack uses its names and its
 robot; a program creates its node once it gets a shared lock. The lock ends with the launcher.
 """
+LOCAL_TRANSPORT_VARIABLE: Final = "OBK_LOCAL_TRANSPORT"
+"""The environment variable that names the folder of the local transport's sockets to processes.
+
+The user sets it to `LOCAL_TRANSPORT_OFF`, and then all messages go through DDS.
+"""
+LOCAL_TRANSPORT_OFF: Final = "off"
+SOCKETS_FOLDER: Final = "sockets"
+"""The folder of the sockets, in the folder of the run."""
 _HOST_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
 """Names of this host in the header `Host`."""
 

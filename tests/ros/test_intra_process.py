@@ -50,6 +50,7 @@ class Numbered:
         self.count = 0
         self.publisher = node.create_lifecycle_publisher(Int64, "numbers", DEPTH)
         self.publisher.on_activate(None)
+        self._over = threading.Event()
 
     @property
     def buffers(self) -> tuple[MessageBuffer, ...]:
@@ -65,19 +66,24 @@ class Numbered:
     @contextmanager
     def publishing(self) -> Iterator[None]:
         """One after another, from a thread of its own."""
-        over = threading.Event()
+        self._over.clear()
 
         def run() -> None:
-            while not over.wait(PERIOD_S):
+            while not self._over.wait(PERIOD_S):
                 self.publish()
 
-        thread = threading.Thread(target=run)
-        thread.start()
+        self._thread = threading.Thread(target=run)
+        self._thread.start()
         try:
             yield
         finally:
-            over.set()
-            thread.join()
+            self.stop()
+
+    def stop(self) -> int:
+        """Publish no more; returns the last number, which may still be on its way."""
+        self._over.set()
+        self._thread.join()
+        return self.count - 1
 
 
 def listener(node: Node, **options: Any) -> list[int]:

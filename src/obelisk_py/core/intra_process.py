@@ -32,6 +32,7 @@ from typing import Any, Final
 
 from rclpy.context import Context
 from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import (
     DurabilityPolicy,
@@ -43,7 +44,10 @@ from rclpy.qos import (
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from obelisk_py.core.messages import message_name
 from obelisk_py.core.serialization.codec import Codec, codec_for
+from obelisk_py.core.transport.sender import LocalSender
+from obelisk_py.core.transport.socket_folder import socket_folder
 
 __all__ = [
     "IntraProcessPublisher",
@@ -140,6 +144,8 @@ class MessageBuffer:
         """Makes the executor take what waits; called from any thread."""
         self._codec = codec
         self._waiting: deque[Any] = deque(maxlen=qos.depth)
+        self.append: Callable[[Any], object] = self._waiting.append
+        """As `put`, for the thread that takes the messages out next."""
 
     @property
     def dds_may_hold_messages(self) -> bool:
@@ -256,7 +262,26 @@ class IntraProcessPublisher(LifecyclePublisher):
         # rclpy's methods take some microseconds to keep the handle from being destroyed; these
         # raise if it is.
         self._count = self.handle.get_subscription_count
+        self._may_bypass_dds = may_bypass_dds
+        self._sender: LocalSender | None = None
         self._send_bytes: Callable[[bytes], None] | None = self.handle.publish_raw
+
+    def attach(self, node: Node) -> None:
+        """Reach subscriptions of other processes of the run past DDS too.
+
+        Args:
+            node: of the publisher.
+        """
+        folder = socket_folder()
+        if folder is not None and self._may_bypass_dds:
+            self._sender = LocalSender(
+                folder,
+                node_handle=node.handle,
+                handle=self.handle,
+                topic=self.topic_name,
+                type_name=message_name(self._message_class),
+                qos=self.qos_profile,
+            )
 
     def publish(self, msg: Any) -> None:
         """Send a message, or the bytes of a packed one, if the publisher is enabled.
@@ -267,19 +292,31 @@ class IntraProcessPublisher(LifecyclePublisher):
         """
         if not self._enabled:
             return
+        sender = self._sender
+        if sender is None:
+            self._publish(msg, None)
+        else:
+            with sender.lock:
+                self._publish(msg, sender)
+
+    def _publish(self, msg: Any, sender: LocalSender | None) -> None:
         buffers = self._topic.buffers
         seen, matched = self._match
         if seen is not buffers:
             matched = self._find_matches(buffers)
         if (
-            matched
-            and self._count() == len(matched)
+            (matched or sender is not None)
+            and (count := self._count())
+            and (count == len(matched) if sender is None else sender.covers(count, len(matched)))
             # Otherwise the count may include a new subscription in place of a destroyed one.
             and self._topic.buffers is buffers
             and self._deliver_locally(msg, matched)
         ):
             return
-        self._send(msg)
+        if sender is None:
+            self._send(msg)
+        else:
+            sender.send_through_dds(partial(self._send, msg))
         if self._topic.buffers is not buffers:
             matched = self._find_matches(self._topic.buffers)
         for buffer in matched:
@@ -289,6 +326,10 @@ class IntraProcessPublisher(LifecyclePublisher):
         """Destroy the publisher; for `Node.destroy_publisher`."""
         self._topic = IntraProcessTopic()
         self._send_bytes = None
+        if self._sender is not None:
+            with self._sender.lock:
+                self._sender.close()
+            self._sender = None
         super().destroy()
 
     def _send(self, message: Any) -> None:
@@ -315,6 +356,12 @@ class IntraProcessPublisher(LifecyclePublisher):
         """Give each buffer a copy of its own; false if DDS has to deliver."""
         for buffer in buffers:
             if buffer.dds_may_hold_messages:
+                return False
+        if self._sender is not None and self._sender.peers:
+            if isinstance(message, self._message_class):
+                assert self._pack is not None
+                message = self._pack(message)
+            if not (isinstance(message, bytes) and self._sender.send(message)):
                 return False
         if isinstance(message, self._message_class):
             assert self._copy is not None

@@ -92,7 +92,9 @@ class Surroundings:
         return ClockFeed(node.get_clock(), self._clock_page)
 
     def adopt(self, node: Any, entity: Any) -> None:
-        """Take over a subscription, service, client, waitable or guard condition of a node."""
+        """Take over a publisher or subscription, service, client, waitable, guard condition."""
+        if isinstance(entity, IntraProcessPublisher):
+            entity.attach(node)
 
     def release(self, entity: Any) -> None:
         """Let go of a subscription or service before it is destroyed."""

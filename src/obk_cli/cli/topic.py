@@ -83,7 +83,8 @@ def info(
 ) -> None:
     """Show who publishes on a topic and who subscribes, each with quality of service.
 
-    Reports publishers and subscribers with incompatible types or QoS.
+    Reports publishers and subscribers with incompatible types or QoS, and whether messages go by
+    local sockets or through DDS, and why.
     """
     is_json = wants_json(format)
     target = graph_target(domain, timeout)
@@ -97,9 +98,9 @@ def info(
         settle(participant, target, timeout)
         seen = participant.topic(found.name)
     if is_json:
-        print_json(topic_data(seen))
+        print_json(topic_data(seen, target.sockets))
         return
-    print("\n".join(topic_text(seen)))
+    print("\n".join(topic_text(seen, target.sockets)))
 
 
 ECHO_EXAMPLE = """\b

@@ -21,10 +21,12 @@ from obk_cli.doctor.machine import (
     judge_folders,
     judge_realtime,
     judge_shared_memory,
+    judge_transport,
     probe_cpu,
     probe_folders,
     probe_realtime,
     probe_shared_memory,
+    probe_transport,
 )
 from obk_cli.doctor.mujoco import judge_display, judge_mujoco, probe_display, probe_mujoco
 from obk_cli.doctor.network import (
@@ -163,6 +165,12 @@ def checks_of(environment: Mapping[str, str], working_folder: Path) -> tuple[Che
     return (
         *OF_ROS,
         *OF_THE_MACHINE,
+        _check(
+            "transport",
+            "local sockets between the nodes of a run",
+            lambda: probe_transport(environment),
+            judge_transport,
+        ),
         _check(
             "folders",
             "room for runs, caches, temporary files",

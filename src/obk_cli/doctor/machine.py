@@ -1,4 +1,4 @@
-"""Checks of the machine: `shared-memory`, `folders`, `realtime` and `cpu`."""
+"""Checks of the machine: `shared-memory`, `transport`, `folders`, `realtime` and `cpu`."""
 
 import getpass
 import os
@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 from obk_cli.doctor.finding import GIB, MIB, Fact, Finding, bytes_text, note, ok, warning
+from obk_cli.files import explain_os_error
 from obk_cli.runs.folder import runs_folder
 from obk_cli.workspace.model_cache import cache_folder
 
@@ -20,14 +23,17 @@ __all__ = [
     "FolderFacts",
     "RealtimeFacts",
     "SharedMemoryFacts",
+    "TransportFacts",
     "judge_cpu",
     "judge_folders",
     "judge_realtime",
     "judge_shared_memory",
+    "judge_transport",
     "probe_cpu",
     "probe_folders",
     "probe_realtime",
     "probe_shared_memory",
+    "probe_transport",
 ]
 
 LEAST_SHARED_BYTES: Final = 64 * MIB
@@ -94,6 +100,67 @@ def probe_shared_memory(folder: Path = SHARED_MEMORY) -> SharedMemoryFacts:
         fault=_write_fault(folder),
         dds_files=sum(1 for _ in folder.glob("fastrtps_*")),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransportFacts:
+    """The local transport between the nodes of a run."""
+
+    is_off: bool
+    """Whether the user has turned it off."""
+    folder: str
+    """Where runs, and so their sockets, are."""
+    fault: str
+    """Why a publisher cannot reach a subscription there; empty: it can."""
+
+
+def judge_transport(facts: TransportFacts) -> Iterator[Finding]:
+    """Whether nodes of a run exchange messages without DDS."""
+    if facts.is_off:
+        yield note(
+            f"local sockets are off ({LOCAL_TRANSPORT_VARIABLE}={LOCAL_TRANSPORT_OFF}): all "
+            "messages between processes go through DDS",
+            f"unset {LOCAL_TRANSPORT_VARIABLE}",
+        )
+    elif facts.fault:
+        yield warning(
+            f"no sockets in {facts.folder}: {facts.fault}; all messages between processes go "
+            "through DDS",
+            "export OBK_HOME=/a/folder/on/a/local/disk",
+            folder=facts.folder,
+        )
+    else:
+        yield ok("processes of a run exchange messages by local sockets", folder=facts.folder)
+
+
+def probe_transport(environment: Mapping[str, str]) -> TransportFacts:
+    """Connect two sockets as a publisher and a subscription of a run do.
+
+    Raises:
+        CommandFailedError: there is no place for runs.
+    """
+    runs = runs_folder(environment)
+    place = next(folder for folder in (runs, *runs.parents) if folder.is_dir())
+    return TransportFacts(
+        is_off=environment.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF,
+        folder=str(runs),
+        fault=_socket_fault(place),
+    )
+
+
+def _socket_fault(place: Path) -> str:
+    gid, depth = bytes(16), 1
+    try:
+        with tempfile.TemporaryDirectory(dir=place, prefix=".obk-doctor-") as path:
+            sockets = SocketFolder(path)
+            with sockets.listen(gid, depth):
+                connection = sockets.connect(gid, depth)
+    except OSError as fault:
+        return explain_os_error(fault)
+    if connection is None:
+        return "a connection is refused"
+    connection.close()
+    return ""
 
 
 ENOUGH_FREE_BYTES: Final = GIB

@@ -1,6 +1,6 @@
 """Show nodes, topics and services of a ROS graph as text and as data."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -8,7 +8,14 @@ from obelisk_spec.suggestions import with_number
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import GraphSource, parameters_of
 from obk_cli.introspect.target import GraphTarget
-from obk_cli.ros.graph import End, GraphSnapshot, TopicInfo, incompatible_ends, special_services
+from obk_cli.ros.graph import (
+    End,
+    GraphSnapshot,
+    TopicInfo,
+    ends_that_need_dds,
+    incompatible_ends,
+    special_services,
+)
 from obk_cli.runs.control_client import ask_status
 from obk_cli.runs.protocol import NodeStatus
 from obk_cli.runs.registry import status_text
@@ -145,25 +152,34 @@ def services_text(services: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
     return _columns([(name, ", ".join(types)) for name, types in services.items()])
 
 
-def topic_text(topic: TopicInfo) -> Iterator[str]:
-    """The lines on one topic: type, ends with their quality of service, ends that do not fit."""
+def topic_text(topic: TopicInfo, sockets: Set[str] | None = None) -> Iterator[str]:
+    """The lines on one topic: type, ends with their quality of service, ends that do not fit.
+
+    Args:
+        topic: as discovered.
+        sockets: see `ends_that_need_dds`; None: no run is known, the way of messages is not shown.
+    """
     yield plain(f"{topic.name}: {', '.join(topic.msg_types) or 'no type'}")
     for title, ends in (("publishers", topic.publishers), ("subscriptions", topic.subscriptions)):
         yield f"{title}: {len(ends)}"
         yield from (f"  {line}" for line in _columns([_row(end) for end in ends]))
     hashes = {end.type_hash for end in topic.publishers + topic.subscriptions if end.type_hash}
     yield from (f"type hash: {one}" for one in sorted(hashes))
+    if sockets is not None and topic.publishers and topic.subscriptions:
+        reasons = "; ".join(ends_that_need_dds(topic, sockets))
+        yield plain(f"transport: {f'DDS, as {reasons}' if reasons else 'local sockets'}")
     yield from (f"warning: {plain(sentence)}" for sentence in incompatible_ends(topic))
 
 
-def topic_data(topic: TopicInfo) -> dict[str, Any]:
-    """One topic with its ends."""
+def topic_data(topic: TopicInfo, sockets: Set[str] | None = None) -> dict[str, Any]:
+    """One topic with its ends; the arguments are those of `topic_text`."""
     return {
         "topic": topic.name,
         "types": list(topic.msg_types),
         "publishers": [_end_data(end) for end in topic.publishers],
         "subscriptions": [_end_data(end) for end in topic.subscriptions],
         "misfits": list(incompatible_ends(topic)),
+        "needs_dds": None if sockets is None else list(ends_that_need_dds(topic, sockets)),
     }
 
 

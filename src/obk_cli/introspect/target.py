@@ -1,10 +1,17 @@
 """The ROS domain that a command observes, and the stacks of this host that run in it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.runtime_protocol import (
+    LOCAL_TRANSPORT_OFF,
+    LOCAL_TRANSPORT_VARIABLE,
+    SOCKETS_FOLDER,
+)
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.resolve import matching_names
 from obk_cli.plan.plan import Plan
@@ -58,6 +65,16 @@ class GraphTarget:
         """The configs of the runs as compiled."""
         return tuple(plan_of_run(folder) for folder in self.runs)
 
+    @property
+    def sockets(self) -> Set[str] | None:
+        """GIDs of the subscriptions that have a socket in the runs; None without a run."""
+        found: set[str] = set()
+        for folder in self.runs:
+            with suppress(OSError):  # its local transport is off, or it has just ended
+                gids = SocketFolder(str(folder / SOCKETS_FOLDER)).depths()
+                found.update(gid.hex() for gid in gids)
+        return found if self.runs else None
+
     def no_nodes_error(self) -> CommandFailedError:
         """The error that no node was found in the domain."""
         if self.runs:
@@ -99,7 +116,19 @@ def target_of(
     if domain is not None:
         environment = replace(environment, variables={**variables, DOMAIN: str(domain)})
     here = {folder: run for folder, run in live.items() if run.domain == environment.domain}
-    return GraphTarget(environment=environment, runs=here, no_nodes_s=no_nodes_s)
+    return GraphTarget(environment=_tapping(environment, here), runs=here, no_nodes_s=no_nodes_s)
+
+
+def _tapping(environment: RosEnvironment, folders: Iterable[Path]) -> RosEnvironment:
+    """The environment in which subscriptions are taps of the newest of these runs."""
+    variables = environment.variables
+    folder = next(iter(folders), None)
+    if folder is None or variables.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF:
+        return environment
+    return replace(
+        environment,
+        variables={**variables, LOCAL_TRANSPORT_VARIABLE: str(folder / SOCKETS_FOLDER)},
+    )
 
 
 def with_run_types(environment: RosEnvironment, run_folder: Path | None) -> RosEnvironment:

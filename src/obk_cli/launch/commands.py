@@ -7,6 +7,7 @@ name and its file only.
 import fcntl
 import json
 import os
+import shutil
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import ExitStack, contextmanager
@@ -18,6 +19,9 @@ from obelisk_spec.runtime_protocol import (
     CLOCK_PAGE,
     CLOCK_VARIABLE,
     GATE_VARIABLE,
+    LOCAL_TRANSPORT_OFF,
+    LOCAL_TRANSPORT_VARIABLE,
+    SOCKETS_FOLDER,
     USE_SIM_TIME,
     ClockDescriptors,
     clock_page_bytes,
@@ -46,6 +50,7 @@ __all__ = [
     "held_at_gate",
     "is_composable",
     "ros_arguments",
+    "socket_folder",
     "unit_commands",
     "with_clock_page",
 ]
@@ -342,6 +347,30 @@ def closed_gate(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(gate)
+
+
+@contextmanager
+def socket_folder(
+    folder: Path | None, environment: Mapping[str, str]
+) -> Iterator[Mapping[str, str]]:
+    """The variable that names a new folder for the sockets of a run; removed when left.
+
+    None is named if the user has turned the local transport off, or the run has no folder: messages
+    then go through DDS.
+    """
+    if folder is None or environment.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF:
+        yield {LOCAL_TRANSPORT_VARIABLE: LOCAL_TRANSPORT_OFF}
+        return
+    sockets = folder / SOCKETS_FOLDER
+    try:
+        sockets.mkdir(mode=0o700)
+    except OSError:
+        yield {LOCAL_TRANSPORT_VARIABLE: LOCAL_TRANSPORT_OFF}
+        return
+    try:
+        yield {LOCAL_TRANSPORT_VARIABLE: str(sockets)}
+    finally:
+        shutil.rmtree(sockets, ignore_errors=True)
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from obk_cli.launch.commands import (
     find_executables,
     gate_variables,
     held_at_gate,
+    socket_folder,
     unit_commands,
     with_clock_page,
 )
@@ -93,7 +94,8 @@ def run_plan(
         output = stack.enter_context(Output(lock.folder, console.screen, formatter, units))
         lock.report(output)
         marks = launch_marks(lock.folder)
-        variables = {**environment.variables, **marks, **gate_variables(lock.folder)}
+        sockets = stack.enter_context(socket_folder(lock.folder, environment.variables))
+        variables = {**environment.variables, **marks, **gate_variables(lock.folder), **sockets}
         commands, common = _commands(
             units, executables, lock.folder, variables, packages, output, stack
         )

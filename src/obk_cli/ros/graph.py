@@ -6,7 +6,7 @@ after 0.2 s for obk's nodes, which announce themselves often (`dds_localhost.xml
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
@@ -21,6 +21,7 @@ __all__ = [
     "Role",
     "RosGraph",
     "TopicInfo",
+    "ends_that_need_dds",
     "full_name",
     "incompatible_ends",
     "parameter_nodes",
@@ -161,6 +162,8 @@ class End:
     qos: OfferedQos
     """What a publisher offers, what a subscription asks for."""
     type_hash: str = ""
+    gid: str = ""
+    """In hexadecimal; empty if unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,6 +223,21 @@ def special_services(services: Mapping[str, tuple[str, ...]]) -> Mapping[str, tu
         for name, types in services.items()
         if not any(one.startswith(OF_EVERY_NODE) for one in types)
     }
+
+
+def ends_that_need_dds(topic: TopicInfo, sockets: Set[str]) -> Iterator[str]:
+    """What keeps a topic from going by sockets alone: who, and why.
+
+    Args:
+        topic: as discovered.
+        sockets: GIDs of the subscriptions that have a socket in a run of this host.
+    """
+    for end in topic.publishers:
+        if end.qos.durability != "volatile":
+            yield f"{end.node or UNNAMED} offers {end.qos.durability}"
+    for end in topic.subscriptions:
+        if end.gid not in sockets:
+            yield f"{end.node or UNNAMED} has no socket in a run"
 
 
 def incompatible_ends(topic: TopicInfo) -> Iterator[str]:

@@ -328,4 +328,5 @@ def _end(info: dict[str, Any], role: Role) -> End:
         msg_type=end.topic_type,
         qos=offered_qos(end.qos_profile),
         type_hash=str(end.topic_type_hash),
+        gid=bytes(end.endpoint_gid).hex(),
     )

@@ -8,10 +8,12 @@ strongest quality of service that all publishers offer, and is replaced when a w
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from obelisk_spec.suggestions import with_number
 from obk_cli.errors import CommandFailedError
+from obk_cli.ros.tap import Tap, open_tap
 from obk_cli.ros.types import require_message
 
 __all__ = [
@@ -135,6 +137,7 @@ class RawSubscription:
         self._has_taken = False
         self.learn()
         self._request = requested_qos(self.offers, is_light=is_light)
+        self._tap: Tap | None = None
         self._subscription = self._subscribe()
 
     def learn(self) -> None:
@@ -157,7 +160,7 @@ class RawSubscription:
         is_weaker = self._request.is_reliable and not request.is_reliable
         is_latched = request.is_transient_local and not self._request.is_transient_local
         if self.offers and (is_weaker or (is_latched and not self._has_taken)):
-            self._subscription.destroy_when_not_in_use()
+            self.close()
             self._request = request
             self._subscription = self._subscribe()
 
@@ -166,9 +169,13 @@ class RawSubscription:
 
         No more than may wait, so that one topic does not keep others waiting.
         """
-        take, kind = self._subscription.take_message, self.python_type
+        take = (
+            partial(self._subscription.take_message, self.python_type, True)
+            if self._tap is None
+            else self._tap.take
+        )
         for _ in range(DEPTH):
-            taken = take(kind, True)
+            taken = take()
             if taken is None:
                 return
             self._has_taken = True
@@ -176,12 +183,31 @@ class RawSubscription:
 
     def close(self) -> None:
         """Unsubscribe."""
+        if self._tap is not None:
+            self._tap.close()
+            self._tap = None
         self._subscription.destroy_when_not_in_use()
 
     def _subscribe(self) -> Any:
         qos = _profile(self._request).get_c_qos_profile()
+        before = self._own_gids()
         with self._node:
-            return self._functions.Subscription(self._node, self.python_type, self.name, qos)
+            made = self._functions.Subscription(self._node, self.python_type, self.name, qos)
+        if not self._request.is_transient_local:
+            self._tap = open_tap(self._own_gids() - before, made, DEPTH)
+        return made
+
+    def _own_gids(self) -> set[bytes]:
+        """The GIDs of the subscriptions that this process has to the topic."""
+        with self._node:
+            own = self._node.get_node_name(), self._node.get_namespace()
+            ask = self._functions.rclpy_get_subscriptions_info_by_topic
+            ends = ask(self._node, self.name, False)
+        return {
+            bytes(end["endpoint_gid"])
+            for end in ends
+            if (end["node_name"], end["node_namespace"]) == own
+        }
 
 
 def _profile(request: RequestedQos) -> Any:

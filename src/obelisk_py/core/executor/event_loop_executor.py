@@ -485,12 +485,15 @@ class _HandlerRegistry:
         try:
             handler.enable()
         except RuntimeError:
+            handler.disable()  # a listener may be set, which would write to a closed descriptor
             handler.close()
             raise
         workers = self._workers_of(handler.group)
         handler.is_shared = len(workers) > 1
         for worker in workers:
             worker.add(handler, shared=handler.is_shared)
+        for source in handler.unshared_sources:
+            workers[0].add(source, shared=False)
         self._handlers[key] = handler
 
     def _retire(self, handler: EntityHandler) -> None:
@@ -507,7 +510,8 @@ class _HandlerRegistry:
         with self.lock:
             workers = self._retiring.get(handler, set())
             if worker in workers:
-                worker.remove(handler)
+                for source in (handler, *handler.unshared_sources):
+                    worker.remove(source)
                 workers.remove(worker)
                 if not workers:
                     del self._retiring[handler]
@@ -530,7 +534,7 @@ class _HandlerRegistry:
         for node in nodes:
             for make, entities in (
                 (self._timer_handler, node.timers),
-                (partial(SubscriptionHandler, context=node.context), node.subscriptions),
+                (partial(SubscriptionHandler, node=node), node.subscriptions),
                 (ServiceHandler, node.services),
                 (ClientHandler, node.clients),
                 (QosEventHandler, [w for w in node.waitables if isinstance(w, EventHandler)]),

@@ -11,24 +11,25 @@ import os
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any, ClassVar
 
 from rclpy.clock import JumpThreshold
 from rclpy.clock_type import ClockType
-from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
+from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.task import Task
 from rclpy.timer import Timer
 
 from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.executor.local_receiver import LocalReceiver, open_receiver
 from obelisk_py.core.executor.rcl_listeners import (
     EntityKind,
     arm_timer,
@@ -37,7 +38,7 @@ from obelisk_py.core.executor.rcl_listeners import (
     open_timer,
     set_listener,
 )
-from obelisk_py.core.executor.worker import ReadyCallback, Worker
+from obelisk_py.core.executor.worker import EventSource, ReadyCallback, Worker
 from obelisk_py.core.intra_process import buffer_of, intra_process_topic
 from obelisk_py.core.serialization.codec import codec_for
 
@@ -72,6 +73,8 @@ class EntityHandler(ABC):
     entity: Any
     kind: ClassVar[EntityKind]
     waits_for_group = True
+    unshared_sources: Sequence[EventSource] = ()
+    """What one worker watches beside the handler, also if several watch that."""
 
     def __init__(self, entity: Any, executor: ExecutorReference) -> None:
         """Keep the entity from being destroyed until `close`.
@@ -132,10 +135,8 @@ class SubscriptionHandler(EntityHandler):
 
     kind = EntityKind.SUBSCRIPTION
 
-    def __init__(
-        self, entity: Subscription, executor: ExecutorReference, *, context: Context
-    ) -> None:
-        """Args as in the base; `context` is that of the subscription's node."""
+    def __init__(self, entity: Subscription, executor: ExecutorReference, *, node: Node) -> None:
+        """Args as in the base; `node` is that of the subscription."""
         super().__init__(entity, executor)
         self._take = self._handle.take_message
         self._codec = codec_for(entity.msg_type)
@@ -143,7 +144,9 @@ class SubscriptionHandler(EntityHandler):
         self._is_plain = False
         self._next_drop_log_s = -float("inf")
         self._buffer = buffer_of(entity)
-        self._topic = intra_process_topic(context, self._handle.get_topic_name())
+        self._topic = intra_process_topic(node.context, self._handle.get_topic_name())
+        self._node = node
+        self._receiver: LocalReceiver | None = None
 
     def enable(self) -> None:
         """Set the listener, and open the buffer to publishers of this process."""
@@ -152,11 +155,15 @@ class SubscriptionHandler(EntityHandler):
             # DDS may already hold messages, which no later one may overtake.
             self._buffer.mark_dds()
             self._topic.open(self._buffer)
+            self._receiver = open_receiver(self._node, self.entity, self._buffer)
+            self.unshared_sources = () if self._receiver is None else (self._receiver,)
 
     def disable(self) -> None:
         """Clear the listener."""
         if self._buffer is not None:
             self._topic.close(self._buffer)
+        if self._receiver is not None:
+            self._receiver.stop()
         super().disable()
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
@@ -166,13 +173,25 @@ class SubscriptionHandler(EntityHandler):
             return super().ready_callbacks(worker)
         buffer.wake = buffer.signal if self.is_shared else partial(worker.signal, buffer.signal_fd)
         run_buffered = partial(self._deliver, worker, buffer.take, buffer.signal_fd)
+        if self._receiver is not None and not self.is_shared:
+            self._receiver.deliver = partial(self._deliver_received, worker, run_buffered)
         return {**super().ready_callbacks(worker), buffer.signal_fd: run_buffered}
 
     def close(self) -> None:
         """Release the subscription; messages in its buffer wait for the next handler."""
         if self._buffer is not None:
             self._buffer.wake = self._buffer.signal
+        if self._receiver is not None:
+            self._receiver.close()
         super().close()
+
+    def _deliver_received(self, worker: Worker, run_buffered: ReadyCallback) -> bool:
+        """Deliver what came by a socket, unless the group waits."""
+        assert self._buffer is not None
+        if not worker.is_blocked(self.group):
+            return run_buffered()
+        self._buffer.wake()
+        return False
 
     def _run(self, worker: Worker) -> bool:
         return self._deliver(worker, self._next, self._signal_fd)
@@ -208,6 +227,8 @@ class SubscriptionHandler(EntityHandler):
 
     def _next(self) -> tuple[Any, Any] | None:
         """The oldest message: those in the buffer were published before those in DDS."""
+        if self._receiver is not None:
+            return self._receiver.take()
         buffer = self._buffer
         if buffer is None:
             return self._take_from_dds()

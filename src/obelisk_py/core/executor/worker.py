@@ -87,17 +87,27 @@ class Worker:
         """Watch a source; a `shared` one wakes only one of the waiting workers."""
         flags = _EDGE | select.EPOLLEXCLUSIVE if shared else _EDGE
         for fd, callback in source.ready_callbacks(self).items():
-            self._sources[fd] = (source, callback)
-            self._callbacks[fd] = self._callback_of(fd)
-            self._epoll.register(fd, flags)
+            self._watch(source, fd, callback, flags)
+
+    def watch(self, source: EventSource, fd: int, callback: ReadyCallback) -> None:
+        """Watch a further descriptor of a source that only this worker watches."""
+        self._watch(source, fd, callback, _EDGE)
 
     # --- from the worker's own thread, or from any thread while none runs the worker
 
     def remove(self, source: EventSource) -> None:
         """Stop watching a source."""
         for fd in [fd for fd, (other, _) in list(self._sources.items()) if other is source]:
-            del self._sources[fd], self._callbacks[fd]
-            self._epoll.unregister(fd)
+            self.unwatch(fd)
+
+    def unwatch(self, fd: int) -> None:
+        """Stop watching a descriptor."""
+        del self._sources[fd], self._callbacks[fd]
+        self._epoll.unregister(fd)
+
+    def is_blocked(self, group: CallbackGroup) -> bool:
+        """Whether a suspended coroutine keeps the callbacks of an exclusive group waiting."""
+        return group in self._blocked
 
     def requeue(self, fd: int) -> None:
         """Call the callback of this descriptor again, after the others had a turn."""
@@ -186,6 +196,11 @@ class Worker:
             # Something may be left to take, for which no new signal comes.
             self._ready.append(fd)
             raise
+
+    def _watch(self, source: EventSource, fd: int, callback: ReadyCallback, flags: int) -> None:
+        self._sources[fd] = (source, callback)
+        self._callbacks[fd] = self._callback_of(fd)
+        self._epoll.register(fd, flags)
 
     # --- suspended coroutines
 

@@ -12,10 +12,12 @@ from obk_cli.doctor.machine import (
     FolderFacts,
     RealtimeFacts,
     SharedMemoryFacts,
+    TransportFacts,
     judge_cpu,
     judge_folders,
     judge_realtime,
     judge_shared_memory,
+    judge_transport,
 )
 from obk_cli.doctor.mujoco import (
     DisplayFacts,
@@ -29,6 +31,7 @@ from obk_cli.install_source import install_command
 from .findings import severities, the_one
 
 MEMORY = SharedMemoryFacts(total_bytes=8 * GIB, free_bytes=7 * GIB, fault="", dds_files=3)
+TRANSPORT = TransportFacts(is_off=False, folder="/state/runs", fault="")
 DONE = Trial(end="done", stdout="", last_error="", seconds=1.0)
 CRASHED = Trial(end="crashed", stdout="", last_error="", signal="SIGSEGV", seconds=1.0)
 DRAWN = DrawingTrial(trial=DONE, has_stepped=True, has_drawn=True, renderer="llvmpipe")
@@ -49,6 +52,7 @@ FOLDER = FolderFacts(
 def test_a_sound_machine_gives_no_complaint() -> None:
     found = [
         *judge_shared_memory(MEMORY),
+        *judge_transport(TRANSPORT),
         *judge_compiler(CompilerFacts(commands=("gcc", "g++"), fault="")),
         *judge_mujoco(MUJOCO),
         *judge_display(DisplayFacts(names=("DISPLAY=:0",), fault="", is_ssh=False)),
@@ -57,6 +61,12 @@ def test_a_sound_machine_gives_no_complaint() -> None:
         *judge_folders((FOLDER,)),
     ]
     assert set(severities(found)) == {"ok"}
+
+
+def test_a_local_transport_that_is_off_or_has_no_sockets_is_reported() -> None:
+    the_one(judge_transport(replace(TRANSPORT, is_off=True)), "note")
+    found = the_one(judge_transport(replace(TRANSPORT, fault="Operation not permitted")), "warning")
+    assert "OBK_HOME" in found.fix
 
 
 def test_a_machine_without_shared_memory_is_reported() -> None:

@@ -10,7 +10,7 @@ from obk_cli.doctor.child import child_command, json_output, try_program
 from obk_cli.doctor.child_programs import load_error
 from obk_cli.doctor.installation import probe_paths
 from obk_cli.doctor.interfaces import probe_compiler
-from obk_cli.doctor.machine import probe_cpu, probe_folders, probe_shared_memory
+from obk_cli.doctor.machine import probe_cpu, probe_folders, probe_shared_memory, probe_transport
 from obk_cli.doctor.mujoco import probe_display
 from obk_cli.doctor.network import probe_discovery
 from obk_cli.doctor.ros import probe_rmw
@@ -173,3 +173,10 @@ def test_a_workspaces_packages_are_told_with_what_is_wrong_with_them(tmp_path: P
     facts = probe_workspace(tmp_path / "src/one", {})
     assert (facts.folder, facts.packages, facts.doubled) == (str(tmp_path), ("a",), ("a",))
     assert facts.broken == (str(tmp_path / "src/three/package.xml"),)
+
+
+def test_sockets_are_tried_where_runs_are_and_nothing_is_left(tmp_path: Path) -> None:
+    facts = probe_transport({"OBK_HOME": str(tmp_path)})
+    assert (facts.is_off, facts.fault) == (False, "")
+    assert not list(tmp_path.iterdir())
+    assert probe_transport({"OBK_HOME": str(tmp_path), "OBK_LOCAL_TRANSPORT": "off"}).is_off

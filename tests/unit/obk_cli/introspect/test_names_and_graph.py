@@ -11,6 +11,7 @@ from obk_cli.ros.graph import (
     GraphSnapshot,
     Role,
     TopicInfo,
+    ends_that_need_dds,
     incompatible_ends,
     parameter_nodes,
     special_services,
@@ -135,3 +136,38 @@ def test_what_is_heard_is_what_is_published() -> None:
     assert seen.published_types == ("pkg/msg/State",)
     silent = TopicInfo(name="/t", msg_types=(hears.msg_type,), subscriptions=(hears,))
     assert silent.published_types == ("pkg/msg/Other",)
+
+
+def test_a_topic_needs_dds_for_a_subscription_without_a_socket_and_for_late_joiners() -> None:
+    def subscription(node: str, gid: str) -> End:
+        return End(
+            node=node, role="subscription", msg_type="a/msg/B", qos=offer("volatile"), gid=gid
+        )
+
+    def offer(durability: str) -> OfferedQos:
+        return OfferedQos(
+            history="keep_last",
+            depth=1,
+            reliability="reliable",
+            durability=durability,
+            liveliness="automatic",
+            deadline_ns=0,
+            lifespan_ns=0,
+            lease_ns=0,
+        )
+
+    def topic(durability: str, *subscriptions: End) -> TopicInfo:
+        source = End(node="/s", role="publisher", msg_type="a/msg/B", qos=offer(durability))
+        return TopicInfo(
+            name="/t", msg_types=("a/msg/B",), publishers=(source,), subscriptions=subscriptions
+        )
+
+    inside, outside = subscription("/inside", "01"), subscription("/outside", "02")
+    sockets = {"01", "03"}
+    assert not list(ends_that_need_dds(topic("volatile", inside), sockets))
+    assert list(ends_that_need_dds(topic("volatile", inside, outside), sockets)) == [
+        "/outside has no socket in a run"
+    ]
+    assert list(ends_that_need_dds(topic("transient_local", inside), sockets)) == [
+        "/s offers transient_local"
+    ]

@@ -1,0 +1,188 @@
+"""A subscription's sockets in the worker that runs it: packets go into its buffer."""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from typing import Any, Final
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from obelisk_py.core.executor.rcl_listeners import arm_timer, open_timer
+from obelisk_py.core.executor.worker import ReadyCallback, Worker
+from obelisk_py.core.intra_process import MessageBuffer
+from obelisk_py.core.transport.dds_endpoints import subscriptions_of
+from obelisk_py.core.transport.socket_folder import socket_folder
+from obelisk_spec.local_transport.dds_reader import DdsReader, participant_of, publisher_gid
+from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.local_transport.inbox import Connection, PublisherInbox
+
+__all__ = ["LocalReceiver", "open_receiver"]
+
+_RELIABLE_WAIT_S: Final = 1.0
+"""How long a packet waits for an earlier message of DDS, which a full history may drop [s]."""
+_BEST_EFFORT_WAIT_S: Final = 0.05
+"""The same for a subscription whose messages DDS may lose [s]."""
+_NS_PER_S: Final = 1_000_000_000
+
+
+class LocalReceiver:
+    """The inbox of a subscription. One worker runs it; several threads may call `take`."""
+
+    group: CallbackGroup | None = None
+    waits_for_group = False
+
+    def __init__(
+        self, folder: SocketFolder, gid: bytes, buffer: MessageBuffer, reader: DdsReader
+    ) -> None:
+        """Open the socket; publishers may connect from now on.
+
+        Args:
+            folder: of the run.
+            gid: of the subscription.
+            buffer: of the subscription; packets are put there.
+            reader: of the subscription.
+
+        Raises:
+            OSError: the folder takes no socket.
+        """
+        depth = buffer.qos.depth
+        self._inbox = PublisherInbox(
+            folder, gid, depth=depth, put=buffer.append, on_connect=self._watch, on_wait=self._wait
+        )
+        self._buffer = buffer
+        self._reader = reader
+        reliable = buffer.qos.reliability == ReliabilityPolicy.RELIABLE
+        self._longest_wait_s = _RELIABLE_WAIT_S if reliable else _BEST_EFFORT_WAIT_S
+        self._timer_fd = open_timer(time.CLOCK_MONOTONIC)
+        self._worker: Worker | None = None
+        self._is_open = True
+        self._lock = threading.Lock()
+        self.deliver: Callable[[], bool] = self._wake
+        """Called when the buffer has got messages; true if a callback of the user ran."""
+
+    def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
+        """The socket and the timer; connections are added to the worker when they are made."""
+        self._worker = worker
+        return {
+            self._inbox.listener.fileno(): self._accept,
+            self._timer_fd: self._release,
+        }
+
+    def take(self) -> tuple[Any, Any] | None:
+        """The next message with its info, from a publisher of this host or from DDS."""
+        buffer = self._buffer
+        while True:
+            taken = buffer.take()
+            if taken is not None:
+                return taken
+            with self._lock:
+                mark = buffer.dds_mark
+                sample = self._reader.take()
+                if sample is None:
+                    buffer.mark_dds_empty(mark)
+                    return None
+                put = partial(self._put, sample.data)
+                self._inbox.merge(sample.publisher, sample.number, put)
+
+    def stop(self) -> None:
+        """Let no publisher send any more; what was sent is put into the buffer."""
+        with self._lock:
+            self._is_open = False
+            self._inbox.stop()
+
+    def close(self) -> None:
+        """Close all descriptors, after no worker watches them any more."""
+        with self._lock:
+            self._inbox.close()
+            self._reader.close()
+            os.close(self._timer_fd)
+
+    def _put(self, data: bytes, _packets: int | None) -> None:
+        self._buffer.append(data)
+
+    def _wake(self) -> bool:
+        self._buffer.wake()
+        return False
+
+    def _wait(self) -> None:
+        due_ns = time.monotonic_ns() + int(self._longest_wait_s * _NS_PER_S)
+        arm_timer(self._timer_fd, due_ns, 0)
+
+    def _accept(self) -> bool:
+        with self._lock:
+            if self._is_open:
+                self._inbox.accept()
+        return False
+
+    def _watch(self, connection: Connection) -> None:
+        if self._worker is not None and self._is_open:
+            fd = connection.socket.fileno()
+            self._worker.watch(self, fd, partial(self._read, self._worker, connection))
+
+    def _read(self, worker: Worker, connection: Connection) -> bool:
+        with self._lock:
+            if self._inbox.read(connection) and self._is_open:
+                worker.unwatch(connection.socket.fileno())
+                self._inbox.forget(connection)
+        return self.deliver()
+
+    def _release(self) -> bool:
+        with suppress(BlockingIOError):
+            os.read(self._timer_fd, 8)
+        with self._lock:
+            self._inbox.release()
+        return self.deliver()
+
+
+def open_receiver(
+    node: Node, subscription: Subscription, buffer: MessageBuffer
+) -> LocalReceiver | None:
+    """The receiver of a subscription; None if it takes everything of other processes from DDS.
+
+    Args:
+        node: of the subscription.
+        subscription: of rclpy; not destroyed.
+        buffer: of the subscription.
+    """
+    folder = socket_folder()
+    gid = None if folder is None else _gid_of(node, subscription)
+    if folder is None or gid is None:
+        return None
+    reader = DdsReader(subscription.handle)
+    try:
+        return LocalReceiver(folder, gid, buffer, reader)
+    except OSError:  # the run has ended, or its file system has no sockets
+        reader.close()
+        return None
+
+
+def _gid_of(node: Node, subscription: Subscription) -> bytes | None:
+    """The GID of a node's subscription; None if the graph has further ones of its name here.
+
+    Fast DDS numbers the entities of a participant in the order of their creation.
+    """
+    topic = subscription.handle.get_topic_name()
+    own = [other for other in node.subscriptions if _topic_of(other) == topic]
+    name = (node.get_name(), node.get_namespace())
+    # Every node has a publisher: that of its parameters' events.
+    participant = participant_of(publisher_gid(next(iter(node.publishers)).handle))
+    gids = sorted(
+        end.gid
+        for end in subscriptions_of(node.handle, topic)
+        if end.node == name and participant_of(end.gid) == participant
+    )
+    return gids[own.index(subscription)] if len(gids) == len(own) else None
+
+
+def _topic_of(subscription: Subscription) -> str | None:
+    try:
+        return str(subscription.handle.get_topic_name())
+    except InvalidHandle:
+        return None

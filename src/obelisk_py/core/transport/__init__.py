@@ -1,0 +1,10 @@
+"""Local transport: messages between the processes of a run on one host, past DDS.
+
+Each subscription that the library's executor runs listens on a Unix socket in the private folder of
+the run, which is named after the subscription's GID. A publisher connects to the sockets of those
+subscriptions that DDS has matched with it. While they, and the buffers of its own process, are all
+that it has, it sends nothing through DDS.
+
+`socket_folder` opens and checks sockets, `dds_endpoints` asks DDS for GIDs and sequence numbers,
+`sender` is the publisher's side and `receiver` the subscription's.
+"""

@@ -1,0 +1,295 @@
+"""The publisher's side: which subscriptions have a socket, and packets to them.
+
+A publisher bypasses DDS only while each subscription that DDS has matched with it is a buffer of
+its own process or has a connection here. That is established by GIDs each time that the count of
+DDS or a connection changes; in between, comparing the count is enough, because a subscription
+closes its socket before it leaves DDS.
+"""
+
+import os
+import select
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from socket import send_fds, socket
+from typing import Any, Final
+
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from obelisk_py.core.transport.dds_endpoints import SubscriptionEndpoint, subscriptions_of
+from obelisk_py.core.transport.flusher import flusher_of
+from obelisk_spec.local_transport.dds_reader import participant_of, publisher_gid
+from obelisk_spec.local_transport.folder import SocketFolder, peer_process
+from obelisk_spec.local_transport.packets import (
+    LARGEST_MESSAGE,
+    Greeting,
+    new_page,
+    packed_number,
+    packed_stamp,
+)
+
+__all__ = ["LocalSender", "Peer"]
+
+_LINGER_S: Final = 0.2
+"""How long the end of a publisher waits for a subscription that does not read [s]."""
+
+_CHECK_PERIOD_S: Final = 0.25
+"""How often is looked for sockets while the count stays and a subscription has none [s]."""
+
+
+class Peer:
+    """The connection to one subscription.
+
+    Packets that the socket does not take wait here, as many as the subscription's history.
+    """
+
+    def __init__(self, connection: socket, gid: bytes, depth: int, greeting: bytes) -> None:
+        """Take over a connection, and greet.
+
+        Args:
+            connection: open, and not blocking.
+            gid: of the subscription.
+            depth: of the subscription's history.
+            greeting: of the publisher.
+        """
+        page, self._page = new_page()
+        with suppress(OSError):  # it is lost already
+            send_fds(connection, [greeting], [page])
+        os.close(page)
+        self.gid = gid
+        self.is_lost = False
+        self._socket = connection
+        self._send = connection.send
+        self._waiting: deque[bytes] = deque(maxlen=depth)
+        self._lock = threading.Lock()
+
+    def fileno(self) -> int:
+        """The descriptor; -1 once closed."""
+        return self._socket.fileno()
+
+    @property
+    def process(self) -> int:
+        """The id of the other process; 0 if it is hidden in another namespace."""
+        return peer_process(self._socket) or 0
+
+    def send(self, packet: bytes) -> bool:
+        """Send a packet, or keep it for later; false if the connection is lost."""
+        if not self._waiting:
+            try:
+                self._send(packet)
+            except BlockingIOError:
+                pass
+            except OSError:
+                self.is_lost = True
+                return False
+            else:
+                return True
+        with self._lock:
+            if self.is_lost:
+                return False
+            self._waiting.append(packet)
+            if len(self._waiting) == 1:
+                flusher_of(os.getpid()).watch(self)
+        return True
+
+    def flush(self) -> bool:
+        """Send what waits as far as the socket takes it; true if something is left."""
+        with self._lock:
+            try:
+                while self._waiting:
+                    self._send(self._waiting[0])
+                    self._waiting.popleft()
+            except BlockingIOError:
+                return True
+            except OSError:
+                self.is_lost = True
+            self._waiting.clear()
+            return False
+
+    def precede(self, packets: int) -> None:
+        """Let what goes through DDS from now on wait for packets up to this one, if some wait."""
+        if self._waiting:
+            self._page[0] = packets
+
+    def close(self, linger_s: float = 0.0) -> None:
+        """Close the connection; the subscription still gets what was sent.
+
+        Args:
+            linger_s: wait no longer than this for the socket to take what waits [s].
+        """
+        end_s = time.monotonic() + linger_s
+        while self.flush() and (left_s := end_s - time.monotonic()) > 0:
+            select.select([], [self._socket], [], left_s)
+        with self._lock:
+            self.is_lost = True
+            self._socket.close()
+
+
+class LocalSender:
+    """The connections of one publisher, used by one thread at a time: that which holds `lock`."""
+
+    def __init__(
+        self,
+        folder: SocketFolder,
+        *,
+        node_handle: Any,
+        handle: Any,
+        topic: str,
+        type_name: str,
+        qos: QoSProfile,
+    ) -> None:
+        """Make a sender without connections.
+
+        Args:
+            folder: of the run.
+            node_handle: of the publisher's node.
+            handle: of the publisher.
+            topic: its full name.
+            type_name: of its messages, `package/msg/Name`.
+            qos: of the publisher; plain.
+        """
+        self.lock = threading.RLock()
+        """Held for a whole message, which may go by packets to some and through DDS to the rest."""
+        self.peers: tuple[Peer, ...] = ()
+        """All of them, while they cover what DDS has matched; otherwise those that exist."""
+        self._folder = folder
+        self._node_handle = node_handle
+        self._topic = topic
+        self._type_name = type_name
+        self._is_reliable = qos.reliability == ReliabilityPolicy.RELIABLE
+        self._gid = publisher_gid(handle)
+        self._sent_through_dds = 0
+        self._sent_by_packets = 0
+        self._is_covered = False
+        self._count = self._buffers = -1
+        self._next_check_s = 0.0
+        self._matched_since: dict[bytes, int] = {}
+        """By GID, how many messages had gone through DDS when the match was established."""
+        self._lost: dict[bytes, int] = {}
+        """By GID of a lost connection, the id of its process."""
+        self._skip: tuple[Peer, ...] = ()
+        """Peers that have got the message that DDS delivers next."""
+
+    def covers(self, count: int, buffers: int) -> bool:
+        """Whether the peers and the buffers of this process are all that DDS has matched.
+
+        Args:
+            count: of the subscriptions that DDS has matched with the publisher.
+            buffers: those of them that are buffers of this process.
+        """
+        if count == self._count and buffers == self._buffers:
+            if self._is_covered:
+                return True
+            if time.monotonic() < self._next_check_s:
+                return False
+        return self._check(count, buffers)
+
+    def send(self, data: bytes) -> bool:
+        """Send a packed message to all peers; false if all have to get it through DDS."""
+        if len(data) > LARGEST_MESSAGE:
+            return False
+        self._sent_by_packets += 1
+        packet = data + packed_stamp(time.time_ns(), self._sent_by_packets, self._sent_through_dds)
+        for place, peer in enumerate(self.peers):
+            if not peer.send(packet):
+                self._is_covered = False
+                self._next_check_s = 0.0
+                self._sent_by_packets -= 1  # it counts as sent through DDS
+                self._skip = self.peers[:place]
+                return False
+        return True
+
+    def send_through_dds(self, send: Callable[[], None]) -> None:
+        """Let DDS deliver a message, after everything that the peers have got."""
+        number = self._sent_through_dds + 1
+        # Nobody gets it twice: a connection was lost after others had got the message.
+        for peer in self._skip:
+            peer.send(packed_number(number))
+        self._skip = ()
+        for peer in self.peers:
+            peer.precede(self._sent_by_packets)
+        send()
+        self._sent_through_dds = number
+
+    def close(self) -> None:
+        """Close all connections."""
+        for peer in self.peers:
+            peer.close(_LINGER_S)
+        self.peers = ()
+        self._is_covered = False
+
+    def _check(self, count: int, buffers: int) -> bool:
+        endpoints = [
+            endpoint
+            for endpoint in subscriptions_of(self._node_handle, self._topic)
+            if self._fits(endpoint)
+        ]
+        remote = {endpoint.gid for endpoint in endpoints if not self._is_own(endpoint.gid)}
+        peers = self._connected(remote)
+        self.peers = tuple(peers.values())
+        # What DDS lists, it has matched too: otherwise one that is not matched yet might be
+        # taken for another one that has no socket.
+        is_exact = count == len(endpoints) and buffers == len(endpoints) - len(remote)
+        sent = self._sent_through_dds
+        self._count, self._buffers = count, buffers
+        self._next_check_s = time.monotonic() + _CHECK_PERIOD_S
+        self._is_covered = False
+        if not is_exact:
+            return False
+        self._matched_since = {gid: self._matched_since.get(gid, sent) for gid in remote}
+        if not all(gid in peers or self._has_ended(gid) for gid in remote):
+            return False
+        # Each has to get one message through DDS first, by which it knows all earlier ones.
+        if any(self._matched_since[gid] == sent for gid in peers):
+            self._next_check_s = 0.0
+            return False
+        self._is_covered = True
+        return True
+
+    def _fits(self, endpoint: SubscriptionEndpoint) -> bool:
+        """Whether DDS matches a subscription, as far as the profiles in the graph say."""
+        return (
+            endpoint.type_name == self._type_name
+            and endpoint.is_volatile
+            and (self._is_reliable or not endpoint.is_reliable)
+        )
+
+    def _is_own(self, gid: bytes) -> bool:
+        return participant_of(gid) == participant_of(self._gid)
+
+    def _connected(self, gids: set[bytes]) -> dict[bytes, Peer]:
+        """The open connections to these subscriptions, by GID; new ones are made."""
+        peers: dict[bytes, Peer] = {}
+        for peer in self.peers:
+            if peer.is_lost and peer.process:
+                self._lost[peer.gid] = peer.process
+            if peer.is_lost or peer.gid not in gids:
+                peer.close()
+            else:
+                peers[peer.gid] = peer
+        self._lost = {gid: process for gid, process in self._lost.items() if gid in gids}
+        greeting = bytes(Greeting(publisher=self._gid, packets=self._sent_by_packets))
+        new = gids - peers.keys()
+        for gid, depth in (self._folder.depths() if new else {}).items():
+            if gid in new and (connection := self._folder.connect(gid, depth)) is not None:
+                peers[gid] = Peer(connection, gid, depth, greeting)
+        return peers
+
+    def _has_ended(self, gid: bytes) -> bool:
+        """Whether the process of a lost connection has ended, which DDS finds out much later."""
+        return gid in self._lost and not _is_alive(self._lost[gid])
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        descriptor = os.pidfd_open(process)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    try:
+        return not select.select([descriptor], [], [], 0)[0]  # a zombie is readable
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,272 @@
+"""The sockets of one subscription, and the order of what comes by them and through DDS.
+
+The messages of one publisher are delivered in the order of publishing: a packet waits until the
+subscription has taken from DDS what was sent before, and a message of DDS waits for the packets
+that precede it. An inbox reads only when it is asked to, and knows no thread.
+"""
+
+import os
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from socket import SHUT_RDWR, recv_fds, socket
+from typing import Final
+
+from obelisk_spec.local_transport.folder import SocketFolder, peer_process
+from obelisk_spec.local_transport.packets import (
+    LARGEST_PACKET,
+    NUMBER_BYTES,
+    STAMP_BYTES,
+    greeting_of,
+    number_of,
+    received_page,
+    stamp_of,
+)
+
+__all__ = ["Connection", "PublisherInbox"]
+
+_REMEMBERED: Final = 64
+"""Publishers without a connection whose last message of DDS is known."""
+
+
+class Connection:
+    """A publisher that has connected."""
+
+    def __init__(self, peer: socket, depth: int) -> None:
+        """Take over a connection that does not block; `depth` packets may wait for DDS."""
+        self.socket: Final = peer
+        self.publisher: bytes | None = None
+        """Its GID; None before its greeting."""
+        self.taken = 0
+        """The number of its last message that was taken from DDS."""
+        self.last = b""
+        """The last packet of a message that was passed on."""
+        self.packets_before = 0
+        """How many messages it had sent by packets before it connected."""
+        self.ending = b""
+        """The end of a packet that need not wait: a number up to `taken`, packed."""
+        self.held: deque[bytes] = deque(maxlen=depth)
+        """Packets that wait for messages of DDS."""
+        self.skipped: set[int] = set()
+        """Messages of DDS that came by packets too."""
+        self.samples: deque[tuple[int, Callable[[int | None], object]]] = deque(maxlen=depth)
+        """Messages of DDS, by number, that wait for packets: how each is put."""
+        self.page: memoryview[int] | None = None
+        """How many packets precede what the publisher sends through DDS."""
+
+    @property
+    def packets(self) -> int:
+        """How many messages it had sent by packets, as of the last one that was passed on."""
+        return stamp_of(self.last).packets if self.last else self.packets_before
+
+    @property
+    def is_missing_packets(self) -> bool:
+        """Whether packets that precede a message of DDS still wait in the publisher."""
+        received = stamp_of(self.held[-1]).packets if self.held else self.packets
+        return self.page is not None and self.page[0] > received
+
+
+class PublisherInbox:
+    """The listening socket of a subscription, and its connections."""
+
+    def __init__(
+        self,
+        folder: SocketFolder,
+        gid: bytes,
+        *,
+        depth: int,
+        put: Callable[[bytes], object],
+        on_connect: Callable[[Connection], object],
+        on_wait: Callable[[], object],
+    ) -> None:
+        """Open the socket; publishers may connect from now on.
+
+        Args:
+            folder: of the run.
+            gid: of the subscription.
+            depth: of the subscription's history; so many packets of a publisher may wait.
+            put: takes each packet of a message, when it is its turn.
+            on_connect: takes each new connection; it is to be read when its socket has something.
+            on_wait: called when the first packet of a publisher has to wait.
+
+        Raises:
+            OSError: the folder takes no socket.
+        """
+        self.listener: Final = folder.listen(gid, depth)
+        self.connections: list[Connection] = []
+        self._folder, self._gid, self._depth = folder, gid, depth
+        self._put, self._on_connect, self._on_wait = put, on_connect, on_wait
+        self._by_publisher: dict[bytes, Connection] = {}
+        self._taken: dict[bytes, int] = {}
+        """As `Connection.taken`, of publishers that are not connected."""
+
+    def accept(self) -> None:
+        """Take new connections."""
+        while True:
+            try:
+                peer, _ = self.listener.accept()
+            except OSError:  # none, or the socket was stopped
+                return
+            if peer_process(peer) is None:
+                peer.close()
+                continue
+            peer.setblocking(False)
+            connection = Connection(peer, self._depth)
+            self.connections.append(connection)
+            self._on_connect(connection)
+
+    def read(self, connection: Connection) -> bool:
+        """Read all packets; true if the publisher has closed the connection."""
+        receive, put, ending = connection.socket.recv, self._put, connection.ending
+        try:
+            if connection.publisher is None:
+                self._greet(connection)
+            while packet := receive(LARGEST_PACKET):
+                if ending and packet.endswith(ending) and len(packet) >= STAMP_BYTES:
+                    connection.last = packet
+                    put(packet)
+                else:
+                    self._sort(connection, packet)
+                    ending = connection.ending
+        except BlockingIOError:
+            if connection.samples:
+                self._advance(connection)
+            return False
+        except OSError:
+            pass
+        return True
+
+    def merge(self, publisher: bytes, number: int, put: Callable[[int | None], object]) -> None:
+        """Give a message of DDS its place between the packets of its publisher.
+
+        Args:
+            publisher: its GID.
+            number: of the message, among those of the publisher in DDS.
+            put: called when it is the message's turn, with the number of packets that precede it,
+                None if its publisher is not connected; not called if a packet has delivered it.
+        """
+        if publisher not in self._by_publisher:
+            self.accept()
+            for new in [new for new in self.connections if new.publisher is None]:
+                self.read(new)
+        connection = self._by_publisher.get(publisher)
+        if connection is None:
+            self._remember(publisher, number)
+            put(None)
+            return
+        connection.samples.append((number, put))
+        # All that was sent before the message is there now, unless the socket was full.
+        if self.read(connection):
+            self._release_all(connection)
+
+    def release(self) -> None:
+        """Let all packets pass that wait for messages of DDS: these were lost."""
+        for connection in self.connections:
+            self._release_all(connection)
+
+    def forget(self, connection: Connection) -> None:
+        """Close a connection whose packets were read."""
+        connection.socket.close()
+        self.connections.remove(connection)
+        self._release_all(connection)
+        publisher = connection.publisher
+        if publisher is not None and self._by_publisher.get(publisher) is connection:
+            del self._by_publisher[publisher]
+            self._remember(publisher, connection.taken)
+
+    def stop(self) -> None:
+        """Let no publisher send any more; what was sent is put."""
+        self._folder.remove(self._gid, self._depth)
+        # Whoever connects or sends from now on gets an error, and DDS delivers instead.
+        with suppress(OSError):
+            self.listener.shutdown(SHUT_RDWR)
+        self.accept()
+        for connection in self.connections:
+            with suppress(OSError):
+                connection.socket.shutdown(SHUT_RDWR)
+            self.read(connection)
+            self._release_all(connection)
+
+    def close(self) -> None:
+        """Close all sockets."""
+        for connection in self.connections:
+            connection.socket.close()
+        self.connections.clear()
+        self._by_publisher.clear()
+        self.listener.close()
+
+    def _sort(self, connection: Connection, packet: bytes) -> None:
+        """A packet that may have to wait, or that is no message."""
+        if len(packet) == NUMBER_BYTES:
+            connection.skipped.add(number_of(packet))
+        elif len(packet) < STAMP_BYTES:  # no publisher of ours
+            connection.socket.shutdown(SHUT_RDWR)
+        elif number_of(packet) <= connection.taken:
+            connection.ending = packet[-NUMBER_BYTES:]
+            self._pass(connection, packet)
+        else:
+            connection.held.append(packet)
+            if len(connection.held) == 1:
+                self._on_wait()
+
+    def _greet(self, connection: Connection) -> None:
+        packet, pages, _, _ = recv_fds(connection.socket, LARGEST_PACKET, 1)
+        for page in pages:
+            connection.page = received_page(page)
+            os.close(page)
+        greeting = greeting_of(packet)
+        if greeting is None:
+            connection.socket.shutdown(SHUT_RDWR)
+            return
+        publisher = greeting.publisher
+        before = self._by_publisher.get(publisher)
+        if before is not None:  # the same publisher has connected again
+            self.read(before)
+            self._release_all(before)
+        connection.publisher = publisher
+        connection.packets_before = greeting.packets
+        connection.taken = before.taken if before else self._taken.pop(publisher, 0)
+        self._by_publisher[publisher] = connection
+
+    def _advance(self, connection: Connection) -> None:
+        """Put the messages of DDS that wait for no packet, and the packets that waited for them."""
+        while connection.samples:
+            if connection.is_missing_packets:
+                self._on_wait()
+                return
+            self._put_sample(connection)
+
+    def _put_sample(self, connection: Connection) -> None:
+        number, put = connection.samples.popleft()
+        self._release(connection, number - 1)  # what has not come by now is lost
+        if number in connection.skipped:
+            connection.skipped.discard(number)
+            # The publisher counts it among those of DDS.
+            connection.packets_before, connection.last = connection.packets - 1, b""
+        else:
+            put(connection.packets)
+        self._release(connection, number)
+
+    def _release_all(self, connection: Connection) -> None:
+        """Put all that waits."""
+        while connection.samples:
+            self._put_sample(connection)
+        self._release(connection, None)
+
+    def _release(self, connection: Connection, taken: int | None) -> None:
+        """Let the packets pass that wait for messages of DDS up to `taken`; None: all."""
+        held = connection.held
+        while held and (taken is None or number_of(held[0]) <= taken):
+            connection.taken = max(connection.taken, number_of(held[0]))
+            self._pass(connection, held.popleft())
+        connection.taken = max(connection.taken, taken or 0)
+
+    def _pass(self, connection: Connection, packet: bytes) -> None:
+        connection.last = packet
+        self._put(packet)
+
+    def _remember(self, publisher: bytes, number: int) -> None:
+        self._taken.pop(publisher, None)
+        self._taken[publisher] = number
+        if len(self._taken) > _REMEMBERED:
+            del self._taken[next(iter(self._taken))]

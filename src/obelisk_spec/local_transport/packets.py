@@ -1,0 +1,115 @@
+"""What goes over a socket of the local transport: packets of one message each.
+
+A connection begins with a greeting: the GID of the publisher, and how many packets it has sent to
+anybody before. Every other packet is a message and its `Stamp`. A packet that is only a number
+names a message of DDS that is to be dropped, because a packet has delivered it.
+
+With the greeting comes a page of memory with one number, which the publisher sets before it sends
+through DDS: so many packets precede. While the socket is full, they still wait in the publisher.
+"""
+
+import fcntl
+import mmap
+import os
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+__all__ = [
+    "LARGEST_MESSAGE",
+    "LARGEST_PACKET",
+    "NUMBER_BYTES",
+    "STAMP_BYTES",
+    "Greeting",
+    "Stamp",
+    "greeting_of",
+    "new_page",
+    "number_of",
+    "packed_number",
+    "packed_stamp",
+    "received_page",
+    "stamp_of",
+]
+
+_MAGIC: Final = b"OBK1"
+_GREETING: Final = struct.Struct("<4s16sQ")
+_STAMP: Final = struct.Struct("<qQQ")
+_NUMBER: Final = struct.Struct("<Q")
+NUMBER_BYTES: Final = _NUMBER.size
+STAMP_BYTES: Final = _STAMP.size
+LARGEST_MESSAGE: Final = 64 * 1024
+"""Larger messages go through DDS [bytes]."""
+LARGEST_PACKET: Final = LARGEST_MESSAGE + STAMP_BYTES
+
+
+def new_page() -> tuple[int, "memoryview[int]"]:
+    """A page for a connection: its descriptor, which the caller closes, and its number."""
+    page = os.memfd_create("obk_packets", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    os.ftruncate(page, mmap.PAGESIZE)
+    fcntl.fcntl(page, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
+    return page, _mapped(page)
+
+
+def received_page(page: int) -> "memoryview[int] | None":
+    """The number in a page from the other end; None if the memory may go away."""
+    try:
+        seals = fcntl.fcntl(page, fcntl.F_GET_SEALS)
+    except OSError:  # something else
+        return None
+    is_safe = seals & fcntl.F_SEAL_SHRINK and os.fstat(page).st_size >= mmap.PAGESIZE
+    return _mapped(page) if is_safe else None
+
+
+def _mapped(page: int) -> "memoryview[int]":
+    return memoryview(mmap.mmap(page, mmap.PAGESIZE)).cast("Q")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Greeting:
+    """The first packet of a connection."""
+
+    publisher: bytes
+    """Its GID."""
+    packets: int
+    """How many messages it has sent by packets so far."""
+
+    def __bytes__(self) -> bytes:
+        return _GREETING.pack(_MAGIC, self.publisher, self.packets)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stamp:
+    """The end of a packet."""
+
+    published_ns: int
+    """When the message was published [ns since 1970]."""
+    packets: int
+    """How many messages the publisher has sent by packets, with this one."""
+    number: int
+    """How many messages it has sent through DDS before."""
+
+
+def greeting_of(packet: bytes) -> Greeting | None:
+    """The greeting that a first packet is; None if it is none."""
+    if len(packet) != _GREETING.size or not packet.startswith(_MAGIC):
+        return None
+    _, publisher, packets = _GREETING.unpack(packet)
+    return Greeting(publisher=publisher, packets=packets)
+
+
+packed_stamp = _STAMP.pack
+"""The end of a packet, by the fields of `Stamp`."""
+
+packed_number = _NUMBER.pack
+"""A number, as packets end with it."""
+
+
+def stamp_of(packet: bytes) -> Stamp:
+    """The stamp of a message; the packet is not shorter."""
+    published_ns, packets, number = _STAMP.unpack_from(packet, len(packet) - STAMP_BYTES)
+    return Stamp(published_ns=published_ns, packets=packets, number=number)
+
+
+def number_of(packet: bytes) -> int:
+    """The number at the end of a packet, which is not shorter than a number."""
+    return int(_NUMBER.unpack_from(packet, len(packet) - NUMBER_BYTES)[0])

@@ -1,0 +1,546 @@
+"""The local transport over real sockets: who is reached, and in which order messages come."""
+
+import socket
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from unittest.mock import MagicMock
+
+import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Int64
+
+from obelisk_py.core.executor.local_receiver import LocalReceiver
+from obelisk_py.core.executor.worker import Worker
+from obelisk_py.core.intra_process import MessageBuffer
+from obelisk_py.core.serialization.codec import codec_for
+from obelisk_py.core.transport import sender as sender_module
+from obelisk_py.core.transport.dds_endpoints import SubscriptionEndpoint
+from obelisk_py.core.transport.sender import LocalSender, Peer
+from obelisk_py.core.transport.socket_folder import socket_folder
+from obelisk_spec.local_transport import folder as folder_module
+from obelisk_spec.local_transport.dds_reader import Sample
+from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.local_transport.packets import (
+    LARGEST_MESSAGE,
+    Greeting,
+    greeting_of,
+    number_of,
+    packed_number,
+    packed_stamp,
+    stamp_of,
+)
+from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
+
+from ...waiting import eventually  # noqa: TID252 - shared by folders of tests
+
+PUBLISHER = bytes(range(16))
+DEPTH = 10
+CODEC = codec_for(Int64)
+assert CODEC is not None
+PACK = CODEC.pack
+
+
+def gid(number: int) -> bytes:
+    """Of a subscription in another process."""
+    return bytes([99] * 12) + number.to_bytes(4, "big")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    folder = tmp_path / "sockets"
+    folder.mkdir(mode=0o700)
+    return folder
+
+
+@pytest.fixture
+def folder(path: Path) -> SocketFolder:
+    return SocketFolder(str(path))
+
+
+GREETING = Greeting(publisher=PUBLISHER, packets=3)
+
+
+def stamped(message: bytes, number: int, packets: int = 1) -> bytes:
+    """A packet."""
+    return message + packed_stamp(0, packets, number)
+
+
+def contents(packet: bytes) -> tuple[bytes, int]:
+    """The message of a packet, and how many went through DDS before."""
+    return packet[: -len(stamped(b"", 0))], number_of(packet)
+
+
+def test_a_greeting_names_its_publisher_and_nothing_else_is_one() -> None:
+    assert greeting_of(bytes(GREETING)) == GREETING
+    assert greeting_of(bytes(GREETING)[:-1]) is None
+    assert greeting_of(bytes(len(bytes(GREETING)))) is None
+
+
+def test_a_packet_ends_with_its_stamp() -> None:
+    stamp = stamp_of(b"message" + packed_stamp(1, 2, 2**40))
+    assert (stamp.published_ns, stamp.packets, stamp.number) == (1, 2, 2**40)
+
+
+def test_a_folder_that_others_can_enter_is_refused(path: Path) -> None:
+    path.chmod(0o701)
+    with pytest.raises(PermissionError, match="0700"):
+        SocketFolder(str(path))
+
+
+def test_there_is_no_folder_without_the_variable_or_after_the_run(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv(LOCAL_TRANSPORT_VARIABLE, raising=False)
+    assert socket_folder() is None
+    for value in (LOCAL_TRANSPORT_OFF, str(tmp_path / "gone")):
+        monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, value)
+        assert socket_folder() is None
+
+
+def test_a_socket_is_reached_below_a_path_longer_than_an_address(tmp_path: Path) -> None:
+    deep = tmp_path / ("a" * 100) / ("b" * 100)
+    deep.mkdir(parents=True, mode=0o700)
+    folder = SocketFolder(str(deep))
+    with folder.listen(gid(1), DEPTH):
+        connection = folder.connect(gid(1), DEPTH)
+        assert connection is not None
+        connection.close()
+
+
+def test_what_a_killed_process_leaves_is_no_socket(folder: SocketFolder, path: Path) -> None:
+    folder.listen(gid(1), DEPTH).close()
+    assert (path / f"{gid(1).hex()}-{DEPTH}").exists()
+    assert folder.connect(gid(1), DEPTH) is None
+    assert folder.connect(gid(2), DEPTH) is None
+
+
+def test_the_other_end_has_to_be_of_the_same_user(
+    folder: SocketFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folder_module, "peer_process", lambda _connection: None)
+    with folder.listen(gid(1), DEPTH):
+        assert folder.connect(gid(1), DEPTH) is None
+
+
+class Graph:
+    """What DDS knows: the subscriptions of the topic."""
+
+    def __init__(self) -> None:
+        self.endpoints: list[SubscriptionEndpoint] = []
+
+    def add(self, number: int, *, reliable: bool = True, type_name: str = "x/msg/T") -> None:
+        self.endpoints.append(
+            SubscriptionEndpoint(
+                gid=gid(number),
+                node=("node", "/"),
+                type_name=type_name,
+                is_reliable=reliable,
+                is_volatile=True,
+            )
+        )
+
+    def remove(self, number: int) -> None:
+        self.endpoints = [end for end in self.endpoints if end.gid != gid(number)]
+
+
+@pytest.fixture
+def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
+    made = Graph()
+    monkeypatch.setattr(sender_module, "publisher_gid", lambda _handle: PUBLISHER)
+    monkeypatch.setattr(sender_module, "subscriptions_of", lambda _node, _topic: made.endpoints)
+    return made
+
+
+def make_sender(folder: SocketFolder, qos: QoSProfile | None = None) -> LocalSender:
+    return LocalSender(
+        folder,
+        node_handle=None,
+        handle=None,
+        topic="/topic",
+        type_name="x/msg/T",
+        qos=qos or QoSProfile(depth=DEPTH),
+    )
+
+
+@pytest.fixture
+def sender(folder: SocketFolder, graph: Graph) -> Iterator[LocalSender]:
+    del graph
+    made = make_sender(folder)
+    yield made
+    made.close()
+
+
+def nothing() -> None:
+    """What DDS does with a message here."""
+
+
+def accepted(listener: socket.socket) -> socket.socket:
+    """The connection of the one publisher; its greeting is read."""
+    connection, _ = listener.accept()
+    connection.setblocking(False)
+    greeting = greeting_of(connection.recv(100))
+    assert greeting is not None
+    assert greeting.publisher == PUBLISHER
+    return connection
+
+
+def test_dds_is_bypassed_once_each_has_got_a_message_through_it(
+    folder: SocketFolder, graph: Graph, sender: LocalSender
+) -> None:
+    graph.add(1)
+    with folder.listen(gid(1), DEPTH) as listener:
+        assert not sender.covers(1, 0)
+        sender.send_through_dds(nothing)
+        assert sender.covers(1, 0)
+        assert sender.send(b"message")
+        with accepted(listener) as connection:
+            assert contents(connection.recv(100)) == (b"message", 1)
+
+
+def test_a_count_that_is_right_by_chance_is_no_reason_to_bypass_dds(
+    folder: SocketFolder, graph: Graph, sender: LocalSender
+) -> None:
+    """One has a socket and is not matched yet; the matched one is outside."""
+    graph.add(1)
+    graph.add(2)
+    with folder.listen(gid(1), DEPTH):
+        assert not sender.covers(1, 0)
+        sender.send_through_dds(nothing)
+        assert not sender.covers(1, 0)
+
+
+def test_a_listener_outside_needs_dds_until_it_leaves(
+    folder: SocketFolder, graph: Graph, sender: LocalSender
+) -> None:
+    graph.add(1)
+    with folder.listen(gid(1), DEPTH):
+        sender.covers(1, 0)
+        sender.send_through_dds(nothing)
+        assert sender.covers(1, 0)
+        graph.add(2)
+        assert not sender.covers(2, 0)
+        graph.remove(2)
+        assert sender.covers(1, 0)
+
+
+def test_subscriptions_that_dds_does_not_match_are_not_reached(
+    folder: SocketFolder, graph: Graph
+) -> None:
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    sender = make_sender(folder, best_effort)
+    graph.add(1, reliable=False)
+    graph.add(2)
+    graph.add(3, reliable=False, type_name="x/msg/Other")
+    with folder.listen(gid(1), DEPTH), folder.listen(gid(2), DEPTH), folder.listen(gid(3), DEPTH):
+        sender.covers(1, 0)
+        sender.send_through_dds(nothing)
+        assert sender.covers(1, 0)
+        assert [peer.gid for peer in sender.peers] == [gid(1)]
+    sender.close()
+
+
+def test_a_large_message_is_left_to_dds(
+    folder: SocketFolder, graph: Graph, sender: LocalSender
+) -> None:
+    graph.add(1)
+    with folder.listen(gid(1), DEPTH):
+        sender.covers(1, 0)
+        sender.send_through_dds(nothing)
+        assert sender.covers(1, 0)
+        assert sender.send(bytes(LARGEST_MESSAGE))
+        assert not sender.send(bytes(LARGEST_MESSAGE + 1))
+
+
+def test_who_has_got_a_message_by_its_socket_drops_the_one_of_dds(
+    folder: SocketFolder, graph: Graph, sender: LocalSender
+) -> None:
+    graph.add(1)
+    graph.add(2)
+    with folder.listen(gid(1), DEPTH) as one, folder.listen(gid(2), DEPTH) as other:
+        sender.covers(2, 0)
+        sender.send_through_dds(nothing)
+        assert sender.covers(2, 0)
+        ends = {peer.gid: accepted(one if peer.gid == gid(1) else other) for peer in sender.peers}
+        first, last = sender.peers
+        ends[last.gid].close()
+        assert not sender.send(b"message")
+        sender.send_through_dds(nothing)
+        assert contents(ends[first.gid].recv(100)) == (b"message", 1)
+        assert ends[first.gid].recv(100) == packed_number(2)
+        ends[first.gid].close()
+    assert not sender.covers(2, 0)
+
+
+def test_a_subscription_whose_process_was_killed_needs_no_dds(
+    folder: SocketFolder, path: Path, graph: Graph, sender: LocalSender
+) -> None:
+    program = (
+        "import socket, sys\n"
+        "own = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)\n"
+        "own.bind(sys.argv[1])\n"
+        "own.listen()\n"
+        "print(flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    graph.add(1)
+    peer = subprocess.Popen(
+        [sys.executable, "-c", program, path / f"{gid(1).hex()}-{DEPTH}"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    with peer:
+        assert peer.stdout is not None
+        peer.stdout.readline()
+        sender.covers(1, 0)
+        sender.send_through_dds(nothing)
+        assert sender.covers(1, 0)
+        peer.kill()
+        peer.wait()
+    assert not sender.send(b"message")
+    assert sender.covers(1, 0)
+    assert sender.peers == ()
+
+
+def test_who_does_not_read_gets_the_newest_messages_later() -> None:
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    near.setblocking(False)
+    peer = Peer(near, gid(1), 3, bytes(GREETING))
+    with far:
+        assert greeting_of(far.recv(100)) == GREETING
+        for number in range(1000):
+            assert peer.send(packed_number(number))
+        far.settimeout(10)
+        got = [number_of(far.recv(100))]
+        while got[-1] != 999:
+            got.append(number_of(far.recv(100)))
+        assert got[-3:] == [997, 998, 999]
+        assert got[:-3] == list(range(len(got) - 3))
+        peer.close()
+
+
+class Reader:
+    """What DDS holds for the subscription."""
+
+    def __init__(self) -> None:
+        self.samples: deque[Sample] = deque()
+
+    def hold(self, value: int, number: int, publisher: bytes = PUBLISHER) -> None:
+        self.samples.append(Sample(PACK(Int64(data=value)), publisher, number, 0, 0))
+
+    def take(self) -> Sample | None:
+        return self.samples.popleft() if self.samples else None
+
+
+class Subscription:
+    """A receiver with a publisher's end of a connection."""
+
+    def __init__(self, folder: SocketFolder, qos: QoSProfile) -> None:
+        assert CODEC is not None
+        self.dds = Reader()
+        self.buffer = MessageBuffer(Int64, qos, CODEC)
+        self.worker = Worker()
+        reader: MagicMock = MagicMock(take=self.dds.take)
+        self.receiver = LocalReceiver(folder, gid(1), self.buffer, reader)
+        self.worker.add(self.receiver, shared=False)
+        self._folder = folder
+
+    def connect(self) -> socket.socket:
+        connection = self._folder.connect(gid(1), DEPTH)
+        assert connection is not None
+        connection.send(bytes(GREETING))
+        return connection
+
+    def read(self) -> None:
+        """Read what the sockets hold."""
+        for _ in range(3):  # the socket, then its connections, then the rest
+            self.worker.run_ready(0)
+
+    def taken(self) -> list[int]:
+        """All messages that can be delivered now."""
+        values = []
+        while (taken := self.receiver.take()) is not None:
+            values.append(taken[0].data)
+        return values
+
+    def close(self) -> None:
+        self.receiver.stop()
+        self.worker.remove(self.receiver)
+        self.receiver.close()
+        self.worker.close()
+
+
+@pytest.fixture
+def subscription(folder: SocketFolder) -> Iterator[Subscription]:
+    made = Subscription(folder, QoSProfile(depth=DEPTH))
+    yield made
+    made.close()
+
+
+def packet(value: int, number: int) -> bytes:
+    return stamped(PACK(Int64(data=value)), number)
+
+
+def test_packets_are_delivered_in_their_order(subscription: Subscription) -> None:
+    with subscription.connect() as publisher:
+        for value in range(5):
+            publisher.send(packet(value, 0))
+        subscription.read()
+        assert subscription.taken() == [0, 1, 2, 3, 4]
+
+
+def test_a_packet_waits_for_what_went_through_dds_before(subscription: Subscription) -> None:
+    with subscription.connect() as publisher:
+        publisher.send(packet(3, 2))
+        subscription.read()
+        assert subscription.taken() == []
+        subscription.dds.hold(1, 1)
+        assert subscription.taken() == [1]
+        subscription.dds.hold(2, 2)
+        assert subscription.taken() == [2, 3]
+        publisher.send(packet(4, 2))
+        subscription.read()
+        assert subscription.taken() == [4]
+
+
+def test_what_was_taken_before_the_connection_is_known(subscription: Subscription) -> None:
+    subscription.dds.hold(1, 7)
+    assert subscription.taken() == [1]
+    with subscription.connect() as publisher:
+        publisher.send(packet(2, 7))
+        subscription.read()
+        assert subscription.taken() == [2]
+
+
+def test_packets_precede_what_went_through_dds_later(subscription: Subscription) -> None:
+    with subscription.connect() as publisher:
+        subscription.read()
+        publisher.send(packet(1, 0))
+        publisher.send(packet(2, 0))
+        subscription.dds.hold(3, 1)
+        publisher.send(packet(4, 1))
+        assert subscription.taken() == [1, 2, 3, 4]
+
+
+def test_a_message_of_dds_waits_for_packets_that_the_socket_did_not_take(
+    folder: SocketFolder,
+) -> None:
+    subscription = Subscription(folder, QoSProfile(depth=1000))
+    connection = folder.connect(gid(1), 1000)
+    assert connection is not None
+    peer = Peer(connection, gid(1), 1000, bytes(Greeting(publisher=PUBLISHER, packets=0)))
+    for value in range(1, 501):
+        assert peer.send(stamped(PACK(Int64(data=value)), 0, value))
+    peer.precede(500)
+    subscription.dds.hold(501, 1)
+    got: list[int] = []
+
+    def all_have_come() -> bool:
+        subscription.worker.run_ready(0.01)
+        got.extend(subscription.taken())
+        return len(got) >= 501
+
+    eventually(all_have_come, "all messages")
+    assert got == list(range(1, 502))
+    peer.close()
+    subscription.close()
+
+
+def test_another_publisher_does_not_hold_packets_up(subscription: Subscription) -> None:
+    with subscription.connect() as publisher:
+        publisher.send(packet(1, 0))
+        subscription.read()
+        subscription.dds.hold(2, 9, bytes(16))
+        assert subscription.taken() == [1, 2]
+
+
+def test_a_message_that_came_by_a_packet_is_dropped_when_dds_has_it(
+    subscription: Subscription,
+) -> None:
+    with subscription.connect() as publisher:
+        subscription.read()
+        publisher.send(packet(1, 0))
+        publisher.send(packed_number(1))
+        subscription.dds.hold(1, 1)
+        publisher.send(packet(2, 1))
+        assert subscription.taken() == [1, 2]
+
+
+def test_a_packet_does_not_wait_for_ever_for_a_message_that_dds_lost(
+    folder: SocketFolder,
+) -> None:
+    best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+    subscription = Subscription(folder, best_effort)
+    got: list[int] = []
+
+    def has_come() -> list[int]:
+        subscription.worker.run_ready(0.01)
+        got.extend(subscription.taken())
+        return got
+
+    with subscription.connect() as publisher:
+        publisher.send(packet(1, 5))
+        subscription.read()
+        assert subscription.taken() == []
+        eventually(has_come, "the packet")
+        publisher.send(packet(2, 5))
+        subscription.read()
+        assert subscription.taken() == [2]
+    subscription.close()
+
+
+def test_only_the_newest_messages_are_kept(subscription: Subscription) -> None:
+    with subscription.connect() as publisher:
+        for value in range(DEPTH + 5):
+            if value == DEPTH:
+                subscription.read()
+            publisher.send(packet(value, 0))
+        subscription.read()
+        assert subscription.taken() == list(range(5, DEPTH + 5))
+
+
+@pytest.mark.parametrize("is_accepted", [True, False], ids=["connected", "not accepted yet"])
+def test_what_was_sent_before_a_stop_is_kept_and_nothing_can_be_sent_after(
+    folder: SocketFolder, path: Path, is_accepted: bool
+) -> None:
+    subscription = Subscription(folder, QoSProfile(depth=DEPTH))
+    publisher = subscription.connect()
+    if is_accepted:
+        subscription.read()
+    publisher.send(packet(1, 0))
+    subscription.receiver.stop()
+    with pytest.raises(OSError, match="Broken pipe"):
+        publisher.send(packet(2, 0))
+    assert subscription.taken() == [1]
+    assert not list(path.iterdir())
+    subscription.worker.remove(subscription.receiver)
+    subscription.receiver.close()
+    subscription.worker.close()
+    publisher.close()
+
+
+def test_a_publisher_that_leaves_is_forgotten_and_its_messages_stay(
+    subscription: Subscription,
+) -> None:
+    publisher = subscription.connect()
+    publisher.send(packet(1, 0))
+    publisher.close()
+    subscription.read()
+    assert subscription.taken() == [1]
+    assert subscription.receiver._inbox.connections == []
+
+
+@pytest.mark.parametrize("packets", [[b"GET / HTTP/1.1\r\n"], [bytes(20)], [bytes(GREETING), b"x"]])
+def test_a_publisher_that_does_not_keep_to_the_protocol_is_disconnected(
+    subscription: Subscription, packets: list[bytes]
+) -> None:
+    connection = subscription._folder.connect(gid(1), DEPTH)
+    assert connection is not None
+    for each in packets:
+        connection.send(each)
+    subscription.read()
+    assert subscription.receiver._inbox.connections == []
+    assert subscription.taken() == []
+    connection.close()

@@ -1,0 +1,49 @@
+"""A tap's numbers: a gap in them is a message that was lost."""
+
+from collections import deque
+from pathlib import Path
+from unittest.mock import MagicMock
+
+import pytest
+
+from obelisk_spec.local_transport.dds_reader import Sample
+from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.local_transport.packets import Greeting, packed_stamp
+from obk_cli.ros import tap as tap_module
+from obk_cli.ros.raw_subscription import DropCounter
+from obk_cli.ros.tap import Tap
+
+GID = bytes(16)
+PUBLISHER = bytes(range(16))
+DEPTH = 10
+
+
+def test_packets_that_others_got_before_a_publisher_connects_are_no_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dds = deque(Sample(b"", PUBLISHER, number, 0, 0) for number in (1, 2))
+    reader = MagicMock(take=lambda: dds.popleft() if dds else None)
+    monkeypatch.setattr(tap_module, "DdsReader", lambda _handle: reader)
+    tmp_path.chmod(0o700)
+    folder = SocketFolder(str(tmp_path))
+    tap, drops = Tap(folder, GID, None, DEPTH), DropCounter()
+
+    def count_all() -> None:
+        for _ in range(DEPTH):  # the socket, its connection, each message
+            if (taken := tap.take()) is not None:
+                drops.take(taken[1]["publication_sequence_number"], 1)
+
+    count_all()
+    connection = folder.connect(GID, DEPTH)
+    assert connection is not None
+    with connection:
+        connection.send(bytes(Greeting(publisher=PUBLISHER, packets=1000)))
+        for packets in (1001, 1002):
+            connection.send(packed_stamp(0, packets, 2))
+        count_all()
+        assert (drops.count, drops.dropped) == (4, 0)
+        connection.send(packed_stamp(0, 1005, 2))
+        count_all()
+        assert (drops.count, drops.dropped) == (5, 2)
+    tap.close()
+    reader.close.assert_called_once_with()
