@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from obelisk_spec.local_transport.folder import SocketFolder
-from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
+from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_ON, LOCAL_TRANSPORT_VARIABLE
 from obk_cli.doctor.finding import GIB, MIB, Fact, Finding, bytes_text, note, ok, warning
 from obk_cli.files import explain_os_error
 from obk_cli.runs.folder import runs_folder
@@ -106,8 +106,8 @@ def probe_shared_memory(folder: Path = SHARED_MEMORY) -> SharedMemoryFacts:
 class TransportFacts:
     """The local transport between the nodes of a run."""
 
-    is_off: bool
-    """Whether the user has turned it off."""
+    is_on: bool
+    """Whether the user has turned it on."""
     folder: str
     """Where runs, and so their sockets, are."""
     fault: str
@@ -116,11 +116,10 @@ class TransportFacts:
 
 def judge_transport(facts: TransportFacts) -> Iterator[Finding]:
     """Whether nodes of a run exchange messages without DDS."""
-    if facts.is_off:
-        yield note(
-            f"local sockets are off ({LOCAL_TRANSPORT_VARIABLE}={LOCAL_TRANSPORT_OFF}): all "
-            "messages between processes go through DDS",
-            f"unset {LOCAL_TRANSPORT_VARIABLE}",
+    if not facts.is_on:
+        yield ok(
+            "messages between processes go through DDS "
+            f"({LOCAL_TRANSPORT_VARIABLE}={LOCAL_TRANSPORT_ON} tries local sockets)"
         )
     elif facts.fault:
         yield warning(
@@ -142,7 +141,7 @@ def probe_transport(environment: Mapping[str, str]) -> TransportFacts:
     runs = runs_folder(environment)
     place = next(folder for folder in (runs, *runs.parents) if folder.is_dir())
     return TransportFacts(
-        is_off=environment.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF,
+        is_on=environment.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_ON,
         folder=str(runs),
         fault=_socket_fault(place),
     )

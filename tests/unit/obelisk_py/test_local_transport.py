@@ -287,7 +287,8 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
     )
     graph.add(1)
     peer = subprocess.Popen(
-        [sys.executable, "-c", program, path / f"{gid(1).hex()}-{DEPTH}"],
+        [sys.executable, "-c", program, f"{gid(1).hex()}-{DEPTH}"],
+        cwd=path,  # the whole path may be longer than an address
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     )

@@ -31,7 +31,7 @@ from obk_cli.install_source import install_command
 from .findings import severities, the_one
 
 MEMORY = SharedMemoryFacts(total_bytes=8 * GIB, free_bytes=7 * GIB, fault="", dds_files=3)
-TRANSPORT = TransportFacts(is_off=False, folder="/state/runs", fault="")
+TRANSPORT = TransportFacts(is_on=True, folder="/state/runs", fault="")
 DONE = Trial(end="done", stdout="", last_error="", seconds=1.0)
 CRASHED = Trial(end="crashed", stdout="", last_error="", signal="SIGSEGV", seconds=1.0)
 DRAWN = DrawingTrial(trial=DONE, has_stepped=True, has_drawn=True, renderer="llvmpipe")
@@ -64,7 +64,7 @@ def test_a_sound_machine_gives_no_complaint() -> None:
 
 
 def test_a_local_transport_that_is_off_or_has_no_sockets_is_reported() -> None:
-    the_one(judge_transport(replace(TRANSPORT, is_off=True)), "note")
+    the_one(judge_transport(replace(TRANSPORT, is_on=False)), "ok")
     found = the_one(judge_transport(replace(TRANSPORT, fault="Operation not permitted")), "warning")
     assert "OBK_HOME" in found.fix
 

@@ -176,7 +176,7 @@ def test_a_workspaces_packages_are_told_with_what_is_wrong_with_them(tmp_path: P
 
 
 def test_sockets_are_tried_where_runs_are_and_nothing_is_left(tmp_path: Path) -> None:
-    facts = probe_transport({"OBK_HOME": str(tmp_path)})
-    assert (facts.is_off, facts.fault) == (False, "")
+    facts = probe_transport({"OBK_HOME": str(tmp_path), "OBK_LOCAL_TRANSPORT": "on"})
+    assert (facts.is_on, facts.fault) == (True, "")
     assert not list(tmp_path.iterdir())
-    assert probe_transport({"OBK_HOME": str(tmp_path), "OBK_LOCAL_TRANSPORT": "off"}).is_off
+    assert not probe_transport({"OBK_HOME": str(tmp_path)}).is_on

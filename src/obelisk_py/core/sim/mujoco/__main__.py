@@ -10,14 +10,6 @@ __all__ = ["import_without_windows", "main"]
 VARIABLE = "MUJOCO_GL"
 
 
-def main() -> None:
-    """Spin the simulator until it is asked to end."""
-    import_without_windows()
-    from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
-
-    spin_obelisk(None, ObeliskMujocoRobot)
-
-
 def import_without_windows() -> None:
     """Import MuJoCo without GLFW, whose search for its library starts another Python.
 
@@ -33,6 +25,15 @@ def import_without_windows() -> None:
             del os.environ[VARIABLE]
         else:
             os.environ[VARIABLE] = chosen
+
+
+import_without_windows()
+from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot  # noqa: E402 - MuJoCo comes first
+
+
+def main() -> None:
+    """Spin the simulator until it is asked to end."""
+    spin_obelisk(None, ObeliskMujocoRobot)
 
 
 if __name__ == "__main__":
