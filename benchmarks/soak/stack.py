@@ -94,10 +94,10 @@ class Stack:
 
     def leftovers(self) -> list[dict[str, Any]]:
         """Processes of this stack that outlived it."""
-        told = json.loads(self.obk("ps", "--format", "json").stdout)
+        listed = json.loads(self.obk("ps", "--format", "json").stdout)
         # Other stacks of this machine may have the same name, and leave processes while they end.
         mine = {run.name for run in runs_folder({"OBK_HOME": str(self.home)}).glob("*")}
-        return [process for process in told["leftovers"] if process["run"] in mine]
+        return [process for process in listed["orphans"] if process["run"] in mine]
 
     def wait_for(self, what: str, condition: Callable[[], object]) -> bool:
         """Whether something comes to be; a fault where not."""
