@@ -22,8 +22,6 @@ NEEDED = ("src", "schema", "templates", "examples/dummy", "tests/cases", "tests/
 ALONE = (
     "pyproject.toml",
     "tests/conftest.py",
-    "tests/turns.py",
-    "tests/unit/obk_cli/runs/fake_stack.py",
 )
 ADDED = "OBK299 or MagneticField or magnetic or csv-dummy/dummy.yaml"
 
@@ -32,7 +30,7 @@ ADDED = "OBK299 or MagneticField or magnetic or csv-dummy/dummy.yaml"
 def extended(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the repository, as far as needed, with everything that the document adds."""
     copy = tmp_path_factory.mktemp("repository")
-    unwanted = shutil.ignore_patterns("__pycache__", ".obk", "build")
+    unwanted = shutil.ignore_patterns("__pycache__", ".obk", "build", "test_transcripts.py")
     for folder in NEEDED:
         shutil.copytree(repository / folder, copy / folder, ignore=unwanted)
     (copy / "tests/mujoco").mkdir()
