@@ -65,7 +65,7 @@ test: setup
 
 # These compute all the time: one worker per core, and none is left alone with a long file.
 test-unit: setup
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --durations 20 \
+	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal --durations 20 \
 		-m "not slow and not ros and not mujoco"
 
 test-slow: setup
