@@ -104,7 +104,7 @@ def compile_config(path: str, options: Options) -> Outcome:
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """While entered, nobody looks for cycles; a long config has none and a million objects."""
+    """While entered, no garbage is collected; a long config has no cycles and a million objects."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

@@ -15,7 +15,7 @@ import numpy as np
 __all__ = ["ModuleGenerators"]
 
 _LARGEST_GIVEN: Final = 1 << 64
-"""Seeds that numpy draws itself have 128 bits; a seed that somebody has written has fewer."""
+"""Seeds that numpy draws itself have 128 bits; seeds in source have fewer."""
 
 Restore = Callable[[Sequence[int]], None]
 _known: Final[dict[int, tuple[Any, Restore]]] = {}

@@ -177,7 +177,7 @@ class PublisherInbox:
     def stop(self) -> None:
         """Let no publisher send any more; what was sent is put."""
         self._folder.remove(self._gid, self._depth)
-        # Whoever connects or sends from now on gets an error, and DDS delivers instead.
+        # From now on connecting and sending fail, and DDS delivers instead.
         with suppress(OSError):
             self.listener.shutdown(SHUT_RDWR)
         self.accept()

@@ -5,6 +5,7 @@ the run, which is named after the subscription's GID. A publisher connects to th
 subscriptions that DDS has matched with it. While they, and the buffers of its own process, are all
 that it has, it sends nothing through DDS.
 
-`socket_folder` opens and checks sockets, `dds_endpoints` asks DDS for GIDs and sequence numbers,
-`sender` is the publisher's side and `receiver` the subscription's.
+`socket_folder` finds the folder, `dds_endpoints` asks DDS for GIDs, and `sender` is the publisher's
+side. The subscription's is `executor.local_receiver`; packets and sockets, which the tools use too,
+are in `obelisk_spec.local_transport`.
 """

@@ -204,7 +204,7 @@ class LocalSender:
     def send_through_dds(self, send: Callable[[], None]) -> None:
         """Let DDS deliver a message, after everything that the peers have got."""
         number = self._sent_through_dds + 1
-        # Nobody gets it twice: a connection was lost after others had got the message.
+        # No subscription gets it twice: a connection was lost after others had got the message.
         for peer in self._skip:
             peer.send(packed_number(number))
         self._skip = ()

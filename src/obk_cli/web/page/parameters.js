@@ -134,10 +134,10 @@ function sender(node, name, said) {
           headers: { "Content-Type": "application/json" },
           body: JSON.stringify({ node, name, value: text, run }),
         });
-        const isTold = answer.headers.get("Content-Type")?.startsWith("application/json");
-        const told = isTold ? await answer.json() : { success: false, why: await answer.text() };
-        setText(said, told.why);
-        said.className = told.success ? "" : "bad";
+        const isReply = answer.headers.get("Content-Type")?.startsWith("application/json");
+        const reply = isReply ? await answer.json() : { success: false, why: await answer.text() };
+        setText(said, reply.why);
+        said.className = reply.success ? "" : "bad";
       } catch {
         setText(said, "the server does not answer");
         said.className = "bad";
