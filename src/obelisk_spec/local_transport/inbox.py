@@ -14,6 +14,7 @@ from typing import Final
 
 from obelisk_spec.local_transport.folder import SocketFolder, peer_process
 from obelisk_spec.local_transport.packets import (
+    CONFIRMATION,
     LARGEST_PACKET,
     NUMBER_BYTES,
     STAMP_BYTES,
@@ -38,7 +39,7 @@ class Connection:
         self.publisher: bytes | None = None
         """Its GID; None before its greeting."""
         self.taken = 0
-        """The number of its last message that was taken from DDS."""
+        """The number of its last message from DDS that was passed on, or is given up."""
         self.last = b""
         """The last packet of a message that was passed on."""
         self.packets_before = 0
@@ -53,6 +54,8 @@ class Connection:
         """Messages of DDS, by number, that wait for packets: how each is put."""
         self.page: memoryview[int] | None = None
         """How many packets precede what the publisher sends through DDS."""
+        self.has_ended = False
+        """Whether the publisher has closed it, and all packets are read."""
 
     @property
     def packets(self) -> int:
@@ -60,8 +63,15 @@ class Connection:
         return stamp_of(self.last).packets if self.last else self.packets_before
 
     @property
+    def is_done(self) -> bool:
+        """Whether it is closed, and nothing of it waits."""
+        return self.socket.fileno() < 0 and not self.held and not self.samples
+
+    @property
     def is_missing_packets(self) -> bool:
         """Whether packets that precede a message of DDS still wait in the publisher."""
+        if self.has_ended:
+            return False
         received = stamp_of(self.held[-1]).packets if self.held else self.packets
         return self.page is not None and self.page[0] > received
 
@@ -117,6 +127,7 @@ class PublisherInbox:
 
     def read(self, connection: Connection) -> bool:
         """Read all packets; true if the publisher has closed the connection."""
+        has_ended = True
         receive, put, ending = connection.socket.recv, self._put, connection.ending
         try:
             if connection.publisher is None:
@@ -129,12 +140,13 @@ class PublisherInbox:
                     self._sort(connection, packet)
                     ending = connection.ending
         except BlockingIOError:
-            if connection.samples:
-                self._advance(connection)
-            return False
+            has_ended = False
         except OSError:
             pass
-        return True
+        connection.has_ended = has_ended
+        if connection.samples:
+            self._advance(connection)
+        return has_ended
 
     def merge(self, publisher: bytes, number: int, put: Callable[[int | None], object]) -> None:
         """Give a message of DDS its place between the packets of its publisher.
@@ -151,24 +163,38 @@ class PublisherInbox:
                 self.read(new)
         connection = self._by_publisher.get(publisher)
         if connection is None:
-            self._remember(publisher, number)
-            put(None)
+            if number > self._taken.get(publisher, 0):
+                self._remember(publisher, number)
+                put(None)
             return
+        if number <= connection.taken:  # given up: in its place it would overtake newer ones
+            connection.skipped.discard(number)
+            return
+        if connection.taken == 0:
+            _confirm(connection)
         connection.samples.append((number, put))
         # All that was sent before the message is there now, unless the socket was full.
-        if self.read(connection):
-            self._release_all(connection)
+        self.read(connection)
+        self._remove_done()
 
     def release(self) -> None:
-        """Let all packets pass that wait for messages of DDS: these were lost."""
+        """Let all packets pass that wait for messages of DDS, and give these up."""
         for connection in self.connections:
             self._release_all(connection)
+        self._remove_done()
 
     def forget(self, connection: Connection) -> None:
-        """Close a connection whose packets were read."""
+        """Close a connection whose packets were read; those that wait for DDS are kept."""
         connection.socket.close()
+        self._remove_done()
+
+    def _remove_done(self) -> None:
+        """Remove the connections that are closed, and of which no packet waits."""
+        for connection in [each for each in self.connections if each.is_done]:
+            self._remove(connection)
+
+    def _remove(self, connection: Connection) -> None:
         self.connections.remove(connection)
-        self._release_all(connection)
         publisher = connection.publisher
         if publisher is not None and self._by_publisher.get(publisher) is connection:
             del self._by_publisher[publisher]
@@ -222,11 +248,15 @@ class PublisherInbox:
         before = self._by_publisher.get(publisher)
         if before is not None:  # the same publisher has connected again
             self.read(before)
-            self._release_all(before)
+            connection.held, before.held = before.held, connection.held
+            connection.samples, before.samples = before.samples, connection.samples
+            connection.skipped, before.skipped = before.skipped, connection.skipped
         connection.publisher = publisher
         connection.packets_before = greeting.packets
         connection.taken = before.taken if before else self._taken.pop(publisher, 0)
         self._by_publisher[publisher] = connection
+        if connection.taken:
+            _confirm(connection)
 
     def _advance(self, connection: Connection) -> None:
         """Put the messages of DDS that wait for no packet, and the packets that waited for them."""
@@ -270,3 +300,9 @@ class PublisherInbox:
         self._taken[publisher] = number
         if len(self._taken) > _REMEMBERED:
             del self._taken[next(iter(self._taken))]
+
+
+def _confirm(connection: Connection) -> None:
+    """Let the publisher know that DDS delivers its messages."""
+    with suppress(OSError):  # the connection is lost
+        connection.socket.send(CONFIRMATION)

@@ -4,6 +4,9 @@ A connection begins with a greeting: the GID of the publisher, and how many pack
 anybody before. Every other packet is a message and its `Stamp`. A packet that is only a number
 names a message of DDS that is to be dropped, because a packet has delivered it.
 
+A subscription sends one packet back, the `CONFIRMATION`, once it has a message of the publisher
+from DDS. Until then the publisher sends everything through DDS.
+
 With the greeting comes a page of memory with one number, which the publisher sets before it sends
 through DDS: so many packets precede. While the socket is full, they still wait in the publisher.
 """
@@ -16,6 +19,7 @@ from dataclasses import dataclass
 from typing import Final
 
 __all__ = [
+    "CONFIRMATION",
     "LARGEST_MESSAGE",
     "LARGEST_PACKET",
     "NUMBER_BYTES",
@@ -32,6 +36,7 @@ __all__ = [
 ]
 
 _MAGIC: Final = b"OBK1"
+CONFIRMATION: Final = b"\1"
 _GREETING: Final = struct.Struct("<4s16sQ")
 _STAMP: Final = struct.Struct("<qQQ")
 _NUMBER: Final = struct.Struct("<Q")

@@ -21,7 +21,7 @@ from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_V
 
 __all__ = ["Tap", "open_tap"]
 
-_LONGEST_WAIT_S: Final = 1.0
+_LONGEST_WAIT_S: Final = 4.0
 """How long a packet waits for an earlier message of DDS, which may be lost [s]."""
 
 
@@ -67,6 +67,9 @@ class Tap:
         if not self._waiting and (sample := self._reader.take()) is not None:
             put = partial(self._put_sample, sample)
             self._inbox.merge(sample.publisher, sample.number, put)
+        elif not self._waiting and time.monotonic() > self._release_s:
+            self._release_s = float("inf")
+            self._inbox.release()
         return self._waiting.popleft() if self._waiting else None
 
     def close(self) -> None:
@@ -86,9 +89,6 @@ class Tap:
                     self._inbox.forget(connection)
             else:
                 self._inbox.accept()
-        if time.monotonic() > self._release_s:
-            self._release_s = float("inf")
-            self._inbox.release()
 
     def _watch(self, connection: Connection) -> None:
         self._connections[connection.socket.fileno()] = connection

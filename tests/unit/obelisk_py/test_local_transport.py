@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections import deque
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from unittest.mock import MagicMock
 
@@ -24,6 +25,7 @@ from obelisk_spec.local_transport import folder as folder_module
 from obelisk_spec.local_transport.dds_reader import Sample
 from obelisk_spec.local_transport.folder import SocketFolder
 from obelisk_spec.local_transport.packets import (
+    CONFIRMATION,
     LARGEST_MESSAGE,
     Greeting,
     greeting_of,
@@ -187,16 +189,34 @@ def accepted(listener: socket.socket) -> socket.socket:
     return connection
 
 
-def test_dds_is_bypassed_once_each_has_got_a_message_through_it(
+@contextmanager
+def confirmed(
+    sender: LocalSender, count: int, *listeners: socket.socket
+) -> Iterator[list[socket.socket]]:
+    """Let subscriptions confirm a message of DDS; their connections, once DDS is bypassed."""
+    assert not sender.covers(count, 0)
+    sender.send_through_dds(nothing)
+    with ExitStack() as stack:
+        connections = [stack.enter_context(accepted(listener)) for listener in listeners]
+        for connection in connections:
+            connection.send(CONFIRMATION)
+        eventually(lambda: sender.covers(count, 0), "the bypass")
+        yield connections
+
+
+def test_dds_is_bypassed_once_each_has_confirmed_a_message_of_it(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     graph.add(1)
     with folder.listen(gid(1), DEPTH) as listener:
         assert not sender.covers(1, 0)
         sender.send_through_dds(nothing)
-        assert sender.covers(1, 0)
-        assert sender.send(b"message")
         with accepted(listener) as connection:
+            sender._next_check_s = 0.0
+            assert not sender.covers(1, 0)
+            connection.send(CONFIRMATION)
+            eventually(lambda: sender.covers(1, 0), "the bypass")
+            assert sender.send(b"message")
             assert contents(connection.recv(100)) == (b"message", 1)
 
 
@@ -216,10 +236,7 @@ def test_a_listener_outside_needs_dds_until_it_leaves(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     graph.add(1)
-    with folder.listen(gid(1), DEPTH):
-        sender.covers(1, 0)
-        sender.send_through_dds(nothing)
-        assert sender.covers(1, 0)
+    with folder.listen(gid(1), DEPTH) as listener, confirmed(sender, 1, listener):
         graph.add(2)
         assert not sender.covers(2, 0)
         graph.remove(2)
@@ -234,10 +251,12 @@ def test_subscriptions_that_dds_does_not_match_are_not_reached(
     graph.add(1, reliable=False)
     graph.add(2)
     graph.add(3, reliable=False, type_name="x/msg/Other")
-    with folder.listen(gid(1), DEPTH), folder.listen(gid(2), DEPTH), folder.listen(gid(3), DEPTH):
-        sender.covers(1, 0)
-        sender.send_through_dds(nothing)
-        assert sender.covers(1, 0)
+    with (
+        folder.listen(gid(1), DEPTH) as listener,
+        folder.listen(gid(2), DEPTH),
+        folder.listen(gid(3), DEPTH),
+        confirmed(sender, 1, listener),
+    ):
         assert [peer.gid for peer in sender.peers] == [gid(1)]
     sender.close()
 
@@ -246,10 +265,7 @@ def test_a_large_message_is_left_to_dds(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     graph.add(1)
-    with folder.listen(gid(1), DEPTH):
-        sender.covers(1, 0)
-        sender.send_through_dds(nothing)
-        assert sender.covers(1, 0)
+    with folder.listen(gid(1), DEPTH) as listener, confirmed(sender, 1, listener):
         assert sender.send(bytes(LARGEST_MESSAGE))
         assert not sender.send(bytes(LARGEST_MESSAGE + 1))
 
@@ -259,11 +275,12 @@ def test_who_has_got_a_message_by_its_socket_drops_the_one_of_dds(
 ) -> None:
     graph.add(1)
     graph.add(2)
-    with folder.listen(gid(1), DEPTH) as one, folder.listen(gid(2), DEPTH) as other:
-        sender.covers(2, 0)
-        sender.send_through_dds(nothing)
-        assert sender.covers(2, 0)
-        ends = {peer.gid: accepted(one if peer.gid == gid(1) else other) for peer in sender.peers}
+    with (
+        folder.listen(gid(1), DEPTH) as one,
+        folder.listen(gid(2), DEPTH) as other,
+        confirmed(sender, 2, one, other) as connections,
+    ):
+        ends = dict(zip((gid(1), gid(2)), connections, strict=True))
         first, last = sender.peers
         ends[last.gid].close()
         assert not sender.send(b"message")
@@ -283,6 +300,7 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
         "own.bind(sys.argv[1])\n"
         "own.listen()\n"
         "print(flush=True)\n"
+        f"own.accept()[0].send({CONFIRMATION!r})\n"
         "sys.stdin.read()\n"
     )
     graph.add(1)
@@ -295,9 +313,7 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
     with peer:
         assert peer.stdout is not None
         peer.stdout.readline()
-        sender.covers(1, 0)
-        sender.send_through_dds(nothing)
-        assert sender.covers(1, 0)
+        eventually(lambda: sender.covers(1, 0), "the bypass")
         peer.kill()
         peer.wait()
     assert not sender.send(b"message")

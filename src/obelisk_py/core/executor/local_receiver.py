@@ -25,8 +25,12 @@ from obelisk_spec.local_transport.inbox import Connection, PublisherInbox
 
 __all__ = ["LocalReceiver", "open_receiver"]
 
-_RELIABLE_WAIT_S: Final = 1.0
-"""How long a packet waits for an earlier message of DDS, which a full history may drop [s]."""
+_RELIABLE_WAIT_S: Final = 4.0
+"""How long a packet waits for an earlier message of DDS [s].
+
+A publisher's heartbeats, by which a reliable subscription finds out what it has not got, are 3 s
+apart. What comes later than that was dropped from a full history.
+"""
 _BEST_EFFORT_WAIT_S: Final = 0.05
 """The same for a subscription whose messages DDS may lose [s]."""
 _NS_PER_S: Final = 1_000_000_000
@@ -61,6 +65,7 @@ class LocalReceiver:
         reliable = buffer.qos.reliability == ReliabilityPolicy.RELIABLE
         self._longest_wait_s = _RELIABLE_WAIT_S if reliable else _BEST_EFFORT_WAIT_S
         self._timer_fd = open_timer(time.CLOCK_MONOTONIC)
+        self._release_s = 0.0
         self._worker: Worker | None = None
         self._is_open = True
         self._lock = threading.Lock()
@@ -84,12 +89,9 @@ class LocalReceiver:
                 return taken
             with self._lock:
                 mark = buffer.dds_mark
-                sample = self._reader.take()
-                if sample is None:
+                if not self._take_sample():
                     buffer.mark_dds_empty(mark)
                     return None
-                put = partial(self._put, sample.data)
-                self._inbox.merge(sample.publisher, sample.number, put)
 
     def stop(self) -> None:
         """Let no publisher send any more; what was sent is put into the buffer."""
@@ -104,6 +106,13 @@ class LocalReceiver:
             self._reader.close()
             os.close(self._timer_fd)
 
+    def _take_sample(self) -> bool:
+        """Give the oldest message of DDS its place; false if there is none."""
+        sample = self._reader.take()
+        if sample is not None:
+            self._inbox.merge(sample.publisher, sample.number, partial(self._put, sample.data))
+        return sample is not None
+
     def _put(self, data: bytes, _packets: int | None) -> None:
         self._buffer.append(data)
 
@@ -112,8 +121,8 @@ class LocalReceiver:
         return False
 
     def _wait(self) -> None:
-        due_ns = time.monotonic_ns() + int(self._longest_wait_s * _NS_PER_S)
-        arm_timer(self._timer_fd, due_ns, 0)
+        self._release_s = time.monotonic() + self._longest_wait_s
+        arm_timer(self._timer_fd, int(self._release_s * _NS_PER_S), 0)
 
     def _accept(self) -> bool:
         with self._lock:
@@ -137,6 +146,11 @@ class LocalReceiver:
         with suppress(BlockingIOError):
             os.read(self._timer_fd, 8)
         with self._lock:
+            if time.monotonic() > self._release_s + self._longest_wait_s:
+                self._wait()  # the process stood still, and DDS with it
+                return False
+            while self._take_sample():
+                pass
             self._inbox.release()
         return self.deliver()
 

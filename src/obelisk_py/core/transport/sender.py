@@ -23,6 +23,7 @@ from obelisk_py.core.transport.flusher import flusher_of
 from obelisk_spec.local_transport.dds_reader import participant_of, publisher_gid
 from obelisk_spec.local_transport.folder import SocketFolder, peer_process
 from obelisk_spec.local_transport.packets import (
+    CONFIRMATION,
     LARGEST_MESSAGE,
     Greeting,
     new_page,
@@ -36,7 +37,14 @@ _LINGER_S: Final = 0.2
 """How long the end of a publisher waits for a subscription that does not read [s]."""
 
 _CHECK_PERIOD_S: Final = 0.25
-"""How often is looked for sockets while the count stays and a subscription has none [s]."""
+"""How often a publisher searches for a socket that a subscription does not have yet [s].
+
+So often it also lists the subscriptions again while one of a killed process is among them: when DDS
+drops that one, the count may stay the same because another one was matched meanwhile.
+"""
+
+_READY_PERIOD_S: Final = 0.01
+"""How often a publisher looks for the confirmation of a new connection [s]."""
 
 
 class Peer:
@@ -62,6 +70,7 @@ class Peer:
         self.is_lost = False
         self._socket = connection
         self._send = connection.send
+        self._is_confirmed = False
         self._waiting: deque[bytes] = deque(maxlen=depth)
         self._lock = threading.Lock()
 
@@ -73,6 +82,14 @@ class Peer:
     def process(self) -> int:
         """The id of the other process; 0 if it is hidden in another namespace."""
         return peer_process(self._socket) or 0
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether the subscription has confirmed that it gets the publisher's messages from DDS."""
+        if not self._is_confirmed:
+            with suppress(OSError):  # no confirmation yet, or the connection is lost
+                self._is_confirmed = self._socket.recv(len(CONFIRMATION)) == CONFIRMATION
+        return self._is_confirmed
 
     def send(self, packet: bytes) -> bool:
         """Send a packet, or keep it for later; false if the connection is lost."""
@@ -165,8 +182,8 @@ class LocalSender:
         self._is_covered = False
         self._count = self._buffers = -1
         self._next_check_s = 0.0
-        self._matched_since: dict[bytes, int] = {}
-        """By GID, how many messages had gone through DDS when the match was established."""
+        self._covers_killed = False
+        """Whether DDS still counts a subscription of a killed process as matched."""
         self._lost: dict[bytes, int] = {}
         """By GID of a lost connection, the id of its process."""
         self._skip: tuple[Peer, ...] = ()
@@ -180,10 +197,10 @@ class LocalSender:
             buffers: those of them that are buffers of this process.
         """
         if count == self._count and buffers == self._buffers:
-            if self._is_covered:
+            if self._is_covered and not self._covers_killed:
                 return True
             if time.monotonic() < self._next_check_s:
-                return False
+                return self._is_covered
         return self._check(count, buffers)
 
     def send(self, data: bytes) -> bool:
@@ -232,19 +249,19 @@ class LocalSender:
         # What DDS lists, it has matched too: otherwise one that is not matched yet might be
         # taken for another one that has no socket.
         is_exact = count == len(endpoints) and buffers == len(endpoints) - len(remote)
-        sent = self._sent_through_dds
         self._count, self._buffers = count, buffers
         self._next_check_s = time.monotonic() + _CHECK_PERIOD_S
         self._is_covered = False
         if not is_exact:
             return False
-        self._matched_since = {gid: self._matched_since.get(gid, sent) for gid in remote}
-        if not all(gid in peers or self._has_ended(gid) for gid in remote):
+        without_peer = remote - peers.keys()
+        if not all(map(self._has_ended, without_peer)):
             return False
-        # Each has to get one message through DDS first, by which it knows all earlier ones.
-        if any(self._matched_since[gid] == sent for gid in peers):
-            self._next_check_s = 0.0
+        # DDS matches a publisher some time before the subscription, which gets nothing until then.
+        if not all(peer.is_confirmed for peer in self.peers):
+            self._next_check_s = time.monotonic() + _READY_PERIOD_S
             return False
+        self._covers_killed = bool(without_peer)
         self._is_covered = True
         return True
 
