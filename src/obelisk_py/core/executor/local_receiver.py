@@ -97,6 +97,8 @@ class LocalReceiver:
         """Let no publisher send any more; what was sent is put into the buffer."""
         with self._lock:
             self._is_open = False
+            while self._take_sample():
+                pass
             self._inbox.stop()
 
     def close(self) -> None:

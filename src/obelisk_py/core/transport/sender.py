@@ -138,7 +138,7 @@ class Peer:
         """
         end_s = time.monotonic() + linger_s
         while self.flush() and (left_s := end_s - time.monotonic()) > 0:
-            select.select([], [self._socket], [], left_s)
+            _wait_for(self._socket.fileno(), select.POLLOUT, left_s)
         with self._lock:
             self.is_lost = True
             self._socket.close()
@@ -307,6 +307,12 @@ def _is_alive(process: int) -> bool:
     except OSError:
         return True
     try:
-        return not select.select([descriptor], [], [], 0)[0]  # a zombie is readable
+        return not _wait_for(descriptor, select.POLLIN, 0.0)  # a zombie is readable
     finally:
         os.close(descriptor)
+
+
+def _wait_for(descriptor: int, event: int, timeout_s: float) -> bool:
+    poll = select.poll()  # `select` takes no descriptor above 1023
+    poll.register(descriptor, event)
+    return bool(poll.poll(timeout_s * 1000))
