@@ -7,11 +7,12 @@ import errno
 import importlib
 import os
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, NoReturn
+from types import MappingProxyType
+from typing import Any, Final, NoReturn
 
 import click
 import typer
@@ -23,7 +24,7 @@ from obelisk_spec.suggestions import ask_for, did_you_mean
 from obk_cli.errors import EXIT_FAILED, MisuseError, ObkError
 from obk_cli.process.interrupt import is_interrupted
 
-__all__ = ["VERBS", "root_command", "run"]
+__all__ = ["GROUPS", "VERBS", "root_command", "run"]
 
 # Help is plain here; with rich, typer imports a renderer only to escape a bracket for it.
 typer.core.HAS_RICH = False
@@ -37,41 +38,95 @@ class Verb:
     help: str
 
 
-VERBS = {
-    "init": Verb("obk_cli.cli.init", "Make a workspace that can be launched at once."),
-    "new": Verb("obk_cli.cli.new", "Make a package, a node or a config from templates."),
-    "validate": Verb("obk_cli.cli.validate", "Check configs without running anything."),
-    "compile": Verb("obk_cli.cli.compile", "Turn a config into parameters, a launch file or JSON."),
-    "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as a picture."),
-    "build": Verb("obk_cli.cli.build", "Compile the message packages of the workspace."),
-    "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
-    "test": Verb("obk_cli.cli.test", "Test a stack in closed loop, in simulated time."),
-    "lifecycle": Verb("obk_cli.cli.lifecycle", "Show or change the life-cycle states of nodes."),
-    "ps": Verb("obk_cli.cli.ps", "Show the stacks that are running on this host."),
-    "monitor": Verb("obk_cli.cli.monitor", "Watch a running stack: nodes, rates, log."),
-    "web": Verb("obk_cli.cli.web", "Show a running stack as a page in the browser."),
-    "stop": Verb("obk_cli.cli.stop", "Shut a stack down cleanly."),
-    "logs": Verb("obk_cli.cli.logs", "Show the logs of a run or of one of its nodes."),
-    "topic": Verb("obk_cli.cli.topic", "Look at, measure and publish topics of a running stack."),
-    "node": Verb("obk_cli.cli.node", "Look at the nodes of a running stack."),
-    "param": Verb("obk_cli.cli.param", "Look at and set parameters of running nodes."),
-    "service": Verb("obk_cli.cli.service", "Look at and call services of a running stack."),
-    "record": Verb("obk_cli.cli.record", "Record topics of a running stack into an MCAP file."),
-    "bag": Verb("obk_cli.cli.bag", "Show what a recording holds."),
-    "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
-    "diff": Verb("obk_cli.cli.diff", "Compare two recorded runs."),
-    "export": Verb("obk_cli.cli.export", "Write a recording as Parquet or CSV."),
-    "play": Verb("obk_cli.cli.play", "Publish a recording again, or run nodes on it."),
-    "doctor": Verb("obk_cli.cli.doctor", "Check this machine and explain how to fix problems."),
-    "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
-    "rehearse": Verb("obk_cli.cli.rehearse", "Test how a stack reacts when its nodes fail."),
-    "sweep": Verb("obk_cli.cli.sweep", "Run closed-loop tests for many seeds and parameters."),
-    "explain": Verb("obk_cli.cli.explain", "Explain a rule and how to fix what it reports."),
-    "migrate": Verb("obk_cli.cli.migrate", "Rewrite a config into the newer spelling, or back."),
-    "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),
-}
+GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
+    {
+        "Start": {
+            "init": Verb("obk_cli.cli.init", "Make a workspace that can be launched at once."),
+            "new": Verb("obk_cli.cli.new", "Make a package, a node or a config from templates."),
+            "build": Verb("obk_cli.cli.build", "Compile the message packages of the workspace."),
+        },
+        "Check": {
+            "validate": Verb("obk_cli.cli.validate", "Check configs without running anything."),
+            "explain": Verb(
+                "obk_cli.cli.explain", "Explain a rule and how to fix what it reports."
+            ),
+            "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as a picture."),
+            "test": Verb("obk_cli.cli.test", "Test a stack in closed loop, in simulated time."),
+            "sweep": Verb(
+                "obk_cli.cli.sweep", "Run closed-loop tests for many seeds and parameters."
+            ),
+            "rehearse": Verb(
+                "obk_cli.cli.rehearse", "Test how a stack reacts when its nodes fail."
+            ),
+            "doctor": Verb(
+                "obk_cli.cli.doctor", "Check this machine and explain how to fix problems."
+            ),
+        },
+        "Run": {
+            "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
+            "lifecycle": Verb(
+                "obk_cli.cli.lifecycle", "Show or change the life-cycle states of nodes."
+            ),
+            "ps": Verb("obk_cli.cli.ps", "Show the stacks that are running on this host."),
+            "stop": Verb("obk_cli.cli.stop", "Shut a stack down cleanly."),
+            "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
+        },
+        "Look": {
+            "monitor": Verb("obk_cli.cli.monitor", "Watch a running stack: nodes, rates, log."),
+            "web": Verb("obk_cli.cli.web", "Show a running stack as a page in the browser."),
+            "logs": Verb("obk_cli.cli.logs", "Show the logs of a run or of one of its nodes."),
+            "topic": Verb(
+                "obk_cli.cli.topic", "Look at, measure and publish topics of a running stack."
+            ),
+            "node": Verb("obk_cli.cli.node", "Look at the nodes of a running stack."),
+            "param": Verb("obk_cli.cli.param", "Look at and set parameters of running nodes."),
+            "service": Verb("obk_cli.cli.service", "Look at and call services of a running stack."),
+        },
+        "Record": {
+            "record": Verb(
+                "obk_cli.cli.record", "Record topics of a running stack into an MCAP file."
+            ),
+            "bag": Verb("obk_cli.cli.bag", "Show what a recording holds."),
+            "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
+            "diff": Verb("obk_cli.cli.diff", "Compare two recorded runs."),
+            "export": Verb("obk_cli.cli.export", "Write a recording as Parquet or CSV."),
+            "play": Verb("obk_cli.cli.play", "Publish a recording again, or run nodes on it."),
+        },
+        "Extend": {
+            "compile": Verb(
+                "obk_cli.cli.compile", "Turn a config into parameters, a launch file or JSON."
+            ),
+            "migrate": Verb(
+                "obk_cli.cli.migrate", "Rewrite a config into the newer spelling, or back."
+            ),
+            "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),
+        },
+    }
+)
+"""The commands as `obk --help` groups them."""
+
+VERBS: Final[Mapping[str, Verb]] = MappingProxyType(
+    {name: verb for group in GROUPS.values() for name, verb in group.items()}
+)
 """Command -> where it is. A module has `app` (a Typer) or `command` (a function)."""
 
+
+_OTHER_WORDS: Final = MappingProxyType(
+    {
+        "check": "validate",
+        "create": "new",
+        "down": "stop",
+        "draw": "graph",
+        "kill": "stop",
+        "lint": "validate",
+        "replay": "play",
+        "run": "launch",
+        "start": "launch",
+        "status": "ps",
+        "up": "launch",
+    }
+)
+"""What other tools call a command -> its name here."""
 
 _COMPLETION = frozenset({"--install-completion", "--show-completion"})
 """Options that typer adds."""
@@ -101,8 +156,12 @@ class _LazyGroup(TyperGroup):
         return [*items, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, _: Any, formatter: Any) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, verb.help) for name, verb in VERBS.items()])
+        widest = max(map(len, VERBS))
+        for title, group in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl(
+                    [(name.ljust(widest), verb.help) for name, verb in group.items()]
+                )
 
 
 def _load(name: str, verb: Verb) -> Any:
@@ -117,7 +176,9 @@ def _load(name: str, verb: Verb) -> Any:
 
 
 def _suggestion(name: str) -> str | None:
-    """The command that was probably meant: a subcommand of that name, or a similar command."""
+    """The command that was probably meant: by another word, a subcommand, or a similar name."""
+    if name in _OTHER_WORDS:
+        return ask_for((f"obk {_OTHER_WORDS[name]}",))
     places = (f"obk {verb} {name}" for verb in VERBS if name in _subcommands(verb))
     return ask_for(places) or did_you_mean(name, VERBS)
 
@@ -137,6 +198,12 @@ def _show_version(is_requested: bool) -> None:
         raise typer.Exit
 
 
+_EPILOG: Final = """\b
+`obk help COMMAND` describes a command.
+Example: obk validate config.yaml
+"""
+
+
 def _root(
     version: bool = typer.Option(
         False, "--version", help="Print the version.", callback=_show_version, is_eager=True
@@ -149,9 +216,13 @@ def _root(
 def root_command() -> Any:
     """`obk` as a click command, to run or to document."""
     app = typer.Typer(
-        cls=_LazyGroup, name="obk", rich_markup_mode=None, pretty_exceptions_enable=False
+        cls=_LazyGroup,
+        name="obk",
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["--help", "-h"]},
     )
-    app.callback(epilog="Example: obk validate config.yaml")(_root)
+    app.callback(epilog=_EPILOG)(_root)
     return typer.main.get_command(app)
 
 
@@ -163,7 +234,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     debug = "--debug" in given
     try:
         try:
-            root_command().main(args=[a for a in given if a != "--debug"], prog_name="obk")
+            root_command().main(args=_as_options(given), prog_name="obk")
         finally:
             _flush_output()
     except (ObkError, RecordingError) as error:
@@ -181,6 +252,17 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
         _print_error(*_describe_error(error, given))
         sys.exit(EXIT_FAILED)
     sys.exit(0)
+
+
+def _as_options(given: Sequence[str]) -> list[str]:
+    """The arguments without `--debug`; `help COMMAND` and `version` become options."""
+    words = [word for word in given if word != "--debug"]
+    match words:
+        case ["help", *command]:
+            return [*command, "--help"]
+        case ["version"]:
+            return ["--version"]
+    return words
 
 
 def _reopen_closed_streams() -> None:

@@ -1,7 +1,7 @@
 """`obk graph CONFIG`: the block diagram, in the terminal or as a picture."""
 
 import shutil
-from pathlib import PurePath
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -20,6 +20,7 @@ from obk_cli.compiler import compile_config
 from obk_cli.emit.formats import FORMS, Form
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.terminal import emit_terminal
+from obk_cli.errors import MisuseError
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -52,10 +53,23 @@ def command(
 
 def _form(to: str | None, output: str | None) -> Form:
     if to is None and output is not None:
-        ending = PurePath(output).suffix
-        to = next((name for name in _PICTURES if FORMS[name].ending == ending), None)
+        to = _picture_of(Path(output))
     if to is None:
         width = min(max(shutil.get_terminal_size((_NARROWEST, 24)).columns, _NARROWEST), _WIDEST)
         return Form(lambda plan: emit_terminal(graph_of(plan), width), ".txt")
     require_choice("--to", to, _PICTURES)
     return FORMS[to]
+
+
+def _picture_of(output: Path) -> str | None:
+    """The picture that a file with this name holds; None for text."""
+    pictures = {FORMS[name].ending: name for name in _PICTURES}
+    ending = output.suffix
+    if ending in ("", ".txt") or output.is_dir():
+        return None
+    if ending not in pictures:
+        known = ", ".join((*pictures, ".txt"))
+        raise MisuseError(
+            f"`--output`: no picture has the ending `{ending}`", help=f"use one of {known}"
+        )
+    return pictures[ending]

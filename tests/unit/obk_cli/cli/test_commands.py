@@ -37,6 +37,33 @@ def test_help_names_every_command_and_an_example(capsys: pytest.CaptureFixture[s
     assert "Example: obk" in result.out
 
 
+@pytest.mark.parametrize(
+    ("short", "long"),
+    [
+        (["-h"], ["--help"]),
+        (["help"], ["--help"]),
+        (["help", "graph"], ["graph", "--help"]),
+        (["help", "topic", "echo"], ["topic", "echo", "--help"]),
+        (["version"], ["--version"]),
+    ],
+    ids=" ".join,
+)
+def test_help_and_version_have_short_forms(
+    capsys: pytest.CaptureFixture[str], short: list[str], long: list[str]
+) -> None:
+    result = Result(capsys, *short)
+    assert (result.code, result.err) == (0, "")
+    assert result.out == Result(capsys, *long).out
+
+
+def test_a_picture_of_an_unknown_kind_is_misuse(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    output = tmp_path / "stack.bmp"
+    assert Result(capsys, "graph", str(SOUND), "--output", str(output)).code == 2
+    assert not output.exists()
+
+
 @pytest.mark.parametrize("verb", ["validate", "compile", "explain", "schema"])
 def test_every_command_has_help_with_an_example(
     capsys: pytest.CaptureFixture[str], verb: str
@@ -103,6 +130,9 @@ def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> Non
         ("activate", "`obk lifecycle activate`"),
         ("get", "`obk lifecycle get` or `obk param get`"),
         ("info", "`obk topic info` or `obk node info` or `obk bag info`"),
+        ("run", "`obk launch`"),
+        ("status", "`obk ps`"),
+        ("replay", "`obk play`"),
     ],
 )
 def test_a_command_without_the_one_that_it_belongs_to_is_told_with_it(
