@@ -2,8 +2,11 @@
 
 import asyncio
 import datetime
+import functools
 import os
+import queue
 import random
+import socket
 import threading
 import time
 import uuid
@@ -72,6 +75,11 @@ def test_dates_of_the_system_are_dates(world: World) -> None:
     assert now - datetime.datetime.fromtimestamp(0, datetime.UTC) == datetime.timedelta(seconds=1.5)
 
 
+def _wait_for_a_job(timeout_s: float) -> None:
+    with pytest.raises(queue.Empty):
+        queue.Queue[int]().get(timeout=timeout_s)
+
+
 SLEEPS: dict[str, Callable[[Any], object]] = {
     "time.sleep": lambda _: time.sleep(0.03),
     "Rate.sleep": lambda node: node.create_rate(1 / 0.03).sleep(),
@@ -81,6 +89,7 @@ SLEEPS: dict[str, Callable[[Any], object]] = {
     ),
     "asyncio": lambda _: asyncio.run(asyncio.sleep(0.03)),
     "event": lambda _: threading.Event().wait(0.03),
+    "queue": lambda _: _wait_for_a_job(0.03),
 }
 
 
@@ -176,22 +185,115 @@ def test_draws_outside_of_the_run_change_nothing(make_world: Callable[..., World
     assert random.random() == own
 
 
-def test_a_thread_of_its_own_is_noted_once(world: World) -> None:
+def test_a_thread_takes_turns_with_the_callbacks(world: World) -> None:
     node = world.node()
-    ran: list[float] = []
+    seen: list[tuple[str, float]] = []
 
-    def start() -> None:
-        thread = threading.Thread(target=lambda: ran.append(time.time()), name="users")
+    def loop() -> None:
+        while True:
+            seen.append(("thread", time.time()))
+            time.sleep(0.02)
+
+    world.at(node, 0.01, threading.Thread(target=loop).start)
+    node.create_timer(0.02, lambda: seen.append(("timer", time.time())))
+    world.run(0.06)
+    assert seen == [
+        ("thread", 0.01),
+        ("timer", 0.02),
+        ("thread", 0.03),
+        ("timer", 0.04),
+        ("thread", 0.05),
+        ("timer", 0.06),
+    ]
+    assert not world.notes
+
+
+def test_a_callback_waits_for_its_thread_in_simulated_time(world: World) -> None:
+    node = world.node()
+    seen: list[tuple[bool, float]] = []
+
+    def tick() -> None:
+        is_done = threading.Event()
+        thread = threading.Thread(target=lambda: (time.sleep(0.03), is_done.set()))
         thread.start()
+        seen.append((is_done.wait(0.01), seconds(node)))
+        seen.append((is_done.wait(), seconds(node)))
         thread.join()
+        assert not thread.is_alive()
 
-    node.create_timer(0.1, start)
-    world.run(0.3)
-    assert len(ran) == 3
-    assert min(ran) > 1e9  # the thread sees the system's time
-    (note,) = world.notes
-    assert "/node starts the thread `users`" in note
-    assert "test_system.py:" in note
+    world.at(node, 0.1, tick)
+    world.run(0.2)
+    assert seen == [(False, 0.11), (True, 0.13)]
+
+
+def test_a_thread_that_reads_a_queue_ends_with_the_run(world: World) -> None:
+    node = world.node()
+    jobs: queue.Queue[int] = queue.Queue()
+    done: list[tuple[int, float]] = []
+
+    def work() -> None:
+        while True:
+            try:
+                job = jobs.get(timeout=0.001)
+            except queue.Empty:
+                continue
+            time.sleep(0.005)
+            done.append((job, round(seconds(node), 6)))
+
+    thread = threading.Thread(target=work)
+    world.at(node, 0.0, thread.start)
+    for number in range(3):
+        world.at(node, 0.01 * (number + 1), functools.partial(jobs.put, number))
+    world.run(0.05)
+    assert done == [(0, 0.015), (1, 0.025), (2, 0.035)]
+    assert thread.is_alive()
+    world.close()
+    thread.join(5.0)
+    assert not thread.is_alive()
+
+
+def test_a_thread_that_waits_for_a_socket_leaves_the_run_with_a_note(world: World) -> None:
+    node = world.node()
+    ours, its = socket.socketpair()
+    received: list[tuple[bytes, float]] = []
+
+    def listen() -> None:
+        while data := its.recv(10):
+            received.append((data, time.time()))
+
+    thread = threading.Thread(target=listen, name="listener")
+    with ours, its:
+        node.create_timer(0.1, lambda: thread.is_alive() or thread.start())
+        world.run(0.3)
+        (note,) = world.notes
+        assert "`listener` of /node" in note
+        assert "test_system.py:" in note
+        ours.send(b"message")
+        ours.shutdown(socket.SHUT_WR)
+        thread.join(5.0)
+    ((data, received_s),) = received
+    assert data == b"message"
+    assert received_s > 1e9  # the system's time
+
+
+def test_a_thread_that_only_computes_is_an_error_with_its_stack(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guest_thread, "LONGEST_TURN_S", 0.3)
+    node = world.node()
+    ended = threading.Event()
+
+    def computes_for_ever() -> None:
+        while not ended.is_set():
+            pass
+
+    thread = threading.Thread(target=computes_for_ever, name="users")
+    world.at(node, 0.1, thread.start)
+    with pytest.raises(LockstepError, match=r"`users` of /node(.|\n)*in computes_for_ever"):
+        world.run(0.2)
+    ended.set()
+    thread.join(5.0)
+    assert not thread.is_alive()
 
 
 def test_a_guest_thread_sleeps_in_simulated_time(world: World) -> None:

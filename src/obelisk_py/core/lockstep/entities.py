@@ -11,7 +11,7 @@ from rclpy.service import Service
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from obelisk_py.core.lockstep.guest_thread import GuestThread, take_time
+from obelisk_py.core.lockstep.guest_thread import guest_of, take_time
 from obelisk_py.core.lockstep.scheduler import (
     MESSAGE,
     NS_PER_S,
@@ -336,8 +336,8 @@ class LockstepClient(Client):
         Raises:
             LockstepError: it is called in a callback, which the response would have to wait for.
         """
-        thread = threading.current_thread()
-        if not isinstance(thread, GuestThread):
+        guest = guest_of(threading.current_thread())
+        if guest is None:
             raise self.scheduler.stop(
                 LockstepError(
                     f"{self.owner.name} waits in a callback for the response of "
@@ -346,7 +346,7 @@ class LockstepClient(Client):
                 )
             )
         future = self.call_async(request)
-        thread.wait_for(future.done, timeout_sec)
+        guest.wait_for(future.done, timeout_sec)
         return future.result()
 
     def service_is_ready(self) -> bool:
@@ -359,9 +359,9 @@ class LockstepClient(Client):
         Raises:
             LockstepError: a callback waits without a timeout, and no node serves the name.
         """
-        thread = threading.current_thread()
-        if isinstance(thread, GuestThread):
-            thread.wait_for(self.service_is_ready, timeout_sec)
+        guest = guest_of(threading.current_thread())
+        if guest is not None:
+            guest.wait_for(self.service_is_ready, timeout_sec)
         elif not self.service_is_ready() and timeout_sec is None:
             raise self.scheduler.stop(
                 LockstepError(

@@ -1,10 +1,13 @@
-"""A node's own thread in lock-step: it runs during its turn, which it ends by sleeping."""
+"""Threads of a node's own in lock-step: one runs during its turn, which it ends by sleeping."""
 
 import sys
 import threading
 import traceback
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
 
 from obelisk_py.core.lockstep.scheduler import (
     NS_PER_S,
@@ -12,54 +15,89 @@ from obelisk_py.core.lockstep.scheduler import (
     LockstepError,
     ScheduledNode,
     Scheduler,
+    user_place,
 )
 
-__all__ = ["GuestThread", "take_time"]
+__all__ = ["Guest", "GuestThread", "guest_of", "take_time", "wait_in_callback"]
 
 LONGEST_TURN_S: Final = 5.0
 """Wall time that a turn may take without a sleep [s]; then it waits for something that no other
 node can do meanwhile, or does not end."""
-_LOOK_S: Final = 0.001
-"""Simulated time between two looks at what a thread waits for [s]."""
+_POLL_S: Final = 0.001
+"""Simulated time between two checks of what a thread waits for [s]."""
+_WALL_POLL_S: Final = 0.01
+"""Wall time between two checks of a thread whose turn goes on [s]."""
+_BLOCKED_POLLS: Final = 20
+"""A thread that was asleep in so many checks waits for something outside the run."""
 
 
-class GuestThread(threading.Thread):
-    """A thread that takes turns with the scheduler: one of the two runs, never both."""
+class Guest:
+    """The turns of a thread: either it runs or the scheduler, never both."""
 
     def __init__(
-        self, scheduler: Scheduler, node: ScheduledNode, target: Callable[[], None], name: str
+        self,
+        scheduler: Scheduler,
+        node: ScheduledNode,
+        thread: threading.Thread,
+        on_leave: Callable[[], None] | None = None,
     ) -> None:
-        """Make a thread that is not started."""
-        super().__init__(name=name, daemon=True)
+        """Give a thread turns, beginning with `start`.
+
+        Args:
+            scheduler: of the run.
+            node: whose thread it is.
+            thread: calls `run`.
+            on_leave: called when the thread blocks, on a socket for example, and therefore goes on
+                without turns. None: that ends the run with an error, as an exception of the
+                thread does.
+        """
+        self.node = node
+        self.wake_ns: int | None = None
+        """When its next turn is [ns]; None: there is none."""
+        self.has_left = False
+        """Whether it goes on without turns."""
         self._scheduler = scheduler
-        self._node = node
-        self._body = target
-        self._its_turn, self._turn_over = threading.Semaphore(0), threading.Semaphore(0)
-        self._wake_ns: int | None = 0
-        """When its next turn is [ns]; None: it has ended."""
+        self._thread = thread
+        self._on_leave = on_leave
+        # Plain locks: a semaphore waits by a condition, which would take simulated time.
+        self._its_turn, self._turn_over = threading.Lock(), threading.Lock()
+        self._its_turn.acquire()
+        self._turn_over.acquire()
+        self._lock = threading.Lock()
+        self._ended = threading.Event()
         self._error: BaseException | None = None
         self._is_ending = False
         self._is_last_sleep = False
         """Whether a loop that should have ended by now sleeps once more."""
-        self._has_begun = False
+        self._turns = 0
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the thread's function has returned."""
+        return self._ended.is_set()
 
     def start(self) -> None:
         """Have the first turn now."""
-        self._scheduler.push(self._scheduler.time_ns, STEP, self._node, self._turn)
+        self.wake_ns = self._scheduler.time_ns
+        self._push()
 
-    def run(self) -> None:
-        """Run the thread's function; called by `threading`."""
+    def run(self, body: Callable[[], object]) -> None:
+        """Run the thread's function; called on the thread."""
         self._its_turn.acquire()
         try:
-            self._body()
+            if not self._is_ending:
+                body()
         except BaseException as error:
-            self._error = error
+            if not (self._is_ending and isinstance(error, SystemExit)):
+                self._error = error
+                raise
         finally:
-            self._wake_ns = None
-            self._turn_over.release()
+            self.wake_ns = None
+            self._ended.set()
+            _open(self._turn_over)
 
     def sleep(self, seconds: float) -> None:
-        """End this turn; the next one is so much later. Called on this thread.
+        """End this turn; the next one is so much later. Called on the thread.
 
         Raises:
             SystemExit: the thread has to end, and its loop has not noticed.
@@ -69,64 +107,204 @@ class GuestThread(threading.Thread):
                 raise SystemExit
             self._is_last_sleep = True
             return
-        self._wake_ns = self._scheduler.time_ns + max(0, round(seconds * NS_PER_S))
-        self._turn_over.release()
+        with self._lock:
+            if self.has_left:
+                return
+            self.wake_ns = self._scheduler.time_ns + max(0, round(seconds * NS_PER_S))
+            _open(self._turn_over)
         self._its_turn.acquire()
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float | None) -> bool:
-        """Sleep until a condition holds; called on this thread."""
-        end_ns = None if timeout_s is None else self._scheduler.time_ns + timeout_s * NS_PER_S
-        while not condition() and not self._is_ending:
-            left_s = _LOOK_S
+        """Sleep until a condition holds; called on the thread."""
+        end_ns = None if timeout_s is None else self._scheduler.time_ns + _wait_ns(timeout_s)
+        while not condition():
+            left_s = _POLL_S
             if end_ns is not None:
                 left_s = min(left_s, (end_ns - self._scheduler.time_ns) / NS_PER_S)
                 if left_s <= 0.0:
                     return False
             self.sleep(left_s)
-        return condition()
+            if self._is_ending or self.has_left:
+                return condition()
+        return True
 
-    def is_alive(self) -> bool:
-        """Whether the thread's function has not returned."""
-        return self._has_begun and super().is_alive()
+    def take_turn(self) -> None:
+        """Let the thread run until it sleeps, ends or blocks.
 
-    def join(self, timeout: float | None = None) -> None:
-        """Let the thread come to its end: from now on its sleeps take no time."""
-        if not self._has_begun:
-            self._wake_ns = None
+        Raises:
+            LockstepError: it does none of these within `LONGEST_TURN_S`.
+        """
+        self._turns += 1
+        _open(self._its_turn)
+        self._await_end_of_turn()
+        if self._on_leave is None and self._error is not None:
+            raise self._error
+        if self.wake_ns is not None:
+            self._push()
+
+    def end(self, timeout_s: float | None = None) -> None:
+        """Let the thread come to its end: from now on its sleeps take no time.
+
+        Args:
+            timeout_s: wait no longer than this [s]; None: `LONGEST_TURN_S`.
+        """
+        if self.has_left:
             return
         self._is_ending = True
-        self._its_turn.release()
-        super().join(LONGEST_TURN_S if timeout is None else timeout)
+        _open(self._its_turn)
+        self._ended.wait(LONGEST_TURN_S if timeout_s is None else timeout_s)
 
-    def _turn(self) -> bool:
-        if self._wake_ns is None or self._is_ending:
+    def _push(self) -> None:
+        assert self.wake_ns is not None
+        turn = partial(self._turn, self._turns)
+        self._scheduler.push(self.wake_ns, STEP, self.node, turn)
+
+    def _turn(self, number: int) -> bool:
+        if number != self._turns or self._is_ending:
+            return False  # a callback that waited for the thread has let it run already
+        self.take_turn()
+        return True
+
+    def _await_end_of_turn(self) -> None:
+        blocked = 0
+        for _ in range(round(LONGEST_TURN_S / _WALL_POLL_S)):
+            if self._turn_over.acquire(timeout=_WALL_POLL_S):
+                return
+            blocked = blocked + 1 if self._is_asleep() else 0
+            if blocked >= _BLOCKED_POLLS and self._leave():
+                return
+        raise LockstepError(
+            f"the thread `{self._thread.name}` of {self.node.name} neither slept nor ended within "
+            f"{LONGEST_TURN_S:g} s: a thread in lock-step has to call `time.sleep`. It is in\n"
+            f"{self._stack()}"
+        )
+
+    def _is_asleep(self) -> bool:
+        """Whether the system has the thread wait.
+
+        Source: https://man7.org/linux/man-pages/man5/proc_pid_stat.5.html
+        """
+        try:
+            stat = Path(f"/proc/self/task/{self._thread.native_id}/stat").read_text()
+        except OSError:
+            return False  # it has ended
+        return stat.rpartition(")")[2].split()[0] == "S"
+
+    def _leave(self) -> bool:
+        """Give no further turns; false if the turn has ended, or the thread may not leave."""
+        if self._on_leave is None:
             return False
-        if not self._has_begun:
-            self._has_begun = True
-            threading.Thread.start(self)
-        self._its_turn.release()
-        if not self._turn_over.acquire(timeout=LONGEST_TURN_S):
-            raise LockstepError(
-                f"the thread `{self.name}` of {self._node.name} neither slept nor ended within "
-                f"{LONGEST_TURN_S:g} s: a thread in lock-step has to call `time.sleep`. It is in\n"
-                f"{self._stack()}"
-            )
-        if self._error is not None:
-            raise self._error
-        if self._wake_ns is not None:
-            self._scheduler.push(self._wake_ns, STEP, self._node, self._turn)
+        with self._lock:
+            if not self._turn_over.locked():
+                return False
+            self.has_left = True
+            self.wake_ns = None
+        self._on_leave()
         return True
 
     def _stack(self) -> str:
         """What the thread executes now."""
-        frame = sys._current_frames().get(self.ident or 0)
+        frame = sys._current_frames().get(self._thread.ident or 0)
         return "".join(traceback.format_stack(frame)) if frame is not None else "no frame"
+
+
+def _wait_ns(seconds: float) -> int:
+    """At least 1 ns, so that a caller that waits for the rest of a time gets to its end."""
+    return max(1, round(seconds * NS_PER_S)) if seconds > 0 else 0
+
+
+def _open(lock: threading.Lock) -> None:
+    if lock.locked():
+        lock.release()
+
+
+class GuestThread(threading.Thread):
+    """A thread of the library's own that has turns; its exceptions end the run."""
+
+    def __init__(
+        self, scheduler: Scheduler, node: ScheduledNode, target: Callable[[], None], name: str
+    ) -> None:
+        """Make a thread that is not started."""
+        super().__init__(name=name, daemon=True)
+        self._body = target
+        self.lockstep_guest = Guest(scheduler, node, self)
+
+    def start(self) -> None:
+        """Have the first turn now."""
+        super().start()
+        self.lockstep_guest.start()
+
+    def run(self) -> None:
+        """Run the thread's function; called by `threading`."""
+        with suppress(BaseException):  # the scheduler raises it
+            self.lockstep_guest.run(self._body)
+
+    def join(self, timeout: float | None = None) -> None:
+        """Let the thread come to its end: from now on its sleeps take no time."""
+        self.lockstep_guest.end(timeout)
+        super().join(timeout)
+
+
+def guest_of(thread: Any) -> Guest | None:
+    """The turns of a thread; None if it has none, or none any more."""
+    guest: Guest | None = getattr(thread, "lockstep_guest", None)
+    return guest if guest is not None and not guest.has_left else None
 
 
 def take_time(scheduler: Scheduler, seconds: float) -> None:
     """Let the calling guest thread or callback take simulated time."""
-    thread = threading.current_thread()
-    if isinstance(thread, GuestThread):
-        thread.sleep(seconds)
+    guest = guest_of(threading.current_thread())
+    if guest is not None:
+        guest.sleep(seconds)
     else:
         scheduler.sleep(seconds)
+
+
+def wait_in_callback(
+    scheduler: Scheduler,
+    guests: Iterable[Guest],
+    condition: Callable[[], bool],
+    timeout_s: float | None,
+) -> bool:
+    """Let the threads of the running node have turns until a condition holds.
+
+    The callback takes the simulated time that they need.
+
+    Args:
+        scheduler: of the run.
+        guests: all threads that have turns.
+        condition: what the callback waits for.
+        timeout_s: simulated time to wait at most [s]; None: no limit.
+
+    Returns:
+        Whether the condition holds.
+
+    Raises:
+        LockstepError: it does not, no thread can change it, and there is no timeout.
+    """
+    end_ns = None if timeout_s is None else scheduler.time_ns + _wait_ns(timeout_s)
+    while not condition():
+        waiting = [
+            (guest.wake_ns, place, guest)
+            for place, guest in enumerate(guests)
+            if guest.wake_ns is not None and guest.node is scheduler.running
+        ]
+        if not waiting:
+            break
+        wake_ns, _, guest = min(waiting)
+        if end_ns is not None and wake_ns > end_ns:
+            break
+        scheduler.sleep(max(0, wake_ns - scheduler.time_ns) / NS_PER_S)
+        guest.take_turn()
+    else:
+        return True
+    if end_ns is None:
+        raise scheduler.stop(
+            LockstepError(
+                f"{scheduler.running.name if scheduler.running else 'a callback'} waits in a "
+                f"callback for an event ({user_place()}), which no other callback can set "
+                "meanwhile: with one thread that is a deadlock. Use `await` or a done callback"
+            )
+        )
+    scheduler.sleep((end_ns - scheduler.time_ns) / NS_PER_S)
+    return condition()

@@ -9,14 +9,14 @@ after the installation. What cannot be simulated, such as an executor that spins
 import datetime
 import functools
 import os
-import queue  # noqa: F401 - takes its own reference to the real clock at its import
+import queue
 import random
 import selectors
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from types import FrameType
 from typing import Any, Final, cast
@@ -30,8 +30,19 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
-from obelisk_py.core.lockstep.guest_thread import GuestThread, take_time
-from obelisk_py.core.lockstep.scheduler import NS_PER_S, LockstepError, Scheduler, user_place
+from obelisk_py.core.lockstep.guest_thread import (
+    Guest,
+    GuestThread,
+    guest_of,
+    take_time,
+    wait_in_callback,
+)
+from obelisk_py.core.lockstep.scheduler import (
+    NS_PER_S,
+    LockstepError,
+    Scheduler,
+    user_place,
+)
 
 __all__ = [
     "Interception",
@@ -52,6 +63,8 @@ _EVENT_LOOPS: Final = ("asyncio.",)
 _OWN_WAITS: Final = ("obelisk_py.", "threading.")
 _OWN_THREADS: Final = (*_OWN_WAITS, "rclpy.", "mujoco.")
 """Modules whose waits and threads are not the user's."""
+_THREAD_STARTERS: Final = tuple(f"{name}." for name in sys.stdlib_module_names - {"__main__"})
+"""Modules whose threads, as those of a pool, block where they cannot have turns."""
 _OF_CHANCE: Final = (f"{__name__}.", "random.", "secrets.", "numpy.random.")
 """Modules by way of which the system's randomness is asked for."""
 _SEED_BITS: Final = 256
@@ -80,6 +93,8 @@ class Interception:
     entropy: random.Random
     """In place of the system's randomness, so that unseeded generators repeat too."""
     log: list[LogEntry] = field(default_factory=list)
+    guests: list[Guest] = field(default_factory=list)
+    """Threads of the nodes' code."""
     has_threads: bool = False
     """Whether a node has started a thread that is not in lock-step."""
 
@@ -89,7 +104,15 @@ class Interception:
             return False
         if threading.get_ident() == self.scheduler.thread_id:
             return True
-        return isinstance(threading.current_thread(), GuestThread)
+        return guest_of(threading.current_thread()) is not None
+
+    def wait(self, condition: Callable[[], bool], timeout_s: float | None) -> bool:
+        """Wait in a callback until a condition holds, which only threads of its node can change.
+
+        Raises:
+            LockstepError: none of them does, and there is no timeout.
+        """
+        return wait_in_callback(self.scheduler, self.guests, condition, timeout_s)
 
 
 class _RunInProgress:
@@ -162,6 +185,7 @@ def _replacements() -> Iterator[tuple[Any, str, Any]]:
         yield time, name, _simulated(getattr(time, name), in_seconds=True)
     for name in _IN_NANOSECONDS:
         yield time, name, _simulated(getattr(time, name), in_seconds=False)
+    yield queue, "time", _simulated(queue.time, in_seconds=True)  # type: ignore[attr-defined]
     yield time, "clock_gettime", _clock_function(time.clock_gettime, in_seconds=True)
     yield time, "clock_gettime_ns", _clock_function(time.clock_gettime_ns, in_seconds=False)
     for name in _OF_A_TIME:
@@ -170,7 +194,9 @@ def _replacements() -> Iterator[tuple[Any, str, Any]]:
     yield time, "sleep", _sleep_function(time.sleep)
     selector = selectors.DefaultSelector
     yield selector, "select", _select_function(selector.select)
+    yield threading.Condition, "wait", _condition_wait_function(threading.Condition.wait)
     yield threading.Event, "wait", _wait_function(threading.Event.wait)
+    yield threading.Thread, "join", _join_function(threading.Thread.join)
     yield datetime, "datetime", _datetime_class(datetime.datetime)
     yield Clock, "now", _now_of_clocks(Clock.now)
     yield Clock, "sleep_until", _sleep_of_clocks(Clock.sleep_until)
@@ -238,9 +264,9 @@ def _text_of_present(real: Callable[..., str]) -> Callable[..., str]:
 
 def _sleep_function(real: Callable[[float], None]) -> Callable[[float], None]:
     def sleep(seconds: float) -> None:
-        run, thread = _process.inside(), threading.current_thread()
-        if isinstance(thread, GuestThread):
-            thread.sleep(seconds)  # also while it comes to its end after the run
+        run, guest = _process.inside(), guest_of(threading.current_thread())
+        if guest is not None:
+            guest.sleep(seconds)  # also while it comes to its end after the run
         elif run is None:
             real(seconds)
         else:
@@ -255,24 +281,60 @@ def _wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
         # Events that rclpy waits for are those of calls that block, such as `send_goal`.
         if run is None or _is_of(_OWN_WAITS, sys._getframe(1)):
             return real(self, timeout)
-        thread = threading.current_thread()
-        if isinstance(thread, GuestThread):
-            return thread.wait_for(self.is_set, timeout)
+        guest = guest_of(threading.current_thread())
+        if guest is not None:
+            return guest.wait_for(self.is_set, timeout)
         if self.is_set() or run.has_threads:
             return real(self, timeout)
-        if timeout is None:
-            node = run.scheduler.running
-            raise run.scheduler.stop(
-                LockstepError(
-                    f"{node.name if node else 'a callback'} waits in a callback for an event "
-                    f"({user_place()}), which no other callback can set meanwhile: with one thread "
-                    "that is a deadlock. Use `await` or a done callback"
-                )
-            )
-        run.scheduler.sleep(timeout)
-        return False
+        return run.wait(self.is_set, timeout)
 
     return wait
+
+
+def _condition_wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
+    """For queues and semaphores too, which wait for a condition.
+
+    Source: https://github.com/python/cpython/blob/3.11/Lib/threading.py
+    """
+    of_event = threading.Event.wait.__code__
+
+    def wait(self: Any, timeout: float | None = None) -> bool:
+        run, guest = _process.inside(), guest_of(threading.current_thread())
+        is_free = guest is None and (run is None or run.has_threads)
+        if is_free or sys._getframe(1).f_code is of_event:
+            return real(self, timeout)
+        wait_for = guest.wait_for if guest is not None else cast(Interception, run).wait
+        notified = threading.Lock()
+        notified.acquire()
+        self._waiters.append(notified)
+        saved = self._release_save()
+        try:
+            is_notified = wait_for(lambda: notified.acquire(blocking=False), timeout)
+        finally:
+            self._acquire_restore(saved)
+        if not is_notified:
+            with suppress(ValueError):
+                self._waiters.remove(notified)
+        return is_notified
+
+    return wait
+
+
+def _join_function(real: Callable[..., None]) -> Callable[..., None]:
+    def join(self: threading.Thread, timeout: float | None = None) -> None:
+        guest, run = guest_of(self), _process.inside()
+        own = guest_of(threading.current_thread())
+        if guest is None or guest.has_ended or isinstance(self, GuestThread):
+            real(self, timeout)
+        elif own is not None:
+            own.wait_for(lambda: guest.has_ended, timeout)
+        elif run is not None:
+            run.wait(lambda: guest.has_ended, timeout)
+        else:
+            guest.end(timeout)
+            real(self, timeout)
+
+    return join
 
 
 def _select_function(real: Callable[..., Any]) -> Callable[..., Any]:
@@ -365,19 +427,35 @@ def _seed_function(real: Callable[..., None]) -> Callable[..., None]:
 
 
 def _start_function(real: Callable[[threading.Thread], None]) -> Callable[[Any], None]:
-    def start(self: threading.Thread) -> None:
-        run = _process.inside()
-        if run is not None and not _is_of(_OWN_THREADS, sys._getframe(1)):
-            run.has_threads = True
-            node, place = run.scheduler.running, user_place()
-            run.scheduler.note(
-                ("thread", place),
-                f"{node.name if node else 'a callback'} starts the thread `{self.name}` in "
-                f"{place}, which is not in lock-step: what it does may differ from run to run",
-            )
+    def start(self: Any) -> None:
+        run, caller = _process.inside(), sys._getframe(1)
+        if run is None or run.scheduler.running is None or _is_of(_OWN_THREADS, caller):
+            real(self)
+            return
+        leave = functools.partial(
+            _leave_lockstep, run, f"`{self.name}` of {run.scheduler.running.name}", user_place()
+        )
+        if _is_of(_THREAD_STARTERS, caller):
+            leave()
+            real(self)
+            return
+        guest = Guest(run.scheduler, run.scheduler.running, self, leave)
+        run.guests.append(guest)
+        self.lockstep_guest = guest
+        self.run = functools.partial(guest.run, self.run)
         real(self)
+        guest.start()
 
     return start
+
+
+def _leave_lockstep(run: Interception, thread: str, place: str) -> None:
+    run.has_threads = True
+    run.scheduler.note(
+        ("thread", place),
+        f"the thread {thread}, started in {place}, is not in lock-step, because it waits for "
+        "something outside the run: what it does may differ from run to run",
+    )
 
 
 def _node_constructor(real: Callable[..., None]) -> Callable[..., None]:

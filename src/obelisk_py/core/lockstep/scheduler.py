@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 NS_PER_S: Final = 1_000_000_000
-_LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.", "asyncio.")
+_LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.", "queue.", "asyncio.")
 _STOP: Final = -1
 """Kind of the event that ends a run with an error: before all others of its time."""
 STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)

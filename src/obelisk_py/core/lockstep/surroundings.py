@@ -146,7 +146,9 @@ class LockstepRun:
         self.simulators.pop(node.name, None)
 
     def close(self) -> None:
-        """Let go of all nodes."""
+        """End the threads of the nodes' code, and let go of all nodes."""
+        for guest in self.interception.guests:
+            guest.end()
         self.scheduler.clear()
         self.nodes.clear()
         self.simulators.clear()
