@@ -48,6 +48,7 @@ def extended(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     return copy
 
 
+@pytest.mark.slow
 def test_what_was_added_is_tested_and_found_good(extended: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-rA", "-k", ADDED],

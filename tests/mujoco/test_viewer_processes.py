@@ -129,6 +129,7 @@ def websocket_status(port: int, host: str, origin: str) -> bytes:
         return line.makefile("rb").readline().split()[1]
 
 
+@pytest.mark.slow
 def test_two_at_once_have_a_port_each(looking: Callable[..., Looked]) -> None:
     pytest.importorskip("mjviser")
     one, other = looking("web", "0"), looking("web", "0")
@@ -194,6 +195,7 @@ def test_a_display_that_cannot_be_opened_is_reported(
     ]
 
 
+@pytest.mark.slow
 def test_one_that_dies_is_reported_once(looking: Callable[..., Looked]) -> None:
     pytest.importorskip("mjviser")
     looked = looking("web", "0")

@@ -177,6 +177,7 @@ def test_two_builds_at_once_wait_for_each_other(workspace: Path) -> None:
     assert sorted(report["built"] for report in reports) == [[], ["other_msgs"]]
 
 
+@pytest.mark.slow
 def test_a_launch_builds_what_is_stale_and_the_nodes_exchange_it(workspace: Path) -> None:
     config = make_nodes(workspace)
     source = workspace / "src" / "arm_msgs" / "msg" / "Reach.msg"

@@ -45,9 +45,13 @@ ELSEWHERE = {
 }
 """Pages that need two terminals, two hosts or a copy of the repository -> the test of each."""
 SLOW = {
+    "docs/how-to/adding-nodes.md",
     "docs/how-to/ci.md",
+    "docs/how-to/closed-loop-tests.md",
+    "docs/how-to/comparing-runs.md",
     "docs/how-to/doctor.md",
     "docs/how-to/looking-into-a-stack.md",
+    "docs/how-to/own-robot.md",
     "docs/how-to/recording.md",
     "docs/how-to/running.md",
     "docs/how-to/sweeps.md",

@@ -90,6 +90,11 @@ def parameters(config: Path, capsys: Capture) -> dict[str, list[Any]]:
 
 @pytest.mark.ros
 @pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize(
+    "workspace",
+    [*(pytest.param(name, marks=pytest.mark.slow) for name in GENERATIONS[:-1]), GENERATIONS[-1]],
+    indirect=True,
+)
 def test_it_builds_launches_and_moves(workspace: Path) -> None:
     built = obk("build", "--workspace", workspace)
     assert built.returncode == 0, built.stderr

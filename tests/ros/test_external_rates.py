@@ -81,6 +81,7 @@ def test_a_controller_that_keeps_its_rate_does_not(tmp_path: Path, ros_domain: i
     assert run.process.returncode == 0, run.text
 
 
+@pytest.mark.slow
 def test_a_timer_that_no_topic_shows_ends_a_strict_run(tmp_path: Path, ros_domain: int) -> None:
     timers = "    - {key: timer_other, timer_period_sec: 0.5}\n"
     config = stack(tmp_path, period_s=0.5, timers=timers)
@@ -108,6 +109,7 @@ BOB = """\
 """
 
 
+@pytest.mark.slow
 @pytest.mark.mujoco
 def test_the_rate_of_a_node_on_simulated_time_is_one_of_it(tmp_path: Path, ros_domain: int) -> None:
     """Simulated time goes at a quarter of the wall's: 2 Hz of it are 0.5 Hz."""

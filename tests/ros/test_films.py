@@ -21,6 +21,7 @@ def orange(pixels: np.ndarray) -> np.ndarray:
     return np.abs(pixels.astype(int) - ORANGE).sum(axis=2) < 120
 
 
+@pytest.mark.slow
 def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
     require_opengl()
     path = tmp_path / "out.mp4"

@@ -102,6 +102,7 @@ def test_the_joint_follows_the_controller_and_nothing_is_left(watcher: Watcher) 
     assert not marked()
 
 
+@pytest.mark.slow
 def test_a_dead_drive_is_told_and_the_robot_comes_back_with_it(watcher: Watcher) -> None:
     with drive() as (process, port):
         with launched(CONFIG, *at(port)) as run:

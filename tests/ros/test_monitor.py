@@ -86,6 +86,7 @@ def test_a_stack_is_told_with_its_nodes_and_rates_and_a_throttled_topic_is_marke
             eventually(lambda: EST in off(), "the throttled topic")
 
 
+@pytest.mark.slow
 def test_each_period_is_a_line_until_the_stack_ends_and_then_nothing_runs() -> None:
     with launched(DUMMY) as run:
         monitor = subprocess.Popen(

@@ -97,7 +97,7 @@ def busy_machine() -> Iterator[None]:
             burner.wait()
 
 
-@pytest.mark.parametrize("options", [(), ("--composed",)])
+@pytest.mark.parametrize("options", [(), pytest.param(("--composed",), marks=pytest.mark.slow)])
 def test_stamps_are_exactly_a_period_apart_on_a_busy_machine(
     listener: Listener, options: tuple[str, ...]
 ) -> None:
@@ -142,6 +142,7 @@ def test_after_a_restart_of_the_simulator_nodes_follow_its_new_time(listener: Li
         )
 
 
+@pytest.mark.slow
 def test_after_a_restart_of_a_composed_stack_time_and_timers_start_again(
     listener: Listener,
 ) -> None:

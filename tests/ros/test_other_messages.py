@@ -61,6 +61,7 @@ def test_a_stack_runs_on_messages_that_lack_types_it_does_not_use(workspace: Pat
     assert "Traceback" not in run.stdout
 
 
+@pytest.mark.slow
 def test_a_missing_type_is_named_where_it_is_used(workspace: Path) -> None:
     config = workspace / "my_robot.yaml"
     text = config.read_text()

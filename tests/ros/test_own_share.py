@@ -72,6 +72,7 @@ def test_a_node_reads_files_of_its_own_package(tmp_path: Path, options: tuple[st
     assert not (left / "prefix").exists()
 
 
+@pytest.mark.slow
 def test_two_packages_of_a_name_that_the_stack_does_not_use_do_not_matter(tmp_path: Path) -> None:
     write_files(tmp_path / "src", PACKAGE)
     for place, field in (("one", "float64 a"), ("two", "float64 b")):

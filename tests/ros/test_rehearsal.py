@@ -65,6 +65,7 @@ def are_right(verdicts: Sequence[Verdict], count: int) -> bool:
     return len(verdicts) == count and all(verdict.is_right for verdict in verdicts)
 
 
+@pytest.mark.slow
 def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path: Path) -> None:
     verdicts = rehearsed(tmp_path, "stop", ["freeze", "kill"], nodes=["/obelisk_estimation_0"])
     assert are_right(verdicts, 2)
@@ -87,6 +88,7 @@ def test_where_the_rule_is_restart_the_node_is_brought_back_and_no_other_is_touc
     assert not marked()
 
 
+@pytest.mark.slow
 def test_where_the_rule_is_ignore_the_others_run_on(tmp_path: Path) -> None:
     verdicts = rehearsed(tmp_path, "ignore", ["freeze", "kill"], nodes=["/obelisk_control_0"])
     assert are_right(verdicts, 2)

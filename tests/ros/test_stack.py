@@ -249,6 +249,7 @@ def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_pat
     assert log.read_text().splitlines()[-1] == "ended in order"
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_brings_the_stack_down_in_order(tmp_path: Path) -> None:
     with subprocess.Popen(
         [OBK, *patient("launch", chatty(tmp_path))],

@@ -78,6 +78,7 @@ def is_carried(topics: Mapping[str, Any]) -> bool:
     return all(ages) and [age["is_carried"] for age in ages] == [False, True, True]
 
 
+@pytest.mark.slow
 def test_the_age_of_a_command_is_that_of_the_measurement_in_it(arm: Path) -> None:
     with launched(arm, "--set", "obk.use_sim_time=false"):
         eventually(lambda: is_carried(monitored()), "stamps that are handed on")

@@ -96,8 +96,12 @@ class WebServer:
             )
         )
         self._server.should_exit = self._is_ended
-        with until_interrupt():  # raised by uvicorn after its shutdown
-            self._server.run(sockets=[listener])
+        serving = self._server.serve(sockets=[listener])
+        try:
+            with until_interrupt():  # raised by uvicorn after its shutdown
+                asyncio.run(serving)
+        finally:
+            serving.close()  # it may be interrupted before it starts
 
     def end(self) -> None:
         """End soon; from any thread."""

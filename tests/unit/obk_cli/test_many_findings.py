@@ -88,9 +88,13 @@ def compiler() -> Iterator[subprocess.Popen[str]]:
     ("text", "expected"),
     [
         pytest.param(groups(1_000), "OBK207 1000", id="groups-that-are-not-defined"),
-        pytest.param(groups(200), "OBK207 1000", id="groups-with-few-defined"),
+        pytest.param(
+            groups(200), "OBK207 1000", id="groups-with-few-defined", marks=pytest.mark.slow
+        ),
         pytest.param(dangling(3_000), "OBK203 1", id="topics-nobody-publishes"),
-        pytest.param(dangling(200), "OBK203 200", id="topics-near-to-two-hundred"),
+        pytest.param(
+            dangling(200), "OBK203 200", id="topics-near-to-two-hundred", marks=pytest.mark.slow
+        ),
         pytest.param(clash(), "OBK205 1000", id="types-that-differ"),
         pytest.param(clash(), "OBK206 1000", id="qualities-that-differ"),
         pytest.param(
@@ -98,7 +102,9 @@ def compiler() -> Iterator[subprocess.Popen[str]]:
             "OBK011 1001",
             id="variables-that-are-not-set",
         ),
-        pytest.param("- a\n" * 2_600_000, "OBK006 1", id="ten-mebibytes-of-items"),
+        pytest.param(
+            "- a\n" * 2_600_000, "OBK006 1", id="ten-mebibytes-of-items", marks=pytest.mark.slow
+        ),
         pytest.param(
             "vars: [&a [x, x], *a" + ", *a" * 60_000 + "]", "OBK006 1", id="many-small-aliases"
         ),
@@ -107,9 +113,12 @@ def compiler() -> Iterator[subprocess.Popen[str]]:
             f"vars: [{'x, ' * 60_000}]\n" + "vars: x\n" * 20_000,
             "OBK004 1001",
             id="keys-that-stand-twice",
+            marks=pytest.mark.slow,
         ),
         pytest.param("# obk: ignore[" * 60_000, "OBK114 1", id="comments-without-an-end"),
-        pytest.param(groups(20_000), "OBK208 1001", id="groups-that-nobody-uses"),
+        pytest.param(
+            groups(20_000), "OBK208 1001", id="groups-that-nobody-uses", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_many_faults_are_told_in_bounded_time_and_memory(

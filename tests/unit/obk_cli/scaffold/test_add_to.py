@@ -111,7 +111,6 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     "arguments",
     [
         ("estimator", "foo"),
-        ("estimator", "foo", "--replace", "obelisk_estimation_0"),
         ("robot", "foo", "--replace", "obelisk_robot_0"),
     ],
     ids=" ".join,

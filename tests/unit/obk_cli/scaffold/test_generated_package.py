@@ -80,6 +80,7 @@ def test_they_pass_ruff_by_their_own_rules_and_by_the_projects(
     run("ruff", "check", "--no-cache", *rules, *sources, ".", cwd=tmp_path)
 
 
+@pytest.mark.slow
 def test_they_pass_mypy_by_their_own_rules(
     package: Package, tmp_path: Path, mypy_cache: Path
 ) -> None:

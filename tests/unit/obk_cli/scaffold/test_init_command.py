@@ -216,6 +216,7 @@ def run(folder: Path, *arguments: str) -> str:
     return done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_the_workspace_passes_ruff_and_mypy(here: Path, mypy_cache: Path) -> None:
     obk_init("my_robot")
     run(here / "my_robot", "ruff", "check", "--no-cache", ".")
