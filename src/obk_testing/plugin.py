@@ -128,6 +128,7 @@ class _Session:
     begin_s: float = field(default_factory=perf_counter)
     patches: ExitStack = field(default_factory=ExitStack)
     records: list[TrialRecord] = field(default_factory=list)
+    tests_run: int = 0
     kept: Counter[str] = field(default_factory=Counter)
     """Recorded failures by the name of the test, in this process."""
 
@@ -146,6 +147,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption(
         "--twice", action="store_true", help="run each test twice and compare its trials"
+    )
+    group.addoption(
+        "--time-limit",
+        type=float,
+        metavar="SECONDS",
+        help="start no test after so many seconds; the first one always runs",
     )
     group.addoption(
         "--keep-all", action="store_true", help="keep recordings of tests that pass too"
@@ -182,6 +189,9 @@ def pytest_configure(config: pytest.Config) -> None:
     session = config.stash[_SESSION] = _Session()
     session.patches.enter_context(intercepted())
     config.pluginmanager.register(_Reports(session), "obk_reports")
+    limit_s = config.getoption("time_limit")
+    if limit_s is not None:
+        config.pluginmanager.register(_TimeLimit(session.begin_s + limit_s), "obk_time_limit")
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
@@ -205,9 +215,35 @@ class _Reports:
         self._session = session
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._session.tests_run += report.when == "setup"
         record = record_of(report) if report.when == "call" else None
         if record is not None:
             self._session.records.append(record)
+
+
+def _seed_of(item: pytest.Item) -> int:
+    callspec = getattr(item, "callspec", None)
+    return int(callspec.params.get("seed", 0)) if callspec is not None else 0
+
+
+class _TimeLimit:
+    """Skips the tests that are left when the time is over, so that the others are reported."""
+
+    def __init__(self, end_s: float) -> None:
+        self._end_s = end_s
+        self._has_run = False
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Take the seeds in turn, so that each test runs for about as many."""
+        items.sort(key=_seed_of)
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_protocol(self) -> bool | None:
+        """Leave a test to pytest, or claim it without running it."""
+        if self._has_run and perf_counter() > self._end_s:
+            return True
+        self._has_run = True
+        return None
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
@@ -226,6 +262,10 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
     )
     for line in lines:
         terminalreporter.line(line)
+    ran, limit_s = session.tests_run, config.getoption("time_limit")
+    collected = terminalreporter._session.testscollected
+    if limit_s is not None and ran < collected:
+        terminalreporter.line(f"stopped after {limit_s:g} s: {ran} of {collected} tests ran")
     seeds = str(config.getoption("seeds"))
     if seeds != "1" and not any("seed" in record.node_id for record in session.records):
         terminalreporter.line(f"note: `--seeds {seeds}` has no effect: no test takes `seed`")

@@ -124,6 +124,14 @@ def test_twice_finds_what_is_not_repeatable(folder: Path) -> None:
     assert "a second run of this test differs: first at 0.011000 s: " in done.stdout
 
 
+def test_a_time_limit_leaves_out_the_trials_that_are_left(folder: Path) -> None:
+    (folder / "tests" / "limit").write_text("10")
+    done = run(folder, "tests/test_it.py", "-k", "stays or two", "--seeds", "5", "--time-limit=0s")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 of 6 tests ran" in done.stdout
+    assert run(folder, "--time-limit", "soon").returncode == 2
+
+
 def test_a_config_without_tests_gets_a_smoke_test(folder: Path) -> None:
     shutil.rmtree(folder / "tests")
     done = run(folder)

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Final
 
 import typer
@@ -43,6 +44,8 @@ _NO_TESTS, _MISUSED = 5, 4
 """Exit codes of pytest."""
 _SEED: Final = re.compile(r"\bseed(\d+)\b")
 _SEEDS: Final = re.compile(r"=?\d+")
+_TIME: Final = re.compile(r"(\d+(?:\.\d+)?)(s|m|h|)")
+_UNITS_S: Final = MappingProxyType({"": 1, "s": 1, "m": 60, "h": 3600})
 
 
 def command(
@@ -73,6 +76,12 @@ def command(
         str | None, typer.Option("-k", metavar="EXPRESSION", help="Run the tests that match.")
     ] = None,
     stop_at_first: Annotated[bool, typer.Option("-x", help="Stop at the first failure.")] = False,
+    time_limit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME", help="Start no trial after this time, such as 90s, 10m or 1h."
+        ),
+    ] = None,
     junitxml: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a JUnit report.")
     ] = None,
@@ -110,6 +119,7 @@ def command(
         raise MisuseError(f"`--seeds {seeds}`: expected a number of at least 1, or =SEED")
     if jobs is not None and jobs < 1:
         raise MisuseError(f"`-j {jobs}`: expected a number of at least 1")
+    limit_s = None if time_limit is None else _seconds_of(time_limit)
     if again is not None and tests:
         raise MisuseError("`--again` names the test already; leave TESTS out")
     require_extra("pytest", "test")
@@ -132,6 +142,7 @@ def command(
         *(("-n", str(jobs)) if jobs is not None and jobs > 1 else ()),
         *(("-k", select) if select is not None else ()),
         *(("-x",) if stop_at_first else ()),
+        *(("--time-limit", str(limit_s)) if limit_s is not None else ()),
         *(("--junitxml", str(junitxml)) if junitxml is not None else ()),
         *(("--keep-all",) if keep_all else ()),
         *(() if color == "auto" else ("--color", "yes" if color == "always" else "no")),
@@ -139,6 +150,13 @@ def command(
     environment = lockstep_environment(folder, plan, may_build=build, color=color)
     arguments = [*options, *_tests(tests or (), folder, output)]
     raise typer.Exit(_run_pytest(arguments, environment))
+
+
+def _seconds_of(time_limit: str) -> float:
+    match = _TIME.fullmatch(time_limit)
+    if match is None:
+        raise MisuseError(f"`--time-limit {time_limit}`: expected a time such as 90s, 10m or 1h")
+    return float(match[1]) * _UNITS_S[match[2]]
 
 
 def lockstep_environment(
