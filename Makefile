@@ -210,7 +210,7 @@ wheel: setup
 # that the newer ones need nothing else.
 lock: setup
 	$(BIN)/uv pip compile pyproject.toml --quiet --upgrade --python-version 3.11 \
-		$(foreach extra,sim viewer render graph monitor web ros-wheels plot export sweep dev,--extra $(extra)) \
+		$(foreach extra,sim viewer render graph monitor web ros-wheels plot export sweep policy dev,--extra $(extra)) \
 		--no-annotate --no-header --no-emit-index-url --no-emit-find-links --output-file requirements.lock
 	for version in $(PYTHONS); do \
 		$(BIN)/uv pip compile requirements.lock --quiet --python-version $$version --no-annotate \

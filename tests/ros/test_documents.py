@@ -57,6 +57,7 @@ SLOW = {
     "docs/how-to/sweeps.md",
     "docs/how-to/viewing.md",
     "examples/arm/README.md",
+    "examples/cartpole/README.md",
     "examples/dummy/README.md",
     "examples/quadruped/README.md",
 }

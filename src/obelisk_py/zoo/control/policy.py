@@ -1,0 +1,279 @@
+"""`OnnxPolicy`: a trained network as a controller.
+
+The config names the network's file as `params_path`, what the network observes and what its
+outputs mean. Needs the extra `policy` of obelisk-cli.
+"""
+
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist
+from obelisk_control_msgs.msg import PDFeedForward, PositionSetpoint
+from obelisk_estimator_msgs.msg import EstimatedState
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter as RosParameter
+
+from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.parameter import Parameter
+from obelisk_py.core.utils.ros import spin_obelisk
+from obelisk_spec.policy_terms import COMMAND, PREVIOUS_ACTION, TERMS, observation_size
+from obelisk_spec.suggestions import did_you_mean
+
+__all__ = ["ActionKind", "Network", "OnnxPolicy"]
+
+Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
+
+_STRINGS = RosParameter.Type.STRING_ARRAY
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+class ActionKind(StrEnum):
+    """What the scaled outputs of the network are."""
+
+    POSITION = "position"
+    """Offsets from the default pose [rad or m]; the gains `kp` and `kd` act on them."""
+    EFFORT = "effort"
+    """Efforts [N m or N]."""
+
+
+class Network:
+    """An ONNX file with one input and one output."""
+
+    def __init__(self, path: Path) -> None:
+        """Load the network, to run on one thread of the CPU.
+
+        Raises:
+            ObeliskConfigError: onnxruntime is not installed, or the file is no such network.
+        """
+        try:
+            import onnxruntime
+        except ImportError:
+            raise ObeliskConfigError(
+                "OnnxPolicy needs onnxruntime; install `obelisk-cli[policy]`"
+            ) from None
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        try:
+            session = onnxruntime.InferenceSession(
+                str(path), options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # the library has no common class of its errors
+            raise ObeliskConfigError(
+                f"`params_path: {path}` is no network in ONNX: {error}"
+            ) from error
+        inputs, outputs = session.get_inputs(), session.get_outputs()
+        if len(inputs) != 1 or len(outputs) != 1:
+            raise ObeliskConfigError(
+                f"`params_path: {path}`: the network has {len(inputs)} inputs and "
+                f"{len(outputs)} outputs, expected one of each"
+            )
+        self._run, self._input = session.run, inputs[0].name
+        self.inputs: int | None = _width(inputs[0].shape)
+        """Length of an observation; None if the file leaves it open."""
+        self.outputs: int | None = _width(outputs[0].shape)
+        """Number of actions; None if the file leaves it open."""
+
+    def __call__(self, observation: Vector) -> Vector:
+        """The outputs for an observation, shape (outputs,)."""
+        row = observation.astype(np.float32)[np.newaxis]
+        return np.asarray(self._run(None, {self._input: row})[0], dtype=float).ravel()
+
+
+class OnnxPolicy(ObeliskController):
+    """Feeds a network with the state estimate, and the drives with its outputs.
+
+    A list with one value holds for all joints. The observation is the terms in their order, each
+    multiplied by its scale, then clipped. `linear_velocity` and `angular_velocity` are those of
+    the base in its own frame, `gravity` is the unit vector of gravity in that frame, and
+    `joint_positions` are relative to the default pose.
+    """
+
+    default_pose = Parameter([0.0], unit="rad or m", description="of the observed joints")
+    observation_clip = Parameter(100.0, ge=0.0, description="largest magnitude of an input")
+    action_clip = Parameter(100.0, ge=0.0, description="largest magnitude of an output")
+    action_scale = Parameter([1.0], description="what an output of 1 commands")
+    kp = Parameter([0.0], ge=0.0, unit="N m/rad", description="gains of the drives")
+    kd = Parameter([0.0], ge=0.0, unit="N m s/rad", description="gains of the drives")
+    action_kind = Parameter(ActionKind.POSITION, live=False, description="what the outputs are")
+
+    x_hat: EstimatedState | None = None
+    """The newest estimate."""
+
+    def __init__(self, node_name: str = "onnx_policy", **kwargs: Any) -> None:
+        """Make the node; its topics, and the message of its commands, come from the config.
+
+        Args:
+            node_name: name in the ROS graph, unless it is remapped.
+            kwargs: passed to `rclpy.node.Node`.
+        """
+        super().__init__(node_name, est_msg_type=EstimatedState, **kwargs)
+        for name in ("observation", "joints", "action_joints"):
+            self.declare_parameter(name, _STRINGS)
+        self.declare_parameter("observation_scales", RosParameter.Type.DOUBLE_ARRAY)
+        if COMMAND in self._strings("observation"):
+            self.register_obk_subscription(
+                "sub_command_setting", self.update_command, key="sub_command", msg_type=Twist
+            )
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the network, and check that its shapes are those of the parameters."""
+        self.terms = self._strings("observation")
+        self.joints = self._strings("joints")
+        self.action_joints = self._strings("action_joints") or self.joints
+        scales = self.get_parameter_or("observation_scales").value
+        self.scales = list(scales or [1.0] * len(self.terms))
+        self._check_names()
+        self.network = Network(Path(self.params_path))
+        actions = len(self.action_joints)
+        size = observation_size(self.terms, joints=len(self.joints), actions=actions)
+        _check_width("observation", size, self.network.inputs)
+        _check_width("action", actions, self.network.outputs)
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget the state, actions and commands of an earlier activation."""
+        self.x_hat = None
+        self.command = np.zeros(3)
+        self.action = np.zeros(len(self.action_joints))
+        return super().on_activate(state)
+
+    def update_x_hat(self, x_hat_msg: EstimatedState) -> None:
+        """Keep the newest state estimate."""
+        self.x_hat = x_hat_msg
+
+    def update_command(self, msg: Twist) -> None:
+        """Keep the newest command: velocities along x and y [m/s], about z [rad/s]."""
+        self.command = np.array([msg.linear.x, msg.linear.y, msg.angular.z])
+
+    def compute_control(self) -> PositionSetpoint | PDFeedForward | None:
+        """Publish the network's action; nothing before the first estimate.
+
+        Raises:
+            ObeliskError: the network returned a number that is not finite.
+        """
+        if self.x_hat is None:
+            return None
+        action = self.network(self.observe(self.x_hat))
+        if not np.isfinite(action).all():
+            raise ObeliskError(f"the network returned {action.tolist()}; no command is published")
+        self.action = np.clip(action, -self.action_clip, self.action_clip)
+        msg = self._control_message(self.action * self.action_scale)
+        msg.header.stamp = self.x_hat.header.stamp
+        self.obk_publishers["pub_ctrl"].publish(msg)
+        return msg
+
+    def observe(self, x_hat: EstimatedState) -> Vector:
+        """The input of the network, shape (inputs,).
+
+        Raises:
+            ObeliskError: the estimate lacks a joint, or the state of a base.
+        """
+        values = self._values(x_hat)
+        observed = [
+            np.asarray(values[term]) * scale
+            for term, scale in zip(self.terms, self.scales, strict=True)
+        ]
+        row: Vector = np.concatenate(observed)
+        return row.clip(-self.observation_clip, self.observation_clip)
+
+    def _values(self, x_hat: EstimatedState) -> Mapping[str, Vector]:
+        try:
+            places = [x_hat.joint_names.index(name) for name in self.joints]
+        except ValueError:
+            lacking = sorted(set(self.joints) - set(x_hat.joint_names))
+            raise ObeliskError(
+                f"the estimate has no joint {', '.join(lacking)}; it has {x_hat.joint_names}"
+            ) from None
+        values = {
+            "joint_positions": np.array(x_hat.q_joints)[places] - self.default_pose,
+            "joint_velocities": np.array(x_hat.v_joints)[places],
+            PREVIOUS_ACTION: self.action,
+            COMMAND: self.command,
+        }
+        if not set(self.terms) <= values.keys():
+            values |= _base_values(x_hat)
+        return values
+
+    def _control_message(self, scaled: Vector) -> PositionSetpoint | PDFeedForward:
+        """The command for scaled outputs, shape (actions,)."""
+        is_position = self.action_kind is ActionKind.POSITION
+        if is_position:
+            pose = dict(zip(self.joints, self._each(self.default_pose), strict=True))
+            scaled = scaled + [pose.get(name, 0.0) for name in self.action_joints]
+        kind: Any = self.obk_publishers["pub_ctrl"].msg_type
+        if kind is PositionSetpoint:
+            return PositionSetpoint(u_mujoco=scaled.tolist())
+        zeros = [0.0] * len(scaled)
+        return PDFeedForward(
+            joint_names=self.action_joints,
+            pos_target=scaled.tolist() if is_position else zeros,
+            vel_target=zeros,
+            feed_forward=zeros if is_position else scaled.tolist(),
+            kp=self._each(self.kp, len(scaled)),
+            kd=self._each(self.kd, len(scaled)),
+        )
+
+    def _each(self, values: Sequence[float], count: int | None = None) -> list[float]:
+        """A value for each joint."""
+        return [float(value) for value in np.broadcast_to(values, count or len(self.joints))]
+
+    def _strings(self, name: str) -> list[str]:
+        return list(self.get_parameter_or(name).value or ())
+
+    def _check_names(self) -> None:
+        if not self.terms or not self.joints:
+            raise ObeliskConfigError("OnnxPolicy needs the parameters `observation` and `joints`")
+        for term in self.terms:
+            if term not in TERMS:
+                raise ObeliskConfigError(
+                    f"`observation` has no term `{term}`; {did_you_mean(term, TERMS)}"
+                )
+        if len(self.scales) != len(self.terms):
+            raise ObeliskConfigError(
+                f"`observation_scales` has {len(self.scales)} values, "
+                f"`observation` {len(self.terms)} terms"
+            )
+
+
+def _base_values(x_hat: EstimatedState) -> Mapping[str, Vector]:
+    """The velocities of the base, and gravity, in the frame of the base."""
+    if len(x_hat.q_base) != 7 or len(x_hat.v_base) != 6:
+        raise ObeliskError("the policy observes a base, and the estimate has none")
+    x, y, z, w = x_hat.q_base[3:]
+    # Rows are the axes of the base in the world, so that it takes vectors from there.
+    to_base = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)],
+            [2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)],
+            [2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return {
+        "linear_velocity": to_base @ np.array(x_hat.v_base[:3]),
+        "angular_velocity": np.array(x_hat.v_base[3:]),
+        "gravity": to_base @ _DOWN,
+    }
+
+
+def _width(shape: Sequence[Any]) -> int | None:
+    return shape[-1] if shape and isinstance(shape[-1], int) else None
+
+
+def _check_width(what: str, expected: int, found: int | None) -> None:
+    if found is not None and found != expected:
+        raise ObeliskConfigError(
+            f"the network's {what} has {found} numbers, the parameters describe {expected}"
+        )
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    spin_obelisk(args, OnnxPolicy)
+
+
+if __name__ == "__main__":
+    main()
