@@ -1,10 +1,14 @@
-"""The drawings of `docs/design.md` as boxes and arrows: the stages, a running stack. Data only."""
+"""The drawings of the design and the concept pages as boxes and arrows. Data only."""
 
 from itertools import pairwise
 
 from diagrams import Arrow, Box, Frame
 
 __all__ = [
+    "CLOCKS",
+    "CLOCK_ARROWS",
+    "LIFECYCLE",
+    "LIFECYCLE_ARROWS",
     "RUNNING",
     "RUNNING_ARROWS",
     "RUNNING_FRAMES",
@@ -80,4 +84,41 @@ RUNNING_FRAMES = (
         names=("screen", "control.sock", "journal", "supervisor", "ROS thread", "output readers"),
     ),
     Frame(title="a process each", names=("robot", "estimation", "control")),
+)
+
+LIFECYCLE = (
+    _box(0, 1, "unconfigured", "the process runs;", "nothing is built"),
+    _box(1.5, 1, "inactive", "publishers, subscriptions,", "timers exist"),
+    _box(3, 1, "active", "publishers send,", "timers run", kind="result"),
+    _box(
+        1.5, 0, "error processing", "on_error: everything", "is stopped and closed", kind="outside"
+    ),
+    _box(1.5, 2, "finalized", "the process ends", kind="data"),
+)
+LIFECYCLE_ARROWS = (
+    Arrow(start="unconfigured", end="inactive", label="configure, cleanup", is_both_ways=True),
+    Arrow(start="inactive", end="active", label="activate, deactivate", is_both_ways=True),
+    Arrow(start="inactive", end="error processing"),
+    Arrow(start="active", end="error processing", label="exception"),
+    Arrow(start="error processing", end="unconfigured"),
+    Arrow(start="unconfigured", end="finalized"),
+    Arrow(start="inactive", end="finalized"),
+    Arrow(start="active", end="finalized", label="shutdown"),
+)
+
+CLOCKS = (
+    _box(0, 0, "simulated robot", "counts its steps", kind="result"),
+    _box(1.3, 0, "clock page", "memory shared by the", "processes of the launch", kind="data"),
+    _box(1.3, 1, "/clock", "messages, only while", "something subscribes", kind="data"),
+    _box(2.6, 0, "Python nodes", "of the robot's host:", "clocks, timers, stamps"),
+    _box(2.6, 1, "other ROS nodes", "C++, other hosts,", "RViz, ros2 tools", kind="outside"),
+    _box(0, 2, "wall clock", "of the host", kind="data"),
+    _box(2.6, 2, "safety", "age of commands,", "heartbeats, time limits", kind="result"),
+)
+CLOCK_ARROWS = (
+    Arrow(start="simulated robot", end="clock page"),
+    Arrow(start="simulated robot", end="/clock"),
+    Arrow(start="clock page", end="Python nodes"),
+    Arrow(start="/clock", end="other ROS nodes"),
+    Arrow(start="wall clock", end="safety"),
 )

@@ -12,7 +12,17 @@ from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 
-from design_drawings import RUNNING, RUNNING_ARROWS, RUNNING_FRAMES, STAGE_ARROWS, STAGES
+from design_drawings import (
+    CLOCK_ARROWS,
+    CLOCKS,
+    LIFECYCLE,
+    LIFECYCLE_ARROWS,
+    RUNNING,
+    RUNNING_ARROWS,
+    RUNNING_FRAMES,
+    STAGE_ARROWS,
+    STAGES,
+)
 from diagrams import draw
 from generated import ROOT, bring_up_to_date
 from rich.console import Console
@@ -45,6 +55,8 @@ def generated_files() -> dict[Path, str]:
         PICTURES / "validate.svg": _findings(),
         PICTURES / "stages.svg": draw("The stages of the compiler", STAGES, STAGE_ARROWS),
         PICTURES / "running.svg": draw("A running stack", RUNNING, RUNNING_ARROWS, RUNNING_FRAMES),
+        PICTURES / "lifecycle.svg": draw("The states of a node", LIFECYCLE, LIFECYCLE_ARROWS),
+        PICTURES / "clocks.svg": draw("Which clock is read where", CLOCKS, CLOCK_ARROWS),
     }
 
 
