@@ -9,11 +9,19 @@ __all__ = [
     "CLOCK_ARROWS",
     "LIFECYCLE",
     "LIFECYCLE_ARROWS",
+    "LOCKSTEP",
+    "LOCKSTEP_ARROWS",
+    "PACKAGES",
+    "PACKAGE_ARROWS",
     "RUNNING",
     "RUNNING_ARROWS",
     "RUNNING_FRAMES",
+    "SIMULATOR",
+    "SIMULATOR_ARROWS",
     "STAGES",
     "STAGE_ARROWS",
+    "TICK",
+    "TICK_ARROWS",
 ]
 
 
@@ -121,4 +129,79 @@ CLOCK_ARROWS = (
     Arrow(start="clock page", end="Python nodes"),
     Arrow(start="/clock", end="other ROS nodes"),
     Arrow(start="wall clock", end="safety"),
+)
+
+PACKAGES = (
+    _box(1.8, 0, "obk_testing", "closed-loop tests", "in lock-step"),
+    _box(0, 1, "obk_interfaces", "builds message packages"),
+    _box(1.2, 1, "obk_cli", "the command obk:", "check, launch, look"),
+    _box(2.4, 1, "obelisk_py", "run-time library,", "simulated robot"),
+    _box(3.6, 1, "your nodes", "inherit from the library", kind="outside"),
+    _box(1.2, 2, "obelisk_spec", "facts of the config", "language", kind="data"),
+    _box(2.4, 2, "obelisk_recordings", "reads recordings", "as arrays"),
+)
+PACKAGE_ARROWS = (
+    Arrow(start="obk_testing", end="obk_cli", label="imports"),
+    Arrow(start="obk_testing", end="obelisk_py"),
+    Arrow(start="your nodes", end="obelisk_py"),
+    Arrow(start="obk_cli", end="obk_interfaces"),
+    Arrow(start="obk_cli", end="obelisk_spec"),
+    Arrow(start="obk_cli", end="obelisk_recordings"),
+    Arrow(start="obelisk_py", end="obelisk_spec"),
+    Arrow(start="obelisk_py", end="obelisk_recordings"),
+    Arrow(start="obelisk_recordings", end="obelisk_spec"),
+)
+
+TICK = (
+    _box(0, 1, "timerfd", "the kernel's timer", kind="outside"),
+    _box(1, 1, "Worker", "epoll; one thread", "calls everything"),
+    _box(2, 1, "your callback", "guarded, ticks counted", kind="result"),
+    _box(3, 1, "publish", "chooses one way"),
+    _box(4.1, 0, "MessageBuffer", "same process: a copy", kind="data"),
+    _box(4.1, 1, "Unix socket", "same run: packed;", "an experiment", kind="data"),
+    _box(4.1, 2, "DDS", "otherwise: packed;", "wakes an eventfd from C", kind="data"),
+    _box(5.2, 1, "receiving Worker", "takes the message,", "calls the callback"),
+)
+TICK_ARROWS = (
+    Arrow(start="timerfd", end="Worker"),
+    Arrow(start="Worker", end="your callback"),
+    Arrow(start="your callback", end="publish"),
+    Arrow(start="publish", end="MessageBuffer"),
+    Arrow(start="publish", end="Unix socket"),
+    Arrow(start="publish", end="DDS"),
+    Arrow(start="MessageBuffer", end="receiving Worker"),
+    Arrow(start="Unix socket", end="receiving Worker"),
+    Arrow(start="DDS", end="receiving Worker"),
+)
+
+SIMULATOR = (
+    _box(0, 0, "step_queue", "reset, pause, step", kind="data"),
+    _box(0, 1, "commands", "the newest one,", "and its age", kind="data"),
+    _box(1.2, 1, "stepping thread", "alone touches", "the simulation", kind="result"),
+    _box(2.4, 0, "outputs", "sensor groups, noise,", "time"),
+    _box(2.4, 1, "cameras", "a thread each,", "with OpenGL"),
+    _box(2.4, 2, "viewers, video", "a process each, of lower", "priority; may miss states"),
+    _box(3.6, 0, "topics, time", "as messages and", "on the clock page", kind="outside"),
+)
+SIMULATOR_ARROWS = (
+    Arrow(start="step_queue", end="stepping thread"),
+    Arrow(start="commands", end="stepping thread"),
+    Arrow(start="stepping thread", end="outputs"),
+    Arrow(start="stepping thread", end="cameras"),
+    Arrow(start="stepping thread", end="viewers, video"),
+    Arrow(start="outputs", end="topics, time"),
+)
+
+LOCKSTEP = (
+    _box(0, 1, "heap of events", "time, kind, order,", "node, call", kind="data"),
+    _box(1.2, 1, "scheduler", "moves time to the earliest", "event and calls it"),
+    _box(2.4, 0, "simulator", "a step", kind="result"),
+    _box(2.4, 1, "nodes", "messages, timers", kind="outside"),
+    _box(2.4, 2, "the test", "push, delay, kill"),
+)
+LOCKSTEP_ARROWS = (
+    Arrow(start="heap of events", end="scheduler", is_both_ways=True),
+    Arrow(start="scheduler", end="simulator", is_both_ways=True),
+    Arrow(start="scheduler", end="nodes", is_both_ways=True),
+    Arrow(start="scheduler", end="the test", is_both_ways=True),
 )

@@ -17,11 +17,19 @@ from design_drawings import (
     CLOCKS,
     LIFECYCLE,
     LIFECYCLE_ARROWS,
+    LOCKSTEP,
+    LOCKSTEP_ARROWS,
+    PACKAGE_ARROWS,
+    PACKAGES,
     RUNNING,
     RUNNING_ARROWS,
     RUNNING_FRAMES,
+    SIMULATOR,
+    SIMULATOR_ARROWS,
     STAGE_ARROWS,
     STAGES,
+    TICK,
+    TICK_ARROWS,
 )
 from diagrams import draw
 from generated import ROOT, bring_up_to_date
@@ -55,6 +63,10 @@ def generated_files() -> dict[Path, str]:
         PICTURES / "validate.svg": _findings(),
         PICTURES / "stages.svg": draw("The stages of the compiler", STAGES, STAGE_ARROWS),
         PICTURES / "running.svg": draw("A running stack", RUNNING, RUNNING_ARROWS, RUNNING_FRAMES),
+        PICTURES / "packages.svg": draw("Packages and imports", PACKAGES, PACKAGE_ARROWS),
+        PICTURES / "tick.svg": draw("From a timer to a callback", TICK, TICK_ARROWS),
+        PICTURES / "simulator.svg": draw("The simulated robot", SIMULATOR, SIMULATOR_ARROWS),
+        PICTURES / "lockstep.svg": draw("The engine of lock-step", LOCKSTEP, LOCKSTEP_ARROWS),
         PICTURES / "lifecycle.svg": draw("The states of a node", LIFECYCLE, LIFECYCLE_ARROWS),
         PICTURES / "clocks.svg": draw("Which clock is read where", CLOCKS, CLOCK_ARROWS),
     }
