@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -23,11 +23,15 @@ from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.scaffold.write import Decision
 from obk_cli.workspace.package_index import PackageIndex, owner_of_package
 
+if TYPE_CHECKING:
+    from obk_cli.workspace.model_files import ModelCopy
+
 __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = """\b
 Example: obk init my_robot
          cd my_robot && obk launch my_robot.yaml
+         obk init my_robot --model path/to/robot.xml
 """
 
 
@@ -38,6 +42,15 @@ def command(
             metavar="[DIR]", help="The workspace; its name becomes the stack's. `.` is this folder."
         ),
     ] = Path(),
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="FILE",
+            help="Copy this robot model, MJCF or URDF, and make the stack that holds its pose.",
+            show_default="an arm with three joints",
+        ),
+    ] = None,
     templates: Annotated[
         Path | None,
         typer.Option(
@@ -64,8 +77,12 @@ def command(
     packages = _check(stack, root)
     library = find_library(templates)
     source = read_install_source().for_other_machines()
-    files = compose_workspace(stack, packages, library, source)
-    composition = _with_schema(files, root)
+    copy = _copy_model(model, stack) if model else None
+    if copy and copy.robot.hold.is_torque:
+        packages = _check(stack, root, is_torque=True)
+    robot = copy.robot if copy else None
+    files = compose_workspace(stack, packages, library, source, robot)
+    composition = _with_schema((*files, *(copy.files if copy else ())), root)
     decisions = write_files(
         root,
         composition,
@@ -78,7 +95,13 @@ def command(
     typer.echo(describe(stack, root, decisions, dry_run=dry_run))
 
 
-def _check(stack: str, root: Path) -> tuple[PackageSpec, ...]:
+def _copy_model(path: Path, stack: str) -> "ModelCopy":
+    from obk_cli.workspace.model_files import copy_model  # it imports MuJoCo and numpy
+
+    return copy_model(path, stack)
+
+
+def _check(stack: str, root: Path, *, is_torque: bool = False) -> tuple[PackageSpec, ...]:
     if root.exists() and not root.is_dir():
         raise CommandFailedError(f"{short(root)} is a file; a folder was to be made")
     if (root / "package.xml").is_file():
@@ -93,7 +116,7 @@ def _check(stack: str, root: Path) -> tuple[PackageSpec, ...]:
         return owner_of_package(name, own_folder=root / "src" / name, index=index)
 
     fault = check_name(stack, kind="stack", owner_of=lambda _: None)
-    packages = fault or check_stack(stack, owner_of=owner_of)
+    packages = fault or check_stack(stack, owner_of=owner_of, is_torque=is_torque)
     if isinstance(packages, Problem):
         raise MisuseError(
             f"the folder's name is the stack's: {packages.sentence}", help=packages.help

@@ -10,7 +10,10 @@ from typing import Final
 
 from obk_cli.install_source import InstallSource
 from obk_cli.scaffold.kinds import (
+    ARM_LAYER,
+    HOLD_LAYER,
     LONGEST_NAME,
+    MODEL_LAYER,
     PACKAGE_OF_WORKSPACE_LAYERS,
     SERVICE_LAYER,
     WORKSPACE_LAYER,
@@ -20,6 +23,7 @@ from obk_cli.scaffold.kinds import (
 )
 from obk_cli.scaffold.package_files import PackageTexts, add_console_script, add_dependencies
 from obk_cli.scaffold.package_spec import PackageRequest, PackageSpec, check_request
+from obk_cli.scaffold.robot_model import RobotModel, model_variables
 from obk_cli.scaffold.templates import (
     NODE_VARIABLE,
     RenderedFile,
@@ -130,9 +134,12 @@ LONGEST_STACK_NAME: Final = LONGEST_NAME - len("_controller")
 
 
 def check_stack(
-    stack: str, *, owner_of: Callable[[str], str | None]
+    stack: str, *, owner_of: Callable[[str], str | None], is_torque: bool = False
 ) -> tuple[PackageSpec, ...] | Problem:
-    """The two packages of a stack of that (checked) name, or why there can be none."""
+    """The two packages of a stack of that (checked) name, or why there can be none.
+
+    `is_torque`: the controller sends gains to the joints' drives.
+    """
     if len(stack) > LONGEST_STACK_NAME:
         return Problem(
             sentence=f"the name `{stack}` has {len(stack)} characters; "
@@ -141,7 +148,12 @@ def check_stack(
         )
     found: list[PackageSpec] = []
     for kind in _KINDS:
-        request = PackageRequest(kind=kind, name=f"{stack}_{kind}", sensor_msg="ObkJointEncoders")
+        request = PackageRequest(
+            kind=kind,
+            name=f"{stack}_{kind}",
+            ctrl_msg="PDFeedForward" if is_torque else None,
+            sensor_msg="ObkJointEncoders",
+        )
         spec = check_request(request, owner_of=owner_of)
         if not isinstance(spec, PackageSpec):
             return spec[0]
@@ -150,7 +162,11 @@ def check_stack(
 
 
 def compose_workspace(
-    stack: str, packages: tuple[PackageSpec, ...], library: TemplateLibrary, source: InstallSource
+    stack: str,
+    packages: tuple[PackageSpec, ...],
+    library: TemplateLibrary,
+    source: InstallSource,
+    robot: RobotModel | None = None,
 ) -> tuple[RenderedFile, ...]:
     """Return all files, by their paths in the workspace.
 
@@ -159,21 +175,27 @@ def compose_workspace(
         packages: of the workspace's nodes.
         library: the templates.
         source: from which the workspace's CI installs obk.
+        robot: the model that the stack is for; None: an arm, which is made too.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
+    of_model = model_variables(robot) if robot else {}
     variables = {
         "stack": stack,
         "install": source.pip_install("ros", "sim", "test"),
         "is_local_source": source.is_local,
+        **of_model,
     }
-    files = [*render_templates(library.read([WORKSPACE_LAYER]), variables)]
+    layers = [WORKSPACE_LAYER, MODEL_LAYER if robot else ARM_LAYER]
+    files = [*render_templates(library.read(layers), variables)]
     for spec in packages:
-        templates = library.read(PACKAGE_OF_WORKSPACE_LAYERS[spec.kind])
-        package = compose_package(spec, templates, topics=f"/{stack}")
+        over = (HOLD_LAYER,) if robot and spec.kind == "controller" else ()
+        templates = library.read((*PACKAGE_OF_WORKSPACE_LAYERS[spec.kind], *over))
+        values = template_variables(spec, f"/{stack}") | of_model
         folder = PurePosixPath("src", spec.package)
         files += [
-            RenderedFile(path=folder / file.path, content=file.content) for file in package.files
+            RenderedFile(path=folder / file.path, content=file.content)
+            for file in render_templates(templates, values)
         ]
     return tuple(files)

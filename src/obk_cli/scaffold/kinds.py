@@ -13,8 +13,11 @@ from typing import Final, Literal
 from obelisk_spec.names import node_name_fault, package_name_fault
 
 __all__ = [
+    "ARM_LAYER",
+    "HOLD_LAYER",
     "LAYER_NAMES",
     "LONGEST_NAME",
+    "MODEL_LAYER",
     "NODE_KINDS",
     "PACKAGE_OF_WORKSPACE_LAYERS",
     "RECIPES",
@@ -114,15 +117,27 @@ SERVICE_LAYER: Final = "msgs_srv"
 WORKSPACE_LAYER: Final = "workspace"
 """What `obk init` makes around its packages."""
 
+ARM_LAYER: Final = "workspace_arm"
+"""The robot of a workspace for which no model is given."""
+
+MODEL_LAYER: Final = "workspace_model"
+"""The stack around a given model."""
+
 PACKAGE_OF_WORKSPACE_LAYERS: Final[dict[Kind, tuple[str, ...]]] = {
     "controller": ("package_py", "controller_py", "workspace_package", "workspace_controller"),
     "estimator": ("package_py", "estimator_py", "workspace_package"),
 }
 """What its packages are made of."""
 
+HOLD_LAYER: Final = "hold_controller"
+"""On top of the controller's if a model is given."""
+
 WORKSPACE_LAYERS: Final = (
     WORKSPACE_LAYER,
+    ARM_LAYER,
+    MODEL_LAYER,
     *dict.fromkeys(layer for layers in PACKAGE_OF_WORKSPACE_LAYERS.values() for layer in layers),
+    HOLD_LAYER,
 )
 """All template folders that `obk init` reads."""
 

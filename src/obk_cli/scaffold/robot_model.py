@@ -1,0 +1,275 @@
+"""What a workspace takes from a robot's model: sensor groups, and a law that holds its pose.
+
+Pure: facts of the model in; sensor groups, MJCF text and values of templates out.
+"""
+
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from xml.sax.saxutils import quoteattr
+
+from obelisk_spec.model import ModelFacts, SensorFact
+from obelisk_spec.sensors import SENSOR_GROUPS
+from obk_cli.scaffold.message_code import LINE_LENGTH
+
+__all__ = [
+    "HeldActuator",
+    "Hold",
+    "ModelSensors",
+    "RobotModel",
+    "model_variables",
+    "scalar_joints",
+    "sensor_groups",
+    "supplement_text",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldActuator:
+    """One actuator, and how it keeps its joint where it is.
+
+    control = setpoint + kp * (pose - position) - kd * velocity.
+    """
+
+    joint: str
+    """The hinge or slide that it drives; empty: it drives something else."""
+    is_slide: bool = False
+    pose: float = 0.0
+    """Position of the joint [rad or m]."""
+    setpoint: float = 0.0
+    kp: float = 0.0
+    kd: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hold:
+    """A law that holds a model in the pose of a keyframe, tried in a simulation."""
+
+    keyframe: str
+    """Empty: the start of a model without keyframes."""
+    actuators: tuple[HeldActuator, ...]
+    """In the order of the model."""
+    is_torque: bool
+    """Whether each actuator is the motor of one joint: the simulator then closes the loops."""
+    drift: float
+    """Largest distance of a driven joint from its pose in the simulation [rad or m]."""
+
+    @property
+    def has_feedback(self) -> bool:
+        """Whether the controller has to close a loop: servos close theirs in the model."""
+        return not self.is_torque and any(actuator.kp for actuator in self.actuators)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelSensors:
+    """A sensor group of the config; `topic` is the last part of its name."""
+
+    topic: str
+    message: str
+    sensors: Mapping[str, str]
+    """Sensor -> type."""
+    ignored: tuple[str, ...] = ()
+    """Rules that find fault with a sensor that the model does not have."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotModel:
+    """All that the files of a workspace need to know of its model."""
+
+    path: str
+    """From the workspace."""
+    period_s: float
+    """Of sensors, estimator and controller [s]."""
+    hold: Hold
+    groups: tuple[ModelSensors, ...]
+    """That of the joints first."""
+
+
+def scalar_joints(facts: ModelFacts) -> tuple[str, ...]:
+    """The named joints that a `jointpos` sensor can measure."""
+    return tuple(name for name, kind in facts.joints.items() if kind in ("hinge", "slide"))
+
+
+def sensor_groups(facts: ModelFacts, driven: Iterable[str]) -> tuple[ModelSensors, ...]:
+    """The groups that publish the sensors of a model.
+
+    Args:
+        facts: the model, with the encoders of all its joints.
+        driven: joints that come first among the encoders.
+    """
+    order = tuple(dict.fromkeys((*(joint for joint in driven if joint), *scalar_joints(facts))))
+    encoders = {
+        sensor.name: sensor.type
+        for kind in ("jointpos", "jointvel")
+        for joint in order
+        for sensor in _of_joint(facts, joint, kind)
+    }
+    return (
+        ModelSensors(topic="encoders", message="ObkJointEncoders", sensors=encoders),
+        *_at_objects(facts, "ObkImu", "imu", needed=("accelerometer", "gyro")),
+        *_at_objects(facts, "ObkFramePose", "pose", needed=("framepos", "framequat")),
+        *_forces(facts),
+    )
+
+
+def _of_joint(facts: ModelFacts, joint: str, kind: str) -> tuple[SensorFact, ...]:
+    sensors = facts.sensors.values()
+    found = (s for s in sensors if s.type == kind and s.object_name == joint)
+    return tuple(found)[:1]
+
+
+def _at_objects(
+    facts: ModelFacts, message: str, topic: str, needed: Sequence[str]
+) -> Iterator[ModelSensors]:
+    takes = SENSOR_GROUPS[message].takes
+    by_object: dict[tuple[str, str], dict[str, str]] = {}
+    for sensor in facts.sensors.values():
+        if sensor.type in takes and (message != "ObkImu" or sensor.object_type == "site"):
+            place = by_object.setdefault((sensor.object_type, sensor.object_name), {})
+            place.setdefault(sensor.type, sensor.name)
+    whole = {place[1]: found for place, found in by_object.items() if {*needed} <= {*found}}
+    for name, found in whole.items():
+        lacks = {kind for kind in takes if kind not in found}
+        yield ModelSensors(
+            topic=topic if len(whole) == 1 else f"{topic}_{_topic_word(name)}",
+            message=message,
+            sensors={found[kind]: kind for kind in takes if kind in found},
+            ignored=("OBK307",) if lacks else (),
+        )
+
+
+def _topic_word(name: str) -> str:
+    word = "".join(c if c.isascii() and c.isalnum() else "_" for c in name).strip("_")
+    return word or "body"
+
+
+def _forces(facts: ModelFacts) -> Iterator[ModelSensors]:
+    takes = SENSOR_GROUPS["ObkForceSensor"].takes
+    found = {s.name: s.type for s in facts.sensors.values() if s.type in takes}
+    if found:
+        yield ModelSensors(topic="forces", message="ObkForceSensor", sensors=found)
+
+
+def supplement_text(facts: ModelFacts, included: str) -> str | None:
+    """A model that includes another and adds what it lacks; None if it lacks nothing.
+
+    Each hinge and slide gets a `jointpos` and a `jointvel` sensor. In a model without actuators
+    each gets a motor.
+
+    Args:
+        facts: the model that lacks something.
+        included: its file, from the folder of the new one.
+    """
+    joints = scalar_joints(facts)
+    used = set(facts.sensors)
+    sensors = []
+    for kind, suffix in (("jointpos", "pos"), ("jointvel", "vel")):
+        for joint in (j for j in joints if not _of_joint(facts, j, kind)):
+            name = next(n for n in _names(f"{joint}_{suffix}") if n not in used)
+            used.add(name)
+            sensors.append(f"    <{kind} name={quoteattr(name)} joint={quoteattr(joint)}/>")
+    motors = [] if facts.actuators else [_motor(joint) for joint in joints]
+    if not sensors and not motors:
+        return None
+    return "\n".join(
+        [
+            "<mujoco>",
+            f"  <!-- {_comment(has_motors=bool(motors), has_sensors=bool(sensors))} -->",
+            f"  <include file={quoteattr(included)}/>",
+            *_section("actuator", motors),
+            *_section("sensor", sensors),
+            "</mujoco>\n",
+        ]
+    )
+
+
+def _motor(joint: str) -> str:
+    return f"    <motor name={quoteattr(f'{joint}_motor')} joint={quoteattr(joint)}/>"
+
+
+def _names(name: str) -> Iterator[str]:
+    yield name
+    number = 2
+    while True:
+        yield f"{name}_{number}"
+        number += 1
+
+
+def _comment(*, has_motors: bool, has_sensors: bool) -> str:
+    added = ("a motor for each joint",) * has_motors + ("encoders of the joints",) * has_sensors
+    return f"The robot's model, and what it lacks: {', '.join(added)}."
+
+
+def _section(tag: str, lines: Sequence[str]) -> tuple[str, ...]:
+    return (f"  <{tag}>", *lines, f"  </{tag}>") if lines else ()
+
+
+def model_variables(robot: RobotModel) -> dict[str, object]:
+    """The variables of the templates of a workspace around a model."""
+    hold = robot.hold
+    return {
+        "model_path": robot.path,
+        "period": f"{robot.period_s:g}",
+        "groups": tuple(_group_variables(group) for group in robot.groups),
+        "keyframe": hold.keyframe,
+        "is_torque": hold.is_torque,
+        "ctrl_msg": "PDFeedForward" if hold.is_torque else "PositionSetpoint",
+        "has_feedback": hold.has_feedback,
+        "unit": _unit(hold.actuators),
+        "controls": len(hold.actuators),
+        "joints": _python_tuple([f'"{a.joint}"' for a in hold.actuators], indent=0),
+        "lists": {name: _lists(hold, name) for name in ("pose", "setpoint", "kp", "kd")},
+        "has_driven": bool(_poses(hold.actuators)),
+        "test_pose": _python_tuple(
+            [repr(pose) for pose in _poses(hold.actuators).values()], indent=0
+        ),
+        "tolerance": f"{_tolerance(hold.drift):g}",
+        "drift": f"{hold.drift:.2g}",
+    }
+
+
+def _group_variables(group: ModelSensors) -> dict[str, object]:
+    return {
+        "topic": group.topic,
+        "message": group.message,
+        "sensors": dict(group.sensors),
+        "is_read": group.message == "ObkJointEncoders",
+        "ignored": ", ".join(group.ignored),
+    }
+
+
+def _lists(hold: Hold, name: str) -> dict[str, str]:
+    """One number for each actuator, as Python and as YAML write it."""
+    values = [repr(getattr(actuator, name)) for actuator in hold.actuators]
+    yaml = f"{name}: [{', '.join(values)}]"
+    wrapped = textwrap.wrap(yaml, LINE_LENGTH - 6, subsequent_indent="  ")
+    return {
+        "python": _python_tuple(values, indent=8),
+        "yaml": "\n".join(f"      {line}" for line in wrapped),
+    }
+
+
+def _poses(actuators: Iterable[HeldActuator]) -> dict[str, float]:
+    """Joint -> pose, each joint once."""
+    return {actuator.joint: actuator.pose for actuator in actuators if actuator.joint}
+
+
+def _unit(actuators: Iterable[HeldActuator]) -> str:
+    kinds = {actuator.is_slide for actuator in actuators if actuator.joint}
+    if len(kinds) > 1:
+        return "rad or m"
+    return "m" if True in kinds else "rad"
+
+
+def _tolerance(drift: float) -> float:
+    """The simulation in real programs is a little later than the one that measured the drift."""
+    return float(f"{max(2.0 * drift, 0.02):.1g}")
+
+
+def _python_tuple(values: Sequence[str], *, indent: int) -> str:
+    """A tuple of these items behind `NAME = ` or an open bracket, as ruff formats it."""
+    margin = " " * indent
+    line = f"({', '.join(values)}{',' if len(values) == 1 else ''})"
+    if indent + len("JOINTS = ,") + len(line) <= LINE_LENGTH:
+        return line
+    return "\n".join(["(", *(f"{margin}    {value}," for value in values), f"{margin})"])
