@@ -100,7 +100,7 @@ class ModelRead:
 
     facts: ModelFacts
     referenced_files: tuple[tuple[str, str], ...] = ()
-    """Meshes and textures, each by its path under its folder and by its path as written."""
+    """Meshes, textures, ..., each by its path under its folder and by its path as written."""
     missing_files: tuple[str, ...] = ()
     """Those that are not at the path in the model."""
     fault: "ModelFault | None" = None

@@ -20,7 +20,7 @@ from obk_cli.workspace.model_reader import missing_files, mjcf_files, read_model
 
 __all__ = ["cache_folder", "read_model_once"]
 
-_FORMAT = 4
+_FORMAT = 5
 _MOST_ENTRIES = 256
 _OTHER_FILES = (b"<attach", b"<model", b"<robot")
 """What may bring further files along; such models are always read."""

@@ -6,7 +6,7 @@ workspace. The copy, with what the model lacks, is read once more before it is h
 
 import os
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -52,24 +52,24 @@ def copy_model(path: Path, stack: str) -> ModelCopy:
         CommandFailedError: the file is no model, or one that cannot be simulated or copied.
     """
     require_extra("mujoco", "sim")
-    is_urdf = _root_tag(path) == "robot"
-    read = _read(path, shown=str(path))
-    files, main = _urdf_files(path) if is_urdf else _mjcf_copies(path, read)
-    added = _free_name(stack, main, files)
+    root = _parsed(path)
     with tempfile.TemporaryDirectory(prefix="obk-model-") as name:
         folder = Path(name)
+        is_urdf = root is not None and root.tag == "robot"
+        files, main = _from_urdf(path, root, folder) if is_urdf and root else _from_mjcf(path)
         _write(folder, files)
-        supplement = supplement_text(read.facts, main.name)
+        supplement = supplement_text(_read(folder / main, shown=_copy_of(path)).facts, main.name)
+        added = _free_name(stack, main, files)
         if supplement is not None:
             files = {**files, added: supplement.encode()}
             _write(folder, {added: files[added]})
             main = added
-        facts = _read(folder / main, shown=f"the copy of {path}").facts
+        facts = _read(folder / main, shown=_copy_of(path)).facts
         period_s = _period(facts)
         hold = find_hold(folder / main, period_s, shown=str(path))
-    groups = sensor_groups(facts, (actuator.joint for actuator in hold.actuators))
+    sensors = sensor_groups(facts, (actuator.joint for actuator in hold.actuators))
     return ModelCopy(
-        robot=RobotModel(path=str(_FOLDER / main), period_s=period_s, hold=hold, groups=groups),
+        robot=RobotModel(path=str(_FOLDER / main), period_s=period_s, hold=hold, groups=sensors),
         files=tuple(
             RenderedFile(path=_FOLDER / place, content=content) for place, content in files.items()
         ),
@@ -77,13 +77,18 @@ def copy_model(path: Path, stack: str) -> ModelCopy:
     )
 
 
-def _root_tag(path: Path) -> str:
+def _parsed(path: Path) -> ElementTree.Element | None:
+    """The XML, None where MuJoCo is to name what is wrong with it."""
     try:
-        return ElementTree.parse(path).getroot().tag
+        return ElementTree.fromstring(path.read_bytes())
     except OSError as fault:
         raise CommandFailedError(f"{path} cannot be read: {fault.strerror}") from fault
     except (ElementTree.ParseError, ValueError):
-        return ""  # MuJoCo names the place
+        return None
+
+
+def _copy_of(path: Path) -> str:
+    return f"the copy of {path}"
 
 
 def _read(path: Path, *, shown: str) -> ModelRead:
@@ -96,32 +101,37 @@ def _read(path: Path, *, shown: str) -> ModelRead:
             help="an MJCF file (`<mujoco>`) or a URDF file (`<robot>`) was expected",
         )
     assert isinstance(read, ModelRead)
-    if read.missing_files:
-        count = len(read.missing_files)
-        raise CommandFailedError(
-            f"{shown}: {'a file' if count == 1 else f'{count} files'} of the model "
-            f"{'is' if count == 1 else 'are'} missing: {list_names(read.missing_files, most=3)}",
-            help=f"they were looked for from {path.parent}; meshes of a clone may need `git lfs "
-            "pull`",
-        )
+    _require_files(read.missing_files, shown, path.parent)
     return read
+
+
+def _require_files(missing: Sequence[str], shown: str, folder: Path) -> None:
+    if not missing:
+        return
+    is_one = len(missing) == 1
+    raise CommandFailedError(
+        f"{shown}: {'a file' if is_one else f'{len(missing)} files'} of the model "
+        f"{'is' if is_one else 'are'} missing: {list_names(missing, most=3)}",
+        help=f"they were looked for from {folder}; meshes of a clone may need `git lfs pull`",
+    )
 
 
 Files = Mapping[PurePosixPath, bytes]
 
 
-def _mjcf_copies(path: Path, read: ModelRead) -> tuple[Files, PurePosixPath]:
-    """The model's files as they are, from the folder around all of them."""
+def _from_mjcf(path: Path) -> tuple[Files, PurePosixPath]:
+    """The model's files as they are, from the folder around all of them, and the main one."""
+    read = _read(path, shown=str(path))
     folder = path.parent
     places = {file.absolute() for file in mjcf_files(path)}
     for relative, written in read.referenced_files:
-        candidates = (folder / relative, folder / written)
-        places |= {file.absolute() for file in candidates if os.path.isfile(file)}  # noqa: PTH113
         if Path(relative).is_absolute():
             raise CommandFailedError(
                 f"{path}: the model names the file {relative} by its absolute path",
                 help="write it relative to the model's file, so that the copy finds its own",
             )
+        candidates = (folder / relative, folder / written)
+        places |= {file.absolute() for file in candidates if file.is_file()}
     normal = {Path(os.path.normpath(place)) for place in places}
     root = Path(os.path.commonpath([place.parent for place in normal]))
     files = {
@@ -131,18 +141,63 @@ def _mjcf_copies(path: Path, read: ModelRead) -> tuple[Files, PurePosixPath]:
     return files, PurePosixPath(main.as_posix())
 
 
-def _urdf_files(path: Path) -> tuple[Files, PurePosixPath]:
-    """A URDF as MJCF, which has a place for actuators and sensors, and its meshes."""
-    spec: Any = import_mujoco().MjSpec.from_file(str(path))
-    folder = path.parent / spec.compiler.meshdir
-    files: dict[PurePosixPath, bytes] = {}
-    for mesh in spec.meshes:
-        name = Path(mesh.file).name
-        files[PurePosixPath(_ASSETS, name)] = _bytes(folder / mesh.file)
-        mesh.file = name
-    spec.compiler.meshdir = _ASSETS
+def _from_urdf(path: Path, root: ElementTree.Element, folder: Path) -> tuple[Files, PurePosixPath]:
+    """A URDF as MJCF, which has a place for actuators and sensors, and its meshes.
+
+    Args:
+        path: of the URDF.
+        root: its content, which is changed.
+        folder: where it is written with its meshes; MuJoCo reads it there.
+    """
+    compiler = root.find("mujoco/compiler")
+    if compiler is None:
+        compiler = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
+    written_folder = compiler.get("meshdir", "")
+    compiler.set("meshdir", _ASSETS)
+    compiler.set("strippath", "true")
+    named = dict.fromkeys(mesh.get("filename", "") for mesh in root.iter("mesh"))
+    meshes = {name: _mesh_file(name, path, written_folder) for name in named}
+    assets = {
+        PurePosixPath(_ASSETS, Path(name).name): _bytes(file)
+        for name, file in meshes.items()
+        if file
+    }
+    source = folder / path.name
+    _write(folder, {**assets, PurePosixPath(path.name): ElementTree.tostring(root)})
+    lost = [name for name in named if meshes[name] is None]
+    wanted = {Path(file).name for file in _missing(source)}
+    _require_files([name for name in lost if Path(name).name in wanted], str(path), path.parent)
+    read = _read(source, shown=str(path))
+    used = {PurePosixPath(relative) for relative, _ in read.referenced_files}
+    spec: Any = import_mujoco().MjSpec.from_file(str(source))
     main = PurePosixPath(f"{path.stem}.xml")
-    return {main: spec.to_xml().encode(), **files}, main
+    return {main: spec.to_xml().encode(), **{p: assets[p] for p in used}}, main
+
+
+def _missing(path: Path) -> tuple[str, ...]:
+    read = read_model_bounded(path)
+    return read.missing_files if isinstance(read, ModelRead) else ()
+
+
+def _mesh_file(name: str, path: Path, folder: str) -> Path | None:
+    """The file of a URDF's mesh: in the package that it names, or from the URDF's folder."""
+    scheme, _, rest = name.rpartition("://")
+    if scheme == "package":
+        package, _, rest = rest.partition("/")
+        around = (parent for parent in path.resolve().parents if _is_package(parent, package))
+        places = tuple(parent / rest for parent in around)
+    else:
+        places = (path.parent / folder / Path(rest).name, path.parent / rest)
+    return next((place for place in places if place.is_file()), None)
+
+
+def _is_package(folder: Path, name: str) -> bool:
+    """Whether it is the folder of a ROS package of that name."""
+    if folder.name == name:
+        return True
+    manifest = folder / "package.xml"
+    root = _parsed(manifest) if manifest.is_file() else None
+    return root is not None and (root.findtext("name") or "").strip() == name
 
 
 def _bytes(path: Path) -> bytes:

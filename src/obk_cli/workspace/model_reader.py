@@ -186,10 +186,12 @@ def _fault(error: Exception) -> ModelFault:
 
 
 def _referenced_files(spec: Any, path: Path) -> tuple[tuple[str, str], ...]:
-    """Meshes and textures: under their folder, and as written."""
+    """Meshes, height fields, skins and textures: under their folder, and as written."""
     compiler = spec.compiler
-    folders = ((spec.meshes, compiler.meshdir), (spec.textures, compiler.texturedir))
-    referenced = ((folder, e.file) for elements, folder in folders for e in elements if e.file)
+    shapes = (element.file for element in (*spec.meshes, *spec.hfields, *spec.skins))
+    images = (file for texture in spec.textures for file in (texture.file, *texture.cubefiles))
+    named = ((compiler.meshdir, shapes), (compiler.texturedir, images))
+    referenced = ((folder, file) for folder, files in named for file in files if file)
     # A file of an included model comes with its folder in front, its `meshdir` not yet applied.
     return tuple(
         (
