@@ -19,6 +19,7 @@ from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
 from obk_cli.scaffold.describe import file_lines, unified_diff
 from obk_cli.scaffold.kinds import Problem, check_name
 from obk_cli.scaffold.package_spec import PackageSpec
+from obk_cli.scaffold.robot_model import describe_robot
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.scaffold.write import Decision
 from obk_cli.workspace.package_index import PackageIndex, owner_of_package
@@ -92,7 +93,8 @@ def command(
         remedy="choose another folder, or move what is in the way; on a terminal it is asked about",
     )
     describe = _describe_json if format == "json" else _describe_text
-    typer.echo(describe(stack, root, decisions, dry_run=dry_run))
+    notes = describe_robot(robot) if robot else ()
+    typer.echo(describe(stack, root, decisions, notes, dry_run=dry_run))
 
 
 def _copy_model(path: Path, stack: str) -> "ModelCopy":
@@ -146,12 +148,18 @@ def _next_commands(stack: str, root: Path) -> tuple[str, ...]:
 
 
 def _describe_text(
-    stack: str, root: Path, decisions: tuple[Decision, ...], *, dry_run: bool
+    stack: str,
+    root: Path,
+    decisions: tuple[Decision, ...],
+    notes: tuple[str, ...],
+    *,
+    dry_run: bool,
 ) -> str:
     verb = "would make" if dry_run else "made"
     lines = [
         f"{verb} the workspace `{stack}` in {short(root)}/",
         *file_lines(decisions),
+        *(("", *notes) if notes else ()),
         "",
         "next:",
         *(f"  {line}" for line in _next_commands(stack, root)),
@@ -160,13 +168,19 @@ def _describe_text(
 
 
 def _describe_json(
-    stack: str, root: Path, decisions: tuple[Decision, ...], *, dry_run: bool
+    stack: str,
+    root: Path,
+    decisions: tuple[Decision, ...],
+    notes: tuple[str, ...],
+    *,
+    dry_run: bool,
 ) -> str:
     result = {
         "stack": stack,
         "folder": short(root),
         "dry_run": dry_run,
         "files": [{"path": str(d.file.path), "action": d.action.value} for d in decisions],
+        "notes": list(notes),
         "next": list(_next_commands(stack, root)),
     }
     return json.dumps(result | ({"diff": unified_diff(decisions)} if dry_run else {}), indent=2)

@@ -10,6 +10,7 @@ from xml.sax.saxutils import quoteattr
 
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.sensors import SENSOR_GROUPS
+from obelisk_spec.suggestions import with_number
 from obk_cli.scaffold.message_code import LINE_LENGTH
 
 __all__ = [
@@ -17,10 +18,12 @@ __all__ = [
     "Hold",
     "ModelSensors",
     "RobotModel",
+    "Supplement",
+    "describe_robot",
     "model_variables",
     "scalar_joints",
     "sensor_groups",
-    "supplement_text",
+    "supplement",
 ]
 
 
@@ -83,6 +86,8 @@ class RobotModel:
     hold: Hold
     groups: tuple[ModelSensors, ...]
     """That of the joints first."""
+    added: str = ""
+    """What `path` adds to the given model, in words."""
 
 
 def scalar_joints(facts: ModelFacts) -> tuple[str, ...]:
@@ -150,8 +155,17 @@ def _forces(facts: ModelFacts) -> Iterator[ModelSensors]:
         yield ModelSensors(topic="forces", message="ObkForceSensor", sensors=found)
 
 
-def supplement_text(facts: ModelFacts, included: str) -> str | None:
-    """A model that includes another and adds what it lacks; None if it lacks nothing.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Supplement:
+    """A model that includes another and adds what that lacks."""
+
+    text: str
+    added: str
+    """In words."""
+
+
+def supplement(facts: ModelFacts, included: str) -> Supplement | None:
+    """What a model lacks to be a simulated robot; None if it lacks nothing.
 
     Each hinge and slide gets a `jointpos` and a `jointvel` sensor. In a model without actuators
     each gets a motor.
@@ -171,16 +185,18 @@ def supplement_text(facts: ModelFacts, included: str) -> str | None:
     motors = [] if facts.actuators else [_motor(joint) for joint in joints]
     if not sensors and not motors:
         return None
-    return "\n".join(
-        [
-            "<mujoco>",
-            f"  <!-- {_comment(has_motors=bool(motors), has_sensors=bool(sensors))} -->",
-            f"  <include file={quoteattr(included)}/>",
-            *_section("actuator", motors),
-            *_section("sensor", sensors),
-            "</mujoco>\n",
-        ]
+    what = [with_number(len(motors), "motor")] if motors else []
+    what += [with_number(len(sensors), "encoder")] if sensors else []
+    added = " and ".join(what)
+    lines = (
+        "<mujoco>",
+        f"  <!-- The robot's model, and what it lacks: {added}. -->",
+        f"  <include file={quoteattr(included)}/>",
+        *_section("actuator", motors),
+        *_section("sensor", sensors),
+        "</mujoco>\n",
     )
+    return Supplement(text="\n".join(lines), added=added)
 
 
 def _motor(joint: str) -> str:
@@ -195,13 +211,24 @@ def _names(name: str) -> Iterator[str]:
         number += 1
 
 
-def _comment(*, has_motors: bool, has_sensors: bool) -> str:
-    added = ("a motor for each joint",) * has_motors + ("encoders of the joints",) * has_sensors
-    return f"The robot's model, and what it lacks: {', '.join(added)}."
-
-
 def _section(tag: str, lines: Sequence[str]) -> tuple[str, ...]:
     return (f"  <{tag}>", *lines, f"  </{tag}>") if lines else ()
+
+
+def describe_robot(robot: RobotModel) -> tuple[str, ...]:
+    """Sentences on what was added to a model, and on how well its pose is held."""
+    hold, unit = robot.hold, _unit(robot.hold.actuators)
+    pose = (
+        f"the keyframe `{hold.keyframe}`" if hold.keyframe else "the pose that the model starts in"
+    )
+    added = (f"{robot.path} includes the model and adds {robot.added}",) if robot.added else ()
+    if not _poses(hold.actuators):
+        return (*added, f"the controller sends the controls of {pose}: no actuator drives a joint")
+    return (
+        *added,
+        f"the controller holds {pose}; in 2 s of simulation no driven joint leaves it by more than "
+        f"{hold.drift:.2g} {unit}",
+    )
 
 
 def model_variables(robot: RobotModel) -> dict[str, object]:

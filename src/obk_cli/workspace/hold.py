@@ -51,14 +51,12 @@ def find_hold(path: Path, period_s: float, *, shown: str) -> Hold:
     model = mujoco.MjModel.from_xml_path(str(path))
     start = _Start.of(model)
     kinds = _Kinds.of(model, shown)
-    trials = (
-        _tried(model, start, kinds, bandwidth, period_s)
-        for bandwidth in (_BANDWIDTHS if kinds.has_motors else _BANDWIDTHS[:1])
-    )
-    best = next(trials)
-    for hold in trials:
+    softest, *stiffer = _BANDWIDTHS
+    best = _tried(model, start, kinds, softest, period_s)
+    for bandwidth in stiffer if kinds.has_motors else ():
         if best.drift < _SMALL_DRIFT:
             break
+        hold = _tried(model, start, kinds, bandwidth, period_s)
         best = min(best, hold, key=lambda one: one.drift)
     if not np.isfinite(best.drift):
         raise CommandFailedError(

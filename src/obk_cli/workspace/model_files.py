@@ -17,7 +17,7 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import require_extra
-from obk_cli.scaffold.robot_model import RobotModel, sensor_groups, supplement_text
+from obk_cli.scaffold.robot_model import RobotModel, sensor_groups, supplement
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.workspace.hold import find_hold
 from obk_cli.workspace.model_reader import import_mujoco, mjcf_files, read_model_bounded
@@ -37,8 +37,6 @@ class ModelCopy:
 
     robot: RobotModel
     files: tuple[RenderedFile, ...]
-    added: str
-    """The file with what the model lacks, from the workspace; empty if it lacks nothing."""
 
 
 def copy_model(path: Path, stack: str) -> ModelCopy:
@@ -58,22 +56,26 @@ def copy_model(path: Path, stack: str) -> ModelCopy:
         is_urdf = root is not None and root.tag == "robot"
         files, main = _from_urdf(path, root, folder) if is_urdf and root else _from_mjcf(path)
         _write(folder, files)
-        supplement = supplement_text(_read(folder / main, shown=_copy_of(path)).facts, main.name)
-        added = _free_name(stack, main, files)
-        if supplement is not None:
-            files = {**files, added: supplement.encode()}
-            _write(folder, {added: files[added]})
-            main = added
+        more = supplement(_read(folder / main, shown=_copy_of(path)).facts, main.name)
+        if more is not None:
+            main = _free_name(stack, main, files)
+            files = {**files, main: more.text.encode()}
+            _write(folder, {main: files[main]})
         facts = _read(folder / main, shown=_copy_of(path)).facts
         period_s = _period(facts)
         hold = find_hold(folder / main, period_s, shown=str(path))
     sensors = sensor_groups(facts, (actuator.joint for actuator in hold.actuators))
     return ModelCopy(
-        robot=RobotModel(path=str(_FOLDER / main), period_s=period_s, hold=hold, groups=sensors),
+        robot=RobotModel(
+            path=str(_FOLDER / main),
+            period_s=period_s,
+            hold=hold,
+            groups=sensors,
+            added=more.added if more else "",
+        ),
         files=tuple(
             RenderedFile(path=_FOLDER / place, content=content) for place, content in files.items()
         ),
-        added="" if supplement is None else str(_FOLDER / added),
     )
 
 
