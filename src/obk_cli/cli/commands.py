@@ -17,7 +17,7 @@ from typing import Any, Final, NoReturn
 import click
 import typer
 from click.shell_completion import CompletionItem
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from obelisk_recordings.errors import RecordingError
 from obelisk_spec.suggestions import ask_for, did_you_mean
@@ -164,13 +164,44 @@ class _LazyGroup(TyperGroup):
                 )
 
 
+class _GroupedCommand(TyperCommand):
+    """A command with many options, which its help shows in groups."""
+
+    option_groups: Mapping[str, Collection[str]] = MappingProxyType({})
+    """Title -> all options, `--help` too."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        # Click has the names of `--help` in any order.
+        params = {max(param.opts, key=len): param for param in self.get_params(ctx)}
+        arguments = [name for name, param in params.items() if param.param_type_name == "argument"]
+        widest = max(len(_help_of(params[name], ctx)[0]) for name in params)
+        for title, names in {"Arguments": arguments, **self.option_groups}.items():
+            with formatter.section(title):
+                records = (_help_of(params[name], ctx) for name in names)
+                formatter.write_dl([(name.ljust(widest), text) for name, text in records])
+
+
+def _help_of(param: click.Parameter, context: click.Context) -> tuple[str, str]:
+    """How a parameter is written, and its help."""
+    return param.get_help_record(context) or ("", "")
+
+
 def _load(name: str, verb: Verb) -> Any:
     module = importlib.import_module(verb.module)
     app = getattr(module, "app", None)
-    if app is None:
+    if app is not None:
+        command = typer.main.get_command(app)
+    else:
+        groups = getattr(module, "OPTION_GROUPS", {})
         app = typer.Typer(add_completion=False, rich_markup_mode=None)
-        app.command(name, epilog=getattr(module, "EXAMPLE", None))(module.command)
-    command = typer.main.get_command(app)
+        app.command(
+            name,
+            cls=_GroupedCommand if groups else TyperCommand,
+            epilog=getattr(module, "EXAMPLE", None),
+        )(module.command)
+        command = typer.main.get_command(app)
+        if isinstance(command, _GroupedCommand):
+            command.option_groups = groups
     command.name = name
     return command
 

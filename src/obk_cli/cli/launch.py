@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, cast, get_args
 
 import typer
@@ -37,7 +38,7 @@ from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.record.recorder_job import RecordRequest
 
-__all__ = ["EXAMPLE", "command"]
+__all__ = ["EXAMPLE", "OPTION_GROUPS", "command"]
 
 EXAMPLE = """\b
 Example: obk launch examples/dummy/dummy.yaml --duration 20
@@ -46,6 +47,17 @@ Example: obk launch examples/dummy/dummy.yaml --duration 20
          obk launch config.yaml --viewer web
          obk launch config.yaml --render out.mp4 --render-camera side --duration 10
 """
+OPTION_GROUPS = MappingProxyType(
+    {
+        "What runs": ("--until", "--duration", "--composed", "--set", "--build"),
+        "Supervision": ("--on-crash", "--hang-after", "--timeout", "--strict-rates", "--replace"),
+        "Simulation": ("--viewer", "--render", "--render-camera", "--render-size", "--render-fps"),
+        "Recording": ("--record", "--record-topic", "--keep"),
+        "Network": ("--network", "--allow-foreign", "--device", "--lead"),
+        "Output": ("--quiet", "--log-level", "--ignore", "--format", "--color", "--help"),
+    }
+)
+"""The options as `obk launch --help` groups them."""
 FORMATS = ("text", "json")
 VIEWERS = ("none", "native", "web")
 

@@ -8,9 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
-from obk_cli.cli.commands import VERBS
+from obk_cli.cli.commands import VERBS, root_command
+from obk_cli.cli.launch import OPTION_GROUPS
 from obk_cli.cli.main import main
 from obk_cli.emit.formats import FORMS
 from obk_cli.errors import CommandFailedError
@@ -71,6 +73,17 @@ def test_every_command_has_help_with_an_example(
     result = Result(capsys, verb, "--help")
     assert result.code == 0
     assert f"Example: obk {verb}" in result.out
+
+
+def test_the_help_of_launch_has_each_option_in_a_group(capsys: pytest.CaptureFixture[str]) -> None:
+    root = root_command()
+    launch = root.get_command(click.Context(root), "launch")
+    options = sorted(p.opts[0] for p in launch.params if p.param_type_name == "option")
+    grouped = [option for group in OPTION_GROUPS.values() for option in group]
+    assert sorted(grouped) == sorted([*options, "--help"])
+    lines = Result(capsys, "launch", "--help").out.splitlines()
+    titles = [line.removesuffix(":") for line in lines if line.endswith(":") and line[0] != " "]
+    assert titles == ["Arguments", *OPTION_GROUPS]
 
 
 @pytest.mark.parametrize("verb", ["validate", "launch"])
