@@ -10,7 +10,10 @@ from typing import Final, Literal
 
 __all__ = [
     "ACTIVATION",
+    "CLOCK_EPOCH",
+    "CLOCK_FIRST_DUE",
     "CLOCK_PAGE",
+    "CLOCK_TIME",
     "CLOCK_TOPIC",
     "CLOCK_VARIABLE",
     "DIAGNOSTICS_TOPIC",
@@ -52,7 +55,12 @@ inherits all of them, so the page has no name in any folder and is gone with its
 """
 CLOCK_PAGE: Final = "obk_clock"
 """Name of the memfd that is the clock page."""
-_CLOCK_HEAD_BYTES: Final = 64
+CLOCK_TIME: Final = 0
+"""Place of a word of 8 bytes in the clock page: the simulated time [ns]."""
+CLOCK_EPOCH: Final = 1
+"""The same of the number of times that it was set back."""
+CLOCK_FIRST_DUE: Final = 8
+"""The same of the time at which the first process is to be woken [ns]; the others follow."""
 _WORD_BYTES: Final = 8
 
 
@@ -81,7 +89,7 @@ def parse_clock(text: str) -> ClockDescriptors | None:
 
 def clock_page_bytes(processes: int) -> int:
     """The size of the clock page of so many processes [bytes]: a head, and a word for each."""
-    return _CLOCK_HEAD_BYTES + _WORD_BYTES * processes
+    return _WORD_BYTES * (CLOCK_FIRST_DUE + processes)
 
 
 GATE_VARIABLE: Final = "OBK_GATE"

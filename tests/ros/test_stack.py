@@ -229,6 +229,15 @@ def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on() -> Non
     assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
 
 
+def test_a_duration_in_simulated_time_ends_a_run_at_any_speed() -> None:
+    fast = "onboard.robot[0].params.realtime_factor=0"
+    run = obk("launch", DUMMY, "--sim-duration", "100", "--set", fast, "--format", "json")
+    assert run.returncode == 0, run.stdout + run.stderr
+    events = list(map(json.loads, run.stdout.splitlines()))
+    phases = [event["name"] for event in events if event["event"] == "Phase"]
+    assert phases[-3:] == ["active", "stopping", "stopped"]
+
+
 @pytest.mark.slow
 def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
     read_fd, write_fd = os.pipe()

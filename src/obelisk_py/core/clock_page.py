@@ -19,7 +19,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from obelisk_spec.runtime_protocol import (
+    CLOCK_EPOCH,
+    CLOCK_FIRST_DUE,
     CLOCK_PAGE,
+    CLOCK_TIME,
     CLOCK_VARIABLE,
     ClockDescriptors,
     clock_page_bytes,
@@ -30,8 +33,6 @@ __all__ = ["NEVER_NS", "ClockPage", "ClockWriter", "open_clock_page", "open_cloc
 
 NEVER_NS: Final = (1 << 63) - 1
 """Due time of a process without timers [ns]."""
-_TIME, _EPOCH, _FIRST_DUE = 0, 1, 8
-"""Places of the words: time [ns], number of jumps back, due time of the first process [ns]."""
 
 
 class ClockPage:
@@ -44,7 +45,7 @@ class ClockPage:
             descriptors: stay open until `close`.
         """
         self._words = _mapped(descriptors)
-        self._own = _FIRST_DUE + descriptors.own
+        self._own = CLOCK_FIRST_DUE + descriptors.own
         self.wake_fd = descriptors.wakes[descriptors.own]
         """Signalled when the due time of this process is reached, and after a jump back."""
         self.followers: weakref.WeakSet[Any] = weakref.WeakSet()
@@ -54,12 +55,12 @@ class ClockPage:
     @property
     def time_ns(self) -> int:
         """The simulated time [ns]; 0 before the first step."""
-        return self._words[_TIME]
+        return self._words[CLOCK_TIME]
 
     @property
     def epoch(self) -> int:
         """How often the time was set back."""
-        return self._words[_EPOCH]
+        return self._words[CLOCK_EPOCH]
 
     def set_due(self, due_ns: int) -> None:
         """Ask to be woken at this time [ns]; the time may have come already."""
@@ -81,13 +82,13 @@ class ClockWriter:
         """
         self._words = words = _mapped(descriptors)
         self._wakes = descriptors.wakes
-        self._dues = words[_FIRST_DUE:]
+        self._dues = words[CLOCK_FIRST_DUE:]
         self._signalled = [0] * len(self._wakes)
         """The due times for which the processes were signalled last: once for each of them."""
 
     def advance(self, time_ns: int) -> None:
         """Set the time [ns] after steps."""
-        self._words[_TIME] = time_ns
+        self._words[CLOCK_TIME] = time_ns
         signalled = self._signalled
         for place, due_ns in enumerate(self._dues.tolist()):
             if due_ns <= time_ns and due_ns != signalled[place]:
@@ -96,11 +97,11 @@ class ClockWriter:
 
     def restart(self, time_ns: int) -> None:
         """Set the time [ns] of a reset; every process is woken if it jumps back."""
-        if time_ns >= self._words[_TIME]:
+        if time_ns >= self._words[CLOCK_TIME]:
             self.advance(time_ns)
             return
-        self._words[_TIME] = time_ns
-        self._words[_EPOCH] += 1
+        self._words[CLOCK_TIME] = time_ns
+        self._words[CLOCK_EPOCH] += 1
         self._signalled = [0] * len(self._wakes)
         for wake_fd in self._wakes:
             os.eventfd_write(wake_fd, 1)

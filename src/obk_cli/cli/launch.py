@@ -20,7 +20,7 @@ from obk_cli.cli.config_options import (
     valid_plan,
     wants_colour,
 )
-from obk_cli.cli.options import require_choice
+from obk_cli.cli.options import require_choice, require_positive
 from obk_cli.compiler import compile_config
 from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.node_reader import LOG_LEVELS
@@ -29,6 +29,7 @@ from obk_cli.launch.event_loop import Limits
 from obk_cli.launch.options import (
     RenderArguments,
     require_libraries,
+    require_simulated_time,
     with_render,
     with_simulator_parameters,
 )
@@ -49,7 +50,7 @@ Example: obk launch examples/dummy/dummy.yaml --duration 20
 """
 OPTION_GROUPS = MappingProxyType(
     {
-        "What runs": ("--until", "--duration", "--composed", "--set", "--build"),
+        "What runs": ("--until", "--duration", "--sim-duration", "--composed", "--set", "--build"),
         "Supervision": ("--on-crash", "--hang-after", "--timeout", "--strict-rates", "--replace"),
         "Simulation": ("--viewer", "--render", "--render-camera", "--render-size", "--render-fps"),
         "Recording": ("--record", "--record-topic", "--keep"),
@@ -69,6 +70,10 @@ def command(
     ] = "active",
     duration: Annotated[
         float | None, typer.Option(help="Seconds after which the stack is brought down.")
+    ] = None,
+    sim_duration: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="The same in simulated seconds; needs a simulated robot."),
     ] = None,
     timeout: Annotated[
         float,
@@ -160,9 +165,9 @@ def command(
     """Start a stack, bring it up, supervise it, and shut it down cleanly.
 
     Out-of-date message packages of the workspace are compiled first.
-    Ends on Ctrl-C, on SIGTERM, after --duration, or when a node fails. No process of the stack
-    outlives this one. Exit code 0: shut down cleanly; 1: the config has errors, a node failed, or a
-    rate was broken with --strict-rates.
+    Ends on Ctrl-C, on SIGTERM, after --duration or --sim-duration, or when a node fails. No process
+    of the stack outlives this one. Exit code 0: shut down cleanly; 1: the config has errors, a node
+    failed, or a rate was broken with --strict-rates.
     """
     require_choice("--until", until, tuple(UNTIL))
     require_choice("--on-crash", on_crash, get_args(OnCrash))
@@ -170,6 +175,9 @@ def command(
     if viewer is not None:
         require_choice("--viewer", viewer, VIEWERS)
     _check_numbers(timeout, hang_after, keep, duration)
+    require_positive("--sim-duration", sim_duration, "seconds")
+    if sim_duration is not None and until != "active":
+        raise MisuseError(f"`--sim-duration`: with `--until {until}` no simulation runs")
     outcome = compile_config(config, make_options(set_, ignore))
     plan = _with_log_level(valid_plan(outcome, color), log_level)
     _check_devices(plan, device, lead)
@@ -184,6 +192,8 @@ def command(
     if network is not None:
         require_choice("--network", network, get_args(Network))
     share = share_of(plan, device, lead)
+    if sim_duration is not None:
+        require_simulated_time(plan, share, "--sim-duration")
     require_libraries(plan, share)
     render_arguments = RenderArguments(
         path=render, camera=render_camera, size=render_size, rate_hz=render_fps
@@ -199,6 +209,7 @@ def command(
         share=share,
         until=cast(Until, until),
         duration_s=duration,
+        sim_duration_s=sim_duration,
         limits=_limits(timeout, hang_after),
         on_crash=cast(OnCrash, on_crash),
         strict_rates=strict_rates,

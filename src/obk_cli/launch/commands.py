@@ -23,7 +23,6 @@ from obelisk_spec.runtime_protocol import (
     LOCAL_TRANSPORT_ON,
     LOCAL_TRANSPORT_VARIABLE,
     SOCKETS_FOLDER,
-    USE_SIM_TIME,
     ClockDescriptors,
     clock_page_bytes,
 )
@@ -32,7 +31,7 @@ from obk_cli.config.environment import Command, ExecutableMissing
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import STATE_MODE, write_text
-from obk_cli.launch.options import SIMULATOR
+from obk_cli.launch.options import is_only_clock
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
 from obk_cli.plan.plan import Plan, Process
@@ -377,40 +376,40 @@ def socket_folder(
 @contextmanager
 def with_clock_page(
     plan: Plan, units: Sequence[Unit], commands: Mapping[str, NodeCommand]
-) -> Iterator[Mapping[str, NodeCommand]]:
+) -> Iterator[tuple[Mapping[str, NodeCommand], ClockDescriptors | None]]:
     """The commands of the units with a clock page, if our simulator runs here as the only clock.
 
     Otherwise processes use `/clock`, and the commands stay as they are. The page is a memfd, and
     each process has an eventfd that wakes it; all of them are inherited. Nothing has a name in a
-    folder, so nothing is left behind, however the launch ends.
+    folder, so nothing is left behind, however the launch ends. The launcher has the last place.
 
     Args:
         plan: the whole stack.
         units: the processes that run here.
         commands: how they are started, by the name of the unit.
     """
-    if not _simulator_runs_in(plan, units):
-        yield commands
+    if not is_only_clock(plan, [node for unit in units for node in unit.nodes]):
+        yield commands, None
         return
     page = os.memfd_create(CLOCK_PAGE)
-    os.ftruncate(page, clock_page_bytes(len(units)))
-    wakes = tuple(os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) for _ in units)
+    places = len(units) + 1
+    os.ftruncate(page, clock_page_bytes(places))
+    wakes = tuple(os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) for _ in range(places))
+    own_end, *ends = (
+        ClockDescriptors(page=page, own=own, wakes=wakes)
+        for own in (len(units), *range(len(units)))
+    )
     try:
-        yield {
-            unit.name: _inheriting(
-                commands[unit.name], ClockDescriptors(page=page, own=own, wakes=wakes)
-            )
-            for own, unit in enumerate(units)
-        }
+        yield (
+            {
+                unit.name: _inheriting(commands[unit.name], end)
+                for unit, end in zip(units, ends, strict=True)
+            },
+            own_end,
+        )
     finally:
         for fd in (page, *wakes):
             os.close(fd)
-
-
-def _simulator_runs_in(plan: Plan, units: Sequence[Unit]) -> bool:
-    clocks = [node for node in plan.processes if node.model and node.parameters.get(USE_SIM_TIME)]
-    here = [node for unit in units for node in unit.nodes]
-    return len(clocks) == 1 and clocks[0].package == SIMULATOR and clocks[0] in here
 
 
 def _inheriting(command: NodeCommand, descriptors: ClockDescriptors) -> NodeCommand:

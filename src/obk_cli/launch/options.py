@@ -4,11 +4,12 @@ Those that change the plan of a simulated robot, such as `--render`, are checked
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obelisk_spec.suggestions import did_you_mean, list_names
 from obelisk_spec.values import ParameterValue
 from obelisk_spec.video import VideoError, VideoSettings, read_video
@@ -26,7 +27,9 @@ __all__ = [
     "KEPT_RUNS",
     "LaunchOptions",
     "RenderArguments",
+    "is_only_clock",
     "require_libraries",
+    "require_simulated_time",
     "simulated_robots",
     "with_render",
     "with_simulator_parameters",
@@ -48,6 +51,8 @@ class LaunchOptions:
     until: Until = "active"
     duration_s: float | None = None
     """How long the stack stays up [s]; None: until a stop is requested."""
+    sim_duration_s: float | None = None
+    """The same in simulated time [s]; needs a simulator that sets the time of the stack."""
     limits: Limits = field(default_factory=Limits)
     on_crash: OnCrash = "stop"
     """For nodes whose config sets none."""
@@ -98,13 +103,7 @@ def with_simulator_parameters(
     """
     if not parameters:
         return plan
-    meant = simulated_robots(plan, share)
-    if not meant:
-        where = f"on {', '.join(sorted(share.devices))}" if share.is_part else f"in `{plan.name}`"
-        raise MisuseError(
-            f"`{option}`: there is no simulated robot {where}",
-            help="a robot is simulated if its node has a `sim` block and no `is_simulated: False`",
-        )
+    meant = _require_simulated_robots(plan, share, option)
     return replace(
         plan,
         processes=tuple(
@@ -112,6 +111,38 @@ def with_simulator_parameters(
             for node in plan.processes
         ),
     )
+
+
+def require_simulated_time(plan: Plan, share: Share, option: str) -> None:
+    """Make sure that a simulator which runs here sets the time of the stack.
+
+    Raises:
+        MisuseError: no simulated robot runs here, or the stack runs on the wall clock.
+    """
+    _require_simulated_robots(plan, share, option)
+    if not is_only_clock(plan, [node for node in plan.processes if node.device in share.devices]):
+        raise MisuseError(
+            f"`{option}`: `{plan.name}` does not run in simulated time",
+            help=f"a stack with one robot of `{SIMULATOR}` does unless it sets `use_sim_time: "
+            "false`; `--duration` counts seconds of the wall clock",
+        )
+
+
+def is_only_clock(plan: Plan, here: Collection[Process]) -> bool:
+    """Whether our simulator, among the nodes that run here, is the only clock of the stack."""
+    clocks = [node for node in plan.processes if node.model and node.parameters.get(USE_SIM_TIME)]
+    return len(clocks) == 1 and clocks[0].package == SIMULATOR and clocks[0] in here
+
+
+def _require_simulated_robots(plan: Plan, share: Share, option: str) -> tuple[Process, ...]:
+    robots = simulated_robots(plan, share)
+    if not robots:
+        where = f"on {', '.join(sorted(share.devices))}" if share.is_part else f"in `{plan.name}`"
+        raise MisuseError(
+            f"`{option}`: there is no simulated robot {where}",
+            help="a robot is simulated if its node has a `sim` block and no `is_simulated: False`",
+        )
+    return robots
 
 
 def simulated_robots(plan: Plan, share: Share) -> tuple[Process, ...]:

@@ -50,6 +50,7 @@ from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
 from obk_cli.launch.recorder import Recorder, VideoReports
 from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
 from obk_cli.launch.run_lock import locked_run
+from obk_cli.launch.simulated_duration import counting
 from obk_cli.launch.state_node import StateNode, state_node_name
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.plan.plan import Plan
@@ -99,7 +100,9 @@ def run_plan(
         commands, common = _commands(
             units, executables, lock.folder, variables, packages, output, stack
         )
-        commands = stack.enter_context(with_clock_page(plan, units, commands))
+        commands, clock = stack.enter_context(with_clock_page(plan, units, commands))
+        stop_counted = _requesting_end(inbox, options.sim_duration_s)
+        count = stack.enter_context(counting(clock, options.sim_duration_s, stop_counted))
         recorder = Recorder(options.recording, lock.folder, output)
         videos = VideoReports(plan, share, output.note)
         programs = [command.in_python for command in commands.values()]
@@ -134,7 +137,7 @@ def run_plan(
             lifecycle=ros,
             inbox=inbox,
             clock=monotonic_s,
-            publish=_events(recorder, videos, external, state_node, output).publish,
+            publish=_events(recorder, videos, external, count, state_node, output).publish,
             limits=options.limits,
             on_crash=options.on_crash,
             strict_rates=options.strict_rates,
@@ -165,6 +168,7 @@ def _events(
     recorder: Recorder,
     videos: VideoReports,
     external: ExternalRates,
+    count: Callable[[OutputEvent], None],
     state_node: StateNode | None,
     output: Output,
 ) -> EventBus[OutputEvent]:
@@ -176,6 +180,7 @@ def _events(
     bus.subscribe(recorder.on_event)
     bus.subscribe(videos.on_event)
     bus.subscribe(external.on_event)
+    bus.subscribe(count)
     if state_node is not None:
         bus.subscribe(_shown_by(state_node))
     bus.subscribe(output.event)
@@ -281,6 +286,15 @@ def _commands(
         return commands_in(Path(stack.enter_context(TemporaryDirectory(prefix="obk-"))))
     except OSError as error:
         raise CommandFailedError(f"the parameters cannot be written: {error}") from error
+
+
+def _requesting_end(
+    inbox: "SimpleQueue[InputEvent]", duration_s: float | None
+) -> Callable[[], None]:
+    def request() -> None:
+        inbox.put(StopRequested(reason=f"{duration_s:g} simulated s are over"))
+
+    return request
 
 
 def _requesting_stop(inbox: "SimpleQueue[InputEvent]") -> Callable[[signal.Signals], None]:

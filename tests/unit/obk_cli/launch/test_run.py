@@ -58,7 +58,7 @@ def test_the_end_is_shown_after_the_recorder_and_the_videos_are_done() -> None:
     videos = SimpleNamespace(on_event=noting("videos"))
     quiet = SimpleNamespace(on_event=lambda _: None)
     output = SimpleNamespace(event=noting("shown"))
-    bus = _events(recorder, videos, quiet, None, output)  # type: ignore[arg-type]
+    bus = _events(recorder, videos, quiet, print, None, output)  # type: ignore[arg-type]
     bus.publish(Ended(exit_code=0, cause=""))
     assert calls == ["recorder", "videos", "shown"]
 
@@ -68,7 +68,7 @@ def test_the_state_node_shows_each_state_before_the_screen() -> None:
     quiet = SimpleNamespace(on_event=lambda _: None)
     node = SimpleNamespace(show=calls.append)
     output = SimpleNamespace(event=lambda event: calls.append(type(event).__name__))
-    bus = _events(quiet, quiet, quiet, node, output)  # type: ignore[arg-type]
+    bus = _events(quiet, quiet, quiet, print, node, output)  # type: ignore[arg-type]
     bus.publish(StackStateChanged(state="inactive"))
     bus.publish(Phase(name="ready", seconds=0.0))
     assert calls == ["inactive", "StackStateChanged", "Phase"]
