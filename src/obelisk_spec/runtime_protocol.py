@@ -22,6 +22,7 @@ __all__ = [
     "LOCAL_TRANSPORT_OFF",
     "LOCAL_TRANSPORT_ON",
     "LOCAL_TRANSPORT_VARIABLE",
+    "REJECTION",
     "REPORT_PERIOD_S",
     "SOCKETS_FOLDER",
     "STANDINGS",
@@ -36,9 +37,11 @@ __all__ = [
     "names_this_host",
     "parse_clock",
     "parse_rate",
+    "parse_rejection",
     "parse_value",
     "rate_name",
     "rate_values",
+    "rejection_values",
 ]
 
 USE_SIM_TIME: Final = "use_sim_time"
@@ -157,6 +160,10 @@ ACTIVATION: Final = "active_since_s"
 FIRST_OUTPUT: Final = "first_output_s"
 """The same of the first message that it has published since."""
 
+REJECTION: Final = "commands_rejected"
+"""Name of the status of a robot that receives commands and rejects all of them."""
+_SECONDS, _REASON = "seconds", "reason"
+
 _EXPECTED, _MEASURED, _TICKS, _OVERRUNS = "expected_hz", "measured_hz", "ticks", "overruns"
 _P50, _P99, _MAX, _PERIOD = "late_p50_us", "late_p99_us", "late_max_us", "period_sec"
 _NODE_END: Final = ": "
@@ -220,6 +227,26 @@ def parse_value(what: str, name: str, values: Mapping[str, str]) -> float | None
     except (KeyError, ValueError):
         return None
     return value if math.isfinite(value) else None
+
+
+def rejection_values(seconds: float, reason: str) -> tuple[tuple[str, str], ...]:
+    """Keys and values of the status `REJECTION`.
+
+    Args:
+        seconds: how long all commands have been rejected [s]; 0: they are accepted again.
+        reason: why the newest one was rejected.
+    """
+    return ((_SECONDS, f"{seconds:.1f}"), (_REASON, reason))
+
+
+def parse_rejection(name: str, values: Mapping[str, str]) -> tuple[float, str] | None:
+    """The arguments of `rejection_values`; None if the status is about something else."""
+    if not name.endswith(f"{_NODE_END}{REJECTION}"):
+        return None
+    try:
+        return float(values[_SECONDS]), values[_REASON]
+    except (KeyError, ValueError):
+        return None
 
 
 def parse_rate(name: str, level: int, values: Mapping[str, str]) -> Rate | None:

@@ -2,14 +2,17 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import psutil
 import pytest
 
+from obelisk_spec.runtime_protocol import REJECTION
 from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
 from obk_cli.ros.environment import ros_environment
 
@@ -227,6 +230,23 @@ def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on() -> Non
         assert f"domain {domain}" in elsewhere.stderr
     assert run.process.returncode == 0, run.text
     assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
+
+
+def test_a_run_whose_robot_rejects_commands_to_the_end_fails(tmp_path: Path) -> None:
+    """With a second actuator, the controller's commands are too short."""
+    shutil.copytree(DUMMY.parent, tmp_path, dirs_exist_ok=True)
+    model = ElementTree.parse(tmp_path / "dummy.xml")
+    actuators = model.getroot().find("actuator")
+    assert actuators is not None
+    ElementTree.SubElement(actuators, "motor", name="second", joint="joint1")
+    for key in model.getroot().iter("key"):
+        key.attrib.pop("ctrl")
+    model.write(tmp_path / "dummy.xml")
+    with launched(tmp_path / DUMMY.name) as run:
+        reports = ("topic", "echo", "/diagnostics", "--count", "3")
+        eventually(lambda: REJECTION in obk(*reports).stdout, "the robot's report")
+    assert run.process.returncode == 1
+    assert "/obelisk_robot_0" in run.cause
 
 
 def test_a_duration_in_simulated_time_ends_a_run_at_any_speed() -> None:

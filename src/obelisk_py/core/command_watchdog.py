@@ -18,6 +18,7 @@ __all__ = [
     "SILENCE_GRACE_S",
     "SILENCE_PERIOD_S",
     "CommandAge",
+    "LastingRejection",
     "RejectionLog",
     "RejectionReport",
     "SilenceLog",
@@ -229,6 +230,16 @@ class RejectionReport(NamedTuple):
     """Whether nothing was accepted for a while, which is an error."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LastingRejection:
+    """Messages are received, and all of them are rejected."""
+
+    seconds: float
+    """From the first to the newest of them [s]."""
+    reason: str
+    """Why the newest was rejected."""
+
+
 class RejectionLog:
     """Rejected messages, counted by reason and reported at most once a second; thread-safe."""
 
@@ -252,6 +263,8 @@ class RejectionLog:
         self._total = 0
         self._next_report_s = -float("inf")
         self._since_s: float | None = None
+        self._newest_s = 0.0
+        self._newest_reason = ""
 
     def add(self, reason: str) -> None:
         """Count a rejection."""
@@ -261,12 +274,22 @@ class RejectionLog:
             else:
                 self._others += 1
             self._total += 1
+            self._newest_s = self._monotonic_s()
+            self._newest_reason = reason
             if self._since_s is None:
-                self._since_s = self._monotonic_s()
+                self._since_s = self._newest_s
 
     def accept(self) -> None:
         """Note that a message was accepted, or that counting starts again."""
         self._since_s = None
+
+    def lasting(self) -> LastingRejection | None:
+        """The rejections since something was accepted; None if they are not spread over 1 s."""
+        with self._lock:
+            seconds = 0.0 if self._since_s is None else self._newest_s - self._since_s
+            if seconds < LASTING_S:
+                return None
+            return LastingRejection(seconds=seconds, reason=self._newest_reason)
 
     def report(self) -> RejectionReport | None:
         """A sentence about everything not yet reported, at most once a second."""

@@ -321,6 +321,8 @@ class ExpectedRate:
         self._off_s = 0.0 if self._off_s is None or not is_off else self._off_s + shown_s
 
 
+Values = Sequence[tuple[str, str]]
+"""Keys and values of a status."""
 REPORT_RATES: Final = "report_rates"
 """The ROS parameter that switches reports off; counting costs less than checking for it."""
 _DEPTH: Final = 1
@@ -336,6 +338,7 @@ class RateReporter:
         self._rates: list[ExpectedRate] = []
         self._timers: list[TimerTicks] = []
         self._values: dict[str, float] = {}
+        self._faults: dict[str, Callable[[], Values | None]] = {}
         self._publisher: Publisher | None = None
         self._timer: Timer | None = None
 
@@ -375,6 +378,10 @@ class RateReporter:
         """Publish a measured value with the next report; from any thread."""
         self._values[name] = value
 
+    def watch_fault(self, name: str, read: Callable[[], Values | None]) -> None:
+        """Publish with each report what `read` gives, as a status of this name; None: nothing."""
+        self._faults[name] = read
+
     def start(self) -> None:
         """Start to monitor and to publish."""
         if not self._node.get_parameter(REPORT_RATES).value:
@@ -389,7 +396,7 @@ class RateReporter:
             self._publisher = self._node.create_publisher(
                 DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH
             )
-        if not self._rates and not self._values:
+        if not self._rates and not self._values and not self._faults:
             return
         if self._timer is None:
             self._timer = self._node.create_timer(
@@ -430,10 +437,16 @@ class RateReporter:
         values, self._values = self._values, {}
         rates = [_status(node, rate.read()) for rate in self._rates]
         measured = [_value_status(node, name, value) for name, value in values.items()]
-        message = DiagnosticArray(status=[*rates, *measured])
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
-        if not self._rates:
+        faults = [
+            _fault_status(node, name, found)
+            for name, read in self._faults.items()
+            if (found := read()) is not None
+        ]
+        if statuses := [*rates, *measured, *faults]:
+            message = DiagnosticArray(status=statuses)
+            message.header.stamp = self._node.get_clock().now().to_msg()
+            self._publisher.publish(message)
+        if not self._rates and not self._faults:
             self.stop()
 
 
@@ -455,6 +468,16 @@ def _value_status(node: str, name: str, value: float) -> Any:
         message=text,
         hardware_id=node,
         values=[KeyValue(key=name, value=text)],
+    )
+
+
+def _fault_status(node: str, name: str, values: Values) -> Any:
+    return DiagnosticStatus(
+        level=DiagnosticStatus.ERROR,
+        name=rate_name(node, name),
+        message=name,
+        hardware_id=node,
+        values=[KeyValue(key=key, value=value) for key, value in values],
     )
 
 

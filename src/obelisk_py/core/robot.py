@@ -25,6 +25,7 @@ from obelisk_py.core.command_watchdog import (
     ONLY_REJECTIONS,
     SILENCE_GRACE_S,
     CommandAge,
+    LastingRejection,
     RejectionLog,
     RejectionReport,
     SilenceLog,
@@ -38,6 +39,7 @@ from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.settings import stale_policy
 from obelisk_py.core.surroundings import Watchdog
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
+from obelisk_spec.runtime_protocol import REJECTION, rejection_values
 
 __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
 
@@ -80,6 +82,8 @@ class ObeliskRobot(ABC, ObeliskNode):
         self._watchdog: Watchdog | None = None
         self._newest_control: Any = None
         self._rejections = RejectionLog("control rejected", time.monotonic, ONLY_REJECTIONS)
+        self._has_reported_rejection = False
+        self.rates.watch_fault(REJECTION, self._rejection_values)
         # apply_control has one caller at a time: the executor's thread or the watchdog.
         self._applying = threading.Lock()
         # The key is written out: `obk validate` reads constructors, it does not run them.
@@ -143,6 +147,18 @@ class ObeliskRobot(ABC, ObeliskNode):
     def _rejection_of(self, control_msg: ObeliskControlMsg) -> str | None:
         """The reason to reject a command before `apply_control`; None to accept it."""
         return non_finite_number(control_msg)
+
+    def _lasting_rejection(self) -> LastingRejection | None:
+        """The rejections since a command was accepted."""
+        return self._rejections.lasting()
+
+    def _rejection_values(self) -> tuple[tuple[str, str], ...] | None:
+        """What `/diagnostics` shows while all commands are rejected, and once after that."""
+        lasting, was_reported = self._lasting_rejection(), self._has_reported_rejection
+        self._has_reported_rejection = lasting is not None
+        if lasting is not None:
+            return rejection_values(lasting.seconds, lasting.reason)
+        return rejection_values(0.0, "") if was_reported else None
 
     def _can_damp(self) -> bool:
         return type(self).apply_damping is not ObeliskRobot.apply_damping

@@ -167,7 +167,7 @@ def command(
     Out-of-date message packages of the workspace are compiled first.
     Ends on Ctrl-C, on SIGTERM, after --duration or --sim-duration, or when a node fails. No process
     of the stack outlives this one. Exit code 0: shut down cleanly; 1: the config has errors, a node
-    failed, or a rate was broken with --strict-rates.
+    failed, a rate was broken with --strict-rates, or the robot rejected all commands at the end.
     """
     require_choice("--until", until, tuple(UNTIL))
     require_choice("--on-crash", on_crash, get_args(OnCrash))

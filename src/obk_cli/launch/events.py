@@ -39,6 +39,7 @@ __all__ = [
     "RatesReported",
     "RatesUnreported",
     "Ready",
+    "RejectionReported",
     "Restarted",
     "Restarting",
     "StackStateChanged",
@@ -181,6 +182,17 @@ class ActivationReported:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RejectionReported:
+    """A robot receives commands and has rejected all of them for some time."""
+
+    node: str
+    seconds: float
+    """0: it accepts them again [s]."""
+    reason: str
+    """Why the newest command was rejected."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VideoReported:
     """A simulated robot reported the status of its video."""
 
@@ -216,6 +228,7 @@ InputEvent = (
     | Failed
     | RatesReported
     | ActivationReported
+    | RejectionReported
     | VideoReported
     | ChangeRequested
     | StatusRequested

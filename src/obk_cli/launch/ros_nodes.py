@@ -17,6 +17,7 @@ from obelisk_spec.runtime_protocol import (
     DIAGNOSTICS_TOPIC,
     FIRST_OUTPUT,
     parse_rate,
+    parse_rejection,
     parse_value,
 )
 from obelisk_spec.video import parse_video
@@ -27,6 +28,7 @@ from obk_cli.launch.events import (
     InputEvent,
     RatesReported,
     Ready,
+    RejectionReported,
     StateAnswered,
     StateSeen,
     TransitionStarted,
@@ -325,9 +327,11 @@ class _Wait:
 def subscribe_to_diagnostics(
     node: Any,
     nodes: Iterable[str],
-    on_event: Callable[[ActivationReported | RatesReported | VideoReported], None],
+    on_event: Callable[
+        [ActivationReported | RatesReported | RejectionReported | VideoReported], None
+    ],
 ) -> None:
-    """Report the rates, activations and videos of these nodes, from the thread that spins.
+    """Report rates, activations, rejections and videos of these nodes, from the spinning thread.
 
     Args:
         node: of rclpy, that subscribes.
@@ -339,7 +343,8 @@ def subscribe_to_diagnostics(
     names = frozenset(nodes)
 
     def on_message(message: Any) -> None:
-        for event in (rates_of(message), activation_of(message), video_of(message)):
+        for read in (rates_of, activation_of, rejection_of, video_of):
+            event = read(message)
             if event is not None and event.node in names:
                 on_event(event)
 
@@ -371,6 +376,16 @@ def activation_of(message: Any) -> ActivationReported | None:
         simulated_s=times[ACTIVATION],
         first_output_s=times.get(FIRST_OUTPUT),
     )
+
+
+def rejection_of(message: Any) -> RejectionReported | None:
+    """The rejections in a `diagnostic_msgs/DiagnosticArray`; None if it has none."""
+    for status in message.status:
+        rejection = parse_rejection(status.name, _values(status))
+        if rejection is not None:
+            seconds, reason = rejection
+            return RejectionReported(node=str(status.hardware_id), seconds=seconds, reason=reason)
+    return None
 
 
 def video_of(message: Any) -> VideoReported | None:

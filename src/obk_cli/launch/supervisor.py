@@ -27,6 +27,7 @@ from obk_cli.launch.events import (
     RatesReported,
     RatesUnreported,
     Ready,
+    RejectionReported,
     StateAnswered,
     StateSeen,
     StatusRequested,
@@ -125,6 +126,8 @@ class Supervisor:
         self._restarts = RestartPolicy(self._context, self._control, self._runner)
         self._rates = RateWatch(state, lifecycle.publishes_diagnostics)
         self._strict_rates = strict_rates
+        self._rejections: dict[str, RejectionReported] = {}
+        """By node, the robots that reject all commands."""
         self._changes: deque[ChangeRequested] = deque()
         """Changes that wait to be made."""
         self._busy_with = ""
@@ -143,9 +146,16 @@ class Supervisor:
             if self._run.may_go_on:
                 self._run.stop(f"{duration_s:g} s are over")
         self._bring_down()
+        if not self._run.failures:
+            self._judge_rejections()
         ended = self._ended()
         self._context.publisher.publish(ended)
         return ended
+
+    def _judge_rejections(self) -> None:
+        for node, rejection in sorted(self._rejections.items()):
+            how = f"rejected every command in its last {rejection.seconds:.1f} s"
+            self._run.fail(f"{node} {how}: {rejection.reason}", node)
 
     def _ended(self) -> Ended:
         failures = self._run.failures
@@ -424,12 +434,24 @@ class Supervisor:
                 self._state_seen(event)
             case Failed(node=node) if node != lead:
                 self._failed(event)
-            case RatesReported():
-                self._publish_rates(self._rates.received(event, self._context.loop.now()))
-            case ActivationReported() | VideoReported():
-                self._context.publisher.publish(event)
+            case RatesReported() | RejectionReported() | ActivationReported() | VideoReported():
+                self._reported(event)
             case _:
                 self._dispatch_request(event)
+
+    def _reported(
+        self, event: RatesReported | RejectionReported | ActivationReported | VideoReported
+    ) -> None:
+        """A node reported on `/diagnostics`."""
+        match event:
+            case RatesReported():
+                self._publish_rates(self._rates.received(event, self._context.loop.now()))
+            case RejectionReported(node=node, seconds=0.0):
+                self._rejections.pop(node, None)
+            case RejectionReported(node=node):
+                self._rejections[node] = event
+            case _:
+                self._context.publisher.publish(event)
 
     def _dispatch_request(self, event: InputEvent) -> None:
         """Dispatch what comes from outside the stack."""
@@ -476,6 +498,8 @@ class Supervisor:
             return
         culprit = state.culprit(unit, event.text)
         if not self._run.is_going_down:
+            for name in names:
+                self._rejections.pop(name, None)
             self._context.publisher.publish(event)
             self._restarts.crashed(culprit, "ended", f"{unit}: {event.how}")
         elif event.code not in expected:

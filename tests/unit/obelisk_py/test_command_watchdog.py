@@ -260,6 +260,22 @@ def test_only_rejections_are_an_error_after_a_second_and_then_reported_rarely(wo
     assert errors[0][1].text.endswith("`obk topic echo` shows what the controller sends")
 
 
+def test_rejections_last_until_a_message_is_accepted(world):
+    world.reject_for(0.5)
+    assert world.rejections.lasting() is None
+    world.reject_for(2.0)
+    lasting = world.rejections.lasting()
+    assert (round(lasting.seconds, 1), lasting.reason) == (2.4, "`u[0]` is nan")
+    world.rejections.accept()
+    assert world.rejections.lasting() is None
+
+
+def test_one_rejection_and_then_silence_does_not_last(world):
+    world.rejections.add("`u[0]` is nan")
+    world.now_s += 60.0
+    assert world.rejections.lasting() is None
+
+
 def test_accepted_messages_in_between_leave_it_a_warning(world):
     reported = world.reject_for(5.0, accept_each=9)
     assert len(reported) == 5

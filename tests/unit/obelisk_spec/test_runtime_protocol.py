@@ -5,13 +5,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from obelisk_spec.runtime_protocol import (
+    REJECTION,
     STANDINGS,
     Rate,
     is_of_the_page,
     names_this_host,
     parse_rate,
+    parse_rejection,
     rate_name,
     rate_values,
+    rejection_values,
 )
 
 RATE = Rate(
@@ -88,3 +91,22 @@ def test_a_page_is_compared_by_scheme_name_and_port() -> None:
         assert not is_of_the_page(other, "127.0.0.1:8080")
     for none in ("", "null"):
         assert not is_of_the_page(none, "127.0.0.1:8080")
+
+
+def test_rejected_commands_are_read_as_they_were_reported() -> None:
+    name = rate_name("/arm/robot", REJECTION)
+    assert parse_rejection(name, dict(rejection_values(2.5, "`u` is nan"))) == (2.5, "`u` is nan")
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("a: timer", {"seconds": "1", "reason": "x"}),
+        (f"a: {REJECTION}", {"seconds": "long", "reason": "x"}),
+        (f"a: {REJECTION}", {"reason": "x"}),
+    ],
+)
+def test_a_status_of_another_kind_reports_no_rejected_commands(
+    name: str, values: dict[str, str]
+) -> None:
+    assert parse_rejection(name, values) is None

@@ -13,6 +13,7 @@ from obk_cli.launch.events import (
     Phase,
     ProcessEnded,
     ProcessStarted,
+    RejectionReported,
     StackStateChanged,
     StateSeen,
     StopRequested,
@@ -46,6 +47,23 @@ def test_the_duration_counts_from_the_end_of_the_bring_up() -> None:
     world = World()
     world.run(duration_s=7.5)
     assert world.now == pytest.approx(7.5)
+
+
+def rejecting(seconds: float) -> RejectionReported:
+    return RejectionReported(node=ROBOT, seconds=seconds, reason="`u` has the length 2")
+
+
+def test_a_robot_that_rejects_commands_to_the_end_fails_the_run() -> None:
+    world = World(later=deque([rejecting(1.0), 1.0, rejecting(2.0)]))
+    ended = world.run()
+    assert (ended.exit_code, ended.consequences) == (1, 0)
+    assert ROBOT in ended.cause
+    assert "`u` has the length 2" in ended.cause
+    assert world.phases[-3:] == ["active", "stopping", "stopped"]
+
+
+def test_a_robot_that_accepts_commands_again_does_not_fail_the_run() -> None:
+    assert World(later=deque([rejecting(3.0), 1.0, rejecting(0.0)])).run().exit_code == 0
 
 
 def test_until_configured_activates_nobody() -> None:

@@ -16,7 +16,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from obelisk_py.core.command_watchdog import ONLY_REJECTIONS, RejectionLog, RejectionReport
+from obelisk_py.core.command_watchdog import (
+    ONLY_REJECTIONS,
+    LastingRejection,
+    RejectionLog,
+    RejectionReport,
+)
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.messages import optional_message
 from obelisk_py.core.sim.mujoco.actuators import (
@@ -171,6 +176,10 @@ class ControlInbox:
         """Reports that are not logged yet, each kind at most once per second."""
         reports = (self._rejections.report(), self._late.report())
         return [report for report in reports if report is not None]
+
+    def lasting_rejection(self) -> LastingRejection | None:
+        """The rejections since a control was accepted."""
+        return self._rejections.lasting()
 
     def _read(self, message: Any) -> Control | str:
         """The control of a message, or the reason to reject it."""

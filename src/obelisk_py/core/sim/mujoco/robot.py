@@ -26,6 +26,7 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from std_msgs.msg import Float64
 
 from obelisk_py.core.clock_page import open_clock_writer
+from obelisk_py.core.command_watchdog import LastingRejection
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.messages import optional_message
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
@@ -450,6 +451,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _rejection_of(self, _control_msg: ObeliskControlMsg) -> None:
         """None: the inbox rejects controls, by the fields that the simulation reads."""
+
+    def _lasting_rejection(self) -> LastingRejection | None:
+        return None if self._inbox is None else self._inbox.lasting_rejection()
 
     def _make_stepper(
         self, simulation: Simulation, factor: float, outputs: tuple[TimedOutput, ...]
