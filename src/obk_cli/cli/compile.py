@@ -2,8 +2,9 @@
 
 import os
 import re
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -17,18 +18,22 @@ from obk_cli.cli.config_options import (
 )
 from obk_cli.cli.options import require_choice
 from obk_cli.compiler import compile_config
-from obk_cli.emit.formats import FORMS, Form
-from obk_cli.files import unwritable, write_text
+from obk_cli.emit.formats import FORMS
+from obk_cli.files import unwritable, write_bytes
 from obk_cli.plan.plan import Plan
 
-__all__ = ["EXAMPLE", "OutputOption", "command", "deliver"]
+__all__ = ["EXAMPLE", "STDOUT", "OutputOption", "command", "deliver"]
 
 EXAMPLE = "Example: obk compile config.yaml --to params --output build/dummy.params.yaml"
 
 OutputOption = Annotated[
     str | None,
-    typer.Option(metavar="FILE|DIR", help="Where to write; in a folder it is named by the stack."),
+    typer.Option(
+        metavar="FILE|DIR",
+        help="Where to write; in a folder it is named by the stack; `-` is stdout.",
+    ),
 ]
+STDOUT: Final = "-"
 
 
 def command(
@@ -46,23 +51,33 @@ def command(
     """
     require_choice("--to", to, FORMS)
     outcome = compile_config(config, make_options(set_, ignore))
-    deliver(valid_plan(outcome, color, with_infos=True), FORMS[to], output)
+    plan = valid_plan(outcome, color, with_infos=True)
+    deliver(plan, FORMS[to].emit(plan), FORMS[to].ending, output)
 
 
-def deliver(plan: Plan, form: Form, output: str | None) -> None:
+def deliver(plan: Plan, content: str | bytes, ending: str, output: str | None) -> None:
     """Print a form of the plan, or write it to a file if that changes the file.
+
+    Args:
+        plan: names the file in a folder.
+        content: the form.
+        ending: how the file's name ends in a folder.
+        output: a file, a folder, or `-` for stdout; None: stdout.
 
     Raises:
         CommandFailedError: the file cannot be written.
     """
-    text = form.emit(plan)
-    if output is None:
-        print(text, end="")
+    if output is None or output == STDOUT:
+        if isinstance(content, str):
+            print(content, end="")
+        else:
+            sys.stdout.buffer.write(content)
         return
+    data = content.encode("utf-8", "surrogateescape") if isinstance(content, str) else content
     path = Path(output)
     if path.is_dir() or output.endswith(os.sep):
-        path /= re.sub(r"[^\w.-]", "_", plan.name) + form.ending
+        path /= re.sub(r"[^\w.-]", "_", plan.name) + ending
     try:
-        write_text(path, text)
+        write_bytes(path, data)
     except OSError as error:
         raise unwritable(path, error) from error

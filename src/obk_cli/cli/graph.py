@@ -1,12 +1,14 @@
 """`obk graph CONFIG`: the block diagram, in the terminal or as a picture."""
 
 import shutil
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from obk_cli.cli.compile import OutputOption, deliver
+from obelisk_spec.suggestions import list_names
+from obk_cli.cli.compile import STDOUT, OutputOption, deliver
 from obk_cli.cli.config_options import (
     ColourOption,
     ConfigArgument,
@@ -17,16 +19,22 @@ from obk_cli.cli.config_options import (
 )
 from obk_cli.cli.options import require_choice
 from obk_cli.compiler import compile_config
-from obk_cli.emit.formats import FORMS, Form
+from obk_cli.emit.formats import FORMS
 from obk_cli.emit.graph import graph_of
+from obk_cli.emit.graphviz import emit_png
 from obk_cli.emit.terminal import emit_terminal
 from obk_cli.errors import MisuseError
 
 __all__ = ["EXAMPLE", "command"]
 
-EXAMPLE = "Example: obk graph config.yaml --output diagram.svg"
+EXAMPLE = """\b
+Example: obk graph config.yaml --output diagram.svg
+         obk graph config.yaml --output diagram.png
+"""
 
-_PICTURES = ("mermaid", "dot", "svg")
+_PICTURES = {**{name: FORMS[name].ending for name in ("mermaid", "dot", "svg")}, "png": ".png"}
+"""Name of a picture -> how its files end."""
+_TEXT = ".txt"
 _WIDEST = 120
 _NARROWEST = 80
 
@@ -46,30 +54,32 @@ def command(
 
     Without options the drawing is for the terminal. Findings go to stderr.
     """
-    form = _form(to, output)
-    outcome = compile_config(config, make_options(set_, ignore))
-    deliver(valid_plan(outcome, color, with_infos=True), form, output)
-
-
-def _form(to: str | None, output: str | None) -> Form:
-    if to is None and output is not None:
-        to = _picture_of(Path(output))
+    to = to or _picture_of(output)
+    if to is not None:
+        require_choice("--to", to, _PICTURES)
+    if to == "png" and output in (None, STDOUT) and sys.stdout.isatty():
+        raise MisuseError("`--to png`: a terminal shows no picture; add `--output FILE`")
+    plan = valid_plan(compile_config(config, make_options(set_, ignore)), color, with_infos=True)
     if to is None:
         width = min(max(shutil.get_terminal_size((_NARROWEST, 24)).columns, _NARROWEST), _WIDEST)
-        return Form(lambda plan: emit_terminal(graph_of(plan), width), ".txt")
-    require_choice("--to", to, _PICTURES)
-    return FORMS[to]
+        deliver(plan, emit_terminal(graph_of(plan), width), _TEXT, output)
+    elif to == "png":
+        deliver(plan, emit_png(graph_of(plan)), _PICTURES[to], output)
+    else:
+        deliver(plan, FORMS[to].emit(plan), _PICTURES[to], output)
 
 
-def _picture_of(output: Path) -> str | None:
+def _picture_of(output: str | None) -> str | None:
     """The picture that a file with this name holds; None for text."""
-    pictures = {FORMS[name].ending: name for name in _PICTURES}
-    ending = output.suffix
-    if ending in ("", ".txt") or output.is_dir():
+    if output is None or output == STDOUT or Path(output).is_dir():
         return None
-    if ending not in pictures:
-        known = ", ".join((*pictures, ".txt"))
-        raise MisuseError(
-            f"`--output`: no picture has the ending `{ending}`", help=f"use one of {known}"
-        )
-    return pictures[ending]
+    ending = Path(output).suffix
+    if ending in ("", _TEXT):
+        return None
+    for name, known in _PICTURES.items():
+        if ending == known:
+            return name
+    raise MisuseError(
+        f"`--output`: no picture has the ending `{ending}`",
+        help=f"use one of {list_names((*_PICTURES.values(), _TEXT))}",
+    )

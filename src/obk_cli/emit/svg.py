@@ -4,32 +4,16 @@ Every box is a `<g>` with the item's full name as `data-node` or `data-topic`, a
 or `topic` as a class. A live picture has an empty `text.live` in each for what a page measures.
 """
 
-import os
-import subprocess
-import sys
-import tempfile
-from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
 from obk_cli.emit.dot import FONT_SIZE, emit_dot
 from obk_cli.emit.graph import SECTION_COLOURS, Graph, GraphNode, GraphTopic
-from obk_cli.errors import CommandFailedError
-from obk_cli.optional_deps import require_extra
+from obk_cli.emit.graphviz import draw
 from obk_cli.terminal import printable
 
 __all__ = ["emit_svg"]
 
-# Graphviz is C, and prints warnings about fonts: both stay in a process of their own. Without fonts
-# it lays out the same on every machine; boxes have the sizes of the DOT text.
-_PROGRAM: Final = """
-import sys, pygraphviz
-graph = pygraphviz.AGraph(string=sys.stdin.buffer.read().decode())
-graph.node_attr["fixedsize"] = "true"
-sys.stdout.buffer.write(graph.draw(format="svg", prog="dot"))
-"""
-_NO_FONTS: Final = "<fontconfig></fontconfig>\n"
-_DRAW_S: Final = 60.0
 _FONT: Final = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace"
 _NAMESPACE: Final = ' xmlns="http://www.w3.org/2000/svg"'
 _SPARE_LINE: Final = "1000 of 1000 Hz stale"
@@ -50,8 +34,7 @@ def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
     Raises:
         CommandFailedError: the extra `graph` is not installed, or Graphviz failed.
     """
-    require_extra("pygraphviz", "graph")
-    drawn = _draw(emit_dot(graph, spare_line=_SPARE_LINE if is_live else ""))
+    drawn = draw(emit_dot(graph, spare_line=_SPARE_LINE if is_live else ""), "svg").decode()
     # Without a namespace the tree has plain names, in and out.
     root = ElementTree.fromstring(drawn.replace(_NAMESPACE, "", 1))
     items: dict[str, GraphNode | GraphTopic] = {}
@@ -67,31 +50,6 @@ def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
         elif group.get("class") == "edge":
             group.remove(group.findall("title")[0])
     return ElementTree.tostring(root, encoding="unicode") + "\n"
-
-
-def _draw(dot: str) -> str:
-    """The SVG of a DOT text, as Graphviz writes it."""
-    try:
-        with tempfile.TemporaryDirectory(prefix="obk-graph-") as folder:
-            fonts = Path(folder, "fonts.conf")
-            fonts.write_text(_NO_FONTS, encoding="utf-8")
-            ended = subprocess.run(
-                (sys.executable, "-P", "-c", _PROGRAM),
-                capture_output=True,
-                check=False,
-                encoding="utf-8",
-                env={**os.environ, "FONTCONFIG_FILE": str(fonts)},
-                input=dot,
-                timeout=_DRAW_S,
-            )
-    except subprocess.TimeoutExpired as error:
-        raise CommandFailedError(
-            f"Graphviz did not finish within {_DRAW_S:.0f} s", help="`--to dot` needs no layout"
-        ) from error
-    if ended.returncode != 0:
-        last = ended.stderr.strip().rpartition("\n")[2]
-        raise CommandFailedError(f"Graphviz failed: {last or f'exit code {ended.returncode}'}")
-    return ended.stdout
 
 
 def _set_head(root: ElementTree.Element, graph: Graph) -> None:

@@ -38,9 +38,34 @@ def test_the_outputs_name_says_which_picture(tmp_path: Path, name: str, form: st
     assert (tmp_path / name).read_text() == FORMS[form].emit(plan)
 
 
+def test_a_png_is_drawn_into_a_file_or_printed(
+    tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    assert graph("--output", str(tmp_path / "x.png")) == 0
+    picture = (tmp_path / "x.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert graph("--to", "png", "--output", "-") == 0
+    assert capfdbinary.readouterr().out == picture
+
+
+def test_a_dash_is_the_standard_output(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = str(Path(CONFIG).resolve())
+    monkeypatch.chdir(tmp_path)
+    for to in (["graph"], ["graph", "--to", "dot"], ["compile"]):
+        with pytest.raises(SystemExit):
+            main([*to, config, "--ignore", "OBK4"])
+        printed = capsys.readouterr().out
+        with pytest.raises(SystemExit):
+            main([*to, config, "--ignore", "OBK4", "--output", "-"])
+        assert capsys.readouterr().out == printed
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_form_that_is_no_picture_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
     assert graph("--to", "params") == 2
-    assert "expected one of `mermaid`, `dot`, `svg`" in capsys.readouterr().err
+    assert "expected one of `mermaid`, `dot`, `svg`, `png`" in capsys.readouterr().err
 
 
 def test_a_config_with_errors_is_not_drawn(capsys: pytest.CaptureFixture[str]) -> None:
