@@ -154,7 +154,7 @@ def _page(rule: Rule, example: Example) -> str:
         f"To silence it on one line write `# obk: ignore[{rule.code}]` there, in one run "
         f"`--ignore {rule.code}`, in a config `obk: {{ignore: [{rule.code}]}}`."
         if may_be_silenced(rule)
-        else "It cannot be silenced: no plan can be made despite it."
+        else "It cannot be silenced, because no plan can be built despite it."
     )
     return "\n\n".join(parts) + "\n"
 

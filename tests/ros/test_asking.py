@@ -89,7 +89,7 @@ def test_stop_brings_the_stack_down_in_order_and_waits_for_it() -> None:
         result = obk("stop")
         assert (result.returncode, result.stdout) == (0, "dummy: ended\n")
         assert not run.left_over()
-        assert obk("ps").stdout.startswith("no stack runs on this host\n")
+        assert obk("ps").stdout.startswith("no stack is running on this host\n")
         assert run.process.wait(DEADLINE_S) == 0
     assert "`obk stop`" in run.text
 

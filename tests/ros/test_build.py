@@ -220,7 +220,9 @@ def test_a_launch_that_is_not_to_build_says_what_is_stale(workspace: Path) -> No
     config = make_nodes(workspace)
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")
     with started(config, "--no-build") as launch:
-        launch.wait_for_line("warning: `other_msgs`: changed since compiled; left so by `--no-")
+        launch.wait_for_line(
+            "warning: `other_msgs`: changed since the last build; left so by `--no-"
+        )
         launch.wait_for_line("reached 3.0")
 
 

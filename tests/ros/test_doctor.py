@@ -38,7 +38,7 @@ def test_at_a_terminal_it_says_what_it_waits_for_and_then_only_what_it_found(
     variables = {name: value for name, value in os.environ.items() if name != "NO_COLOR"}
     with user_shell(tmp_path, variables) as shell:
         shell.type(f"{OBK} doctor discovery stacks\n")
-        shell.wait_for(re.compile(r"1 of 2 checks; still at it: discovery"))
+        shell.wait_for(re.compile(r"1 of 2 checks; running: discovery"))
         assert shell.wait_for_prompt() == 0
         assert "discovery " in shell.seen.rpartition("still at it")[2]
 

@@ -44,7 +44,7 @@ class ConfigEdit:
     added: AddedNode
     _file: EditedFile
     _before: Outcome
-    """Of the config as it is."""
+    """Outcome for the unedited config."""
     _is_built_later: bool
     """Whether the node's executable exists only after a build."""
 
@@ -52,7 +52,8 @@ class ConfigEdit:
         """Replace the config once the package exists, if the config has no new errors.
 
         Raises:
-            CommandFailedError: it is not, or the file has changed or cannot be written.
+            CommandFailedError: the config has new errors, or the file has changed or cannot be
+                written.
         """
         if not self._is_built_later:
             source = SourceFile.of(self.added.source.path, self.added.text)
@@ -61,8 +62,8 @@ class ConfigEdit:
             if errors:
                 print_findings(errors)
                 raise CommandFailedError(
-                    f"with the new node `{source.path}` would have errors that it does not have "
-                    "now; nothing was made",
+                    f"adding the node would cause new errors in `{source.path}`; nothing was "
+                    "created",
                     help="see the errors above",
                 )
         write_edited(self._file, self.added.text)
@@ -75,8 +76,8 @@ class ConfigEdit:
             folder: where the test will be.
 
         Returns:
-            None if the stack cannot run in lock-step: a robot of it is hardware, as a new one is,
-            or a node is no Python of this interpreter.
+            None if the stack cannot run in lock-step: it has a hardware robot, or a node is not
+            Python of this interpreter.
         """
         published = [link.topic for link in self.added.links if link.end.direction == "publishes"]
         outcome = self._before
@@ -176,7 +177,7 @@ def open_config(options: AddToOptions) -> OpenConfig:
     file = open_for_edit(options.config)
     if isinstance(file, Diagnostic):
         print_findings((file,))
-        raise CommandFailedError(f"`{options.config}` cannot be read; nothing was made")
+        raise CommandFailedError(f"`{options.config}` cannot be read; nothing was created")
     outcome = compile_source(file.source, make_options(None, None))
     return OpenConfig(options=options, _file=file, _outcome=outcome)
 
@@ -187,4 +188,4 @@ def _failure(rejected: Rejected) -> CommandFailedError:
     help = f"{rejected.help} with `{option}`" if option else rejected.help
     if rejected.snippet:
         help = f"{help}:\n{rejected.snippet}"
-    return CommandFailedError(f"{rejected.sentence}; nothing was made", help=help)
+    return CommandFailedError(f"{rejected.sentence}; nothing was created", help=help)

@@ -1,4 +1,4 @@
-"""`obk bag info [FILE|RUN]`: what a recording holds."""
+"""`obk bag info [FILE|RUN]`: what a recording contains."""
 
 import json
 import os
@@ -19,7 +19,7 @@ __all__ = ["bag_data", "bag_text"]
 
 
 def bag_data(bag: Bag) -> dict[str, Any]:
-    """The recording as JSON has it; rates in hertz."""
+    """The recording as JSON data; rates in hertz."""
     topics = [{**asdict(topic), "rate_hz": _rate_hz(bag, topic)} for topic in bag.topics]
     return {**asdict(bag), "duration_s": bag.duration_s, "count": bag.count, "topics": topics}
 
@@ -28,7 +28,7 @@ def bag_text(bag: Bag) -> Iterator[str]:
     """The lines for a person."""
     yield f"{plain(bag.path)}: MCAP, profile {plain(bag.profile) or '-'}, {_size(bag.size_bytes)}"
     if not bag.is_complete:
-        yield "its recorder did not end it: no index, what it wrote before its end is here"
+        yield "not closed by its recorder: it has no index, and its end may be missing"
     if bag.start_ns is not None:
         begin = datetime.fromtimestamp(bag.start_ns * 1e-9)
         yield f"{bag.count} messages in {bag.duration_s:.3f} s from {begin:%Y-%m-%d %H:%M:%S.%f}"
@@ -68,7 +68,7 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     no_args_is_help=True,
-    help="Show what a recording holds.",
+    help="Show what a recording contains.",
 )
 
 EXAMPLE = "Example: obk bag info dummy.mcap --format json"
@@ -76,7 +76,7 @@ EXAMPLE = "Example: obk bag info dummy.mcap --format json"
 
 @app.callback(epilog=EXAMPLE)
 def _root() -> None:
-    """Look into recordings."""
+    """Inspect recordings."""
 
 
 @app.command(epilog=EXAMPLE)
@@ -84,17 +84,17 @@ def info(
     recording: Annotated[
         str | None,
         typer.Argument(
-            metavar="[FILE|RUN]", help="A file, or a run by its config's or folder's name."
+            metavar="[FILE|RUN]", help="File, or run by the name of its config or folder."
         ),
     ] = None,
     format: FormatOption = "text",
 ) -> None:
     """Show topics, types, counts, rates and losses of a recording.
 
-    Also what it was made from: the run, the config, the versions.
+    Also shows where it comes from: the run, the config and the versions.
 
-    Without FILE or RUN the newest run that was recorded. Reads recordings of rosbag2 too, and those
-    whose recorder was killed, as far as they go.
+    The default is the newest recorded run. Recordings of rosbag2 can be read too. So can recordings
+    whose recorder was killed, up to where it stopped.
     """
     is_json = wants_json(format)
 

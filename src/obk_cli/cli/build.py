@@ -1,4 +1,4 @@
-"""`obk build [PKG...]`: the message packages of the workspace, compiled into its overlay."""
+"""`obk build [PKG...]`: compile the workspace's message packages into its overlay."""
 
 import json
 import os
@@ -49,7 +49,7 @@ _DOING = {
 
 
 def report_problems(problems: Iterable[DefinitionProblem], *, colour: bool) -> str:
-    """Every problem with its line, the place underlined."""
+    """Print each problem with its line, underlined at its place."""
     return "\n\n".join("\n".join(_problem(problem, colour=colour)) for problem in problems)
 
 
@@ -84,7 +84,7 @@ def showing_progress(*, is_terminal: bool) -> Iterator[Callable[[Progress], None
         shown: list[Callable[[Progress], None]] = []
 
         def show(step: Progress) -> None:
-            if not shown:  # where nothing is to be done, rich is not even loaded
+            if not shown:  # do not load rich if there is nothing to do
                 shown.append(_open_bar(stack))
             shown[0](step)
 
@@ -127,32 +127,39 @@ Example: obk build
 def command(
     packages: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[PKG]...", help="What to build; none: all of the workspace."),
+        typer.Argument(
+            metavar="[PKG]...", help="Packages to build. Default: all of the workspace."
+        ),
     ] = None,
     workspace: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where, if not around the folder you are in."),
+        typer.Option(
+            metavar="DIR",
+            help="Workspace folder. Default: the workspace that contains the current folder.",
+        ),
     ] = None,
     clean: Annotated[
-        bool, typer.Option("--clean", help="Throw away what was compiled before.")
+        bool, typer.Option("--clean", help="Remove previous build results first.")
     ] = False,
     jobs: Annotated[
-        int | None, typer.Option(help="Compilers at once.", show_default="processors")
+        int | None,
+        typer.Option(help="Number of parallel compiler processes.", show_default="processors"),
     ] = None,
     format: FormatOption = "text",
     color: ColourOption = "auto",
 ) -> None:
-    """Compile the workspace's message packages (msg/, srv/, action/), those that have changed.
+    """Compile the workspace's message packages (msg/, srv/, action/) that have changed.
 
-    They go into the overlay `.obk/overlay` of the workspace, where `obk launch` finds them; other
-    programs do after `. .obk/setup.sh`. Where a ROS 2 is sourced and colcon is installed, colcon
-    builds, packages without messages too. Interrupted, the overlay stays as it was.
+    The results go into the overlay `.obk/overlay` of the workspace, where `obk launch` finds them.
+    For other programs, run `. .obk/setup.sh` first. If ROS 2 is sourced and colcon is installed,
+    colcon builds all packages, not only those with messages. An interrupted build leaves the
+    overlay unchanged.
     """
     is_json, colour = wants_json(format), wants_colour(color, to_stderr=True)
     if jobs is not None and jobs < 1:
         raise MisuseError(f"`--jobs {jobs}`: expected a number of at least 1")
     if workspace is not None and not workspace.is_dir():
-        raise MisuseError(f"`--workspace {workspace}`: there is no such folder")
+        raise MisuseError(f"`--workspace {workspace}`: folder not found")
     options = BuildOptions(
         environment=dict(os.environ), names=tuple(packages or ()), is_clean=clean, jobs=jobs
     )
@@ -180,8 +187,8 @@ def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Buil
     """Build a workspace, with the progress on stderr.
 
     Raises:
-        CommandFailedError: it cannot be built, or was interrupted; what is wrong with definitions
-            stands on stderr.
+        CommandFailedError: the build failed or was interrupted; wrong definitions are printed on
+            stderr.
     """
     is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
     with _as_command_error(colour=colour), showing_progress(is_terminal=is_terminal) as show:
@@ -242,14 +249,14 @@ def _result(built: BuildResult) -> dict[str, object]:
 
 def _result_lines(built: BuildResult) -> Iterator[str]:
     if not (built.built or built.unchanged or built.installed or built.removed):
-        yield f"{built.workspace} has no message packages; `obk new msgs my_msgs` makes one"
+        yield f"{built.workspace} has no message packages; create one with `obk new msgs my_msgs`"
         return
     if built.built:
         yield f"built {list_names(built.built)} in {built.duration_s:.1f} s"
     if built.unchanged:
         yield f"unchanged: {list_names(built.unchanged)}"
     if built.installed:
-        yield f"installed already, with the same definitions: {list_names(built.installed)}"
+        yield f"already installed with the same definitions: {list_names(built.installed)}"
     if built.removed:
         yield f"removed: {list_names(built.removed)}"
     if built.prefixes:
@@ -259,7 +266,8 @@ def _result_lines(built: BuildResult) -> Iterator[str]:
 def on_overlays(
     folder: Path, environment: RosEnvironment, plan: Plan, *, may_build: bool, color: str
 ) -> tuple[PackageIndex, RosEnvironment]:
-    """The packages for the plan of a config in `folder`, and the environment to find them in.
+    """Return the packages for the plan of a config in `folder`, and the environment to find them
+    in.
 
     Message packages are up to date, and this process finds them too. With `may_build` off, what is
     missing or stale is reported on stderr. `color` is the value of the option.
@@ -270,7 +278,7 @@ def on_overlays(
     index = PackageIndex.around(folder, Path.cwd(), environment.variables)
     workspaces, needed = index.workspaces, needed_packages(plan, index)
     for place, workspace in reversed([*enumerate(workspaces)]):
-        # As the shell has it: what is put there for nodes is not for compilers.
+        # The shell's environment: entries added for nodes must not reach compilers.
         shell = with_overlays(os.environ, overlay_prefixes(workspaces[place + 1 :]))
         if may_build:
             _build(workspace, shell, needed, colour=wants_colour(color, to_stderr=True))
@@ -280,7 +288,7 @@ def on_overlays(
     import_from(overlays)
     variables = with_overlays(environment.variables, overlays)
     packages = PackageIndex.around(folder, Path.cwd(), variables)
-    if packages == index:  # which has found the sources already
+    if packages == index:  # it has already found the sources
         packages = index
     return packages, replace(environment, variables=variables)
 
@@ -303,4 +311,7 @@ def _warn_of_stale(workspace: Path, environment: Mapping[str, str], needed: froz
     for state, text in (("missing", "not compiled"), ("changed", "changed since compiled")):
         names = [one.name for one in survey.stale if one.state == state]
         if names:
-            print(f"warning: {list_names(names)}: {text}; left so by `--no-build`", file=sys.stderr)
+            print(
+                f"warning: {list_names(names)}: {text} (not built because of `--no-build`)",
+                file=sys.stderr,
+            )

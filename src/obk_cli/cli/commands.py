@@ -41,9 +41,9 @@ class Verb:
 GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
     {
         "Start": {
-            "init": Verb("obk_cli.cli.init", "Make a workspace that can be launched at once."),
-            "new": Verb("obk_cli.cli.new", "Make a package, a node or a config from templates."),
-            "build": Verb("obk_cli.cli.build", "Compile the message packages of the workspace."),
+            "init": Verb("obk_cli.cli.init", "Create a workspace that is ready to launch."),
+            "new": Verb("obk_cli.cli.new", "Create a package, a node or a config from templates."),
+            "build": Verb("obk_cli.cli.build", "Compile the workspace's message packages."),
         },
         "Check": {
             "validate": Verb("obk_cli.cli.validate", "Check configs without running anything."),
@@ -51,7 +51,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
                 "obk_cli.cli.explain", "Explain a rule and how to fix what it reports."
             ),
             "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as a picture."),
-            "test": Verb("obk_cli.cli.test", "Test a stack in closed loop, in simulated time."),
+            "test": Verb("obk_cli.cli.test", "Run closed-loop tests in simulated time."),
             "sweep": Verb(
                 "obk_cli.cli.sweep", "Run closed-loop tests for many seeds and parameters."
             ),
@@ -67,37 +67,37 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
             "lifecycle": Verb(
                 "obk_cli.cli.lifecycle", "Show or change the life-cycle states of nodes."
             ),
-            "ps": Verb("obk_cli.cli.ps", "Show the stacks that are running on this host."),
+            "ps": Verb("obk_cli.cli.ps", "List the stacks running on this host."),
             "stop": Verb("obk_cli.cli.stop", "Shut a stack down cleanly."),
-            "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
+            "reap": Verb("obk_cli.cli.reap", "Terminate processes that outlived their launcher."),
         },
         "Look": {
-            "monitor": Verb("obk_cli.cli.monitor", "Watch a running stack: nodes, rates, log."),
-            "web": Verb("obk_cli.cli.web", "Show a running stack as a page in the browser."),
+            "monitor": Verb("obk_cli.cli.monitor", "Show nodes, rates and log of a running stack."),
+            "web": Verb("obk_cli.cli.web", "Show a running stack in the browser."),
             "logs": Verb("obk_cli.cli.logs", "Show the logs of a run or of one of its nodes."),
             "topic": Verb(
-                "obk_cli.cli.topic", "Look at, measure and publish topics of a running stack."
+                "obk_cli.cli.topic", "Inspect, measure and publish topics of a running stack."
             ),
-            "node": Verb("obk_cli.cli.node", "Look at the nodes of a running stack."),
-            "param": Verb("obk_cli.cli.param", "Look at and set parameters of running nodes."),
-            "service": Verb("obk_cli.cli.service", "Look at and call services of a running stack."),
+            "node": Verb("obk_cli.cli.node", "Inspect the nodes of a running stack."),
+            "param": Verb("obk_cli.cli.param", "Show and set parameters of running nodes."),
+            "service": Verb("obk_cli.cli.service", "List and call services of a running stack."),
         },
         "Record": {
             "record": Verb(
                 "obk_cli.cli.record", "Record topics of a running stack into an MCAP file."
             ),
-            "bag": Verb("obk_cli.cli.bag", "Show what a recording holds."),
-            "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
+            "bag": Verb("obk_cli.cli.bag", "Show what a recording contains."),
+            "plot": Verb("obk_cli.cli.plot", "Plot fields of a recording."),
             "diff": Verb("obk_cli.cli.diff", "Compare two recorded runs."),
-            "export": Verb("obk_cli.cli.export", "Write a recording as Parquet or CSV."),
-            "play": Verb("obk_cli.cli.play", "Publish a recording again, or run nodes on it."),
+            "export": Verb("obk_cli.cli.export", "Convert a recording to Parquet or CSV."),
+            "play": Verb("obk_cli.cli.play", "Replay a recording, or run nodes on it."),
         },
         "Extend": {
             "compile": Verb(
-                "obk_cli.cli.compile", "Turn a config into parameters, a launch file or JSON."
+                "obk_cli.cli.compile", "Convert a config to parameters, a launch file or JSON."
             ),
             "migrate": Verb(
-                "obk_cli.cli.migrate", "Rewrite a config into the newer spelling, or back."
+                "obk_cli.cli.migrate", "Convert a config to the current syntax, or back."
             ),
             "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),
         },
@@ -126,7 +126,7 @@ _OTHER_WORDS: Final = MappingProxyType(
         "up": "launch",
     }
 )
-"""What other tools call a command -> its name here."""
+"""Name of a command in other tools -> its name here."""
 
 _COMPLETION = frozenset({"--install-completion", "--show-completion"})
 """Options that typer adds."""
@@ -148,7 +148,7 @@ class _LazyGroup(TyperGroup):
             return command
         if ctx.resilient_parsing:
             return None
-        raise MisuseError(f"there is no command `{cmd_name}`", help=_suggestion(cmd_name))
+        raise MisuseError(f"unknown command `{cmd_name}`", help=_suggestion(cmd_name))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         verbs = (name for name in VERBS if name.startswith(incomplete))
@@ -241,7 +241,7 @@ def _root(
     ),
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
 ) -> None:
-    """Check, build, launch and look into Obelisk robot control stacks."""
+    """Check, build, launch and inspect Obelisk robot control stacks."""
 
 
 def root_command() -> Any:
@@ -313,10 +313,10 @@ def _escape_unencodable() -> None:
 
 
 def _flush_output() -> None:
-    """Write out what is buffered, while an error can still be reported.
+    """Flush the output while an error can still be reported.
 
-    Nothing is left for the flush at the end of the interpreter, which would fail once more. A
-    reader that has closed its end of a pipe, such as `head`, has what it wanted.
+    This leaves nothing for the flush at exit, which would fail again. A closed pipe is no error:
+    its reader, such as `head`, needs no more output.
 
     Raises:
         OSError: the output cannot be written; the rest of it is discarded.
@@ -345,7 +345,7 @@ def _describe_error(error: Exception, given: Collection[str]) -> tuple[str, str 
     if (cause := resource_error(error)) is not None:
         return cause, None
     if isinstance(error, OSError) and not _COMPLETION.isdisjoint(given):
-        return _no_completion(error), "type it in bash, zsh or fish, where your home can be written"
+        return _no_completion(error), "run it in bash, zsh or fish with a writable home directory"
     return _bug_report(error), None
 
 
@@ -354,7 +354,7 @@ def _no_completion(error: OSError) -> str:
     from obk_cli.files import unwritable
 
     if not isinstance(error.filename, str):
-        return "this was not started from a shell that is known"
+        return "obk was not started from a supported shell"
     return unwritable(Path(error.filename), error).message
 
 
@@ -363,12 +363,12 @@ def _bug_report(error: Exception) -> str:
     import tempfile
     import traceback
 
-    summary = f"this is a fault of obk itself ({type(error).__name__}: {error})"
+    summary = f"this is a bug in obk ({type(error).__name__}: {error})"
     try:
         with tempfile.NamedTemporaryFile(
             "w", prefix="obk-", suffix=".trace", delete=False, encoding="utf-8"
         ) as file:
             traceback.print_exception(error, file=file)
     except OSError:
-        return f"{summary}; `obk --debug` shows its trace"
-    return f"{summary}; its trace is in {Path(file.name)}"
+        return f"{summary}; run `obk --debug` to see the traceback"
+    return f"{summary}; the traceback is in {Path(file.name)}"

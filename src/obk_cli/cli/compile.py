@@ -30,7 +30,7 @@ OutputOption = Annotated[
     str | None,
     typer.Option(
         metavar="FILE|DIR",
-        help="Where to write; in a folder it is named by the stack; `-` is stdout.",
+        help="Output file, or a folder for a file named after the stack; `-` is stdout.",
     ),
 ]
 STDOUT: Final = "-"
@@ -38,13 +38,13 @@ STDOUT: Final = "-"
 
 def command(
     config: ConfigArgument,
-    to: Annotated[str, typer.Option(metavar="|".join(FORMS), help="What to make.")] = "plan",
+    to: Annotated[str, typer.Option(metavar="|".join(FORMS), help="Output format.")] = "plan",
     output: OutputOption = None,
     ignore: IgnoreOption = None,
     set_: SetOption = None,
     color: ColourOption = "auto",
 ) -> None:
-    """Turn a valid config into what others read. Findings go to stderr.
+    """Convert a valid config for other programs. Findings go to stderr.
 
     plan: all processes as JSON. params: a file for --params-file, for all nodes. launch: a file for
     `ros2 launch`. mermaid, dot, svg: the block diagram. json: nodes, topics, edges.

@@ -1,7 +1,7 @@
 """Shell completion of names, from the plans of running stacks; loads no ROS.
 
-What nothing is known of is left to the shell, which completes names of files. Commands name these
-functions where they declare what they take: what finds the names is imported when a shell asks.
+Everything else is left to the shell, which completes file names. The modules that find the names
+are imported only when a shell asks for completions.
 """
 
 import os
@@ -30,12 +30,14 @@ Find = Callable[[str], list[str]]
 
 
 def complete_runs(incomplete: str) -> list[str]:
-    """The stacks that run here, by their configs' names."""
+    """The stacks running on this host, by the names of their configs."""
     return _beginning(incomplete, (run.name for _, run in _runs()))
 
 
 def complete_kept_runs(incomplete: str) -> list[str]:
-    """The runs that have logs: by their configs' names, where more is typed by their folders'."""
+    """The runs that have logs: by the names of their configs; once more is typed, of their
+    folders.
+    """
     from obk_cli.runs.folder import config_of, run_folders, runs_folder
 
     with suppress(OSError):
@@ -68,7 +70,7 @@ def _runs() -> "Iterator[tuple[Path, Run]]":
     from obk_cli.runs.folder import runs_folder
     from obk_cli.runs.registry import live_folders
 
-    # Whatever cannot be read is not completed.
+    # If the plans cannot be read, nothing is completed.
     with suppress(OSError):
         domain = os.environ.get("ROS_DOMAIN_ID")
         for folder, run in live_folders(runs_folder(os.environ)).items():
@@ -95,7 +97,7 @@ BY_NAME: Final[Mapping[str, Find]] = {
     "code": complete_rules,
     "ignore": complete_rules,
 }
-"""Arguments and options that mean the same in every command -> what they can be."""
+"""Arguments and options that mean the same in every command -> function that lists their values."""
 
 
 def make_completable(command: click.Command) -> None:

@@ -27,7 +27,7 @@ __all__ = [
     "wants_colour",
 ]
 
-ConfigArgument = Annotated[str, typer.Argument(metavar="CONFIG", help="The config; `-` is stdin.")]
+ConfigArgument = Annotated[str, typer.Argument(metavar="CONFIG", help="Config file; `-` is stdin.")]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -49,12 +49,12 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
     """The compiler's options from those of the command line and this process's environment.
 
     Raises:
-        MisuseError: a code to ignore is the beginning of none.
+        MisuseError: a code to ignore matches no rule.
     """
     codes = [code.strip().upper() for given in ignore or () for code in given.split(",")]
     for code in codes:
         if not any(rule.startswith(code) for rule in RULES) or not code:
-            raise MisuseError(f"`--ignore {code}` names no rule", help=near_codes(code))
+            raise MisuseError(f"`--ignore {code}`: unknown rule", help=near_codes(code))
     return Options(
         variables=dict(os.environ),
         working_folder=Path.cwd(),

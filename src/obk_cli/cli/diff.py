@@ -22,7 +22,7 @@ Example: obk diff dummy_20260301_120000 dummy_20260301_121500
          obk diff before.mcap after.mcap --format json
 """
 _WIDEST = 32
-"""Of a value in the table [columns]."""
+"""Width of a value in the table [columns]."""
 _Row = tuple[str, str, str, str, str, str]
 
 
@@ -33,10 +33,10 @@ def command(
 ) -> None:
     """Compare two recorded runs.
 
-    First what they were made from: config, versions and code, message definitions, parameters. Then
-    rate and lateness of each topic, rejected commands, and of each number the root mean square and
-    the largest difference, over the time since the stack became active. The second run is
-    interpolated at the times of the first one. Numbers that are equal are only counted.
+    Shows differences in config, versions, code, message definitions and parameters. Then compares
+    the rate and lateness of each topic, rejected commands, and each number. For each number it
+    shows the RMS and the largest difference over the time since the stack became active. The second
+    run is interpolated at the times of the first. Equal numbers are only counted.
     """
     is_json = wants_json(format)
 
@@ -51,7 +51,7 @@ def command(
     runs = [open_run(find_recording(parent, name)) for name in (first, second)]
     for run in runs:
         if not run.bag.is_complete:
-            print(f"note: {run.path} breaks off: its recorder did not end it", file=sys.stderr)
+            print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)
     found = compare_runs(runs[0], runs[1])
     if is_json:
         print_json(asdict(found))
@@ -60,7 +60,7 @@ def command(
 
 
 def difference_lines(found: "RunComparison") -> Iterator[str]:
-    """The table of topics and numbers alone."""
+    """Lines of the table of topics and numbers only."""
     yield from _table([_head(found), *_topic_rows(found), *_signal_rows(found)])
 
 
@@ -128,8 +128,11 @@ def _summary(found: "RunComparison") -> Iterator[str]:
     differing = sum(1 for one in found.signals if one.largest)
     equal = len(found.signals) - differing
     if found.is_same:
-        yield f"nothing differs but times: {with_number(equal, 'signal')} compared"
+        yield f"only times differ: {with_number(equal, 'signal')} compared"
     else:
         yield f"{with_number(differing, 'signal')} of {differing + equal} differ"
     if None in found.rejected_commands:
-        yield "note: rejected commands are unknown where a recording is not in its run's folder"
+        yield (
+            "note: the number of rejected commands is known only for recordings in the folder "
+            "of their run"
+        )

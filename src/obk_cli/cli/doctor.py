@@ -93,7 +93,7 @@ TIMEOUT_S: Final = 30.0
 
 def command(
     checks: Annotated[
-        list[str] | None, typer.Argument(metavar="[CHECK...]", help="Which checks; none: all.")
+        list[str] | None, typer.Argument(metavar="[CHECK...]", help="Checks to run. Default: all.")
     ] = None,
     list_: Annotated[
         bool, typer.Option("--list", help="List the checks without running them.")
@@ -103,8 +103,8 @@ def command(
 ) -> None:
     """Check this machine for what stacks need; report problems and how to fix them.
 
-    Tests networks, compilers and graphics for real, in separate processes. Changes nothing.
-    Exit code 0: no errors (there may be warnings); 1: errors; 2: misuse.
+    Tests network, compilers and graphics in separate processes. Changes nothing. Exit code 0: no
+    errors (there may be warnings); 1: errors; 2: misuse.
     """
     is_json, colour = wants_json(format), wants_colour(color)
     every = checks_of(os.environ, Path.cwd())
@@ -125,8 +125,8 @@ def _chosen(names: Sequence[str], every: Sequence[Check]) -> tuple[Check, ...]:
     for name in names:
         if name not in known:
             raise MisuseError(
-                f"there is no check `{name}`",
-                help=did_you_mean(name, known) or "`obk doctor --list` shows them",
+                f"unknown check `{name}`",
+                help=did_you_mean(name, known) or "list them with `obk doctor --list`",
             )
     return tuple(check for check in every if not names or check.name in names)
 
@@ -145,6 +145,6 @@ def _examined(checks: Sequence[Check]) -> tuple[Answer, ...]:
 
 def _shown_on(update: Callable[[str], None], count: int) -> Callable[[tuple[str, ...]], None]:
     def show(pending: tuple[str, ...]) -> None:
-        update(f"{count - len(pending)} of {count} checks; still at it: {', '.join(pending)}")
+        update(f"{count - len(pending)} of {count} checks; running: {', '.join(pending)}")
 
     return show

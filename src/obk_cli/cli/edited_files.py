@@ -19,14 +19,14 @@ __all__ = ["EditedFile", "open_for_edit", "print_bytes", "report_diff", "write_e
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EditedFile:
-    """A file whose text is to change; what is in front of the text stays."""
+    """A file to be edited; its byte order mark is kept."""
 
     source: SourceFile
     data: bytes
     """The file as it was read."""
 
     def bytes_of(self, text: str) -> bytes:
-        """The file with another text: its byte order mark stays."""
+        """The file's bytes with a new text; the byte order mark is kept."""
         mark = codecs.BOM_UTF8 if self.data.startswith(codecs.BOM_UTF8) else b""
         return mark + text.encode("utf-8")
 
@@ -35,7 +35,7 @@ def open_for_edit(path: str) -> EditedFile | Diagnostic:
     """A config by its path; `-` is the standard input.
 
     Raises:
-        CommandFailedError: it cannot be read.
+        CommandFailedError: the file cannot be read.
     """
     data = read_bytes(path)
     if isinstance(data, str):
@@ -49,7 +49,7 @@ def write_edited(file: EditedFile, text: str) -> None:
     """Replace the file, unless it was changed since it was read.
 
     Raises:
-        CommandFailedError: it has changed, or cannot be written.
+        CommandFailedError: the file has changed or cannot be written.
     """
     path = Path(file.source.path)
     try:

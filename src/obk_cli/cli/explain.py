@@ -14,11 +14,13 @@ from obk_cli.errors import MisuseError
 __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: obk explain OBK203"
-_NEVER_SILENT = "It cannot be silenced: no plan can be made despite it."
+_NEVER_SILENT = "It cannot be silenced, because no plan can be built despite it."
 
 
 def command(
-    code: Annotated[str, typer.Argument(metavar="[CODE]", help="A rule; none lists all.")] = "",
+    code: Annotated[
+        str, typer.Argument(metavar="[CODE]", help="Rule code. Default: list all rules.")
+    ] = "",
 ) -> None:
     """Explain a rule and how to fix what it reports."""
     if not code:
@@ -28,7 +30,7 @@ def command(
         return
     rule = RULES.get(code.upper())
     if rule is None:
-        raise MisuseError(f"there is no rule `{code}`", help=did_you_mean(code, RULES))
+        raise MisuseError(f"unknown rule `{code}`", help=did_you_mean(code, RULES))
     print(_page(rule))
 
 
@@ -46,16 +48,18 @@ def _page(rule: Rule) -> str:
     parts += [
         f"Wrong:\n{_indented(example['wrong'])}",
         f"Right:\n{_indented(example['right'])}",
-        f"Reported for the wrong one:\n{_indented(example['report'])}",
+        f"Reported for the wrong version:\n{_indented(example['report'])}",
     ]
     if rule.code.startswith(LOCKSTEP_FAMILY):
-        parts.append("It is reported by `obk validate --for-test`.")
+        parts.append("Reported by `obk validate --for-test` only.")
     parts.append(_how_to_silence(rule.code) if may_be_silenced(rule) else _NEVER_SILENT)
     return "\n\n".join(parts)
 
 
 def _how_to_silence(code: str) -> str:
-    return f"Silence it on a line with `# obk: ignore[{code}]`, in a run with `--ignore {code}`."
+    return (
+        f"Silence it for a line with `# obk: ignore[{code}]`, for a command with `--ignore {code}`."
+    )
 
 
 def _indented(text: str) -> str:

@@ -21,20 +21,20 @@ Example: obk export dummy --to parquet
 
 def command(
     recording: RunArgument,
-    to: Annotated[str, typer.Option(metavar="parquet|csv", help="The form of the files.")],
+    to: Annotated[str, typer.Option(metavar="parquet|csv", help="Format of the files.")],
     topic: TopicsOption = None,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="DIR", help="The folder; else one called after the run."
+            "--output", "-o", metavar="DIR", help="Output folder. Default: one named after the run."
         ),
     ] = None,
 ) -> None:
-    """Write recorded topics as Parquet or CSV, a file for each topic.
+    """Convert recorded topics to Parquet or CSV, one file per topic.
 
-    A row is a message: `t` in seconds since the stack became active, the times of publication and
-    receipt, and a column for each field. Parquet keeps arrays, units and joint names; in CSV each
-    number of an array is a column, called after its joint. No ROS is needed.
+    Each row is a message: `t` in seconds since the stack became active, the times of publication
+    and receipt, and one column per field. Parquet keeps arrays, units and joint names. In CSV each
+    array element is a column named after its joint. ROS is not needed.
     """
     require_choice("--to", to, ("parquet", "csv"))
 
@@ -49,7 +49,7 @@ def command(
 
     run = open_run(find_recording(runs_folder(os.environ), recording))
     if not run.bag.is_complete:
-        print(f"note: {run.path} breaks off: its recorder did not end it", file=sys.stderr)
+        print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)
     topics = [topic_named(name, run.topics) for name in topic or run.topics]
     form = cast(Literal["parquet", "csv"], to)
     for written in export_run(run, topics, form, output or Path(run.name)):

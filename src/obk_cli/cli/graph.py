@@ -43,7 +43,10 @@ def command(
     config: ConfigArgument,
     to: Annotated[
         str | None,
-        typer.Option(metavar="|".join(_PICTURES), help="A picture; else by the output's name."),
+        typer.Option(
+            metavar="|".join(_PICTURES),
+            help="Picture format. Default: by the ending of the output file.",
+        ),
     ] = None,
     output: OutputOption = None,
     ignore: IgnoreOption = None,
@@ -52,7 +55,7 @@ def command(
 ) -> None:
     """Draw a stack: its nodes, and the topics between them with type, rate and sensors.
 
-    Without options the drawing is for the terminal. Findings go to stderr.
+    Without options, the graph is drawn in the terminal. Findings go to stderr.
     """
     to = to or _picture_of(output)
     if to is not None:

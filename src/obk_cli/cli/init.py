@@ -39,9 +39,7 @@ Example: obk init my_robot
 def command(
     folder: Annotated[
         Path,
-        typer.Argument(
-            metavar="[DIR]", help="The workspace; its name becomes the stack's. `.` is this folder."
-        ),
+        typer.Argument(metavar="[DIR]", help="Workspace folder; the stack is named after it."),
     ] = Path(),
     model: Annotated[
         Path | None,
@@ -56,18 +54,18 @@ def command(
         Path | None,
         typer.Option(
             "--templates",
-            help="Folder of templates of your own, on top of the tool's.",
-            show_default="OBK_TEMPLATES, else the user's config folder",
+            help="Folder with your own templates; they take precedence over the built-in ones.",
+            show_default="OBK_TEMPLATES, otherwise the user's config folder",
         ),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show the tree and the diff, make nothing.")
+        bool, typer.Option("--dry-run", help="Show what would be created, write nothing.")
     ] = False,
     format: Annotated[
-        Literal["text", "json"], typer.Option("--format", help="Form of the result.")
+        Literal["text", "json"], typer.Option("--format", help="Output format.")
     ] = "text",
 ) -> None:
-    """Make a workspace: a config, a robot model, a controller, an estimator, tests, checks.
+    """Create a workspace: a config, a robot model, a controller, an estimator, tests and checks.
 
     Existing files are kept. If a file differs, you are asked; without a terminal the command fails.
     """

@@ -1,4 +1,4 @@
-"""`obk launch CONFIG`: validates, starts, configures, activates, watches, ends in order."""
+"""`obk launch CONFIG`: validate, start, configure, activate, supervise and shut down a stack."""
 
 import os
 import sys
@@ -69,7 +69,7 @@ def command(
         str, typer.Option(metavar="|".join(UNTIL), help="How far the bring-up goes.")
     ] = "active",
     duration: Annotated[
-        float | None, typer.Option(help="Seconds after which the stack is brought down.")
+        float | None, typer.Option(help="Stop the stack after this time [s].")
     ] = None,
     sim_duration: Annotated[
         float | None,
@@ -77,7 +77,7 @@ def command(
     ] = None,
     timeout: Annotated[
         float,
-        typer.Option(help="Seconds that a transition may take; a start may take 20 at least."),
+        typer.Option(help="Time limit for a transition [s]; a start may take at least 20 s."),
     ] = 10.0,
     on_crash: Annotated[
         str,
@@ -87,10 +87,16 @@ def command(
         ),
     ] = "stop",
     hang_after: Annotated[
-        float, typer.Option(help="Seconds without an answer after which a node hangs; 0: never.")
+        float,
+        typer.Option(
+            help="A node that does not answer for this time hangs [s]; 0 disables the check."
+        ),
     ] = 1.3,
     strict_rates: Annotated[
-        bool, typer.Option("--strict-rates", help="End with 1 when a rate is broken for 2 s.")
+        bool,
+        typer.Option(
+            "--strict-rates", help="Stop with exit code 1 if a node misses its rate for 2 s."
+        ),
     ] = False,
     composed: Annotated[
         bool, typer.Option("--composed", help="Run the Python nodes in one process.")
@@ -100,20 +106,18 @@ def command(
         str | None,
         typer.Option(
             metavar="DEVICE",
-            help="With --device: the one that leads; else the one with `control`.",
+            help="With --device: the device that leads. Default: the one with `control`.",
         ),
     ] = None,
     replace_: Annotated[
-        bool, typer.Option("--replace", help="End a launch of this stack that runs already.")
+        bool, typer.Option("--replace", help="Stop a running launch of this stack first.")
     ] = False,
     allow_foreign: Annotated[
         bool,
-        typer.Option(
-            "--allow-foreign", help="Let other nodes publish on the topics that move the robot."
-        ),
+        typer.Option("--allow-foreign", help="Allow other nodes to publish robot commands."),
     ] = False,
     record: Annotated[
-        bool, typer.Option("--record", help="Record the topics of the config, as MCAP.")
+        bool, typer.Option("--record", help="Record the topics of the config as MCAP.")
     ] = False,
     record_topic: Annotated[
         list[str] | None,
@@ -123,26 +127,34 @@ def command(
         str | None,
         typer.Option(
             metavar="|".join(VIEWERS),
-            help="Look at the simulated robot in a window or in a page of the browser.",
+            help="Show the simulated robot in a window or in the browser.",
         ),
     ] = None,
     render: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Film the simulated robot: .mp4, .gif, or .png at the end."
+            metavar="FILE",
+            help=(
+                "Record a video of the simulated robot (.mp4, .gif), or a picture at the end "
+                "(.png)."
+            ),
         ),
     ] = None,
     render_camera: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="A camera of the model; else all of it is seen."),
+        typer.Option(
+            metavar="NAME", help="Camera of the model. Default: a view of the whole model."
+        ),
     ] = None,
     render_size: Annotated[
         str | None,
-        typer.Option(metavar="WxH", help="Pixels; else as the camera has it, or 640x480."),
+        typer.Option(
+            metavar="WxH", help="Size in pixels. Default: that of the camera, or 640x480."
+        ),
     ] = None,
     render_fps: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Frames per simulated second; else 30, a GIF 15."),
+        typer.Option(metavar="N", help="Frames per simulated second. Default: 30, for a GIF 15."),
     ] = None,
     network: Annotated[
         str | None,
@@ -151,12 +163,12 @@ def command(
     log_level: Annotated[
         str | None, typer.Option(help="Log level for nodes that do not set one.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Leave the nodes' output out.")] = False,
-    format: Annotated[str, typer.Option(metavar="|".join(FORMATS), help="How to report.")] = "text",
-    keep: Annotated[int, typer.Option(help="How many runs keep their logs.")] = 50,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Hide the output of the nodes.")] = False,
+    format: Annotated[str, typer.Option(metavar="|".join(FORMATS), help="Output format.")] = "text",
+    keep: Annotated[int, typer.Option(help="Number of runs whose logs are kept.")] = 50,
     build: Annotated[
         bool,
-        typer.Option("--build/--no-build", help="Compile message packages that have changed."),
+        typer.Option("--build/--no-build", help="Compile out-of-date message packages."),
     ] = True,
     set_: SetOption = None,
     ignore: IgnoreOption = None,
@@ -167,7 +179,8 @@ def command(
     Out-of-date message packages of the workspace are compiled first.
     Ends on Ctrl-C, on SIGTERM, after --duration or --sim-duration, or when a node fails. No process
     of the stack outlives this one. Exit code 0: shut down cleanly; 1: the config has errors, a node
-    failed, a rate was broken with --strict-rates, or the robot rejected all commands at the end.
+    failed, with --strict-rates a node missed its rate, or the robot rejected all commands at the
+    end.
     """
     require_choice("--until", until, tuple(UNTIL))
     require_choice("--on-crash", on_crash, get_args(OnCrash))

@@ -34,30 +34,34 @@ WITHOUT_STATE = frozenset({NO_ANSWER, UNKNOWN, GONE})
 
 
 def command(
-    verb: Annotated[str, typer.Argument(metavar="|".join(SUBCOMMANDS), help="What to do.")],
+    verb: Annotated[
+        str, typer.Argument(metavar="|".join(SUBCOMMANDS), help="Transition or query.")
+    ],
     nodes: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NODE...]", help="Nodes by name; all when none is named."),
+        typer.Argument(metavar="[NODE...]", help="Node names or sections. Default: all nodes."),
     ] = None,
     run: Annotated[
-        str | None, typer.Option(help="The stack, by its config's name or its run folder's.")
+        str | None, typer.Option(help="Stack, by the name of its config or run folder.")
     ] = None,
     timeout: Annotated[
         float | None,
-        typer.Option(help="Seconds for a node's answer or transition; else as launched, or 10."),
+        typer.Option(
+            help="Seconds to wait for a node's answer or transition. Default: as launched, or 10."
+        ),
     ] = None,
     format: FormatOption = "text",
 ) -> None:
-    """Show the states of a running stack's nodes, or take the nodes through a transition.
+    """Show the states of a running stack's nodes, or trigger a transition.
 
     NODE is a name, full or short (control_0), or a section (control). `list` shows the transitions
-    that are possible now. Up (configure, activate) goes robot first, down goes controllers first;
-    nodes already in the target state are skipped; if one fails, the others are rolled back. Exit
-    code 0: every node reached the state; 1: one did not, or does not exist.
+    that are possible now. configure and activate start with the robot, the others with the
+    controllers. Nodes already in the target state are skipped. If one fails, the others are rolled
+    back. Exit code 0: every node reached the state; 1: one did not, or does not exist.
     """
     if verb not in SUBCOMMANDS:
         raise MisuseError(
-            f"`obk lifecycle {verb}`: no such verb", help=did_you_mean(verb, SUBCOMMANDS)
+            f"`obk lifecycle {verb}`: unknown transition", help=did_you_mean(verb, SUBCOMMANDS)
         )
     require_positive("--timeout", timeout, "seconds")
     is_json = wants_json(format)
@@ -94,7 +98,7 @@ def _report_possible(states: Mapping[str, str], *, is_json: bool) -> None:
 
 
 def _no_transition(state: str) -> str:
-    return "none any more" if state in RESTING else "none now"
+    return "none (final state)" if state in RESTING else "none now"
 
 
 def _report_change(answer: ChangeAnswer, *, is_json: bool) -> None:

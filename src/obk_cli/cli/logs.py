@@ -27,34 +27,36 @@ def command(
         str | None,
         typer.Argument(
             metavar="[RUN]",
-            help="By its config's name or its folder's; else newest.",
+            help="Run, by the name of its config or folder. Default: the newest.",
             autocompletion=complete_kept_runs,
         ),
     ] = None,
     node: Annotated[
-        str | None, typer.Argument(metavar="[NODE]", help="By name; else what the launcher showed.")
+        str | None,
+        typer.Argument(metavar="[NODE]", help="Node name. Default: the launcher's own log."),
     ] = None,
     follow: Annotated[
-        bool, typer.Option("--follow", "-f", help="Show what comes, until Ctrl-C.")
+        bool,
+        typer.Option("--follow", "-f", help="Show new lines as they are written, until Ctrl-C."),
     ] = False,
     lines: Annotated[
-        int | None, typer.Option("--lines", "-n", help="Only as many of the last lines.")
+        int | None, typer.Option("--lines", "-n", help="Show only this many lines from the end.")
     ] = None,
     color: ColourOption = "auto",
 ) -> None:
     """Show the log of a run, or of one of its nodes.
 
-    RUN is the name of a config (its newest run) or of a run's folder, NODE a name, full or short
-    (control_0). `obk logs control_0` is that node of the newest run.
+    RUN is the name of a config (its newest run) or of a run's folder. NODE is a name, full or short
+    (control_0). `obk logs control_0` shows that node in the newest run.
     """
     if lines is not None and lines < 0:
-        raise MisuseError("`--lines` is a number of at least 0")
+        raise MisuseError("`--lines`: expected a number of at least 0")
     path = find_log(runs_folder(os.environ), run, node)
     is_colour = wants_colour(color)
     try:
         if not follow:
             if not path.exists():
-                print(f"{path} does not exist: nothing was logged", file=sys.stderr)
+                print(f"{path} does not exist: the node logged nothing", file=sys.stderr)
             _show(_last(read_lines(path), lines), colour=is_colour)
             return
         with until_interrupt():
@@ -64,7 +66,7 @@ def command(
 
 
 def _follow(path_lines: Iterable[str | None], last: int | None, *, colour: bool) -> None:
-    """Show what is there, then what comes."""
+    """Print the existing lines, then new ones as they are written."""
     backlog: deque[str] | None = deque(maxlen=last)
     for line in path_lines:
         if backlog is not None:

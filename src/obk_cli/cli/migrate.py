@@ -1,4 +1,4 @@
-"""`obk migrate CONFIG`: a config from one spelling into the other, comments and layout kept."""
+"""`obk migrate CONFIG`: convert a config between syntaxes; comments and layout are kept."""
 
 import os
 from typing import Annotated
@@ -43,16 +43,16 @@ def command(
     ] = False,
     color: ColourOption = "auto",
 ) -> None:
-    """Rewrite a config into the newer spelling, or back. Without options prints the result.
+    """Convert a config to the current syntax, or back. Prints the result by default.
 
     Anything that cannot be migrated is left unchanged and reported on stderr with its location.
-    Included files are not followed. Exit code 0: done; 1: the file cannot be read as a config, or
+    Included files are not migrated. Exit code 0: done; 1: the file is not a readable config, or
     with --check would change; 2: misuse.
     """
     if to not in _SPELLINGS:
         raise MisuseError(f"`--to {to}`: expected `key` or `seed`")
     if write and (check or config == STANDARD_INPUT):
-        other = "--check" if check else "a config from the standard input"
+        other = "--check" if check else "a config from standard input"
         raise MisuseError(f"`--write` does not go with {other}")
     file = open_for_edit(config)
     if isinstance(file, Diagnostic):

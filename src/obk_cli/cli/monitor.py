@@ -1,4 +1,4 @@
-"""`obk monitor`: a running stack live, in a terminal of its own or for a program."""
+"""`obk monitor`: a live view of a running stack, in the terminal or as JSON."""
 
 import os
 import shutil
@@ -29,25 +29,25 @@ __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: obk monitor --once --format json"
 WIDE: Final = 200
-"""Columns where there is no terminal."""
+"""Columns without a terminal."""
 
 
 def command(
-    once: Annotated[bool, typer.Option("--once", help="Show it once and end.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Print one snapshot and exit.")] = False,
     period: Annotated[float, typer.Option(help="Refresh interval in seconds.")] = 1.0,
     run: Annotated[
-        str | None, typer.Option(help="The stack, by its config's name or its run folder's.")
+        str | None, typer.Option(help="Stack, by the name of its config or run folder.")
     ] = None,
     domain: DomainOption = None,
     format: FormatOption = "text",
 ) -> None:
-    """Watch a running stack: nodes, topics with their rates, the newest lines of its log.
+    """Show a running stack live: nodes, topics with their rates, newest log lines.
 
-    Rates are measured on messages as they are sent; a topic that is more than a tenth off what the
-    config expects is marked with `!`. Keys take the stack or one node through transitions, and `p`
-    tunes parameters; `?` lists them. If no stack is running, it waits for one. --format json prints
-    an object per line, each period, until the stack ends. A stack of another host has no expected
-    rates, no parameters and no log.
+    Rates are measured on the serialized messages. `!` marks topics that are more than 10 % off the
+    rate that the config expects. Keys trigger transitions of the stack or of one node, and `p`
+    tunes parameters; `?` lists all keys. If no stack is running, the command waits for one.
+    --format json prints one object per period and line until the stack ends. For a stack on another
+    host, expected rates, parameters and log are not available.
     """
     is_json = wants_json(format)
     require_positive("--period", period, "seconds")
@@ -61,8 +61,8 @@ def command(
     # textual draws on the error output.
     if not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):
         raise MisuseError(
-            "`obk monitor` needs a terminal for its input and its outputs",
-            help="`obk monitor --once` and `obk monitor --format json` do not",
+            "`obk monitor` needs a terminal for input and output",
+            help="without a terminal, use `obk monitor --once` or `obk monitor --format json`",
         )
     require_extra("textual", "monitor")
     from obk_cli.monitor.app import run_monitor

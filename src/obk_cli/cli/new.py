@@ -1,4 +1,6 @@
-"""`obk new KIND NAME`: a package that runs, a node more in the one around, or a config."""
+"""`obk new KIND NAME`: create a working package, add a node to an existing one, or create a
+config.
+"""
 
 import json
 from pathlib import Path
@@ -29,7 +31,7 @@ class _Kinds(TyperGroup):
         command = super().get_command(ctx, cmd_name)
         if command is None and not ctx.resilient_parsing:
             raise MisuseError(
-                f"there is no kind `{cmd_name}`", help=did_you_mean(cmd_name, self.commands)
+                f"unknown kind `{cmd_name}`", help=did_you_mean(cmd_name, self.commands)
             )
         return command
 
@@ -82,14 +84,16 @@ Obelisk = Annotated[
 ]
 Dest = Annotated[
     Path | None,
-    typer.Option("--dest", help="Folder for the package.", show_default="src/ if there, else ."),
+    typer.Option(
+        "--dest", help="Folder for the package.", show_default="src/ if it exists, otherwise ."
+    ),
 ]
 Templates = Annotated[
     Path | None,
     typer.Option(
         "--templates",
-        help="Folder of templates of your own, on top of the tool's.",
-        show_default="OBK_TEMPLATES, else the user's config folder",
+        help="Folder with your own templates; they take precedence over the built-in ones.",
+        show_default="OBK_TEMPLATES, otherwise the user's config folder",
     ),
 ]
 AddTo = Annotated[
@@ -98,29 +102,31 @@ AddTo = Annotated[
 ]
 Device = Annotated[
     str | None,
-    typer.Option("--device", metavar="NAME", help="With --add-to: the device it runs on."),
+    typer.Option("--device", metavar="NAME", help="With --add-to: the device that runs the node."),
 ]
 Replace = Annotated[
     str | None,
-    typer.Option("--replace", metavar="NODE", help="With --add-to: the node that it replaces."),
+    typer.Option("--replace", metavar="NODE", help="With --add-to: the existing node to replace."),
 ]
 DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Show the tree and the diff, make nothing.")
+    bool, typer.Option("--dry-run", help="Show what would be created, write nothing.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that are there.")]
-Format = Annotated[Literal["text", "json"], typer.Option("--format", help="Form of the result.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
+Format = Annotated[Literal["text", "json"], typer.Option("--format", help="Output format.")]
 
 
 @app.callback(epilog="\b\nExample: obk new controller my_controller\n         obk new --list")
 def new(
     context: typer.Context,
     list_kinds: Annotated[
-        bool, typer.Option("--list", help="Show the kinds, their languages and their templates.")
+        bool, typer.Option("--list", help="List the kinds with their languages and templates.")
     ] = False,
     templates: Templates = None,
     format: Format = "text",
 ) -> None:
-    """Make a ROS 2 package from templates, add a node to the package you stand in, or a config."""
+    """Create a ROS 2 package from templates, add a node to the current package, or create a
+    config.
+    """
     if list_kinds:
         print_kinds(templates, format)
         raise typer.Exit
@@ -148,7 +154,7 @@ def new_controller(
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Make a controller: state estimates in, control messages out."""
+    """Create a controller: state estimates in, control messages out."""
     request = PackageRequest(
         kind="controller",
         name=name,
@@ -190,7 +196,7 @@ def new_estimator(
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Make an estimator: sensor messages in, state estimates out."""
+    """Create an estimator: sensor messages in, state estimates out."""
     request = PackageRequest(
         kind="estimator",
         name=name,
@@ -226,7 +232,7 @@ def new_robot(
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Make a robot in hardware: control messages in, sensor messages out."""
+    """Create a driver for a hardware robot: control messages in, sensor messages out."""
     request = PackageRequest(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
     run_new(
         request,
@@ -257,7 +263,7 @@ def new_sensor(
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Make a sensor beside the robot: sensor messages out."""
+    """Create a driver for a separate sensor: sensor messages out."""
     request = PackageRequest(kind="sensor", name=name, sensor_msg=sensor_msg)
     run_new(
         request,
@@ -277,14 +283,14 @@ def new_msgs(
     name: Annotated[
         str, typer.Argument(metavar="NAME", help="Name of the package, lower snake case.")
     ],
-    srv: Annotated[bool, typer.Option("--srv", help="Make a service type too.")] = False,
+    srv: Annotated[bool, typer.Option("--srv", help="Also create a service type.")] = False,
     dest: Dest = None,
     templates: Templates = None,
     dry_run: DryRun = False,
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Make a package of message types, to be compiled by `obk build`."""
+    """Create a package of message types for `obk build`."""
     request = PackageRequest(kind="msgs", name=name, with_service=srv)
     run_new(
         request,
@@ -305,9 +311,9 @@ def new_config(
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Make a config of the workspace's nodes.
+    """Create a config from the workspace's nodes.
 
-    Where it has no node for a section, that of the example is taken.
+    Sections without a node in the workspace use the node of the example.
     """
     request = PackageRequest(kind="config", name=name)
     run_new(

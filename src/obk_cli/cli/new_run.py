@@ -67,10 +67,10 @@ _CHOICES = "[k]eep it, [r]eplace it, show the [d]ifference, [q]uit"
 
 
 def resolve_conflicts(decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
-    """Ask about each file in the way that could be replaced; the others stay in the way.
+    """Ask about each conflicting file that could be replaced.
 
     Raises:
-        CommandFailedError: the user wants nothing of it.
+        CommandFailedError: the user quits.
     """
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return decisions
@@ -91,9 +91,9 @@ def _resolve(decision: Decision) -> Decision:
             case "d" | "diff" | "difference":
                 print(unified_diff([decision]), file=sys.stderr, end="")
             case "q" | "quit":
-                raise CommandFailedError("nothing was made")
+                raise CommandFailedError("nothing was created")
             case _:
-                print("k, r, d or q was expected", file=sys.stderr)
+                print("expected k, r, d or q", file=sys.stderr)
 
 
 def _ask(question: str) -> str:
@@ -117,15 +117,15 @@ def add_to_options(
     """The options as a value; None if no config is to be changed.
 
     Raises:
-        MisuseError: an option lacks `--add-to`, or the config is the standard input.
+        MisuseError: an option lacks `--add-to`, or the config is standard input.
     """
     if config == STANDARD_INPUT:
-        raise MisuseError("`--add-to -`: a file is changed, so it needs one")
+        raise MisuseError("`--add-to -`: expected a file, because the config is edited in place")
     if config is not None:
         return AddToOptions(config=config, device=device, replaces=replaces)
     for option, value in (("--device", device), ("--replace", replaces)):
         if value is not None:
-            raise MisuseError(f"`{option}` applies to a config: add `--add-to CONFIG`")
+            raise MisuseError(f"`{option}` needs `--add-to CONFIG`")
     return None
 
 
@@ -146,8 +146,8 @@ def run_new(request: PackageRequest, options: NewOptions) -> None:
     """Create the files of a request and report them.
 
     Raises:
-        MisuseError: a name or a message type cannot be.
-        CommandFailedError: something is in the way; nothing was made.
+        MisuseError: a name or a message type is invalid.
+        CommandFailedError: files are in the way; nothing was created.
     """
     config = Path(options.add_to.config) if options.add_to else None
     target = find_target(options.dest, request.kind, config)
@@ -223,12 +223,14 @@ def write_files(
 
 
 def find_library(chosen: Path | None) -> TemplateLibrary:
-    """The tool's own templates with the user's on top.
+    """The built-in templates, overridden by the user's.
 
-    The user's are in `chosen` (`--templates`), else in OBK_TEMPLATES, else in their config folder.
+    The user's are in `chosen` (`--templates`), otherwise in OBK_TEMPLATES or in their config
+    folder.
 
     Raises:
-        CommandFailedError: the user's folder is not there, or holds what no kind has.
+        CommandFailedError: the user's folder does not exist, or contains templates of an unknown
+            kind.
     """
     try:
         return open_library(resource_folder("templates"), chosen or _usual_folder())
@@ -266,7 +268,7 @@ def short(path: Path) -> str:
 
 
 def programs() -> str:
-    """What stands in front of `python` and `obk` here: nothing when they are found by name."""
+    """Path prefix of `python` and `obk` on this machine; empty if they are on PATH."""
     folder = Path(sys.executable).parent
     found = shutil.which("python")
     return "" if found and Path(found).parent == folder else f"{short(folder)}/"
@@ -290,13 +292,13 @@ def _checked_spec(request: PackageRequest, target: TargetFolder) -> PackageSpec:
 
 
 def _note_missing_packages(spec: PackageSpec, target: TargetFolder) -> None:
-    """Print a note for each missing message package: it may follow later, or be misspelt."""
+    """Print a note for each missing message package: it may be created later, or be misspelt."""
     index = PackageIndex.around(target.folder, Path.cwd(), os.environ)
     used = {message.package for message in spec.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
     for package in sorted(name for name in used if index.message_names(name) is None):
         near = ask_for(near_names(package, index.message_packages()))
-        fix = near or f"`obk new msgs {package}` makes one"
-        print(f"note: there is no message package `{package}` yet: {fix}", file=sys.stderr)
+        fix = near or f"create it with `obk new msgs {package}`"
+        print(f"note: the message package `{package}` does not exist yet: {fix}", file=sys.stderr)
 
 
 def _compose(
@@ -325,7 +327,7 @@ def _compose(
 
 
 def _show_conflicts(decisions: tuple[Decision, ...]) -> None:
-    """A dry run that would fail shows what it would have done."""
+    """Show what a failing dry run would have created."""
     if conflicts(decisions):
         print("\n".join(file_lines(decisions)))
         print(f"\n{unified_diff(decisions)}", end="")
@@ -345,4 +347,6 @@ def _write(root: Path, decisions: Iterable[Decision], finish: Callable[[], None]
     try:
         write_decisions(root, decisions, finish=finish)
     except OSError as fault:
-        raise CommandFailedError(f"{root} cannot be written, nothing was made: {fault}") from fault
+        raise CommandFailedError(
+            f"{root} cannot be written; nothing was created: {fault}"
+        ) from fault

@@ -38,36 +38,37 @@ __all__ = [
     "require_suitable_package",
 ]
 
-_ELSEWHERE = "use --dest to make a package of its own somewhere else"
+_ELSEWHERE = "use --dest to create a package elsewhere"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetFolder:
     """A folder for packages, or an existing package that the node is added to.
 
-    `boundary` is the folder that the user spoke of; nothing is made outside it.
+    `boundary` is the folder that the user named; nothing is created outside it.
     """
 
     folder: Path
     boundary: Path
     package: PackageIdentity | None = None
     python_folder: str = "."
-    """Where the package has its modules: `src` in that layout."""
+    """Folder of the package's modules: `src` in that layout."""
 
 
 def find_target(dest: Path | None, kind: Kind, config: Path | None = None) -> TargetFolder:
-    """`dest`; without it the package around, `src/` of the working folder, or the working folder.
+    """`dest`; by default the enclosing package, `src/` of the working folder, or the working
+    folder.
 
-    From outside every workspace a node goes into that of the config that it is `joined` to: no
-    other folder is searched when the config is launched. A config is no package: it goes into
-    `dest` or the working folder.
+    Outside a workspace, a node goes into the workspace of the config that it is `joined` to,
+    because a launch searches no other folder. A config is not a package: it goes into `dest` or the
+    working folder.
 
     Raises:
-        CommandFailedError: it is a file, or a package whose package.xml cannot be read.
+        CommandFailedError: the folder is a file, or a package whose package.xml cannot be read.
     """
     folder = _usual_folder(config) if dest is None else dest
     if folder.exists() and not folder.is_dir():
-        raise CommandFailedError(f"--dest: {folder} is a file; a folder was expected")
+        raise CommandFailedError(f"--dest: {folder} is a file, expected a folder")
     if kind == "config":
         return TargetFolder(folder=folder, boundary=folder)
     if (folder / "package.xml").is_file():
@@ -88,7 +89,8 @@ def find_root(target: TargetFolder, name: str) -> Path:
     """The folder of the package that the node of that (checked) name goes into.
 
     Raises:
-        CommandFailedError: it is a file, or is reached through a symbolic link that leads out.
+        CommandFailedError: the folder is a file, or is reached through a symbolic link that leads
+            outside.
     """
     if target.package is not None:
         return target.folder.resolve()
@@ -96,12 +98,12 @@ def find_root(target: TargetFolder, name: str) -> Path:
     real = root.resolve()
     if not real.is_relative_to(target.boundary.resolve()):
         raise CommandFailedError(
-            f"{root} is reached through a symbolic link that leads to {real}",
+            f"{root} is reached through a symbolic link to {real}",
             help=f"to create the package there, add --dest {real.parent}",
         )
     if root.exists() and not root.is_dir():
         raise CommandFailedError(
-            f"{root} is a file; a folder was to be made",
+            f"{root} is a file, expected a folder or a new name",
             help="choose another name or --dest",
         )
     return root
@@ -118,7 +120,7 @@ def _usual_folder(config: Path | None) -> Path:
 
 
 def _enclosing_package(folder: Path) -> Path | None:
-    """The package that a folder is in; a workspace or a checkout ends the search upward."""
+    """The package that contains a folder; the upward search stops at a workspace or checkout."""
     for parent in (folder, *folder.parents):
         if (parent / "package.xml").is_file():
             return parent
@@ -131,37 +133,39 @@ def require_suitable_package(target: TargetFolder, request: PackageRequest) -> N
     """Reject a package that cannot take the new node.
 
     Raises:
-        CommandFailedError: it cannot.
+        CommandFailedError: the package cannot take the node.
     """
     identity = target.package
     assert identity is not None
     if request.kind == "msgs":
         raise CommandFailedError(
-            f"`{identity.name}` here is a package already, and messages are in one of their own",
+            f"this folder is the package `{identity.name}`, but messages need a package of "
+            "their own",
             help=_ELSEWHERE,
         )
     if request.language == "cpp":
         raise CommandFailedError(
-            f"a C++ node is made as a package of its own, and here is the package "
-            f"`{identity.name}`",
+            f"this folder is the package `{identity.name}`, but a C++ node needs a package of "
+            "its own",
             help=_ELSEWHERE,
         )
     if identity.build_type != "ament_python":
         raise CommandFailedError(
-            f"the package `{identity.name}` here has the build type `{identity.build_type}`; "
-            "a Python node can be added to a package of build type `ament_python`",
+            f"the package `{identity.name}` in this folder has the build type "
+            f"`{identity.build_type}`; Python nodes can only be added to packages of build "
+            "type `ament_python`",
             help=_ELSEWHERE,
         )
     module = Path(target.python_folder, identity.name, "__init__.py")
     if not (target.folder / module).is_file():
         raise CommandFailedError(
-            f"the package `{identity.name}` here has no module `{module}`",
-            help=f"make that file, or {_ELSEWHERE}",
+            f"the package `{identity.name}` in this folder has no module `{module}`",
+            help=f"create that file, or {_ELSEWHERE}",
         )
 
 
 def read_package_texts(root: Path) -> PackageTexts:
-    """The files of a package that a node more changes.
+    """The files of a package that change when a node is added.
 
     Raises:
         CommandFailedError: one of them is not UTF-8.
@@ -175,7 +179,7 @@ def read_package_texts(root: Path) -> PackageTexts:
 
 
 def read_text(path: Path) -> str:
-    """The text with its line ends as they are; empty where there is no such file.
+    """The text with its original line ends; empty if the file does not exist.
 
     Raises:
         CommandFailedError: it is not UTF-8.
@@ -190,7 +194,7 @@ def _identify(folder: Path) -> PackageIdentity:
     identity = read_identity(read_text(folder / "package.xml"))
     if identity is None:
         raise CommandFailedError(
-            f"{folder / 'package.xml'} is no package.xml that can be read", help=_ELSEWHERE
+            f"{folder / 'package.xml'} is not a valid package.xml", help=_ELSEWHERE
         )
     return identity
 
@@ -254,7 +258,7 @@ def find_model(root: Path) -> Model | None:
             try:
                 text = path.read_text(encoding="utf-8", errors="replace")
             except OSError:
-                continue  # not to be read
+                continue  # unreadable
             model = read_model_text(text, os.path.relpath(path, root))
             if model is not None:
                 return model

@@ -22,13 +22,13 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     no_args_is_help=True,
-    help="Look at the nodes of a running stack.",
+    help="Inspect the nodes of a running stack.",
 )
 
 
 @app.callback(epilog="Example: obk node info control_0")
 def _root() -> None:
-    """Look at nodes. A node may be named in short: control_0."""
+    """Inspect nodes. Short names work too: control_0."""
 
 
 @app.command("list", epilog="Example: obk node list --format json")
@@ -45,7 +45,7 @@ def list_(
 ) -> None:
     """Show every node.
 
-    Of those that `obk launch` started here the state and the process too.
+    Nodes that `obk launch` started on this host are shown with their state and process.
     """
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
@@ -74,7 +74,8 @@ def info(
 ) -> None:
     """Show a node's publishers, subscriptions, services, parameters, state and process.
 
-    The state is the launcher's word where `obk launch` started the node here, else the node's.
+    For nodes that `obk launch` started on this host, the launcher reports the state; otherwise the
+    node does.
     """
     is_json = wants_json(format)
     target = graph_target(domain, timeout)

@@ -36,25 +36,32 @@ if TYPE_CHECKING:
 
 
 TIMEOUT_S: Final = 5.0
-"""Longer than any node takes to be found [s]."""
+"""Longer than the discovery of any node takes [s]."""
 GIVEN: Final = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
 
 DomainOption = Annotated[
     int | None,
-    typer.Option(min=0, max=232, help="The ROS domain; else ROS_DOMAIN_ID, else a stack's here."),
+    typer.Option(
+        min=0,
+        max=232,
+        help="ROS domain. Default: ROS_DOMAIN_ID, otherwise that of a stack on this host.",
+    ),
 ]
 TopicArgument = Annotated[
-    str, typer.Argument(help="Its name or the end.", autocompletion=complete_topics)
+    str, typer.Argument(help="Topic name, or the end of it.", autocompletion=complete_topics)
 ]
 NodeArgument = Annotated[
-    str, typer.Argument(help="A node, full or in short.", autocompletion=complete_nodes)
+    str, typer.Argument(help="Node name, full or short.", autocompletion=complete_nodes)
 ]
 RunArgument = Annotated[
-    str, typer.Argument(metavar="FILE|RUN", help="A file, or a run by its config's name.")
+    str,
+    typer.Argument(metavar="FILE|RUN", help="File, or run by the name of its config or folder."),
 ]
 TopicsOption = Annotated[
     list[str] | None,
-    typer.Option(metavar="T", help="Only this topic, in full or its end; may be repeated."),
+    typer.Option(
+        metavar="T", help="Only this topic, by its name or the end of it; may be repeated."
+    ),
 ]
 TimeoutOption = Annotated[
     float,
@@ -81,12 +88,12 @@ def require_choice(option: str, value: str, choices: Collection[str]) -> None:
 
 
 def require_positive(option: str, number: float | None, what: str = "a number") -> None:
-    """Reject an option's number that is not above 0, or is too large to be meant.
+    """Reject an option's number that is not positive or is implausibly large.
 
     Args:
-        option: as it is written.
-        number: its value; None: it is not given.
-        what: of what it is a number ("seconds").
+        option: its name on the command line.
+        number: its value; None if not given.
+        what: unit or noun for the message ("seconds").
 
     Raises:
         MisuseError: the message names the limit.
@@ -97,14 +104,14 @@ def require_positive(option: str, number: float | None, what: str = "a number") 
     raise MisuseError(f"`{option} {number:g}`: expected {what} {limit}")
 
 
-FormatOption = Annotated[str, typer.Option(metavar="text|json", help="How to report.")]
+FormatOption = Annotated[str, typer.Option(metavar="text|json", help="Output format.")]
 
 
 def wants_json(format: str) -> bool:
     """Whether to print JSON.
 
     Raises:
-        MisuseError: the format is none of the two.
+        MisuseError: the format is neither `text` nor `json`.
     """
     if format not in ("text", "json"):
         raise MisuseError(f"`--format {format}`: expected `text` or `json`")
@@ -115,7 +122,7 @@ def graph_target(domain: int | None, timeout_s: float) -> "GraphTarget":
     """The ROS graph that a command's options select.
 
     Raises:
-        CommandFailedError: ROS_DOMAIN_ID is no domain.
+        CommandFailedError: ROS_DOMAIN_ID is not a valid domain.
         MisuseError: the timeout is not above 0.
     """
     from obk_cli.introspect.target import NO_NODES_S, target_of
@@ -142,10 +149,10 @@ def print_json(value: object) -> None:
 
 
 def load_message(text: str) -> object:
-    """The value that a user writes for a message; empty: none.
+    """Parse the YAML that a user gives for a message; empty text gives no fields.
 
     Raises:
-        MisuseError: it is not YAML.
+        MisuseError: the text is not YAML.
     """
     from obelisk_spec.yaml_core import YamlTextError, load_yaml_core
 

@@ -46,20 +46,22 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     no_args_is_help=True,
-    help="Look at and set the parameters of running nodes.",
+    help="Show and set parameters of running nodes.",
 )
 
 
 @app.callback(epilog="Example: obk param get robot_0 use_sim_time")
 def _root() -> None:
-    """Ask nodes for their parameters, or set them. A node may be named in short: control_0."""
+    """Show and set parameters of running nodes. Short node names work too: control_0."""
 
 
 @app.command("list", epilog="Example: obk param list control_0")
 def list_(
     node: Annotated[
         str | None,
-        typer.Argument(help="A node; else every one.", autocompletion=complete_nodes),
+        typer.Argument(
+            help="Node name, full or short. Default: all nodes.", autocompletion=complete_nodes
+        ),
     ] = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
@@ -104,7 +106,7 @@ def list_(
 def get(
     node: NodeArgument,
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME...]", help="Parameters; else all.")
+        list[str] | None, typer.Argument(metavar="[NAME...]", help="Parameter names. Default: all.")
     ] = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
@@ -112,7 +114,7 @@ def get(
 ) -> None:
     """Show the values of a node's parameters, with their types.
 
-    Exit code 1 where the node has none of a name.
+    Exit code 1 if the node has no parameter of that name.
     """
     is_json = wants_json(format)
     with _open_parameters(node, domain, timeout) as opened:
@@ -130,7 +132,7 @@ class _TakesNegativeNumbers(TyperCommand):
     """A command whose last argument may be a negative number."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Put a negative number behind `--`, where click takes it for no option."""
+        """Put `--` before a negative number, so that click does not take it for an option."""
         place = next((n for n, word in enumerate(args) if NEGATIVE.match(word)), None)
         if "--" not in args and place is not None and not args[place - 1].startswith("-"):
             args = [*args[:place], *args[place + 1 :], "--", args[place]]
@@ -140,15 +142,15 @@ class _TakesNegativeNumbers(TyperCommand):
 @app.command("set", cls=_TakesNegativeNumbers, epilog="Example: obk param set control_0 gain 2.5")
 def set_(
     node: NodeArgument,
-    name: Annotated[str, typer.Argument(help="The parameter.")],
+    name: Annotated[str, typer.Argument(help="Parameter name.")],
     value: Annotated[str, typer.Argument(help="As YAML: 2.5, -1, true, on, [1, 2], 'a text'.")],
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
     """Set a parameter of a running node, and report when the value takes effect.
 
-    VALUE is read as in a parameter file of ROS, then as the parameter's type wants it: 1 is 1.0 to
-    a double. Exit code 1 if the node rejects it, with its reason.
+    VALUE is parsed as in a ROS parameter file, then converted to the parameter's type: for a
+    double, 1 means 1.0. Exit code 1 if the node rejects the value; its reason is shown.
     """
     parse_parameter(value)
     with _open_parameters(node, domain, timeout) as opened:
@@ -161,18 +163,21 @@ def set_(
 def dump(
     node: NodeArgument,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else the terminal.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Output file. Default: print to the terminal."
+        ),
     ] = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
-    """Write a node's parameters as a file that `--params-file` takes, whole or not at all."""
+    """Write a node's parameters as a file for `--params-file`."""
     with _open_parameters(node, domain, timeout) as opened:
         values = opened.parameters.values(opened.parameters.names())
     written = {}
     for name, one in values.items():
         if one.value is None or one.kind == "byte_array":
-            print(f"warning: {name} is {one.kind}: left out", file=sys.stderr)
+            print(f"warning: {name} is {one.kind} and was left out", file=sys.stderr)
         else:
             written[name] = one.value
     text = emit_node_params(opened.node, written)
@@ -191,18 +196,18 @@ def dump(
 
 @app.command(epilog="Example: obk param save stack.yaml --diff")
 def save(
-    config: Annotated[str, typer.Argument(metavar="CONFIG", help="The config to edit.")],
+    config: Annotated[str, typer.Argument(metavar="CONFIG", help="Config to edit.")],
     diff: Annotated[
-        bool, typer.Option("--diff", help="Show what would change, write nothing.")
+        bool, typer.Option("--diff", help="Show the changes without writing them.")
     ] = False,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
-    """Write the present parameters of running nodes into their config.
+    """Write the current parameters of running nodes into their config.
 
-    Changes the values under `params` that differ from those of the nodes, and adds parameters that
-    were tuned and that the config does not have. Comments and layout stay. Each edit is proven by
-    compiling the config again. Exit code 1 if a value cannot be written.
+    Updates values under `params` that differ from those of the nodes, and adds tuned parameters
+    that the config lacks. Comments and layout are kept. Each edit is verified by compiling the
+    config again. Exit code 1 if a value cannot be written.
     """
     target = graph_target(domain, timeout)
 

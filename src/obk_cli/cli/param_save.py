@@ -29,7 +29,8 @@ def save(config: str, target: GraphTarget, timeout_s: float, *, is_dry: bool) ->
     """Write the values, or with `is_dry` show the difference.
 
     Raises:
-        CommandFailedError: the config has errors, no node of it runs, or a value cannot be written.
+        CommandFailedError: the config has errors, none of its nodes is running, or a value cannot
+            be written.
     """
     options = make_options(None, None)
     declared = compile_config(config, options).config
@@ -41,7 +42,7 @@ def save(config: str, target: GraphTarget, timeout_s: float, *, is_dry: bool) ->
     saved = save_parameters(config, options, values)
     if saved.findings:
         print_findings(saved.findings)
-        raise CommandFailedError(f"`{config}` has errors; nothing is written")
+        raise CommandFailedError(f"`{config}` has errors; nothing was written")
     files = [(_opened(source.path), text) for source, text in saved.files]
     for file, text in files:
         if is_dry:
@@ -52,7 +53,7 @@ def save(config: str, target: GraphTarget, timeout_s: float, *, is_dry: bool) ->
     for one in () if is_dry else written:
         print(f"{one.place.path}:{one.place.line}: {_change(one)}")
     if not saved.parameters:
-        print(f"{config}: nothing to write: the nodes run with its values", file=sys.stderr)
+        print(f"{config}: nothing to write, the nodes already use its values", file=sys.stderr)
     faults = [one for one in saved.parameters if one.fault]
     if faults:
         lines = (f"{one.place}: {_change(one)}: {one.fault}" for one in faults)
@@ -62,7 +63,7 @@ def save(config: str, target: GraphTarget, timeout_s: float, *, is_dry: bool) ->
 def _present_values(
     wanted: Mapping[str, frozenset[str]], target: GraphTarget, timeout_s: float
 ) -> dict[str, dict[str, ParameterValue]]:
-    """What the running nodes of the config have, of its own parameters and of tuned ones."""
+    """Current values of the config's own and tuned parameters in its running nodes."""
     found: dict[str, dict[str, ParameterValue]] = {}
     with open_graph(target, None, asks_nodes=True) as source:
         settle(source, target, timeout_s)
@@ -85,14 +86,14 @@ def _present_values(
             "no node of the config is running", help="start the stack with `obk launch`"
         )
     for node in sorted(wanted.keys() - found.keys()):
-        print(f"warning: {node} is not running: its values stay", file=sys.stderr)
+        print(f"warning: {node} is not running; its values are unchanged", file=sys.stderr)
     return found
 
 
 def _opened(path: str) -> EditedFile:
     file = open_for_edit(path)
     if isinstance(file, Diagnostic):
-        raise CommandFailedError(f"`{path}` cannot be read; nothing is written")
+        raise CommandFailedError(f"`{path}` cannot be read; nothing was written")
     return file
 
 

@@ -1,4 +1,4 @@
-"""`obk play FILE|RUN`: publish a recording again, or run nodes on recorded inputs."""
+"""`obk play FILE|RUN`: replay a recording, or run nodes on recorded inputs."""
 
 import json
 import os
@@ -41,7 +41,7 @@ def command(
     recording: RunArgument,
     topic: TopicsOption = None,
     rate: Annotated[
-        float, typer.Option(help="How many times faster than recorded; not with --into.")
+        float, typer.Option(help="Playback speed, relative to real time; not with --into.")
     ] = 1.0,
     into: Annotated[
         str | None,
@@ -50,7 +50,7 @@ def command(
     nodes: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="N", help="Which nodes: names or sections of --into; may be repeated."
+            metavar="N", help="Nodes of --into to run, by name or section; may be repeated."
         ),
     ] = None,
     set_: Annotated[
@@ -59,23 +59,23 @@ def command(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="The recording that --into makes."),
+        typer.Option("--output", "-o", metavar="FILE", help="Recording that --into writes."),
     ] = None,
     allow_hardware: Annotated[
-        bool, typer.Option("--allow-hardware", help="Publish on topics that move robots, too.")
+        bool, typer.Option("--allow-hardware", help="Also publish topics that command robots.")
     ] = False,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
-    """Publish a recording again, in real time.
+    """Replay a recording in real time.
 
-    Topics that command a robot are left out, and a robot that subscribes to one of the others ends
-    the command, unless --allow-hardware is given.
+    Topics that command a robot are left out unless --allow-hardware is given. If a robot subscribes
+    to one of the other topics, the command stops.
 
-    With --into, nodes of a config run on the recorded inputs instead: in lock-step, in simulated
-    time, each input at its time, so that a second replay gives the same bits. No other process
-    hears them, and no robot is moved. What they publish is recorded and compared with the
-    recording. The same code gives the same bits if the recording was made in lock-step, by
+    With --into, nodes of a config run on the recorded inputs instead, in lock-step and in simulated
+    time. Repeating the replay gives bit-identical results. The nodes are isolated: no other process
+    receives their messages, and no robot moves. Their output is recorded and compared with the
+    recording. Unchanged code gives bit-identical output if the recording was made in lock-step, by
     `obk test --keep-all`.
     """
     require_positive("--rate", rate)

@@ -28,35 +28,32 @@ def command(
         list[str],
         typer.Argument(
             metavar="FILE|RUN... TOPIC.FIELD...",
-            help="Files, or runs by their configs' names; then fields of topics, which are given "
-            "in full or by their end.",
+            help="Files, or runs by the name of their config or folder; then fields of topics. "
+            "A topic is given by its name or the end of it.",
         ),
     ],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="The file, .png, .svg or .html."),
+        typer.Option("--output", "-o", metavar="FILE", help="Output file: .png, .svg or .html."),
     ] = None,
     html: Annotated[
-        bool, typer.Option("--html", help="Write a page with zoom and cursor, not a PNG.")
+        bool, typer.Option("--html", help="Write a page with zoom and cursor instead of a PNG.")
     ] = False,
     overlay: Annotated[
-        bool, typer.Option("--overlay", help="Draw all fields in one plot.")
+        bool, typer.Option("--overlay", help="Plot all fields in the same axes.")
     ] = False,
     xlim: Annotated[
         tuple[float, float] | None,
-        typer.Option(metavar="FROM TO", help="Show these times only [s]."),
+        typer.Option(metavar="FROM TO", help="Show only this time range [s]."),
     ] = None,
-    received: Annotated[
-        bool, typer.Option("--received", help="Draw over the time of receipt.")
-    ] = False,
+    received: Annotated[bool, typer.Option("--received", help="Use the times of receipt.")] = False,
 ) -> None:
-    """Draw fields of recorded runs over time, as PNG, SVG or a page for the browser.
+    """Plot fields of recorded runs over time, as PNG, SVG or a page for the browser.
 
-    A field is a number, an array (a line for each number, called after its joint) or a message in
-    the message (a line for each number in it). Several runs are drawn over each other. Time is that
-    at which the messages were published, with --received that at which the recorder got them; it
-    begins when the stack became active. No ROS is needed: the recording itself defines how its
-    messages are read.
+    A field is a number, an array (one line per element, named after its joint) or a nested message
+    (one line per number). Several runs are drawn in the same plot. Time 0 is when the stack became
+    active. Messages are drawn at their time of publication; with --received, at their time of
+    receipt. ROS is not needed, because recordings contain the definitions of their messages.
     """
     from obk_cli.optional_deps import require_extra
 
@@ -70,7 +67,7 @@ def command(
     recordings, texts = _runs_and_fields(words)
     names = [parse_field(text) for text in texts]
     if xlim is not None and not xlim[0] < xlim[1]:
-        raise MisuseError(f"`--xlim {xlim[0]:g} {xlim[1]:g}`: expected the lesser time first")
+        raise MisuseError(f"`--xlim {xlim[0]:g} {xlim[1]:g}`: expected the earlier time first")
     parent = runs_folder(os.environ)
     paths = [find_recording(parent, name) for name in recordings]
     ending = ".html" if html else ".png"
@@ -81,7 +78,7 @@ def command(
         raise MisuseError(f"`--output {picture}`: expected a file named {expected}")
     for run in runs:
         if not run.bag.is_complete:
-            print(f"note: {run.path} breaks off: its recorder did not end it", file=sys.stderr)
+            print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)
     parts = plot_parts(runs, names, by_receipt=received, overlay=overlay)
     title = ", ".join(run.name for run in runs)
     write = write_page if picture.suffix == ".html" else draw
@@ -90,10 +87,10 @@ def command(
 
 
 def _runs_and_fields(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The recordings and the fields; the first word is a recording, and so is every file.
+    """Split the words into recordings and fields; the first word and every file are recordings.
 
     Raises:
-        MisuseError: there is no field.
+        MisuseError: no field is given.
     """
     is_run = [
         place == 0 or "." not in word or os.path.exists(word)  # noqa: PTH110  (`Path.exists` raises)
@@ -103,12 +100,12 @@ def _runs_and_fields(words: Sequence[str]) -> tuple[list[str], list[str]]:
     fields = [word for word, one in zip(words, is_run, strict=True) if not one]
     if not fields:
         raise MisuseError(
-            f"`{words[-1]}` names no field",
-            help="expected TOPIC.FIELD behind the recordings, such as est.q_joints[0]",
+            f"`{words[-1]}` does not name a field",
+            help="expected TOPIC.FIELD after the recordings, such as est.q_joints[0]",
         )
     return runs, fields
 
 
 def _word(field: str) -> str:
-    """A field's name as part of a file's."""
+    """A field's name as part of a file name."""
     return re.sub(r"\W+", "_", field).strip("_")

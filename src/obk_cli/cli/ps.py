@@ -1,4 +1,4 @@
-"""`obk ps`: the stacks that run on this host, and what is left of those that do not."""
+"""`obk ps`: the stacks running on this host, and leftover processes of stopped ones."""
 
 import json
 import os
@@ -21,9 +21,9 @@ LONGEST_COMMAND = 100
 
 
 def command(format: FormatOption = "text") -> None:
-    """Show the stacks that run on this host, in every ROS domain, with their nodes.
+    """List the stacks running on this host, in every ROS domain, with their nodes.
 
-    Processes that a stack left behind are shown too; `obk reap` ends them.
+    Also lists processes that a stack left behind; `obk reap` ends them.
     """
     is_json = wants_json(format)
     parent = runs_folder(os.environ)
@@ -36,7 +36,7 @@ def command(format: FormatOption = "text") -> None:
     for stack in stacks:
         print("\n".join(map(plain, _text(stack))))
     if not stacks:
-        print("no stack runs on this host")
+        print("no stack is running on this host")
     if orphans:
         print("\n".join(_orphan_lines(orphans)))
 
@@ -63,7 +63,7 @@ def _data(stack: LiveStack) -> dict[str, Any]:
 
 def _text(stack: LiveStack) -> Iterator[str]:
     run, status = stack.run, stack.status
-    state = status.state if status else "no answer from the launcher"
+    state = status.state if status else "launcher does not answer"
     device = f" on {', '.join(run.devices)}" if run.devices else ""
     yield (
         f"{run.name}{device}: {state}, ROS domain {run.domain}, launcher {run.pid}, "
@@ -83,7 +83,7 @@ def _node(node: NodeStatus) -> str:
 
 
 def _orphan_lines(orphans: tuple[Orphan, ...]) -> Iterator[str]:
-    yield "left behind by launchers that are gone (`obk reap` ends them):"
+    yield "left behind by launchers that no longer run (end them with `obk reap`):"
     for orphan in orphans:
         yield f"  {orphan.pid}  {orphan.run}  {plain(orphan.command)[:LONGEST_COMMAND]}"
 

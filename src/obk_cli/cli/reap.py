@@ -22,21 +22,21 @@ def command(
         bool, typer.Option("--dry-run", help="List the processes without ending them.")
     ] = False,
 ) -> None:
-    """End processes of stacks whose launcher is gone, with all that they started.
+    """Terminate processes of stacks whose launcher no longer runs, with their child processes.
 
-    Only processes of this user that an `obk launch` started, and no process of a stack that runs.
-    Exit code 0: nothing is left; 1: something does not end.
+    Affects only processes of this user that `obk launch` started, and no running stack. Exit code
+    0: no process is left; 1: a process did not end.
     """
     orphans = find_orphans(runs_folder(os.environ))
     for orphan in orphans:
         print(plain(f"{orphan.pid}  {orphan.run}  {orphan.command}"))
     if not orphans:
-        print("nothing is left behind")
+        print("no processes are left behind")
     if dry_run:
         raise typer.Exit(EXIT_DONE)
     remaining = end_orphans(orphans)
     if orphans:
         remove_dead_segments()
     for orphan in remaining:
-        print(f"error: process {orphan.pid} does not end", file=sys.stderr)
+        print(f"error: process {orphan.pid} did not end", file=sys.stderr)
     raise typer.Exit(EXIT_FAILED if remaining else EXIT_DONE)

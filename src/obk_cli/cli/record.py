@@ -29,26 +29,30 @@ Example: obk record --duration 10
 def command(
     topics: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[TOPIC...]", help="Names or patterns; else those of the config."),
+        typer.Argument(
+            metavar="[TOPIC...]", help="Topic names or patterns. Default: the topics of the config."
+        ),
     ] = None,
-    all_: Annotated[bool, typer.Option("--all", help="Every topic of the ROS domain.")] = False,
+    all_: Annotated[
+        bool, typer.Option("--all", help="Record every topic of the ROS domain.")
+    ] = False,
     exclude: Annotated[
         list[str] | None,
-        typer.Option(metavar="PATTERN", help="Leave these out; may be repeated."),
+        typer.Option(metavar="PATTERN", help="Leave out these topics; may be repeated."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The file to write.")
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Output file.")
     ] = None,
     run: Annotated[
-        str | None, typer.Option(metavar="RUN", help="Of several stacks, this one.")
+        str | None, typer.Option(metavar="RUN", help="Stack to record, if several are running.")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="Seconds after which to end.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Stop after this time [s].")] = None,
 ) -> None:
     """Record topics of a running stack into an MCAP file that Foxglove and `ros2 bag` read.
 
-    Without TOPIC those of the config of the stack that runs in this ROS domain. Its config as
-    compiled, hash, versions and parameters stand first in the file. Ends on Ctrl-C, on SIGTERM or
-    after --duration; after any other end the file can be read up to its last quarter of a second.
+    The default is the topics in the config of the stack running in this ROS domain. The file starts
+    with the compiled config, its hash, versions and parameters. Recording ends on Ctrl-C, on
+    SIGTERM or after --duration. After a crash, the file is readable except for the last 0.25 s.
     """
     require_positive("--duration", duration, "seconds")
 
@@ -76,24 +80,24 @@ def command(
 
 
 def _stack(name: str | None, domain: int, *, is_needed: bool) -> Path | None:
-    """The folder of the run that is recorded; None where none runs here and none is needed."""
+    """Folder of the run to record; None if no stack is running and none is needed."""
     runs = select_runs(runs_folder(os.environ), name, domain=domain)
     if len(runs) > 1 and is_needed:
         names = ", ".join(run.name for run in runs.values())
         raise MisuseError(
-            f"several stacks run in the ROS domain {domain}: {names}",
-            help="name one with `--run`, or the topics",
+            f"several stacks are running in the ROS domain {domain}: {names}",
+            help="select one with `--run`, or name the topics",
         )
     if not runs and is_needed:
         raise CommandFailedError(
-            f"no stack runs in the ROS domain {domain} on this host",
-            help="name the topics, or record every one with `--all`",
+            f"no stack is running in the ROS domain {domain} on this host",
+            help="name the topics, or record all of them with `--all`",
         )
     return next(iter(runs)) if len(runs) == 1 else None
 
 
 def _request(topics: list[str], folder: Path | None, *, every: bool) -> RecordRequest:
-    """What is asked for; names without a pattern are waited for."""
+    """The request; topics named without a pattern are waited for."""
     patterns = tuple(topic for topic in topics if any(sign in topic for sign in "*?["))
     names = [_absolute(topic) for topic in topics if topic not in patterns]
     known = topics_of_run(folder) if folder else {}

@@ -46,7 +46,7 @@ QUIETLY = ("--format=json", "--quiet", "--color=never", "--network=localhost", "
 
 
 def command(
-    config: Annotated[str, typer.Argument(metavar="CONFIG", help="The config.")],
+    config: Annotated[str, typer.Argument(metavar="CONFIG", help="Config file.")],
     on_crash: Annotated[
         str,
         typer.Option(
@@ -68,7 +68,7 @@ def command(
         bool, typer.Option("--composed", help="Run the Python nodes in one process.")
     ] = False,
     domain: Annotated[
-        int | None, typer.Option(min=0, max=232, help="ROS domain to use; a free one unless set.")
+        int | None, typer.Option(min=0, max=232, help="ROS domain. Default: a free one.")
     ] = None,
     format: FormatOption = "text",
     set_: SetOption = None,
@@ -77,13 +77,13 @@ def command(
 ) -> None:
     """Test how a stack with a simulated robot reacts when its nodes fail.
 
-    Delays (stops for a second, which must have no effect), freezes and kills each node, and
-    compares the reaction of the launcher with its rules. Only this host can see the stack.
-    Exit code 0: all reactions are as expected; 1: one is not, or the config has errors.
+    Each node is delayed (stopped for a second, which must have no effect), frozen and killed. The
+    launcher's reaction is compared with its rules. The stack is visible on this host only. Exit
+    code 0: all reactions are as expected; 1: one is not, or the config has errors.
     """
     is_json = wants_json(format)
     if config == "-":
-        raise MisuseError("`obk rehearse` starts the config more than once: give a file")
+        raise MisuseError("`obk rehearse` starts the config more than once, so it needs a file")
     require_choice("--on-crash", on_crash, get_args(OnCrash))
     faults = _faults(fault)
     outcome = compile_config(config, make_options(set_, ignore))
@@ -92,8 +92,8 @@ def command(
 
     refuse_hardware(
         outcome.config,
-        "a rehearsal kills and freezes the nodes that control it",
-        help="`is_simulated: true` and a `sim` block, in the config or by `--set`, simulate it",
+        "a rehearsal kills and freezes the nodes that control the robot",
+        help="set `is_simulated: true` and a `sim` block, in the config or with `--set`",
     )
     require_libraries(plan, share_of(plan, None, None))
     cases = make_cases(
@@ -125,7 +125,7 @@ def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
         found = select_nodes(name, known)
         if not found:
             raise MisuseError(
-                f"`--node {name}`: the stack has no such node",
+                f"`--node {name}`: no such node in the stack",
                 help=did_you_mean(name, [*known, *map(short_name, known)]),
             )
         selected.update(found)

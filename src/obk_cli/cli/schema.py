@@ -22,13 +22,13 @@ EXAMPLE = "Example: obk schema > obelisk.schema.json"
 def command(
     folder: Annotated[
         Path | None,
-        typer.Argument(metavar="[DIR]", help="With --install-vscode: the folder to open."),
+        typer.Argument(metavar="[DIR]", help="With --install-vscode: the project folder."),
     ] = None,
     install_vscode: Annotated[
         bool,
         typer.Option(
             "--install-vscode",
-            help="Write it for VS Code to DIR (default: here), print what to add.",
+            help="Write the schema for VS Code to DIR (default: here) and show how to use it.",
         ),
     ] = False,
 ) -> None:
@@ -40,7 +40,7 @@ def command(
             print(line)
         return
     if folder is not None:
-        raise MisuseError("a folder goes with `--install-vscode` only")
+        raise MisuseError("DIR is only valid with `--install-vscode`")
     print(text, end="")
 
 
@@ -53,18 +53,19 @@ _LONGEST_CONFIG_BYTES = 1024 * 1024
 
 
 def write_vscode_schema(folder: Path, schema: str) -> Iterator[str]:
-    """Write the schema into `folder/.vscode`; a line for it and for each config without its line.
+    """Write the schema into `folder/.vscode`; return report lines with the configs that lack the
+    line.
 
     Raises:
         CommandFailedError: the folder does not exist, a link leads out of it, or the schema cannot
             be written.
     """
     if not folder.is_dir():
-        raise CommandFailedError(f"`{folder}` is no folder")
+        raise CommandFailedError(f"`{folder}` is not a folder")
     path = folder / SCHEMA_PATH
     real = Path(os.path.realpath(path))
     if not real.is_relative_to(os.path.realpath(folder)):
-        raise CommandFailedError(f"a link leads `{path}` out of the folder, to {real}")
+        raise CommandFailedError(f"`{path}` is a link to {real}, which is outside the folder")
     try:
         is_changed = write_text(path, schema)
     except OSError as error:
@@ -72,10 +73,10 @@ def write_vscode_schema(folder: Path, schema: str) -> Iterator[str]:
     yield f"{path}: {'written' if is_changed else 'nothing to change'}"
     missing = [config for config, has_line in _configs(folder).items() if not has_line]
     if missing:
-        yield "add as the first line, so that the editor checks the file while you write:"
+        yield "to have the editor check these files, add this first line to each:"
     for config in missing:
         yield f"  {config}: {_MODELINE}{_path_from(config)}"
-    yield f"VS Code reads that line with the extension {_EXTENSION}"
+    yield f"VS Code needs the extension {_EXTENSION} for this"
 
 
 def _path_from(config: str) -> str:

@@ -36,14 +36,19 @@ app = typer.Typer(
 
 @app.callback(epilog="Example: obk service call robot_0/pause '{data: true}'")
 def _root() -> None:
-    """Look at services, and call them."""
+    """List services and call them."""
 
 
 @app.command("list", epilog="Example: obk service list --node robot_0")
 def list_(
-    node: Annotated[str | None, typer.Option(metavar="NODE", help="Of this node only.")] = None,
+    node: Annotated[
+        str | None, typer.Option(metavar="NODE", help="Show only the services of this node.")
+    ] = None,
     all_: Annotated[
-        bool, typer.Option("--all", help="Those that every node has for its parameters, too.")
+        bool,
+        typer.Option(
+            "--all", help="Also show the services that every node has for its parameters."
+        ),
     ] = False,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
@@ -73,13 +78,20 @@ def list_(
 
 @app.command(epilog="Example: obk service call robot_0/pause '{data: true}'")
 def call(
-    service: Annotated[str, typer.Argument(help="Its name or the end: robot_0/reset.")],
+    service: Annotated[
+        str, typer.Argument(help="Service name, or the end of it, such as robot_0/reset.")
+    ],
     request: Annotated[
-        str, typer.Argument(metavar="[REQUEST]", help="As YAML; else as it is by default.")
+        str,
+        typer.Argument(
+            metavar="[REQUEST]", help="Request as YAML. Default: all fields at their defaults."
+        ),
     ] = "",
     service_type: Annotated[
         str | None,
-        typer.Option("--type", metavar="TYPE", help="As pkg/srv/Name, where nodes differ."),
+        typer.Option(
+            "--type", metavar="TYPE", help="Type as pkg/srv/Name, needed if nodes disagree."
+        ),
     ] = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
@@ -87,12 +99,14 @@ def call(
 ) -> None:
     """Call a service and show the response.
 
-    Every field of REQUEST is checked against the type before anything is asked. Exit code 1 where
-    no answer comes in time, and where the response has `success: false`.
+    Every field of REQUEST is checked against the type before the call. Exit code 1 if no response
+    arrives in time, or if the response has `success: false`.
     """
     is_json = wants_json(format)
     if service_type is not None and not _SERVICE_TYPE.fullmatch(service_type):
-        raise MisuseError(f"`--type {service_type}`: expected such as `std_srvs/srv/Trigger`")
+        raise MisuseError(
+            f"`--type {service_type}`: expected a type such as `std_srvs/srv/Trigger`"
+        )
     target = graph_target(domain, timeout)
 
     from obk_cli.cli.options import load_message

@@ -23,12 +23,12 @@ WAIT_S = 30.0
 def command(
     run: Annotated[
         str | None,
-        typer.Argument(metavar="[RUN]", help="The stack, by its config's name or run folder's."),
+        typer.Argument(metavar="[RUN]", help="Stack, by the name of its config or run folder."),
     ] = None,
-    all_: Annotated[bool, typer.Option("--all", help="Every stack of this host.")] = False,
-    timeout: Annotated[float, typer.Option(help="Seconds that a stack's end may take.")] = WAIT_S,
+    all_: Annotated[bool, typer.Option("--all", help="Stop every stack on this host.")] = False,
+    timeout: Annotated[float, typer.Option(help="Seconds to wait for a stack to stop.")] = WAIT_S,
     kill: Annotated[
-        bool, typer.Option("--kill", help="Kill a launcher that does not end in time.")
+        bool, typer.Option("--kill", help="Kill a launcher that does not stop in time.")
     ] = False,
 ) -> None:
     """Shut a stack down cleanly, as Ctrl-C in its own terminal does, and wait until it has stopped.
@@ -48,13 +48,13 @@ def command(
 
 def _require_one(runs: Mapping[Path, Run]) -> None:
     if not runs:
-        raise CommandFailedError("no stack runs on this host", help="see `obk ps`")
+        raise CommandFailedError("no stack is running on this host", help="see `obk ps`")
     if len(runs) > 1:
         names = [run.name for run in runs.values()]
         # Stacks of the same name are shown by their folders.
         shown = names if len(set(names)) == len(names) else [folder.name for folder in runs]
         raise MisuseError(
-            f"several stacks run on this host: {', '.join(sorted(shown))}",
+            f"several stacks are running on this host: {', '.join(sorted(shown))}",
             help="name one of them, or add `--all`",
         )
 
@@ -65,9 +65,9 @@ def _stop(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
         folder, run, reason="asked by `obk stop`", timeout_s=timeout_s, may_kill=may_kill
     )
     if end == "running":
-        hint = "" if may_kill else "; `--kill` kills it"
+        hint = "" if may_kill else "; use `--kill` to kill it"
         print(
-            f"error: {run.name} (launcher {run.pid}) has not ended within {timeout_s:g} s{hint}",
+            f"error: {run.name} (launcher {run.pid}) did not stop within {timeout_s:g} s{hint}",
             file=sys.stderr,
         )
         return False
@@ -75,7 +75,7 @@ def _stop(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
     if end == "killed":
         print(f"{run.name}: killed")
     elif ended and ended.cause:
-        print(f"{run.name}: ended; it had failed: {plain(ended.cause)}")
+        print(f"{run.name}: stopped after a failure: {plain(ended.cause)}")
     else:
         print(f"{run.name}: ended")
     return True

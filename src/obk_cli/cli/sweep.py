@@ -33,51 +33,59 @@ ENGINES: Final = ("local", "dask")
 
 
 def command(
-    config: Annotated[str, typer.Argument(metavar="CONFIG", help="The config.")],
+    config: Annotated[str, typer.Argument(metavar="CONFIG", help="Config file.")],
     test: Annotated[
         str | None,
         typer.Argument(
             metavar="[TEST]",
-            help="A test, such as `tests/test_arm.py::test_push`, or a file of tests; by default "
-            "those in `tests/` beside the config, otherwise a smoke test.",
+            help="Test, such as `tests/test_arm.py::test_push`, or file of tests. Default: the "
+            "tests in `tests/` next to the config, otherwise a smoke test.",
         ),
     ] = None,
     seeds: Annotated[
         int,
-        typer.Option(min=1, help="Number of seeds; with `--vary`, of samples, each with a seed."),
+        typer.Option(
+            min=1, help="Number of seeds. With `--vary`: number of samples, each with its own seed."
+        ),
     ] = 1,
     vary: Annotated[
         list[str] | None,
         typer.Option(
             metavar="PATH=RANGE",
-            help="Vary a value of the config: `50..200`, or a list `1,2,5`; may be repeated.",
+            help="Vary a value of the config over a range (`50..200`) or a list (`1,2,5`); may be "
+            "repeated.",
         ),
     ] = None,
     grid: Annotated[
         bool,
         typer.Option(
             "--grid",
-            help="Run every combination of values with every seed; ranges as `50..200:7`. By "
-            "default, samples of a Latin hypercube.",
+            help="Run every combination of values with every seed; write ranges as `50..200:7`. "
+            "Default: Latin hypercube samples.",
         ),
     ] = False,
     jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", min=1, help="Worker processes; one per core.")
+        int | None,
+        typer.Option(
+            "-j", "--jobs", min=1, help="Number of worker processes. Default: one per core."
+        ),
     ] = None,
     engine: Annotated[
         str,
-        typer.Option(metavar="|".join(ENGINES), help="Where cases run; `dask` needs the extra."),
+        typer.Option(
+            metavar="|".join(ENGINES), help="Where cases run; `dask` needs the extra of that name."
+        ),
     ] = "local",
     scheduler: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Dask scheduler, such as tcp://host:8786; by default a cluster on this machine.",
+            help="Dask scheduler, such as tcp://host:8786. Default: a cluster on this machine.",
         ),
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option(metavar="FOLDER", help="Folder for results; build/obk-sweep/NAME by default."),
+        typer.Option(metavar="FOLDER", help="Output folder. Default: build/obk-sweep/NAME."),
     ] = None,
     restart: Annotated[
         bool, typer.Option("--restart", help="Remove existing results and run all cases.")
@@ -87,7 +95,7 @@ def command(
         typer.Option(
             metavar="SECONDS",
             min=0.1,
-            help="Wall time that a case may take; one that takes longer is ended and has failed.",
+            help="Wall-clock time limit for a case [s]; a case that exceeds it is ended and fails.",
         ),
     ] = 600.0,
     format: FormatOption = "text",
@@ -104,7 +112,7 @@ def command(
     is_json = wants_json(format)
     require_choice("--engine", engine, ENGINES)
     if config == "-":
-        raise MisuseError("`obk sweep` loads the config more than once: give a file")
+        raise MisuseError("`obk sweep` loads the config more than once, so it needs a file")
     if scheduler is not None and engine != "dask":
         raise MisuseError("`--scheduler` is for `--engine dask`")
     if not math.isfinite(case_limit):
@@ -133,7 +141,7 @@ def command(
     }
     sys.stdout.flush()
     sys.stderr.flush()
-    # In place of this process, which may not import the library of tests.
+    # Replaces this process, which must not import the test library.
     command = [sys.executable, "-P", "-m", "obk_testing.sweep", json.dumps(request)]
     os.execve(sys.executable, command, dict(environment))  # noqa: S606 - without a shell
 
@@ -153,6 +161,6 @@ def _tests(test: str | None, folder: Path) -> list[str]:
             return [f"{(start / path).resolve()}{colons}{name}"]
     raise MisuseError(
         f"the test `{path}` does not exist",
-        help="give its path from here or from the folder of the config, such as "
+        help="give its path relative to this folder or to that of the config, such as "
         "`tests/test_robot.py::test_it_stands`",
     )

@@ -54,7 +54,7 @@ def command(
         list[str] | None,
         typer.Argument(
             metavar="[TESTS]...",
-            help="Files, folders or ids of tests, and after `--` options of pytest.",
+            help="Files, folders or ids of tests. Options after `--` go to pytest.",
         ),
     ] = None,
     seeds: Annotated[
@@ -63,17 +63,19 @@ def command(
     ] = "1",
     again: Annotated[
         str | None,
-        typer.Option(metavar="NODEID", help="Repeat one trial, as the summary names it."),
+        typer.Option(metavar="NODEID", help="Repeat one trial, by its id in the summary."),
     ] = None,
     twice: Annotated[
         bool,
         typer.Option("--twice", help="Run each test twice; the first difference is a failure."),
     ] = False,
     jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", metavar="N", help="Tests to run side by side.")
+        int | None,
+        typer.Option("-j", "--jobs", metavar="N", help="Number of tests to run in parallel."),
     ] = None,
     select: Annotated[
-        str | None, typer.Option("-k", metavar="EXPRESSION", help="Run the tests that match.")
+        str | None,
+        typer.Option("-k", metavar="EXPRESSION", help="Run only tests that match this expression."),
     ] = None,
     stop_at_first: Annotated[bool, typer.Option("-x", help="Stop at the first failure.")] = False,
     time_limit: Annotated[
@@ -86,32 +88,33 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Write a JUnit report.")
     ] = None,
     keep_all: Annotated[
-        bool, typer.Option("--keep-all", help="Keep recordings of tests that pass, too.")
+        bool, typer.Option("--keep-all", help="Also keep recordings of tests that pass.")
     ] = False,
     output: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Where recordings and pictures go.",
-            show_default="build/obk-test beside the config",
+            help="Folder for recordings and pictures.",
+            show_default="build/obk-test next to the config",
         ),
     ] = None,
     build: Annotated[
         bool,
-        typer.Option("--build/--no-build", help="Compile message packages that have changed."),
+        typer.Option("--build/--no-build", help="Compile out-of-date message packages."),
     ] = True,
     set_: SetOption = None,
     ignore: IgnoreOption = None,
     color: ColourOption = "auto",
 ) -> None:
-    """Test a stack in closed loop, in simulated time, faster than real time and repeatable.
+    """Run closed-loop tests of a stack in simulated time: repeatable and faster than real time.
 
     All nodes run in one process, in lock-step with the simulated robot. TESTS are pytest files
-    whose tests use the fixture `stack`; by default those in `tests/` beside the config. Without
-    any, a smoke test runs: 5 s, no fault, finite values, topics at their rates, twice the same.
+    whose tests use the fixture `stack`; by default those in `tests/` next to the config. Without
+    tests, a smoke test runs the stack for 5 s: no fault, finite values, topics at their rates, and
+    two identical runs.
 
-    A test that fails leaves a recording and a picture, and the command that repeats it. Hardware is
-    never opened. Exit code 0: all tests passed; 1: a test failed, or the config has errors.
+    A failed test leaves a recording, a picture and the command that repeats it. Hardware is never
+    opened. Exit code 0: all tests passed; 1: a test failed, or the config has errors.
     """
     if config == STANDARD_INPUT:
         raise MisuseError("`obk test` needs the path of a config, not `-`")
@@ -121,7 +124,7 @@ def command(
         raise MisuseError(f"`-j {jobs}`: expected a number of at least 1")
     limit_s = None if time_limit is None else _seconds_of(time_limit)
     if again is not None and tests:
-        raise MisuseError("`--again` names the test already; leave TESTS out")
+        raise MisuseError("`--again` already names the test; leave out TESTS")
     require_extra("pytest", "test")
     if jobs is not None and jobs > 1:
         require_extra("xdist", "test")
@@ -172,7 +175,7 @@ def lockstep_environment(
     environment = ros_environment("localhost")
     _, environment = on_overlays(folder, environment, plan, may_build=may_build, color=color)
     variables = {
-        # Both keep messages off shared memory; only the first one opens discovery.
+        # Both disable shared memory; only the first one enables discovery.
         name: LAN_PROFILE if value == LOCALHOST_PROFILE else value
         for name, value in environment.variables.items()
     }
@@ -193,8 +196,8 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
     """
     from obk_cli.process.child_process import run_in_foreground
 
-    # What the tests leave in it goes with it, also when workers are killed; pytest's own folders
-    # stay where users look for them.
+    # Files that tests leave behind are removed with it, even if workers are killed. Pytest's own
+    # folders stay where users expect them.
     with tempfile.TemporaryDirectory(prefix="obk-test-") as scratch:
         variables = {
             "PYTEST_DEBUG_TEMPROOT": tempfile.gettempdir(),
@@ -207,10 +210,11 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
         return EXIT_INTERRUPTED
     if code == _NO_TESTS:
         raise MisuseError(
-            "no test was run", help="a test is a function `test_...` that uses the fixture `stack`"
+            "no tests were run",
+            help="a test is a function `test_...` that uses the fixture `stack`",
         )
     if code == _MISUSED:
-        raise MisuseError("pytest rejects its arguments, see above")
+        raise MisuseError("pytest rejected its arguments, see above")
     return EXIT_DONE if code == 0 else EXIT_FAILED
 
 
@@ -247,7 +251,7 @@ def _found_again(node_id: str, folder: Path) -> str:
     """A test's id, seen from the working folder or from the folder of the config.
 
     Raises:
-        MisuseError: its file does not exist.
+        MisuseError: the file of the test does not exist.
     """
     path, colons, rest = node_id.partition("::")
     if _is_test(node_id):
@@ -255,7 +259,7 @@ def _found_again(node_id: str, folder: Path) -> str:
     if (folder / path).exists():
         return f"{folder / path}{colons}{rest}"
     raise MisuseError(
-        f"`--again {node_id}`: there is no file `{path}`",
+        f"`--again {node_id}`: file `{path}` not found",
         help="copy the id from the summary of `obk test`, such as "
         "'tests/test_push.py::test_push[seed17]'",
     )

@@ -31,7 +31,7 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     no_args_is_help=True,
-    help="Look at the topics of a running stack.",
+    help="Inspect, measure and publish topics of a running stack.",
 )
 
 EXAMPLE = "Example: obk topic echo est q_joints[0]"
@@ -39,12 +39,14 @@ EXAMPLE = "Example: obk topic echo est q_joints[0]"
 
 @app.callback(epilog=EXAMPLE)
 def _root() -> None:
-    """Inspect topics, show and publish messages. A topic may be given by the end of its name."""
+    """Inspect topics, show and publish messages. The end of a topic name is enough."""
 
 
 @app.command("list", epilog="Example: obk topic list --format json")
 def list_(
-    all_: Annotated[bool, typer.Option("--all", help="Hidden ones too, as actions' are.")] = False,
+    all_: Annotated[
+        bool, typer.Option("--all", help="Also show hidden topics, such as those of actions.")
+    ] = False,
     wait: Annotated[
         float | None,
         typer.Option(
@@ -55,7 +57,7 @@ def list_(
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """Show every topic with its type and how many publish and subscribe."""
+    """List topics with their type and the number of publishers and subscribers."""
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
     target = graph_target(domain, timeout)
@@ -81,10 +83,9 @@ def info(
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """Show who publishes on a topic and who subscribes, each with quality of service.
+    """Show the publishers and subscribers of a topic with their QoS.
 
-    Reports publishers and subscribers with incompatible types or QoS, and whether messages go by
-    local sockets or through DDS, and why.
+    Reports incompatible types or QoS, and whether messages use local sockets or DDS, and why.
     """
     is_json = wants_json(format)
     target = graph_target(domain, timeout)
@@ -114,33 +115,42 @@ def echo(
     topic: TopicArgument,
     fields: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[FIELD...]", help="Only these: q_joints[0], header.stamp."),
+        typer.Argument(
+            metavar="[FIELD...]",
+            help="Show only these fields, such as q_joints[0] or header.stamp.",
+        ),
     ] = None,
     field: Annotated[
-        list[str] | None, typer.Option(metavar="FIELD", help="The same; may be repeated.")
+        list[str] | None,
+        typer.Option(metavar="FIELD", help="Show only this field; may be repeated."),
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="One message.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Stop after one message.")] = False,
     count: Annotated[
-        int | None, typer.Option("--count", "-n", min=1, help="As many messages.")
+        int | None, typer.Option("--count", "-n", min=1, help="Stop after this many messages.")
     ] = None,
-    full: Annotated[bool, typer.Option("--full", help="Long arrays to their end.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="A row a message, names first.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Show long arrays in full.")] = False,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="Print one CSV row per message, after a header row.")
+    ] = False,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
     format: Annotated[
-        str, typer.Option(metavar="text|json|csv", help="How to show; json: an object a line.")
+        str,
+        typer.Option(
+            metavar="text|json|csv", help="Output format; json prints one object per line."
+        ),
     ] = "text",
 ) -> None:
-    """Show the messages of a topic, until Ctrl-C.
+    """Print the messages of a topic until Ctrl-C.
 
     Uses the publisher's QoS, so best-effort and latched (transient-local) messages are received.
-    --timeout limits the wait for the topic and for the first message; with --once or --count, for
-    each message. CSV rows have the columns of the first message.
+    --timeout limits the wait for the topic and the first message; with --once or --count, the wait
+    for each message. The first message defines the CSV columns.
     """
     if format not in ("text", "json", "csv"):
         raise MisuseError(f"`--format {format}`: expected `text`, `json` or `csv`")
     if csv and format == "json":
-        raise MisuseError("`--csv` and `--format json` ask for different things")
+        raise MisuseError("`--csv` and `--format json` exclude each other")
     most = 1 if once else count
 
     from obk_cli.introspect.message_text import MessageFormatter
@@ -161,7 +171,7 @@ def _print_messages(
     most: int | None,
     timeout_s: float,
 ) -> None:
-    """Show the messages that a subscription receives."""
+    """Print the messages that a subscription receives."""
     from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.ros.field_path import check_selection
     from obk_cli.ros.participant import open_participant
@@ -183,7 +193,10 @@ def _print_messages(
                     print("\n".join(lines), flush=True)
         finally:
             if drops.dropped:
-                _warn(f"{drops.dropped} messages were lost: they came faster than they were shown")
+                _warn(
+                    f"{drops.dropped} messages were dropped because they arrived faster than "
+                    "they could be printed"
+                )
 
 
 def _warn(text: str) -> None:

@@ -36,29 +36,31 @@ def command(
     arguments: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[TYPE] [MESSAGE]", help="As in a config or pkg/msg/Name, and as YAML."
+            metavar="[TYPE] [MESSAGE]",
+            help="Message type, as in a config or as pkg/msg/Name; then the message as YAML.",
         ),
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="One message, then end.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Publish one message and exit.")] = False,
     count: Annotated[
-        int | None, typer.Option("--count", "-n", min=1, help="As many messages, then end.")
+        int | None,
+        typer.Option("--count", "-n", min=1, help="Publish this many messages and exit."),
     ] = None,
     rate: Annotated[float, typer.Option(help="Messages per second.")] = 1.0,
     wait_for: Annotated[
-        int, typer.Option(min=0, help="How many subscribers to wait for before the first.")
+        int, typer.Option(min=0, help="Number of subscribers to wait for before the first message.")
     ] = 1,
     allow_foreign: Annotated[
-        bool, typer.Option("--allow-foreign", help="Publish on a topic that moves a robot, too.")
+        bool, typer.Option("--allow-foreign", help="Also publish on a topic that commands a robot.")
     ] = False,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
-    """Publish messages on a topic, until Ctrl-C.
+    """Publish messages on a topic until Ctrl-C.
 
-    TYPE may be left out where the topic has one. Fields that MESSAGE does not name are as they are
-    by default; `header: auto` and `stamp: now` are the time of publishing. Every field is checked
-    against the type before anything is sent. Topics that a running robot subscribes to are
-    rejected unless --allow-foreign is given.
+    TYPE can be omitted if the topic already has one. Fields missing from MESSAGE keep their
+    defaults; `header: auto` and `stamp: now` insert the time of publishing. Every field is checked
+    against the type before anything is sent. Topics that a running robot subscribes to are rejected
+    unless --allow-foreign is given.
     """
     require_positive("--rate", rate)
     msg_type, text = _split_arguments(arguments or [])
@@ -78,7 +80,7 @@ def command(
     )
     published = _publish(with_types(target), publication, most, rate)
     if not published.is_confirmed:
-        print("warning: not every subscriber has confirmed the last message", file=sys.stderr)
+        print("warning: not every subscriber confirmed the last message", file=sys.stderr)
     messages = "messages" if published.count > 1 else "message"
     print(f"published {published.count} {messages} on {published.topic}")
 
@@ -118,7 +120,7 @@ def _publish(
             participant, seen.name, kind, publication, lambda: publisher.subscribers
         )
         publisher.wait_until_discovered(participant.topic(seen.name))
-        # Nodes of other hosts may have become known only now.
+        # Nodes on other hosts may have been discovered only now.
         if not publication.may_move:
             refuse_robot_commands(participant.topic(seen.name), target)
         start, sent = time.monotonic(), 0
@@ -130,25 +132,25 @@ def _publish(
 
 
 def _split_arguments(arguments: list[str]) -> tuple[str | None, str]:
-    """The full type, None where none is given, and the message among what follows the topic.
+    """Split what follows the topic into the full type (None if not given) and the message.
 
     Raises:
-        MisuseError: there is more than the two, or the first of two is no type.
+        MisuseError: there are more than two arguments, or the first of two is not a type.
     """
     written = arguments[0] if arguments else ""
     full = resolve_msg_type(written)
     if full is None and written.count("/") == 2 and not set(written) & set(" {}:[]"):
-        full = written  # whether its package has it is seen when it is looked up
+        full = written  # the lookup reports whether its package defines it
     rest = arguments[1:] if full else arguments
     if len(arguments) == 2 and full is None:
         raise MisuseError(
             f"message type `{written}` is not known",
             help=did_you_mean(written, near_msg_types(written))
-            or "TOPIC [TYPE] [MESSAGE], the message in quotes",
+            or "write TOPIC [TYPE] [MESSAGE], with quotes around the message",
         )
     if len(rest) > 1:
         raise MisuseError(
             f"unexpected argument `{rest[1]}`",
-            help="TOPIC [TYPE] [MESSAGE], the message in quotes",
+            help="write TOPIC [TYPE] [MESSAGE], with quotes around the message",
         )
     return full, rest[0] if rest else ""

@@ -36,32 +36,38 @@ if TYPE_CHECKING:
 HZ_EXAMPLE = "Example: obk topic hz est ctrl --duration 5"
 DELAY_EXAMPLE = "Example: obk topic delay est --duration 5"
 REPORT_S: Final = 1.0
-"""Between two reports [s]."""
+"""Time between two reports [s]."""
 POLL_S: Final = 0.001
-"""Period of polling, small against the delays that are measured [s]."""
+"""Polling period, small compared with the measured latencies [s]."""
 
 DurationOption = Annotated[
-    float | None, typer.Option(help="Seconds after which to end, with one report.")
+    float | None, typer.Option(help="Measure for this time [s] and print one report.")
 ]
 
 
 def hz(
     topics: Annotated[
         list[str],
-        typer.Argument(metavar="TOPIC...", help="Names or ends.", autocompletion=complete_topics),
+        typer.Argument(
+            metavar="TOPIC...",
+            help="Topic names, or the ends of them.",
+            autocompletion=complete_topics,
+        ),
     ],
-    window: Annotated[float, typer.Option(help="Seconds that the figures go back.")] = 10.0,
+    window: Annotated[
+        float, typer.Option(help="Compute statistics over the last N seconds.")
+    ] = 10.0,
     duration: DurationOption = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """Measure how often messages come, on messages as they are sent: a report each second.
+    """Measure the message rate of topics; report it every second.
 
-    Times are those at which the middleware received a message. min, max and std dev are of the time
-    between two messages; 99 % of these times are off their mean by at most the jitter. Losses are
-    gaps in the publisher's numbers, unknown where several publish. Ends on Ctrl-C or after
-    --duration; exit code 1 where no message came within --timeout.
+    Uses the times at which the middleware received the messages. min, max and std dev refer to the
+    interval between two messages. Jitter is the p99 deviation of intervals from their mean. Losses
+    are gaps in the publisher's sequence numbers, and are unknown if there are several publishers.
+    Ends on Ctrl-C or after --duration. Exit code 1 if no message is received within --timeout.
     """
     is_json = wants_json(format)
     require_positive("--window", window, "seconds")
@@ -110,17 +116,19 @@ def _measure_rates(
 
 def delay(
     topic: TopicArgument,
-    window: Annotated[int, typer.Option(min=1, help="Messages that the figures go back.")] = 10_000,
+    window: Annotated[
+        int, typer.Option(min=1, help="Compute statistics over the last N messages.")
+    ] = 10_000,
     duration: DurationOption = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """Measure how long messages were on their way, by the stamps in their headers.
+    """Measure the latency of messages from the stamps in their headers.
 
-    From the stamp to the receipt by the middleware here, for simulated stamps in simulated time, as
-    /clock has it. Without /clock, stamps of another clock show only how much later than the fastest
-    message the others arrived.
+    Latency is the time from the stamp to the receipt by the middleware on this host. For simulated
+    stamps it is in simulated time, taken from /clock. If the stamps come from another clock and
+    there is no /clock, latency is relative to the fastest message.
     """
     is_json = wants_json(format)
     require_positive("--duration", duration, "seconds")
@@ -168,7 +176,8 @@ def _measure_delay(
                 for received_ns, message in arrived(raw):
                     stamp_ns = stamp(message)
                     meter.take(received_ns, stamp_ns, clock.at(received_ns))
-                    # Only then: a simulator publishes /clock while it has subscribers.
+                    # Subscribe only if needed: a simulator publishes /clock while it has
+                    # subscribers.
                     if clock_raw is None and stamp_ns and is_of_other_clock(received_ns, stamp_ns):
                         clock_raw = subscribe_to_clock(participant)
                 if duration_s is None and time.monotonic() > reported + REPORT_S:
@@ -180,7 +189,7 @@ def _measure_delay(
 
 @contextmanager
 def _report_on_interrupt(report: Callable[[], None]) -> Iterator[None]:
-    """Report once more on Ctrl-C, which is how measuring ends."""
+    """Print a final report on Ctrl-C."""
     try:
         yield
     except KeyboardInterrupt:
@@ -217,7 +226,9 @@ def _print_delay(
     if found is not None:
         print(json_line(delay_data(topic, found)) if is_json else delay_text(found), flush=True)
     elif unstamped:
-        raise CommandFailedError(f"the stamps of the messages on {topic} are zero: never set")
+        raise CommandFailedError(
+            f"the stamps of the messages on {topic} are zero: the publisher never sets them"
+        )
     elif passed_s >= limit_s:
         raise CommandFailedError(f"no message came on {topic} within {limit_s:g} s")
     else:
@@ -225,7 +236,7 @@ def _print_delay(
 
 
 SILENT_S: Final = 1.0
-"""Without a message, and for twice as long as ever in the window, a topic counts as silent [s]."""
+"""A topic without messages for this time, and for twice its longest interval, is silent [s]."""
 
 
 def rate_text(rate: TopicRate) -> str:
@@ -257,8 +268,8 @@ def rate_data(topic: str, rate: TopicRate) -> dict[str, Any]:
 
 def delay_text(delay: Delay) -> str:
     """The delays of a topic as text."""
-    clock = f"the stamps are of another clock, {delay.pace:.3g} times as fast"
-    zero = f"  (above the quickest: {clock})" if delay.is_relative else ""
+    clock = f"the stamps come from another clock, {delay.pace:.3g} times as fast"
+    zero = f"  (relative to the fastest message: {clock})" if delay.is_relative else ""
     if delay.is_simulated:
         zero = f"  (in simulated time, {delay.pace:.3g} times as fast)"
     return (

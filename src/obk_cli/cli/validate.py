@@ -1,4 +1,4 @@
-"""`obk validate CONFIG...`: every check, nothing started; with `--watch` again after changes."""
+"""`obk validate CONFIG...`: run every check without starting anything; repeat with `--watch`."""
 
 import os
 import sys
@@ -42,7 +42,7 @@ __all__ = ["EXAMPLE", "WatchedRun", "check_after_changes", "command"]
 
 _POLL_S = 0.2
 Mark = tuple[int, int] | None
-"""Modification time [ns] and size of a file, None where there is none."""
+"""Modification time [ns] and size of a file; None if it does not exist."""
 _FORMATS = ("text", "json", "sarif", "github")
 
 EXAMPLE = """\b
@@ -54,35 +54,38 @@ Example: obk validate config.yaml --ignore OBK4
 
 def command(
     configs: Annotated[
-        list[str], typer.Argument(metavar="CONFIG...", help="Configs; `-` is stdin.")
+        list[str], typer.Argument(metavar="CONFIG...", help="Config files; `-` is stdin.")
     ],
     format: Annotated[
-        str, typer.Option(metavar="text|json|sarif|github", help="How to report.")
+        str, typer.Option(metavar="text|json|sarif|github", help="Output format.")
     ] = "text",
-    strict: Annotated[bool, typer.Option("--strict", help="Fail on warnings too.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Also fail on warnings.")] = False,
     fix: Annotated[
         bool, typer.Option("--fix", help="Apply safe fixes in place and report what is left.")
     ] = False,
     diff: Annotated[
-        bool, typer.Option("--diff", help="With --fix: show the changes, write nothing.")
+        bool, typer.Option("--diff", help="With --fix: show the changes without writing them.")
     ] = False,
     for_test: Annotated[
         bool,
-        typer.Option("--for-test", help="Also report what may differ between two lock-step runs."),
+        typer.Option(
+            "--for-test",
+            help="Also report code that may behave differently between two lock-step runs.",
+        ),
     ] = False,
     watch: Annotated[
-        bool, typer.Option("--watch", help="Check again when a file changes, until Ctrl-C.")
+        bool, typer.Option("--watch", help="Check again whenever a file changes, until Ctrl-C.")
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="Show source lines and hints for infos too.")
+        bool, typer.Option("--verbose", help="Also show source lines and hints for infos.")
     ] = False,
     ignore: IgnoreOption = None,
     set_: SetOption = None,
     color: ColourOption = "auto",
 ) -> None:
-    """Check configs: the text, the wiring, the model, the packages. Starts nothing.
+    """Check configs (text, wiring, model and packages) without starting anything.
 
-    Exit code 0: no errors; 1: errors, with --strict warnings too; 2: misuse. With --watch 0.
+    Exit code 0: no errors; 1: errors, or warnings with --strict; 2: misuse. Always 0 with --watch.
     """
     require_choice("--format", format, _FORMATS)
     _check_together(configs, format, fix=fix, diff=diff, watch=watch)
@@ -110,7 +113,7 @@ def _check_together(configs: list[str], form: str, *, fix: bool, diff: bool, wat
     if watch and (fix or form != "text"):
         raise MisuseError(f"`--watch` does not go with {'--fix' if fix else '--format ' + form}")
     if (fix or watch) and STANDARD_INPUT in configs:
-        raise MisuseError(f"`--{'fix' if fix else 'watch'}` needs files, not the standard input")
+        raise MisuseError(f"`--{'fix' if fix else 'watch'}` needs files, not standard input")
 
 
 def _fix(
@@ -182,7 +185,7 @@ def fix_file(config: str, options: Options, *, show_only: bool, colour: bool) ->
     """Fix a config's files in its folder and below; with `show_only` print diffs instead.
 
     Raises:
-        CommandFailedError: a file cannot be written; what could not be is as it was.
+        CommandFailedError: a file cannot be written; it is unchanged.
     """
     folder = (options.working_folder / config).resolve().parent
     fixed = fix_config(config, options, lambda path: path.is_relative_to(folder))
@@ -214,7 +217,7 @@ def _lines(fixed: Fixed, *, show_only: bool) -> list[str]:
 
 
 def _short(finding: Diagnostic) -> str:
-    """The finding's first line, and what its first edit comes to."""
+    """The finding's first line and the result of its first edit."""
     first, *more = finding.fix
     now = f"now {first.text}" if first.text else "removed"
     others = f" ({len(more) + 1} times)" if more else ""
@@ -223,7 +226,7 @@ def _short(finding: Diagnostic) -> str:
 
 @dataclass(slots=True)
 class WatchedRun:
-    """Compiles configs and notes the state in which it found every file."""
+    """Compiles configs and records the state of every file that was read."""
 
     options: Options
     marks: dict[Path, Mark] = field(default_factory=dict)
@@ -249,7 +252,7 @@ class WatchedRun:
         return read_bytes(path)
 
     def _note(self, path: Path) -> None:
-        """What counts is the state before a file is read: a change meanwhile is one."""
+        """Records the state before a file is read, so that changes during the check are noticed."""
         if path not in self.marks:
             self.marks[path] = _mark(path)
 
@@ -290,7 +293,7 @@ def _mark(path: Path) -> Mark:
 
 
 def _files_of(stack: Stack) -> Iterable[Path]:
-    """Where files beside the configs were looked for, whether they are there or not."""
+    """Paths where other files were looked for, existing or not."""
     for node in stack.nodes:
         of_sims = (search for sim in node.sims for search in (sim.model, *sim.files))
         for search in (*of_sims, node.params_file, node.urdf_file):

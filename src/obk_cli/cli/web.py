@@ -27,7 +27,7 @@ PERIOD_S: Final = 0.5
 
 def command(
     run: Annotated[
-        str | None, typer.Option(help="The stack, by its config's name or its run folder's.")
+        str | None, typer.Option(help="Stack, by the name of its config or run folder.")
     ] = None,
     domain: DomainOption = None,
     port: Annotated[
@@ -73,7 +73,7 @@ def command(
         if open_:
             folder = temporary.enter_context(TemporaryDirectory(prefix="obk_web_"))
             address = _redirect(Path(folder), url).as_uri()
-            # Some browsers block the call until they have loaded the page.
+            # Some browsers block the call until the page has loaded.
             threading.Thread(target=webbrowser.open, args=[address], daemon=True).start()
         server.run(make_app(site, token=token, port=number), listener)
         feed.stop()

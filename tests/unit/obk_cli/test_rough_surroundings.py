@@ -81,7 +81,7 @@ def test_a_trace_that_cannot_be_kept_is_told_of_nevertheless(
     with pytest.raises(SystemExit) as ended:
         main(["validate", str(SOUND)])
     assert ended.value.code == 1
-    told = "this is a fault of obk itself (ZeroDivisionError: boom); `obk --debug` shows its trace"
+    told = "this is a bug in obk (ZeroDivisionError: boom); run `obk --debug` to see the traceback"
     assert capsys.readouterr().err == f"error: {told}\n"
 
 

@@ -65,7 +65,7 @@ def test_the_action_uploads_nothing_where_nothing_could_be_checked(
 ) -> None:
     done = check(steps, tmp_path, str(SOUND), "--ignore OBK9")
     assert done.returncode == 2
-    assert "`--ignore OBK9` names no rule" in done.stderr
+    assert "`--ignore OBK9`: unknown rule" in done.stderr
     assert not (tmp_path / "outputs").exists()
 
 

@@ -129,9 +129,7 @@ def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> Non
     result = Result(capsys, "valdate")
     assert result.code == 2
     assert result.out == ""
-    assert result.err == (
-        "error: there is no command `valdate`\n  help: did you mean `validate`?\n"
-    )
+    assert result.err == ("error: unknown command `valdate`\n  help: did you mean `validate`?\n")
 
 
 @pytest.mark.parametrize(
@@ -153,7 +151,7 @@ def test_a_command_without_the_one_that_it_belongs_to_is_told_with_it(
 ) -> None:
     result = Result(capsys, word, "est")
     assert (result.code, result.out) == (2, "")
-    assert result.err == f"error: there is no command `{word}`\n  help: did you mean {meant}?\n"
+    assert result.err == f"error: unknown command `{word}`\n  help: did you mean {meant}?\n"
 
 
 @pytest.mark.parametrize(
@@ -288,29 +286,27 @@ def test_standard_input(
     [
         ("validate f --format xml", "`--format xml`: expected one of `text`, `json`, `sarif`, "
          "`github`"),
-        ("validate f --ignore OBK9", "`--ignore OBK9` names no rule\n"
-         "  help: did you mean `OBK609` or `OBK409` or `OBK319`?"),
+        ("validate f --ignore OBK9", "`--ignore OBK9`: unknown rule\n"
+            "  help: did you mean `OBK609` or `OBK409` or `OBK319`?"),
         ("validate f --color green", "`--color green`: expected `auto`, `always` or `never`"),
         ("compile f --to bmp", "`--to bmp`: expected one of `plan`, `params`, `launch`, "
          "`mermaid`, `dot`, `svg`, `json`"),
         ("migrate f --to new", "`--to new`: expected `key` or `seed`"),
-        ("explain OBK20", "there is no rule `OBK20`\n"
-         "  help: did you mean `OBK420` or `OBK320` or `OBK220`?"),
-        ("new contoller foo", "there is no kind `contoller`\n  help: did you mean `controller`?"),
-        ("new controller foo --device pc", "`--device` applies to a config: add "
-         "`--add-to CONFIG`"),
-        ("new controller foo --add-to -", "`--add-to -`: a file is changed, so it needs one"),
-        ("build --workspace none", "`--workspace none`: there is no such folder"),
+        ("explain OBK20", "unknown rule `OBK20`\n"
+            "  help: did you mean `OBK420` or `OBK320` or `OBK220`?"),
+        ("new contoller foo", "unknown kind `contoller`\n  help: did you mean `controller`?"),
+        ("new controller foo --device pc", "`--device` needs `--add-to CONFIG`"),
+        ("new controller foo --add-to -", "`--add-to -`: expected a file, because the config is edited in place"),
+        ("build --workspace none", "`--workspace none`: folder not found"),
         ("build --jobs 0", "`--jobs 0`: expected a number of at least 1"),
         ("stop dummy --all", "`obk stop` takes RUN or `--all`, not both"),
-        ("logs --lines -1", "`--lines` is a number of at least 0"),
-        ("monitor", "`obk monitor` needs a terminal for its input and its outputs\n"
-         "  help: `obk monitor --once` and `obk monitor --format json` do not"),
+        ("logs --lines -1", "`--lines`: expected a number of at least 0"),
+        ("monitor", "`obk monitor` needs a terminal for input and output\n"
+            "  help: without a terminal, use `obk monitor --once` or `obk monitor --format "
+            "json`"),
         ("topic echo /est --format xml", "`--format xml`: expected `text`, `json` or `csv`"),
-        ("topic echo /est --csv --format json", "`--csv` and `--format json` ask for different "
-         "things"),
-        ("service call /s --type Trigger", "`--type Trigger`: expected such as "
-         "`std_srvs/srv/Trigger`"),
+        ("topic echo /est --csv --format json", "`--csv` and `--format json` exclude each other"),
+        ("service call /s --type Trigger", "`--type Trigger`: expected a type such as `std_srvs/srv/Trigger`"),
     ],
 )  # fmt: skip
 def test_misuse_is_told_with_what_would_be_right(
@@ -401,7 +397,7 @@ def test_a_fault_of_our_own_is_said_to_be_one(
     monkeypatch.setattr("obk_cli.cli.validate.compile_config", fail)
     result = Result(capsys, "validate", str(SOUND))
     assert result.code == 1
-    assert "this is a fault of obk itself (RuntimeError: boom)" in result.err
+    assert "this is a bug in obk (RuntimeError: boom)" in result.err
     assert "Traceback" not in result.err
     trace = Path(result.err.rpartition(" ")[2].strip())
     assert "boom" in trace.read_text()

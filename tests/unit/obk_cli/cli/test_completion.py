@@ -124,7 +124,7 @@ def test_without_a_shell_it_is_told_where_to_type_it(
 
     monkeypatch.setattr(shellingham, "detect_shell", detect)
     assert refusal(option, capsys).startswith(
-        "error: this was not started from a shell that is known\n  help: type it in bash, "
+        "error: obk was not started from a supported shell\n  help: run it in bash, "
     )
 
 

@@ -139,7 +139,7 @@ def test_a_file_that_is_no_config_is_left_alone(
         (
             ("-", "--write"),
             2,
-            "error: `--write` does not go with a config from the standard input\n",
+            "error: `--write` does not go with a config from standard input\n",
         ),
         (("c.yaml", "--write", "--check"), 2, "error: `--write` does not go with --check\n"),
         (

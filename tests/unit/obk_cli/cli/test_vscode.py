@@ -66,14 +66,14 @@ def test_nothing_is_asked_for_once_every_config_has_its_line(
 
 def test_a_folder_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = install(capsys, tmp_path / "none")
-    assert (code, err) == (1, "error: `DIR` is no folder\n")
+    assert (code, err) == (1, "error: `DIR` is not a folder\n")
 
 
 def test_a_folder_without_the_option_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["schema", "here"])
     assert ended.value.code == 2
-    assert capsys.readouterr().err == "error: a folder goes with `--install-vscode` only\n"
+    assert capsys.readouterr().err == "error: DIR is only valid with `--install-vscode`\n"
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*/*.yaml")), ids=lambda p: p.name)
@@ -107,5 +107,5 @@ def test_a_link_that_leads_out_of_the_folder_is_not_followed(
     (folder / link).symlink_to(outside / "schema.json" if "/" in link else outside)
     code, out, err = install(capsys, folder)
     assert (code, out) == (1, "")
-    assert f"out of the folder, to {outside}" in err
+    assert f"is a link to {outside}" in err
     assert list(outside.iterdir()) == []

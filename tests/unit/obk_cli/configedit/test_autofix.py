@@ -225,8 +225,8 @@ def test_other_formats_keep_the_output_to_themselves(
     ("arguments", "error"),
     [
         (("c.yaml", "--diff"), "`--diff` shows what `--fix` would change: give both"),
-        (("-", "--fix"), "`--fix` needs files, not the standard input"),
-        (("-", "--watch"), "`--watch` needs files, not the standard input"),
+        (("-", "--fix"), "`--fix` needs files, not standard input"),
+        (("-", "--watch"), "`--watch` needs files, not standard input"),
         (("c.yaml", "--watch", "--fix"), "`--watch` does not go with --fix"),
         (("c.yaml", "--watch", "--format", "json"), "`--watch` does not go with --format json"),
     ],

@@ -46,4 +46,4 @@ def test_a_check_that_is_none_is_told_with_the_one_that_was_meant(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert run("rwm") == 2
-    assert "there is no check `rwm`" in capsys.readouterr().err
+    assert "unknown check `rwm`" in capsys.readouterr().err

@@ -32,7 +32,7 @@ def test_the_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message", "help_"),
     [
-        (("-",), "give a file", ""),
+        (("-",), "needs a file", ""),
         ((str(DUMMY), "--fault", "kil"), "`--fault kil`: expected one of `delay`,", "`kill`?"),
         ((str(DUMMY), "--on-crash", "stpo"), "`--on-crash stpo`: expected one of", "`stop`?"),
         ((str(DUMMY), "--node", "contrl_0"), "no such node", "`control_0`"),
@@ -66,5 +66,5 @@ def test_hardware_is_refused_and_told_how_it_is_simulated(
     code, said = obk(capsys, str(config), "--ignore", "OBK")
     assert code == 1
     assert f"error: {config}:3:19: the robot /obelisk_robot_0 is hardware" in said
-    assert "help: `is_simulated: true` and a `sim` block" in said
+    assert "help: set `is_simulated: true` and a `sim` block" in said
     assert not (tmp_path / "home").exists()

@@ -129,7 +129,9 @@ def test_of_several_stacks_a_change_is_of_the_one_that_is_named(
             environment, "activate", LifecycleRequest(run=dummy.folder.name)
         ).success
         for names in ((), ("control",)):
-            with pytest.raises(MisuseError, match="several stacks run in the ROS domain 7: d") as e:
+            with pytest.raises(
+                MisuseError, match="several stacks are running in ROS domain 7: d"
+            ) as e:
                 change_states(environment, "deactivate", LifecycleRequest(names=names))
         assert e.value.help == "choose one with `--run NAME`, or by its nodes' full names"
         assert len(changes(left)) == 1

@@ -87,7 +87,7 @@ def test_a_stack_that_has_ended_says_so_with_the_cause() -> None:
     (head, *_) = monitor_text(view, 80, colour=False).splitlines()
     assert head.startswith("dummy  has ended: /a hangs  ")
     silent = replace(HEALTHY, state="", phase="")
-    assert "no answer from the launcher" in monitor_text(silent, 80, colour=False)
+    assert "launcher does not answer" in monitor_text(silent, 80, colour=False)
 
 
 def test_the_log_is_filtered_in_whatever_case() -> None:

@@ -162,7 +162,7 @@ def test_a_simulators_clock_that_is_slow_or_fast_makes_no_delays(pace: float) ->
     assert delay is not None
     assert delay.pace == pytest.approx(pace)
     assert (delay.min_s, delay.max_s) == pytest.approx((0.0, 3e-3))
-    assert f"the stamps are of another clock, {pace:g} times as fast" in delay_text(delay)
+    assert f"the stamps come from another clock, {pace:g} times as fast" in delay_text(delay)
 
 
 def test_stamps_of_simulated_time_have_delays_in_it() -> None:

@@ -65,7 +65,7 @@ def test_list_shows_what_is_possible(parent: Path, capsys: pytest.CaptureFixture
     with fake_stack(parent, {ROBOT: "finalized", CONTROL: "inactive"}):
         assert obk("lifecycle", "list") == 0
         assert capsys.readouterr().out == (
-            f"{ROBOT}    finalized     none any more\n"
+            f"{ROBOT}    finalized     none (final state)\n"
             f"{CONTROL}  inactive      activate, cleanup, shutdown\n"
         )
         assert obk("lifecycle", "list", "robot", "--format", "json") == 0
@@ -169,14 +169,14 @@ def test_stop_ends_the_only_stack(parent: Path, capsys: pytest.CaptureFixture[st
         assert capsys.readouterr().out == "dummy: ended\n"
         assert stack.heard == [StopRequested(reason="asked by `obk stop`")]
         assert obk("stop") == 1
-    assert capsys.readouterr().err.startswith("error: no stack runs on this host")
+    assert capsys.readouterr().err.startswith("error: no stack is running on this host")
 
 
 def test_stop_wants_to_know_which(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = {"/left/obelisk_control_1": "inactive"}
     with fake_stack(parent, STATES) as dummy, fake_stack(parent, other, name="left") as left:
         assert obk("stop") == 2
-        assert "several stacks run on this host: dummy, left" in capsys.readouterr().err
+        assert "several stacks are running on this host: dummy, left" in capsys.readouterr().err
         assert obk("stop", "lft") == 1
         assert "did you mean `left`?" in capsys.readouterr().err
         assert obk("stop", left.folder.name) == 0
@@ -202,7 +202,7 @@ def test_a_stack_that_does_not_end_is_told(
     with fake_stack(parent, STATES):
         assert obk("stop", "--timeout", "2") == 1
     assert capsys.readouterr().err == (
-        f"error: dummy (launcher {PID}) has not ended within 2 s; `--kill` kills it\n"
+        f"error: dummy (launcher {PID}) did not stop within 2 s; use `--kill` to kill it\n"
     )
 
 

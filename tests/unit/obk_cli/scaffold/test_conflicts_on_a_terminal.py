@@ -108,7 +108,7 @@ def test_the_difference_is_shown_and_the_question_comes_again(
     dialogue.answer("k")
     assert dialogue.end() == 0
     assert b"-mine\r\n+# foo\r\n" in dialogue.seen
-    assert b"k, r, d or q was expected" in dialogue.seen
+    assert b"expected k, r, d or q" in dialogue.seen
 
 
 @pytest.mark.parametrize(

@@ -71,11 +71,12 @@ def test_a_message_package_that_is_not_there_is_told_of(workspace: Path) -> None
     result = CliRunner().invoke(app, ["controller", "foo", "--ctrl-msg", "arm_msg/Example"])
     assert result.exit_code == 0
     assert result.stderr == (
-        "note: there is no message package `arm_msg` yet: did you mean `arm_msgs`?\n"
+        "note: the message package `arm_msg` does not exist yet: did you mean `arm_msgs`?\n"
     )
     result = CliRunner().invoke(app, ["controller", "bar", "--ctrl-msg", "later/Example"])
     assert result.stderr == (
-        "note: there is no message package `later` yet: `obk new msgs later` makes one\n"
+        "note: the message package `later` does not exist yet: create it with `obk new "
+        "msgs later`\n"
     )
     for known in ("arm_msgs/Example", "ObkJointEncoders", "geometry_msgs/Pose"):
         assert not CliRunner().invoke(app, ["sensor", "baz", "--sensor-msg", known]).stderr
@@ -171,7 +172,7 @@ def test_a_link_that_leads_out_of_the_workspace_is_refused(
     elsewhere.mkdir()
     (workspace / "src/foo").symlink_to(elsewhere)
     fault = refused("controller", "foo")
-    assert fault.message == f"src/foo is reached through a symbolic link that leads to {elsewhere}"
+    assert fault.message == f"src/foo is reached through a symbolic link to {elsewhere}"
     assert fault.help == f"to create the package there, add --dest {tmp_path}"
     (workspace / "src/foo").unlink()
     (workspace / "src").rmdir()
@@ -208,7 +209,7 @@ def test_a_controller_writes_as_many_controls_as_the_model_has_actuators(
 def test_a_file_is_no_destination(workspace: Path) -> None:
     (workspace / "file").write_text("")
     fault = refused("controller", "foo", "--dest", "file")
-    assert fault.message == "--dest: file is a file; a folder was expected"
+    assert fault.message == "--dest: file is a file, expected a folder"
 
 
 def test_a_file_in_the_way_is_told(workspace: Path) -> None:

@@ -46,7 +46,7 @@ def test_inside_a_package_a_node_is_added(
     ("manifest", "sentence"),
     [
         ("<package><name>foo</name></package>", "the build type `catkin`"),
-        ("nothing", "no package.xml that can be read"),
+        ("nothing", "is not a valid package.xml"),
         (
             "<package><name>foo</name><export><build_type>ament_python</build_type></export>"
             "</package>",
@@ -79,8 +79,8 @@ def test_a_setup_that_is_not_plain_stops_the_addition(
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("msgs", "my_msgs"), "is a package already, and messages are in one of their own"),
-        (("controller", "bar", "--lang", "cpp"), "a C++ node is made as a package of its own"),
+        (("msgs", "my_msgs"), "messages need a package of their own"),
+        (("controller", "bar", "--lang", "cpp"), "a C++ node needs a package of its own"),
     ],
 )
 def test_what_cannot_go_into_a_package_is_told(
