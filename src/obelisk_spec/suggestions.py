@@ -82,7 +82,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
 def there_is(known: Iterable[str]) -> str | None:
     """A help line that lists the existing names; None if none exists."""
     every = list(known)
-    return f"there is: {list_names(every)}" if every else None
+    return f"available: {list_names(every)}" if every else None
 
 
 def ask_for(meant: Iterable[str]) -> str | None:

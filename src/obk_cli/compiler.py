@@ -88,7 +88,7 @@ class Outcome:
 
 def compile_config(path: str, options: Options) -> Outcome:
     """Compile a file; `-` is the standard input."""
-    shown = "<standard input>" if path == STANDARD_INPUT else path
+    shown = "<stdin>" if path == STANDARD_INPUT else path
     data = options.read(path)
     if isinstance(data, str):
         place = Span.at(SourceFile.of(shown, ""), 1, 1)
@@ -173,9 +173,9 @@ def _of_fragment(
 ) -> Iterator[Diagnostic]:
     yield found(
         "OBK016",
-        f"{list_names(including, most=3)} "
-        f"{'includes' if len(including) == 1 else 'include'} this file: it is checked as a "
-        "fragment, for what it contains and not for what it lacks",
+        f"{list_names(including, most=3)} {'includes' if len(including) == 1 else 'include'} "
+        "this file, so it is checked as a fragment: what may be defined elsewhere is not "
+        "reported as missing",
         Span.at(source, 1, 1),
         help=f"`obk validate {including[0]}` checks the whole stack",
     )

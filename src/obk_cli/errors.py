@@ -49,15 +49,15 @@ class CommandFailedError(ObkError):
     """A command ran and failed for a reason outside the config."""
 
 
-_MEMORY: Final = "there is not enough memory (see `ulimit -v`)"
-_THREADS: Final = "no more threads or processes can be started (see `ulimit -u`, `ulimit -v`)"
+_MEMORY: Final = "out of memory (see `ulimit -v`)"
+_THREADS: Final = "cannot start more threads or processes (see `ulimit -u`, `ulimit -v`)"
 _RESOURCE_ERRORS: Final = {
     errno.ENOSPC: "the disk is full",
-    errno.EDQUOT: "this user may use no more of the disk",
-    errno.EFBIG: "files may not become so long (see `ulimit -f`)",
-    errno.EROFS: "the disk can only be read",
-    errno.EMFILE: "this process may open no more files (see `ulimit -n`)",
-    errno.ENFILE: "the system can open no more files",
+    errno.EDQUOT: "the disk quota of this user is exceeded",
+    errno.EFBIG: "the file size limit is exceeded (see `ulimit -f`)",
+    errno.EROFS: "the file system is read-only",
+    errno.EMFILE: "too many open files in this process (see `ulimit -n`)",
+    errno.ENFILE: "too many open files in the system",
     errno.ENOMEM: _MEMORY,
     errno.EAGAIN: _THREADS,
 }
@@ -74,7 +74,7 @@ def resource_error(error: BaseException) -> str | None:
         case RuntimeError() if str(error) == _NO_THREAD:
             return _THREADS
         case FileNotFoundError() if not _has_working_folder():
-            return "the folder that this was started in is not there any more"
+            return "the working folder no longer exists"
         case BlockingIOError() if hasattr(error, "characters_written"):
             return None  # an output that does not wait
         case OSError(errno=int() as number) if number in _RESOURCE_ERRORS:
@@ -92,7 +92,7 @@ def pythonpath_shadow(error: BaseException) -> str | None:
     for name in _files_of(error):
         file = Path(name).absolute()
         if any(file.is_relative_to(folder) for folder in folders) and _SOURCE not in file.parents:
-            return f"`{file}` is used in the place of a library, as PYTHONPATH has its folder"
+            return f"`{file}` shadows a library because its folder is on PYTHONPATH"
     return None
 
 

@@ -36,7 +36,7 @@ def read_bytes(path: str) -> bytes | str:
     try:
         if path == STANDARD_INPUT:
             # None if the parent process closed it.
-            return sys.stdin.buffer.read(_MOST_BYTES) if sys.stdin else "it is closed"
+            return sys.stdin.buffer.read(_MOST_BYTES) if sys.stdin else "the stream is closed"
         if _is_named_pipe(Path(path)):
             return "it is a named pipe"
         with Path(path).open("rb") as file:
@@ -54,11 +54,11 @@ def explain_os_error(error: OSError | ValueError) -> str:
     """An error of the system as a short reason."""
     match error:
         case FileNotFoundError():
-            return "there is no such file"
+            return "file not found"
         case IsADirectoryError():
-            return "it is a folder"
+            return "it is a directory"
         case PermissionError():
-            return "it may not be read"
+            return "permission denied"
         case OSError(strerror=str() as text):
             return text.lower()
     return str(error)
@@ -68,9 +68,9 @@ def unwritable(path: Path, error: OSError) -> CommandFailedError:
     """The error of a command that cannot write its file."""
     reason = explain_os_error(error)
     if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
-        reason = f"the folder {path.parent} is not there"
+        reason = f"the folder {path.parent} does not exist"
     elif isinstance(error, PermissionError):
-        reason = "it may not be written"
+        reason = "permission denied"
     return CommandFailedError(f"`{path}` cannot be written: {reason}")
 
 
@@ -164,5 +164,7 @@ def resource_folder(name: str) -> Path:
     found = next((place for place in places if place.is_dir()), None)
     if found is None:
         tried = ", ".join(str(place) for place in places)
-        raise FileNotFoundError(f"the tool's own folder `{name}` is missing; tried {tried}")
+        raise FileNotFoundError(
+            f"the folder `{name}` of the obk installation is missing; tried {tried}"
+        )
     return found

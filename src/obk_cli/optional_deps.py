@@ -36,7 +36,7 @@ def require_extra(module: str, extra: str) -> None:
     """
     if importlib.util.find_spec(module) is None:
         raise CommandFailedError(
-            f"the library `{module}` is not installed", help=f"{_install(extra)} brings it"
+            f"the library `{module}` is not installed", help=f"install it with {_install(extra)}"
         )
 
 
@@ -58,7 +58,7 @@ def no_ros(why: object) -> CommandFailedError:
     """
     return CommandFailedError(
         f"ROS 2 is not available: {why}",
-        help=f"{_install('ros')} brings it (x86-64); or source a ROS 2 setup file",
+        help=f"install it with {_install('ros')} (x86-64), or source a ROS 2 setup file",
     )
 
 

@@ -236,7 +236,7 @@ def _sarif_fix(edits: Iterable[Edit]) -> dict[str, object]:
     for edit in edits:
         by_path.setdefault(edit.span.path, []).append(edit)
     return {
-        "description": {"text": "the fix that `obk validate --fix` applies"},
+        "description": {"text": "`obk validate --fix` applies this fix"},
         "artifactChanges": [
             {
                 "artifactLocation": _artifact(path),

@@ -150,7 +150,9 @@ class TopicLog:
         """
         steps = field_steps(f".{path}")
         if not steps:
-            raise LookupError(f"`{path}` is no field: expected such as pose.position or ranges[0]")
+            raise LookupError(
+                f"`{path}` is not a field: expected one such as pose.position or ranges[0]"
+            )
         try:
             return self.field(steps)
         except AttributeError as error:

@@ -23,7 +23,7 @@ def fixed(text: str, folder: Path) -> Fixed:
         variables={},
         working_folder=folder,
         environment=environment,
-        read=lambda path: text.encode() if path == "c.yaml" else "there is no such file",
+        read=lambda path: text.encode() if path == "c.yaml" else "file not found",
     )
     return fix_config("c.yaml", options, lambda path: path.name == "c.yaml")
 

@@ -275,9 +275,9 @@ def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch)
         assert -2.0 < float(ctrl) < 2.0
         forbidden = refused("topic", "pub", "ctrl", "{u_mujoco: [0.0]}", "--once")
         assert (
-            f"/obelisk/dummy/ctrl moves `/obelisk_robot_0`, which runs in the ROS domain {domain}"
-            in (forbidden)
-        )
+            "/obelisk/dummy/ctrl commands `/obelisk_robot_0`, which is running in the ROS "
+            f"domain {domain}"
+        ) in (forbidden)
         assert "`--allow-foreign`" in forbidden
         allowed = obk("topic", "pub", "ctrl", "{u_mujoco: [0.0]}", "--once", "--allow-foreign")
         assert allowed.returncode == 0, allowed.stderr

@@ -310,7 +310,7 @@ def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
         eventually(lambda: _seconds(clock[-1]) == 0.0, "the clock, set back")
         (refused,) = node.set_parameters(parameters(ic_keyframe="stand")["parameter_overrides"])
         assert refused.reason == (
-            "the keyframe `stand` is not in the model; there is: `ic`, `other`"
+            "the keyframe `stand` is not in the model; available: `ic`, `other`"
         )
         assert _asked(node, Trigger, "reset").message == "at ic"
         node.set_parameters(parameters(ic_keyframe="other")["parameter_overrides"])

@@ -80,7 +80,7 @@ REFUSED = (
     (message("report_rates", False), "`report_rates` is read at configure: clean up, set it"),
     (message("use_sim_time", "yes"), "expected 'Type.BOOL' got 'Type.STRING'"),
     (message("params_paht", "x"), "no parameter `params_paht`; did you mean `params_path`?"),
-    (message("", "x"), "the node has no parameter ``; there is: `callback_group_settings`"),
+    (message("", "x"), "the node has no parameter ``; available: `callback_group_settings`"),
     (of_type("params_path", 99), "a value of the type 99; there are: 0 (not_set), 1 (bool)"),
     (of_type("params_path", 0), "Static parameter cannot be undeclared"),
 )

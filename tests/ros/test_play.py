@@ -106,14 +106,14 @@ def test_every_message_comes_again_in_order_and_no_command(recording: Path) -> N
     # It cannot be faster than it is asked to be.
     assert heard["/count"][-1][0] - heard["/count"][0][0] > 0.5 * COUNT * STEP_NS * 1e-9 / 4
     assert heard["/ctrl"] == []
-    assert "note: /ctrl moves a robot and is left out" in done.stderr
+    assert "note: /ctrl commands a robot and is left out" in done.stderr
     assert "/count  200 messages" in done.stdout
 
 
 def test_commands_are_published_only_on_purpose(recording: Path) -> None:
     refused = obk("play", recording, "--topic", "ctrl")
     assert refused.returncode == 1
-    assert "`/ctrl` moves a robot" in refused.stderr
+    assert "`/ctrl` commands a robot" in refused.stderr
     with listening() as (node, heard):
         done = played(node, recording, "--topic", "ctrl", "--allow-hardware")
         assert done.returncode == 0, done.stderr

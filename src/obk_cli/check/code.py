@@ -81,9 +81,11 @@ def _check_class(code: NodeFacts | CodeFault, executable: Spanned[str]) -> Itera
         yield found(
             "OBK408",
             f"class `{code.class_name}` does not implement "
-            f"{list_names(m.name for m in code.missing_methods)}, so no node can be made of it",
+            f"{list_names(m.name for m in code.missing_methods)}, so it cannot be instantiated",
             executable.span,
-            help=f"if `{near.near[0]}` is meant to be it, name it `{near.name}`" if near else None,
+            help=f"if `{near.near[0]}` is meant to implement it, rename it to `{near.name}`"
+            if near
+            else None,
             related=(
                 Related(message="the class", span=code.span),
                 *(
@@ -160,7 +162,7 @@ def _of_hardware(components: Sequence[Component], node: Node) -> Diagnostic:
         f"the simulator `{node.node_name}` ignores {list_names(name.value for name in names)}",
         names[0].span,
         severity="info",
-        help="leave it if the hardware uses it",
+        help="keep it if the hardware uses it",
         related=(Related(message="ignored too", span=name.span) for name in names[1:]),
     )
 
@@ -181,11 +183,15 @@ def _not_registered(
         help = f"the code registers it as a {elsewhere.kind}"
     else:
         same = [r.name for r in code.components if r.kind == component.kind]
-        help = f"it registers {list_names(same)}" if same else f"it registers no {component.kind}"
+        help = (
+            f"it registers {list_names(same)}"
+            if same
+            else f"it does not register a {component.kind}"
+        )
     shown = meant or elsewhere
     return found(
         "OBK406",
-        f"class `{code.class_name}` registers no {component.kind} `{name.value}`",
+        f"class `{code.class_name}` does not register the {component.kind} `{name.value}`",
         name.span,
         help=help,
         related=(Related(message="in the code", span=shown.span),)
@@ -220,7 +226,7 @@ def _not_configured(
             f"`{registered.name}`, which `{node.node_name}` leaves out",
             executable.span,
             severity="info",
-            help=f"to have it, add `{line}` to its `{registered.kind}s`",
+            help=f"to use it, add `{line}` to its `{registered.kind}s`",
             related=(Related(message="in the code", span=registered.span),),
         )
 
@@ -239,7 +245,7 @@ def _check_type(
             f"{component.kind} `{component.identity}` is {here} here and {in_code} in class "
             f"`{code.class_name}`",
             component.msg_type.span,
-            help=f"write `{_shortest(registered.msg_type)}`, or leave `msg_type` out",
+            help=f"write `{_shortest(registered.msg_type)}`, or remove `msg_type`",
             related=(Related(message="in the code", span=registered.span),),
         )
 
@@ -283,10 +289,12 @@ def _check_keys(node: Node, code: NodeFacts) -> Iterator[Diagnostic]:
 def _unknown_key(use: KeyUse, code: NodeFacts, known: Sequence[str]) -> Diagnostic:
     other = next((c.kind for c in code.components if use.key in c.names), None)
     near = ask_for(near_names(use.key, known))
-    registers = f"it registers {list_names(known)}" if known else f"it registers no {use.kind}"
+    registers = (
+        f"it registers {list_names(known)}" if known else f"it does not register a {use.kind}"
+    )
     return found(
         "OBK423",
-        f"class `{code.class_name}` registers no {use.kind} `{use.key}`",
+        f"class `{code.class_name}` does not register the {use.kind} `{use.key}`",
         use.span,
         help=f"the code registers it as a {other}" if other else near or registers,
         related=(Related(message="the class", span=code.span),),
@@ -382,9 +390,9 @@ def _undeclared(parameter: ConfigParameter, code: NodeFacts) -> Diagnostic:
     near = ask_for(near_names(parameter.name, own))
     return found(
         "OBK409",
-        f"class `{code.class_name}` declares no parameter `{parameter.name}`",
+        f"class `{code.class_name}` does not declare the parameter `{parameter.name}`",
         parameter.key_span or parameter.span,
         severity="warning" if near else "info",
-        help=near or there_is(own) or "it declares none of its own",
+        help=near or there_is(own) or "it does not declare any parameters",
         related=(Related(message="the class", span=code.span),),
     )

@@ -23,7 +23,7 @@ def check_lockstep(context: CheckContext) -> Iterator[Diagnostic]:
         if node.is_simulated is not None and not node.is_simulated.value:
             yield found(
                 "OBK613",
-                f"`{node.node_name}` is hardware, which lock-step runs do not start",
+                f"`{node.node_name}` is hardware, which is not started in lock-step runs",
                 node.is_simulated.entry_span,
                 help="test a variant of this config with a simulated robot",
             )
@@ -33,7 +33,7 @@ def check_lockstep(context: CheckContext) -> Iterator[Diagnostic]:
         if joystick.on:
             yield found(
                 "OBK612",
-                f"`{joystick.full_name}` has no life cycle, so it is not in lock-step runs",
+                f"`{joystick.full_name}` has no life cycle, so it is not part of lock-step runs",
                 joystick.span,
                 help="publish its topic from the test",
             )
@@ -46,12 +46,15 @@ def _check_executable(
     command = context.environment.find_executable(*names)
     is_cpp = context.environment.is_cpp(*names)
     if is_cpp or (isinstance(command, Command) and not command.is_of_this_python):
-        what = "is in C++" if is_cpp else "is not Python that this interpreter runs"
+        what = "is written in C++" if is_cpp else "is not Python of this interpreter"
         yield found(
             "OBK611",
-            f"`{node.executable.value}` {what}, so `{node.node_name}` is not in lock-step runs",
+            (
+                f"`{node.executable.value}` {what}, so `{node.node_name}` is not part of lock-step "
+                "runs"
+            ),
             node.executable.span,
-            help="leave the node out of the test, or publish its topics from the test",
+            help="omit the node in the test, or publish its topics from the test",
         )
         return
     for parameter in node.params:

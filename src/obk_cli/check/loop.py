@@ -50,11 +50,11 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
             is_near = bool(_reached(subscribers, senders, earlier))
             yield found(
                 "OBK209",
-                f"what reaches `{section}` does not come from the robot"
+                f"the input of `{section}` does not come from the robot"
                 if is_near
-                else f"nothing that {what} publishes reaches `{section}`",
+                else f"`{section}` receives nothing that {what} publishes",
                 nodes[0].span,
-                help="the loop is robot -> estimation -> control -> robot",
+                help="the control loop is robot -> estimation -> control -> robot",
             )
         reached = {OUTSIDE, *(linked or everyone)}
 
@@ -117,8 +117,8 @@ def _check_node_timers(node: Node, fastest_hz: float) -> Iterator[Diagnostic]:
         if component.kind == "timer" and period and 1 / period.value > fastest_hz * (1 + 1e-9):
             yield found(
                 "OBK211",
-                f"timer `{component.identity}` runs at {1 / period.value:g} Hz, the fastest topic "
-                f"that `{node.node_name}` subscribes to comes at {fastest_hz:g} Hz",
+                f"timer `{component.identity}` runs at {1 / period.value:g} Hz, the fastest "
+                f"topic that `{node.node_name}` subscribes to is published at {fastest_hz:g} Hz",
                 period.span,
             )
 
@@ -132,7 +132,7 @@ def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
                     "OBK216",
                     f"{name} every {period.value:g} s",
                     period.span,
-                    help=f"periods are in seconds: for {period.value:g} Hz write "
+                    help=f"periods are in seconds; for {period.value:g} Hz write "
                     f"{1 / period.value:g}",
                 )
 
@@ -145,7 +145,7 @@ def check_outliers(context: CheckContext) -> Iterator[Diagnostic]:
             f"{outlier.name} every {outlier.period.value:g} s, {outlier.others}",
             outlier.period.span,
             severity=None if outlier.is_loop else "info",
-            help=f"write {outlier.period.value / _OUTLIER:g} if decimals are missing",
+            help=f"write {outlier.period.value / _OUTLIER:g} if a decimal point was forgotten",
         )
 
 
@@ -171,9 +171,9 @@ def _outliers(context: CheckContext) -> Iterator[_Outlier]:
     for one in periods:
         name, period, is_loop = one
         if one is longest and period.value >= _OUTLIER * rest:
-            others = f"all others at least every {rest:g} s"
+            others = f"all others every {rest:g} s or faster"
         elif is_loop and period.value > _SLOWEST_SENSOR and period.value >= _OUTLIER * fastest:
-            others = f"the fastest of the loop every {fastest:g} s"
+            others = f"the fastest in the loop every {fastest:g} s"
         else:
             continue
         if period.value < _LEAST_RATE:

@@ -22,7 +22,7 @@ from obk_cli.diagnostics.source import Span
 
 __all__ = ["check_message_types", "check_replaced_messages"]
 
-_NO_PACKAGE_HELP: Final = "`obk new msgs` makes a message package in the workspace"
+_NO_PACKAGE_HELP: Final = "create a message package in the workspace with `obk new msgs`"
 _OF_A_CLASS: Final = re.compile(r"::|\.")
 """What stands between the parts of a type in C++, and in Python."""
 
@@ -82,7 +82,7 @@ def check_replaced_messages(context: CheckContext) -> Iterator[Diagnostic]:
                 "OBK413",
                 message,
                 context.stack.span,
-                help="no node of this stack is known to use them",
+                help="no node of this stack seems to use them",
                 severity="info",
             )
             continue
@@ -94,7 +94,7 @@ def check_replaced_messages(context: CheckContext) -> Iterator[Diagnostic]:
             span,
             help=f"add `msg/{name}.msg` to the package, or use another type"
             if name
-            else f"add the field `{fields[msg_type]}`, if the nodes use it",
+            else f"add the field `{fields[msg_type]}` if the nodes use it",
             related=tuple(related for *_, other in used for related in other),
         )
 
@@ -165,7 +165,7 @@ def _check_code(
                 "OBK410",
                 f"`{executable.value}` cannot start: package `{package}` has no message `{name}`",
                 executable.span,
-                help=did_you_mean(name, names) or "it defines no messages",
+                help=did_you_mean(name, names) or "it does not define any messages",
                 related=(_place(component, code),),
             )
         elif names is None and package not in (*ROS_MESSAGES, *in_config):
@@ -197,7 +197,7 @@ def _unknown(written: Spanned[str], environment: Environment) -> Diagnostic:
         "OBK115",
         f"message type `{name}` is not known",
         written.span,
-        help=ask_for(near) or "write the package too, `my_msgs/MyMessage`, if it is your own",
+        help=ask_for(near) or "for your own message, include the package: `my_msgs/MyMessage`",
         fix=respell(written.span, name, meant) if meant else (),
     )
 
@@ -218,7 +218,7 @@ def _not_in_package(
     meant = sure_name(name, names)
     spelled = written.value.removesuffix(name)
     near = ask_for(f"{spelled}{one}" for one in near_names(name, names))
-    there_is = f"it has {list_names(names)}" if names else "it defines no messages"
+    there_is = f"available: {list_names(names)}" if names else "it does not define any messages"
     return found(
         "OBK115",
         f"package `{package}` has no message `{name}`",

@@ -55,10 +55,10 @@ def _named(stack: Stack) -> Iterator[tuple[str, Span, str]]:
     for node in stack.nodes:
         named = node.name or node.pkg
         place = named.span if named else node.span
-        yield node.full_name, place, "give one of them another `name` or `namespace`"
+        yield node.full_name, place, "change the `name` or `namespace` of one of them"
     for joystick in stack.joysticks:
         if joystick.on:
-            yield joystick.full_name, joystick.span, "switch one of the two off: `on: false`"
+            yield joystick.full_name, joystick.span, "switch one of them off with `on: false`"
 
 
 _MOST_SUGGESTIONS = 200
@@ -95,7 +95,7 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
             "and this entry is ignored",
             component.name.span,
             severity="warning",
-            help="remove it, or give it the name of the component that you meant",
+            help="remove it, or correct its name",
             related=(Related(message="the first time", span=first.name.span),),
         )
 
@@ -163,9 +163,9 @@ def _contradiction(
 def _misspelt_key(parameter: Spanned[str], key: Spanned[str], own: str) -> Diagnostic:
     return found(
         "OBK107",
-        f"key `{key.value}` is not quite `{own}`, which `ros_parameter` names",
+        f"key `{key.value}` differs slightly from `{own}`, which `ros_parameter` names",
         key.span,
-        help=f"write `key: {own}`, or leave `key` out",
+        help=f"write `key: {own}`, or remove `key`",
         related=(Related(message="the `ros_parameter`", span=parameter.span),),
         fix=respell(key.span, key.value, own),
     )

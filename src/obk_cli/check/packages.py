@@ -106,7 +106,7 @@ def _no_executable(answer: ExecutableMissing, place: Span) -> Diagnostic:
         f"package `{answer.package}` has no executable `{answer.executable}`",
         place,
         help=did_you_mean(answer.executable, answer.available)
-        or "it has none; those in Python are the `console_scripts` of its setup.py",
+        or "it has no executables; Python nodes are declared as `console_scripts` in setup.py",
     )
 
 
@@ -120,18 +120,20 @@ def _no_package(
     names = [name for name in environment.package_names() if not name.endswith("_msgs")]
     near = ask_for(near_names(package, names))
     if package == JOYSTICK_PACKAGE:
-        near = "install it to use the joystick, or write `on: false`;"
+        near = "install it to use the joystick, or set `on: false`;"
     elif package.startswith("obelisk_") and package.endswith("_cpp"):
         # Packages of other nodes have names as near as that of the same nodes in Python.
         twin = f"{package.removesuffix('cpp')}py"
-        in_python = f"; `{twin}` has the same nodes in Python" if twin in names else ""
-        near = f"source the C++ workspace of Obelisk, which has it{in_python};"
+        in_python = (
+            f", or use `{twin}`, which has the same nodes in Python" if twin in names else ""
+        )
+        near = f"source the C++ workspace of Obelisk{in_python};"
     return found(
         "OBK401",
         f"package `{package}` is not found",
         places[0],
         help=f"{near} {looked}" if near else looked,
-        related=(Related(message="named here too", span=place) for place in places[1:]),
+        related=(Related(message="also named here", span=place) for place in places[1:]),
     )
 
 
@@ -173,7 +175,7 @@ def check_manifests(context: CheckContext) -> Iterator[Diagnostic]:
 def _no_file(key: str, search: FileSearch) -> Diagnostic:
     return found(
         "OBK404",
-        f"file `{search.written.value}` of `{key}` is not there",
+        f"file `{search.written.value}` of `{key}` does not exist",
         search.written.span,
         help=where_it_is_not(search),
     )

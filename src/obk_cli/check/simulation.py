@@ -26,16 +26,16 @@ def check_sim_blocks(context: CheckContext) -> Iterator[Diagnostic]:
         is_off = node.is_simulated is not None and not node.is_simulated.value
         if not node.is_simulator:
             if node.sims and is_off:
-                message = "`sim` has no effect: `is_simulated: false` leaves it unused"
+                message = "`sim` has no effect because of `is_simulated: false`"
                 yield found("OBK506", message, node.sims[0].span)
             continue
         if node.is_simulated is not None and is_off:
             yield found(
                 "OBK321",
-                f"`{node.node_name}` is a simulator, and `is_simulated: false` leaves out its "
+                f"`{node.node_name}` is a simulator, but `is_simulated: false` disables its "
                 "`sim` block",
                 node.is_simulated.span,
-                help="remove this line, or name the executable of the hardware",
+                help="remove this line, or use the executable for the hardware",
             )
         else:
             yield from _check_given(node)
@@ -48,9 +48,9 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
         if first is not sim:
             yield found(
                 "OBK108",
-                f"two `sim` blocks of `{node.node_name}` go into the parameter `{sim.parameter}`",
+                f"two `sim` blocks of `{node.node_name}` set the parameter `{sim.parameter}`",
                 sim.span,
-                help="remove one, or give it the `ros_parameter` that the code declares for it",
+                help="remove one, or set the `ros_parameter` declared for it in the code",
                 related=(Related(message="the first one", span=first.span),),
             )
 
@@ -64,17 +64,17 @@ def _check_given(node: Node) -> Iterator[Diagnostic]:
     if other is None:
         yield found(
             "OBK321",
-            f"`{node.node_name}` is a simulator and has no `sim` block",
+            f"`{node.node_name}` is a simulator without a `sim` block",
             node.executable.span,
             help="add `sim: {model_xml_path: ...}`",
         )
     else:
         yield found(
             "OBK321",
-            f"the simulator reads its block from `{SIM_PARAMETER}`, this one goes into "
+            f"the simulator reads its block from `{SIM_PARAMETER}`, but this one sets "
             f"`{other.value}`",
             other.span,
-            help="leave `ros_parameter` out",
+            help="remove `ros_parameter`",
         )
 
 
@@ -101,14 +101,16 @@ def check_models(context: CheckContext) -> Iterator[Diagnostic]:
             yield from in_block
     if skipped is not None:
         message = "MuJoCo is not installed, so names are not checked against the model"
-        help = "install the `mujoco` package to have them checked"
+        help = "install the `mujoco` package to enable these checks"
         yield found("OBK300", message, skipped, help=help)
 
 
 def _not_found(model: FileSearch, sim: Sim, environment: Environment) -> Diagnostic:
     if model.missing_package is not None and sim.robot_pkg is not None:
         return no_such_package(model, sim.robot_pkg, "model", environment)
-    hint = "" if sim.robot_pkg or model.near else "; name the package that holds it as `robot_pkg`"
+    hint = (
+        "" if sim.robot_pkg or model.near else "; set `robot_pkg` to the package that contains it"
+    )
     message = f"model `{model.written.value}` is not found"
     return found("OBK301", message, model.written.span, help=where_it_is_not(model) + hint)
 
@@ -221,11 +223,11 @@ def _check_message(component: Component) -> Iterator[Diagnostic]:
     if resolve_msg_type(written) in _WITHOUT_ACTUATORS:
         yield found(
             "OBK315",
-            f"the simulator cannot apply {with_article(written)}: it has no `u_mujoco`, "
-            "the values for the actuators",
+            f"the simulator cannot apply {with_article(written)}: it has no field `u_mujoco` "
+            "with actuator values",
             component.msg_type.span,
-            help="it takes `PositionSetpoint` and `PDFeedForward`; a low-level controller can "
-            "turn one into the other",
+            help="use `PositionSetpoint` or `PDFeedForward`; a low-level controller can convert "
+            "to one of them",
         )
 
 
@@ -275,9 +277,9 @@ def _wrong_length(
     return found(
         "OBK317",
         f"class `{code.class_name}` writes {with_number(length.length, 'value')} into "
-        f"`{length.field}`, the model has {with_number(actuators, 'actuator')}",
+        f"`{length.field}`, but the model has {with_number(actuators, 'actuator')}",
         node.executable.span,
-        help="the simulator refuses a control message of another length",
+        help="the simulator rejects control messages of another length",
         related=(
             Related(message="in the code", span=length.span),
             Related(message="the model", span=path.span),

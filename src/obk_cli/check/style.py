@@ -38,11 +38,11 @@ def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
             if home is not None and span not in missing:
                 yield found(
                     "OBK502",
-                    f"`{span.text.strip(chr(34) + chr(39))}` is a path into one person's home, "
-                    f"which is nowhere else",
+                    f"`{span.text.strip(chr(34) + chr(39))}` is a path into a user's home "
+                    "directory and exists only there",
                     span,
-                    help="write it relative to the config, name its package as `robot_pkg`, or "
-                    "start it with `${HOME}`",
+                    help="make it relative to the config, set `robot_pkg`, or start it with "
+                    "`${HOME}`",
                 )
 
 
@@ -77,8 +77,8 @@ def check_defaults(context: CheckContext) -> Iterator[Diagnostic]:
             "OBK507",
             f"`{written}` is the default, written out{count}",
             first,
-            help="it can be left out",
-            related=(Related(message="here too", span=span) for span in others[:_MOST_SHOWN]),
+            help="it can be removed",
+            related=(Related(message="also here", span=span) for span in others[:_MOST_SHOWN]),
             fix=edits[written],
         )
 

@@ -224,7 +224,7 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
                     "OBK214",
                     f"`{end.owner}` publishes `{end.topic}` twice",
                     end.span,
-                    help="give it a topic of its own",
+                    help="give it its own topic",
                     related=(
                         Related(message="the first time", span=first.span),
                         *first.renamed,
@@ -255,7 +255,7 @@ def _shared_sensor_topics(
     first, second = pairs[0]
     help = f"give one of them {'another topic' if len(topics) == 1 else 'other topics'}"
     if first.span.path != second.span.path:
-        help += "; if one is meant to replace the other, give both the same `name`"
+        help += "; to replace one by the other, give both the same `name`"
     return found(
         "OBK218",
         f"both `{one}` and `{other}` publish the sensor topic{'s' if len(topics) > 1 else ''} "
@@ -266,7 +266,7 @@ def _shared_sensor_topics(
             Related(message="the other one", span=first.span),
             *first.renamed,
             *second.renamed,
-            *(Related(message="this topic too", span=end.span) for _, end in pairs[1:_MOST_SHOWN]),
+            *(Related(message="also this topic", span=end.span) for _, end in pairs[1:_MOST_SHOWN]),
         ),
     )
 
@@ -334,11 +334,10 @@ def _qos_differs(end: TopicEnd, others: list[TopicEnd], policy: _Policy) -> Diag
     who = f"`{first.owner}` and {rest} more offer" if rest else f"`{first.owner}` offers"
     return found(
         "OBK206",
-        f"`{end.owner}` asks for `{policy.strong}` on `{end.topic}`, {who} only "
-        f"`{policy.weak}`, so nothing would arrive{' from them' if rest else ''}",
+        f"`{end.owner}` requests `{policy.strong}` on `{end.topic}`, but {who} only "
+        f"`{policy.weak}`, so it would receive nothing{' from them' if rest else ''}",
         expected.span if expected else end.span,
-        help=f"let the publisher offer `{policy.strong}`, or the subscriber ask for "
-        f"`{policy.weak}`",
+        help=f"use `{policy.strong}` in the publisher, or `{policy.weak}` in the subscriber",
         related=(
             *(
                 Related(
@@ -467,9 +466,9 @@ def _help(
         verb = "publishes" if by_code.direction == "publishes" else "takes"
         return f"the code of `{by_code.owner}` {verb} {_short(expected)}"
     if is_note:
-        return "a C++ node ignores `msg_type`: write here what its code has"
+        return "a C++ node ignores `msg_type`; write the type that its code uses"
     if is_alias:
-        return f"write {_short(own)} at both ends, unless the node's code takes {_short(expected)}"
+        return f"use {_short(own)} at both ends, unless the node's code requires {_short(expected)}"
     return None
 
 

@@ -61,9 +61,9 @@ def _nothing_to_watch(component: Component, node: Node) -> Diagnostic:
     name = f" `{component.identity}`" if component.identity else ""
     return found(
         "OBK212",
-        f"`{key}` means nothing to the {component.kind}{name} of `{node.node_name}`",
+        f"`{key}` has no effect on the {component.kind}{name} of `{node.node_name}`",
         written.entry_span,
-        help=f"it belongs to a robot's subscriber `{CONTROL_SUBSCRIPTION}`, which takes the "
+        help=f"set it on a robot's subscriber `{CONTROL_SUBSCRIPTION}`, which receives the "
         "commands",
     )
 
@@ -72,9 +72,9 @@ def _no_age(component: Component) -> Diagnostic:
     assert component.stale_action is not None  # what the caller looked for
     return found(
         "OBK212",
-        "`stale_action` means nothing without `max_age_sec`",
+        "`stale_action` has no effect without `max_age_sec`",
         component.stale_action.entry_span,
-        help="add `max_age_sec`, the seconds after which a command is too old",
+        help="add `max_age_sec`, the maximum age of a command in seconds",
     )
 
 
@@ -94,8 +94,8 @@ def _check_action(
         if isinstance(read, ModelRead) and read.facts.position_servos:
             yield found(
                 "OBK320",
-                f"commands that are too old become zero, for {read.facts.position_servos} of the "
-                f"model's {read.facts.actuators} actuators the position 0",
+                "stale commands are replaced by zero, which is the position 0 for "
+                f"{read.facts.position_servos} of the model's {read.facts.actuators} actuators",
                 written.entry_span,
                 help="`stale_action: hold` or `damp` keeps the robot where it is",
             )
@@ -112,7 +112,7 @@ def _check_damping(
             "OBK212",
             f"class `{code.class_name}` does not implement `apply_damping`, so it cannot `damp`",
             action.span,
-            help="write the method, or choose `zero` or `hold`",
+            help="implement it, or use `zero` or `hold`",
             related=(Related(message="the class", span=code.span),),
         )
 
@@ -134,7 +134,7 @@ def _check_age(age: Spanned[float], topic: str, senders: Senders) -> Iterator[Di
             yield found(
                 "OBK213",
                 f"`max_age_sec` is {age.value:g} s, `{topic}` is published every "
-                f"{period.value:g} s: one late command counts as none",
+                f"{period.value:g} s, so a single late command triggers `stale_action`",
                 age.span,
                 help=f"expected at least {_LEAST_PERIODS * period.value:g} s, two periods",
                 related=(Related(message="the timer that publishes", span=period.span),),

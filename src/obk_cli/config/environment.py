@@ -89,7 +89,7 @@ class ExecutableMissing:
         if self.left_out is None:
             return searched
         return (
-            f"it is in {self.left_out}, but folders named {list_names(UNSEARCHED)} are not "
+            f"it exists in {self.left_out}, but folders named {list_names(UNSEARCHED)} are not "
             f"searched: move it, or source the workspace if it is installed there; {searched}"
         )
 

@@ -186,7 +186,7 @@ class Fields:
         useful = [key for key in keys if key not in self._no_effect]
         compared = useful if len(self._faults) < _MOST_COMPARED else []
         near = near_names(entry.key, compared)
-        help = f"it takes {list_names(useful, most=20)}"
+        help = f"supported: {list_names(useful, most=20)}"
         key, colon, value = entry.key.partition(":")
         if colon and key in useful:
             help = f"put a space after the colon: `{key}: {value}`"
@@ -240,7 +240,7 @@ class Fields:
         expected = f"a whole number of at least {least}"
         number = self._read(key, False, expected, _integer)
         number = self._within(key, number, expected, lambda value: value >= least)
-        expected = f"a whole number of at most {LARGEST_COUNT}, as much as 32 bits hold"
+        expected = f"a whole number of at most {LARGEST_COUNT}, which fits into 32 bits"
         return self._within(key, number, expected, lambda value: value <= LARGEST_COUNT)
 
     def number(self, key: str, *, least: float, most: float) -> Spanned[float] | None:
@@ -350,7 +350,7 @@ def _hint(value: Tree, expected: str) -> str | None:
         if expected == "`true` or `false`" and value.value.lower() in ("yes", "no", "on", "off"):
             return f"in YAML 1.2 `{value.value}` is text; write `true` or `false`"
         if value.span.text[:1] in ("'", '"') and not isinstance(core_scalar(value.value), str):
-            return f"without its quotes it is no text: `{value.span.text[1:-1]}`"
+            return f"remove the quotes: `{value.span.text[1:-1]}`"
     return None
 
 

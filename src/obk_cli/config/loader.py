@@ -119,7 +119,7 @@ def apply_overrides(
 def _split(option: str) -> tuple[list[str | int], str]:
     path, equals, text = option.partition("=")
     if not equals:
-        raise _UnfitError("there is no `=`", "write it as `path=value`")
+        raise _UnfitError("`=` is missing", "write it as `path=value`")
     steps: list[str | int] = []
     at = 0
     while at < len(path):
@@ -145,10 +145,10 @@ def _set(tree: Tree | None, path: list[str | int], value: Tree, span: Span) -> T
         return _set(tree, rest, value, span)
     if not isinstance(tree, TreeList):
         what = "nothing" if tree is None else kind_of(tree)
-        raise _UnfitError(f"`[{step}]` needs a list, there is {what}")
+        raise _UnfitError(f"`[{step}]` needs a list, found {what}")
     if step >= len(tree.items):
         count = len(tree.items)
-        raise _UnfitError(f"`[{step}]` is past the end, the list has {count} (from [0])")
+        raise _UnfitError(f"`[{step}]` is out of range, the list has {count} (starting at [0])")
     items = list(tree.items)
     items[step] = _set(items[step], rest, value, span)
     return TreeList(tuple(items), tree.span)
@@ -160,11 +160,11 @@ def _set_key(
     if tree is None:
         tree = TreeMap((), span)
     if not isinstance(tree, TreeMap):
-        raise _UnfitError(f"`{key}` needs a mapping, there is {kind_of(tree)}")
+        raise _UnfitError(f"`{key}` needs a mapping, found {kind_of(tree)}")
     old = tree.get(key)
     if old is None and rest and isinstance(rest[0], int):
         known = [entry.key for entry in tree]
-        raise _UnfitError(f"there is no `{key}`", did_you_mean(key, known))
+        raise _UnfitError(f"unknown key `{key}`", did_you_mean(key, known))
     new = Entry(key, span, _set(old.value if old else None, rest, value, span))
     if old is None:
         return TreeMap((*tree.entries, new), tree.span)
@@ -227,7 +227,7 @@ class _Replacer:
 
         new = REFERENCE.sub(value_of, text)
         if self._room < 0:
-            message = "the texts that variables make are longer than 10 MiB together"
+            message = "the expanded environment variables exceed 10 MiB in total"
             self.faults.append(found("OBK007", message, span))
             return TreeScalar(text, span)
         is_plain = span.text[:1] not in ("'", '"', "|", ">")
@@ -245,10 +245,10 @@ def _first_places(span: Span) -> dict[str, Span]:
 
 def _undefined(name: str | None, place: Span, environment: Mapping[str, str]) -> Diagnostic:
     if name is None:
-        message = "`${` does not begin a `${NAME}`"
+        message = "`${` does not start a `${NAME}`"
         return found("OBK011", message, place, help="write `$${` for a literal `${`")
     hint = ask_for(near_names(name, environment))
-    default = f"write `${{{name}:-text}}` to give a default"
+    default = f"provide a default with `${{{name}:-text}}`"
     return found(
         "OBK011",
         f"environment variable `{name}` is not set",
@@ -341,7 +341,7 @@ class ConfigFiles:
             return LoadedFile(unreadable=data)
         self._bytes += len(data)
         if self._bytes > LONGEST_FILE_BYTES >= len(data):
-            message = "this file and those before it are longer than 10 MiB, so it is not read"
+            message = "this file and those before it exceed 10 MiB, so it is not read"
             self._limit_exceeded = found("OBK007", message, start)
             return LoadedFile()
         source = decode_source(start.path, data)
@@ -413,7 +413,7 @@ class _Includes:
             elif isinstance(item, TreeScalar) and isinstance(item.value, str):
                 yield item.value, item.span
             elif not (isinstance(item, TreeScalar) and item.value is None):
-                message = f"`include` holds {kind_of(item)}, expected paths"
+                message = f"`include` contains {kind_of(item)}, expected paths"
                 self.faults.append(found("OBK103", message, item.span))
 
     def _fragment(self, written: str, span: Span, chain: Chain) -> TreeMap | None:
@@ -435,7 +435,7 @@ class _Includes:
         if tree is None or (isinstance(tree, TreeScalar) and tree.value is None):
             return None
         if not isinstance(tree, TreeMap):
-            message = f"included file `{written}` holds {kind_of(tree)}, expected a mapping"
+            message = f"included file `{written}` contains {kind_of(tree)}, expected a mapping"
             there = Related(message="the file starts here", span=tree.span)
             self.faults.append(found("OBK010", message, span, related=(there,)))
             return None
@@ -443,8 +443,10 @@ class _Includes:
 
 
 def _too_many(written: str, span: Span) -> Diagnostic:
-    message = f"over {_MOST_INCLUDED} files are included; `{written}` and all further ones are not"
-    return found("OBK007", message, span, help="a file counts each time that it is included")
+    message = (
+        f"more than {_MOST_INCLUDED} files are included; `{written}` and all later ones are ignored"
+    )
+    return found("OBK007", message, span, help="a file counts each time it is included")
 
 
 def _cycle(path: str, span: Span, chain: Chain) -> Diagnostic:

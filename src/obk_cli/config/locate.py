@@ -250,8 +250,8 @@ def _no_ray_caster(tree: Tree | None, entry: Entry) -> Diagnostic:
         return found("OBK103", message, entry.value.span)
     return found(
         "OBK103",
-        f"the file holds {kind_of(tree)}, expected a ray caster: a mapping with `site_name` and "
-        "`pattern`",
+        f"the file contains {kind_of(tree)}, expected a ray caster: a mapping with `site_name` "
+        "and `pattern`",
         tree.span,
         related=(Related(message=f"the `{_PATH}`", span=entry.value.span),),
     )

@@ -95,7 +95,7 @@ def _read_value(name: str, tree: Tree, faults: Faults) -> ParameterValue | None:
         return _read_list(name, tree, faults)
     if isinstance(tree, TreeScalar) and tree.value is not None and _fits_ros(tree.value):
         return tree.value
-    message = f"parameter `{name}` is {kind_of(tree)}, which ROS cannot hold"
+    message = f"parameter `{name}` is {kind_of(tree)}, which is not a valid ROS parameter"
     faults.append(found("OBK113", message, tree.span, help=_HOLDS))
     return None
 
@@ -107,8 +107,8 @@ def _fits_ros(value: Scalar) -> bool:
 
 def _read_list(name: str, tree: TreeList, faults: Faults) -> ParameterValue | None:
     if not tree.items:
-        message = f"parameter `{name}` is an empty list, whose type ROS cannot know"
-        faults.append(found("OBK113", message, tree.span, help="leave the parameter out"))
+        message = f"parameter `{name}` is an empty list, so ROS cannot determine its type"
+        faults.append(found("OBK113", message, tree.span, help="remove the parameter"))
         return None
     values: list[Scalar] = []
     for item in tree.items:
@@ -118,7 +118,7 @@ def _read_list(name: str, tree: TreeList, faults: Faults) -> ParameterValue | No
                 if isinstance(item, TreeScalar) and item.value is None
                 else kind_of(item)
             )
-            message = f"parameter `{name}` is a list with {what} in it"
+            message = f"parameter `{name}` is a list that contains {what}"
             faults.append(found("OBK113", message, item.span, help=_HOLDS))
             return None
         values.append(item.value)
@@ -130,7 +130,7 @@ def _of_one_kind(
 ) -> ParameterValue | None:
     kinds = {type(value) for value in values}
     if kinds == {int, float}:
-        message = f"parameter `{name}` mixes int and float, it is read as floats"
+        message = f"parameter `{name}` mixes int and float and is read as floats"
         faults.append(found("OBK505", message, tree.span))
         return tuple(float(value) for value in values if isinstance(value, int | float))
     if len(kinds) > 1:

@@ -98,24 +98,24 @@ def _not_a_config(tree: Tree) -> Diagnostic:
     if isinstance(tree, TreeScalar) and tree.value in (None, ""):
         return found("OBK114", "the file is empty, not a config", tree.span)
     if not isinstance(tree, TreeMap):
-        return found("OBK114", f"the file holds {kind_of(tree)}, not a config", tree.span)
+        return found("OBK114", f"the file contains {kind_of(tree)}, not a config", tree.span)
     span = tree.entries[0].key_span
     if any(entry.key in RAY_CASTER_KEYS for entry in tree):
         message = "this is a ray-caster file, not a config"
-        help = "name it as `config_path` in the sensor group that uses it"
+        help = "refer to it as `config_path` in the sensor group that uses it"
         return found("OBK114", message, span, help=help)
     keys = list_names(entry.key for entry in tree)
-    message = f"the file holds {keys}, none of which is a section of a config"
+    message = f"the file contains {keys}, none of which is a section of a config"
     return found("OBK114", message, span, help=f"the sections are {list_names(SECTION_KEYS)}")
 
 
 def _mixed(device: Entry, section: Entry) -> Diagnostic:
     return found(
         "OBK112",
-        f"section `{section.key}` stands at the top level although there is a device "
+        f"section `{section.key}` is at the top level although the config has the device "
         f"`{device.key}`",
         section.key_span,
-        help=f"move it into `{device.key}`, or take the device's sections out of it",
+        help=f"move it into `{device.key}`, or move the device's sections to the top level",
         related=(Related(message="the device", span=device.key_span),),
     )
 
@@ -152,7 +152,10 @@ def _read_external_topics(top: Fields, faults: Faults) -> Iterator[ExternalTopic
 
 def _external_name(name: Spanned[str], faults: Faults) -> Spanned[str]:
     if name.value.startswith("~"):
-        message = f"`{name.value}` cannot be an external topic: `~` stands for a node of the stack"
+        message = (
+            f"`{name.value}` cannot be an external topic, because `~` stands for a node of the "
+            "stack"
+        )
         faults.append(found("OBK109", message, name.span))
     else:
         check_topic(name, faults)
@@ -166,7 +169,7 @@ def _read_external_topic(named: Entry, faults: Faults) -> ExternalTopic:
         return topic
     if not isinstance(named.value, TreeMap):
         message = f"external topic `{named.key}` is {kind_of(named.value)}, expected a mapping"
-        help = "write `{msg_type: ...}`, or nothing"
+        help = "write `{msg_type: ...}`, or leave it empty"
         faults.append(found("OBK103", message, named.value.span, help=help))
         return topic
     fields = Fields(named.value, "an external topic", EXTERNAL_TOPIC_KEYS, faults)

@@ -76,9 +76,9 @@ def _check_code(code: Spanned[str], *, is_compared: bool) -> Diagnostic | None:
     if any(map(may_be_silenced, meant)):
         return None
     if meant:
-        help = "no plan could be made of the config; fix the error instead"
+        help = "the config cannot be used with this error; fix it instead"
         return found("OBK014", f"`{code.value}` cannot be silenced", code.span, help=help)
-    message = f"no rule has the code `{code.value}`"
+    message = f"unknown rule `{code.value}`"
     near = near_codes(code.value) if is_compared else None
     return found("OBK014", message, code.span, help=near)
 
@@ -88,7 +88,7 @@ def near_codes(code: str) -> str:
     looks_like = code[:3].upper() + code[3:].upper().translate(_DIGITS_FOR_LETTERS)
     if looks_like in RULES:
         return f"did you mean `{looks_like}`?"
-    return ask_for(near_names(code, RULES)) or "`obk explain` lists the rules"
+    return ask_for(near_names(code, RULES)) or "list the rules with `obk explain`"
 
 
 def _codes_in_comments(source: SourceFile) -> Iterator[Spanned[str]]:

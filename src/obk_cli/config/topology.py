@@ -85,7 +85,7 @@ class TopicEnd:
         """The place of the remapping, for findings about the topic."""
         if self.remapping is None:
             return ()
-        message = f"`{self.remapping.old}` is remapped to `{self.remapping.new}` here"
+        message = f"here `{self.remapping.old}` is remapped to `{self.remapping.new}`"
         return (Related(message=message, span=self.remapping.span),)
 
     @property

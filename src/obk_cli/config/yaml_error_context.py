@@ -63,9 +63,9 @@ def forbidden_character(source: SourceFile) -> Diagnostic | None:
     before = SourceFile.of(source.path, source.text[: wrong.start()]).lines
     return found(
         "OBK003",
-        f"character U+{ord(wrong[0]):04X} cannot stand in YAML",
+        f"character U+{ord(wrong[0]):04X} is not allowed in YAML",
         Span.at(source, len(before), len(before[-1]) + 1),
-        help='inside double quotes it can be written as an escape such as "\\x07"',
+        help='write it as an escape in double quotes, such as "\\x07"',
     )
 
 
@@ -109,7 +109,7 @@ class ErrorContext:
         context = error.context_mark
         return cls(
             source=source,
-            problem=error.problem or "the text ends too early",
+            problem=error.problem or "the text ends unexpectedly",
             context=error.context or "",
             line=line,
             column=column,

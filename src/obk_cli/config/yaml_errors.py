@@ -64,9 +64,9 @@ def _wrong_escape(at: ErrorContext) -> _Cause | None:
     start = at.text.rfind("\\", 0, at.column + 1)
     written = at.text[start : start + 2] if start >= 0 else "\\"
     return _Cause(
-        f"`{written}` is no escape of YAML's",
+        f"`{written}` is not a YAML escape sequence",
         at.at(at.line, max(start, 0) + 1, 2),
-        "within double quotes a backslash is written `\\\\`; within single quotes it is itself",
+        "write a backslash as `\\\\` in double quotes, or use single quotes",
     )
 
 
@@ -82,7 +82,10 @@ def _quote_closed_later(at: ErrorContext) -> _Cause | None:
     quoted = _quoted_before(at)
     if quoted is None or quoted.end_line == quoted.line:
         return None
-    return _quote_from(quoted, f"is closed only in line {quoted.end_line}, by one that was to open")
+    return _quote_from(
+        quoted,
+        f"is closed only in line {quoted.end_line}, by a quote that was meant to open a text",
+    )
 
 
 def _text_after_quote(at: ErrorContext) -> _Cause | None:
@@ -93,11 +96,11 @@ def _text_after_quote(at: ErrorContext) -> _Cause | None:
     quote, inner = quoted.text[0], quoted.text[1:-1]
     rest = without_comment(at.text[quoted.end_column - 1 :])
     if quote == "'" and rest.endswith("'"):
-        help = f'an apostrophe stands within double quotes: `"{inner}\'{rest[:-1]}"`'
+        help = f'put text with an apostrophe in double quotes: `"{inner}\'{rest[:-1]}"`'
     elif quote == '"' and rest.endswith('"'):
-        help = f"a double quote stands within single quotes: `'{inner}\"{rest[:-1]}'`"
+        help = f"put text with a double quote in single quotes: `'{inner}\"{rest[:-1]}'`"
     else:
-        help = f"put all of it in quotes: `{quote}{inner}{rest}{quote}`"
+        help = f"quote the whole value: `{quote}{inner}{rest}{quote}`"
     message = f"`{rest.strip()}` follows the quote {quote} that ends the value"
     return _Cause(message, at.span, help)
 
@@ -120,7 +123,7 @@ def _quote_from(place: Span, what: str) -> _Cause:
     value = written.rstrip(",]}")  # the quote goes before what closes a list around it
     closed = f"`{value}{quote}{written[len(value) :]}`"
     return _Cause(
-        f"the quote {quote} that opens here {what}",
+        f"the quote {quote} opened here {what}",
         Span.at(place.source, place.line, place.column, max(len(written), 1)),
         f"close it: {closed}" if written.strip(quote) else None,
     )
@@ -157,9 +160,9 @@ def _indentation(at: ErrorContext, number: int) -> _Cause | None:
         return None
     name = _BLANKS.get(wrong[0], f"U+{ord(wrong[0]):04X}")
     return _Cause(
-        f"line {number} is indented with {name}, YAML takes only spaces",
+        f"line {number} is indented with {name}, but YAML allows only spaces",
         at.at(number, wrong.start() + 1),
-        "put spaces in its place; editors can be set to do so by themselves",
+        "replace it with spaces; most editors can do this automatically",
     )
 
 
@@ -168,9 +171,9 @@ def _conflict(at: ErrorContext, number: int) -> _Cause | None:
     if mark is None:
         return None
     return _Cause(
-        f"`{mark[1]}` is left of a merge that met a conflict",
+        f"`{mark[1]}` is left over from a merge conflict",
         at.at(number, 1, len(mark[1])),
-        "keep one of the two versions, and take the marks out",
+        "keep one of the two versions and remove the conflict markers",
     )
 
 
@@ -186,9 +189,9 @@ def _braces(span: Span) -> _Cause | None:
     if braces is None:
         return None
     return _Cause(
-        f"`{braces[1]}` is not filled in, a config is no template",
+        f"`{braces[1]}` is not expanded, because a config is not a template",
         Span.at(span.source, span.line, braces.start(1) + 1, len(braces[1])),
-        "an environment variable is written `${NAME}`; braces that are text go in quotes",
+        "write an environment variable as `${NAME}`; put literal braces in quotes",
     )
 
 
@@ -198,7 +201,7 @@ def _item_after_key(at: ErrorContext) -> _Cause | None:
     if value[:1] != "-" or not at.text[: column - 1].strip():
         return None
     return _Cause(
-        "an item of a list cannot start behind a key, on its line",
+        "a list item cannot start on the same line as a key",
         at.at(at.line, column, len(value)),
         "put the item on the next line, or write the list as `[...]`",
     )
@@ -210,7 +213,7 @@ def _reserved_start(at: ErrorContext) -> _Cause | None:
     if not value or value[0] not in _OFTEN_TEXT:
         return None
     return _Cause(
-        f"text cannot start with `{value[0]}`, which means something else in YAML",
+        f"unquoted text cannot start with `{value[0]}`, which has a special meaning in YAML",
         at.at(at.line, column, len(value)),
         f"put it in quotes: `{_in_quotes(value)}`",
     )
@@ -242,8 +245,8 @@ def _extra_bracket(at: ErrorContext) -> _Cause | None:
     """`{a: b}}`."""
     if at.before.bracket is not None or at.rest[:1] not in ("]", "}"):
         return None
-    message = f"this `{at.rest[0]}` closes nothing, none is open"
-    return _Cause(message, at.span, "take it out, or put the whole value in quotes")
+    message = f"this `{at.rest[0]}` has no matching opening bracket"
+    return _Cause(message, at.span, "remove it, or quote the whole value")
 
 
 def _open_bracket(at: ErrorContext) -> _Cause | None:
@@ -262,7 +265,7 @@ def _open_bracket(at: ErrorContext) -> _Cause | None:
     written = without_comment(opening[opened.column - 1 :])
     is_near = at.is_at_end or at.line == opened.line
     return _Cause(
-        f"the `{bracket}` that opens here is never closed",
+        f"the `{bracket}` opened here is never closed",
         Span.at(opened.source, opened.line, opened.column, len(written)),
         f"close it: `{written.rstrip(', ')}{_CLOSING[bracket]}`",
         None if is_near else Related(message="noticed here", span=at.span),
@@ -275,9 +278,9 @@ def _other_bracket(at: ErrorContext) -> _Cause | None:
     if opened is None or at.rest[:1] not in ("]", "}") or at.rest[0] == _CLOSING[opened.text]:
         return None
     return _Cause(
-        f"`{at.rest[0]}` stands where the `{opened.text}` of line {opened.line} is open",
+        f"found `{at.rest[0]}` while the `{opened.text}` of line {opened.line} is still open",
         at.span,
-        f"close that with `{_CLOSING[opened.text]}` first",
+        f"close it with `{_CLOSING[opened.text]}` first",
     )
 
 
@@ -294,7 +297,7 @@ def _missing_comma(at: ErrorContext) -> _Cause | None:
         if word is not None and word.start() >= start:
             place = at.at(at.line, word.start() + 1, len(word[0].rstrip()))
     within = "braces" if opened.text == "{" else "brackets"
-    help = f"the parts within {within} are separated by commas"
+    help = f"separate the parts within {within} with commas"
     return _Cause(f"a comma is missing before `{place.text}`", place, help)
 
 
@@ -337,10 +340,10 @@ def _second_colon(at: ErrorContext) -> _Cause | None:
     if pair is None or at.column <= pair.end(1) + 1:
         return None
     value = pair[2]
-    help = f"text with `: ` in it goes in quotes: `{pair[1]}: {_in_quotes(value)}`"
+    help = f"put text that contains `: ` in quotes: `{pair[1]}: {_in_quotes(value)}`"
     if _NEXT_PAIR.search(value):
-        help = "every key has a line of its own; text with `: ` in it goes in quotes"
-    message = f"the value of `{pair[1]}` holds a colon with a space behind it"
+        help = "put each key on its own line; put text that contains `: ` in quotes"
+    message = f"the value of `{pair[1]}` contains a colon followed by a space"
     return _Cause(message, at.at(at.line, pair.start(2) + 1, len(value)), help)
 
 
@@ -358,7 +361,11 @@ def _missing_colon(at: ErrorContext) -> _Cause | None:
     if key is not None:
         return _Cause(f"`{key[1]}` has no colon", place, f"write `{key[1]}:`")
     is_wide = text[pair.end(1) :].lstrip().startswith("：")  # noqa: RUF001
-    what = f"the colon of `{pair[1]}` is a wide one" if is_wide else f"`{pair[1]}` has no colon"
+    what = (
+        f"the colon of `{pair[1]}` is a full-width character"
+        if is_wide
+        else f"`{pair[1]}` has no colon"
+    )
     return _Cause(what, place, f"write `{pair[1]}: {pair[2]}`")
 
 
@@ -397,9 +404,9 @@ def _item_among_keys(at: ErrorContext) -> _Cause | None:
     ):
         return None
     return _Cause(
-        "an item of a list (`-`) stands among the keys of a mapping",
+        "a list item (`-`) appears among the keys of a mapping",
         at.span,
-        "what holds items holds nothing else: give every key below it a dash too, or none",
+        "a block is either a list or a mapping: start every entry with a dash, or none",
         Related(message="the mapping", span=at.at(*at.context_place)),
     )
 
@@ -412,9 +419,9 @@ def _other_column(at: ErrorContext) -> _Cause | None:
     near = [s for s in _starts(at.source, at.line) if s[2] == kind and s[1] != at.column]
     if not near:
         return _Cause(
-            f"this line starts in column {at.column}, as none above it does",
+            f"this line starts in column {at.column}, unlike any line above it",
             at.span,
-            "the lines of one mapping or list start in the same column",
+            "all lines of a mapping or list must start in the same column",
         )
     line, column, _ = min(near, key=lambda s: (abs(s[1] - at.column), -s[0]))
     odd = _line_between(at, kind) if abs(column - at.column) > 2 else None
@@ -455,11 +462,12 @@ def _differs(source: SourceFile, wrong: tuple[int, int], right: tuple[int, int])
     (line, column), (other, expected) = wrong, right
     way = "right" if column < expected else "left"
     return _Cause(
-        f"this line starts in column {column}, its neighbour in line {other} in column {expected}",
+        f"this line starts in column {column}, but line {other} of the same block starts in "
+        f"column {expected}",
         Span.at(source, line, column),
-        f"move it {with_number(abs(expected - column), 'space')} to the {way}: the lines of one "
-        "mapping or list start in the same column",
-        Related(message="its neighbour", span=Span.at(source, other, expected)),
+        f"move it {with_number(abs(expected - column), 'space')} to the {way}: all lines of a "
+        "mapping or list must start in the same column",
+        Related(message="the other line", span=Span.at(source, other, expected)),
     )
 
 

@@ -68,8 +68,8 @@ def decode_source(path: str, data: bytes) -> SourceFile | Diagnostic:
 
 def too_many_values(place: Span, *, values_before: int = 0) -> Diagnostic:
     """The finding about a text that goes on past what a config may hold."""
-    together = ", together with those of the files before" if values_before else ""
-    return found("OBK006", f"the values are more than {MOST_VALUES:,}{together}", place)
+    together = ", including those of the previous files" if values_before else ""
+    return found("OBK006", f"there are more than {MOST_VALUES:,} values{together}", place)
 
 
 def parse_source(source: SourceFile, *, values_before: int = 0) -> Parsed:
@@ -143,7 +143,9 @@ class _Composer:
             if isinstance(event, yaml.DocumentStartEvent):
                 documents += 1
                 if documents > 1:
-                    message = "a second document starts here, a config is one document"
+                    message = (
+                        "a second document starts here, but a config must be a single document"
+                    )
                     self._give_up("OBK003", message, event)
             done = self._take(event)
             tree = done or tree
@@ -159,7 +161,9 @@ class _Composer:
             case yaml.CollectionStartEvent():
                 self._check_tag(event)
                 if len(self._open) >= _DEEPEST:
-                    self._give_up("OBK013", f"values are nested over {_DEEPEST} deep", event)
+                    self._give_up(
+                        "OBK013", f"values are nested more than {_DEEPEST} levels deep", event
+                    )
                 if event.anchor:
                     self._anchors[event.anchor] = None
                 self._open.append(_Collection(event))
@@ -200,7 +204,7 @@ class _Composer:
         is_text = event.tag == "tag:yaml.org,2002:str" or event.style in _QUOTED_STYLES
         value = self._seen.restored(event.value)
         if "\0" in value:
-            message = "a text with the character U+0000 in it fits neither ROS nor a path"
+            message = "text with the character U+0000 is valid neither in ROS nor in a path"
             self.faults.append(found("OBK003", message, span))
             value = value.replace("\0", "")
         return TreeScalar(value if is_text else core_scalar(value), span)
@@ -247,7 +251,7 @@ class _Composer:
             if isinstance(source, TreeMap):
                 entries += source.entries
             else:
-                message = "`<<` merges mappings, this is none"
+                message = "`<<` merges mappings, but this is not a mapping"
                 self.faults.append(found("OBK003", message, source.span))
         return entries
 
@@ -260,10 +264,10 @@ class _Composer:
         self.faults.append(
             found(
                 "OBK004",
-                f"key `{first.key}` stands twice in this mapping",
+                f"duplicate key `{first.key}` in this mapping",
                 second,
                 help=help,
-                related=(Related(message="it stands here first", span=first.key_span),),
+                related=(Related(message="first used here", span=first.key_span),),
             )
         )
 
@@ -271,8 +275,8 @@ class _Composer:
         anchored = self._anchors.get(event.anchor or "")
         if anchored is None:
             inside = event.anchor in self._anchors
-            why = "stands inside its own value" if inside else "has no anchor before it"
-            help = f'text that starts with `*` goes in quotes: `"*{event.anchor}"`'
+            why = "refers to itself" if inside else "refers to an undefined anchor"
+            help = f'put text that starts with `*` in quotes: `"*{event.anchor}"`'
             self._give_up("OBK003", f"alias `*{event.anchor}` {why}", event, help)
         self._count(anchored.weight, event)
         return anchored
@@ -281,8 +285,8 @@ class _Composer:
         if event.tag and event.tag not in _CORE_TAGS and event.tag != "!":
             tag = event.tag.replace("tag:yaml.org,2002:", "!!")
             span = self._span(event, event)
-            message = f"tag `{tag}` is not taken, a config holds plain values"
-            help = None if tag.startswith("!!") else "text that starts with `!` goes in quotes"
+            message = f"tag `{tag}` is not allowed, because a config contains only plain values"
+            help = None if tag.startswith("!!") else "put text that starts with `!` in quotes"
             self.faults.append(found("OBK005", message, span, help=help))
 
     def _give_up(

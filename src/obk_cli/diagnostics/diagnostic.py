@@ -83,7 +83,7 @@ def counted(
         rest = same[most:]
         severity = worst(rest)
         if severity:
-            message = f"and {len(rest):,} more of this rule, the first of them here"
+            message = f"and {len(rest):,} more of this rule; the first of them is here"
             kept.append(found(code, message, rest[0].span, severity=severity))
     return tuple(kept)
 

@@ -204,7 +204,7 @@ def refuse_running(runs: Path, name: str) -> None:
         raise CommandFailedError(
             f"the stack `{name}` is running in ROS domain {other.domain} (process {other.pid}), "
             "and a rehearsal at the same time would disturb both",
-            help=f"`obk stop {name}` stops it",
+            help=f"stop it with `obk stop {name}`",
         )
 
 

@@ -174,7 +174,7 @@ class LauncherParameters:
         values = self._ask(ValuesReply, do="values", names=tuple(names)).values
         if len(values) != len(names):
             raise CommandFailedError(
-                f"the launcher of the stack answers {len(values)} values, expected {len(names)}"
+                f"the launcher of the stack returned {len(values)} values, expected {len(names)}"
             )
         return {name: parameter_of(one) for name, one in zip(names, values, strict=True)}
 
@@ -210,7 +210,7 @@ def _ask(folder: Path, question: Question, kind: type[T], wait_s: float) -> T:
     """
     answer = ask_graph(folder, encode(question), wait_s)
     if answer is None:
-        raise CommandFailedError("the launcher of the stack gave no answer", help="see `obk ps`")
+        raise CommandFailedError("the launcher of the stack did not answer", help="see `obk ps`")
     if isinstance(answer, Fault):
         raise CommandFailedError(f"the launcher of the stack: {answer.error}")
     return decode_reply(answer, kind)
@@ -310,7 +310,7 @@ class GraphService:
         try:
             asked = cast(Question, decode(question, Question))
         except ValueError as error:
-            raise CommandFailedError(f"invalid question: {error}") from error
+            raise CommandFailedError(f"invalid request: {error}") from error
         if isinstance(asked, GraphQuestion):
             return graph_reply(self._graph())
         wait_s = min(asked.timeout_s, LONGEST_S)
@@ -341,6 +341,6 @@ def _of_parameters(parameters: NodeParameters, asked: ParameterQuestion) -> Repl
             )
         case "set":
             if asked.parameter is None:
-                raise CommandFailedError("invalid question: it has no `parameter`")
+                raise CommandFailedError("invalid request: it has no `parameter`")
             answer = parameters.set(asked.name, parameter_of(asked.parameter))
             return SetReply(successful=answer.successful, reason=answer.reason)

@@ -104,7 +104,7 @@ def _ask_launcher(choice: NodeSelection, transition: str, timeout_s: float | Non
     answer = ask_change(stack.folder, transition, choice.nodes, timeout_s=timeout_s, wait_s=wait_s)
     if answer is None:
         raise CommandFailedError(
-            f"the launcher of `{stack.run.name}` (process {stack.run.pid}) gave no answer",
+            f"the launcher of `{stack.run.name}` (process {stack.run.pid}) did not answer",
             help="see `obk ps` and `obk logs`",
         )
     return answer
@@ -120,10 +120,10 @@ def _if_none(environment: RosEnvironment) -> str:
     domains = sorted({run.domain for run in live} - {environment.domain})
     if domains:
         where = " and ".join(map(str, domains))
-        return f"a stack runs in the ROS domain {where}; set ROS_DOMAIN_ID"
+        return f"a stack is running in the ROS domain {where}; set ROS_DOMAIN_ID"
     return (
         "start a stack with `obk launch`; a stack on another host needs "
-        "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET here and there"
+        "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both hosts"
     )
 
 
@@ -249,7 +249,7 @@ def _taken(ros: "LifecycleClient", transition: str, node: str, timeout_s: float 
         result, fault = "timed out", f"no answer to `{transition}` within {wait_s:g} s"
     elif before not in table.starts:
         starts = " or ".join(sorted(table.starts))
-        fault = f"`{transition}` starts from {starts}, and the node is {before}"
+        fault = f"`{transition}` is possible in state {starts}, but the node is {before}"
     else:
         fault = f"`{transition}` failed: {answer.fault or 'the node gave no reason'}"
     return Member(node=node, result=result, state=_ros_state(ros, node, timeout_s), fault=fault)

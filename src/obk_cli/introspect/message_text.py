@@ -164,7 +164,7 @@ class MessageFormatter:
         if more and not self._has_warned:
             self._has_warned = True
             self._warn(
-                f"a message has {len(more)} columns more than the first one, from `{more[0]}` on; "
-                "such are left out, JSON has them"
+                f"a message has {len(more)} more columns than the first one, starting with "
+                f"`{more[0]}`; they are left out (use JSON to get them)"
             )
         yield csv_row(cells.get(name) for name in self._columns)

@@ -239,7 +239,7 @@ def node_text(seen: NodeInfo) -> Iterator[str]:
     if seen.status is not None:
         yield f"  run {plain(seen.run or '')}, {status_text(seen.status)}"
     asked = f"{seen.node}/list_parameters" in seen.services
-    unknown = "no answer" if asked else "it reports none"
+    unknown = "no answer" if asked else "not reported"
     yield f"  parameters: {unknown if seen.parameters is None else seen.parameters}"
     own = special_services(seen.services)
     for title, names in (

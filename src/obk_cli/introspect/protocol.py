@@ -185,8 +185,8 @@ def decode_reply(data: bytes | msgspec.Raw, kind: type[T]) -> T:
         failed = decode(data, FailedReply)
     except ValueError:
         raise CommandFailedError(
-            f"the launcher of the stack gives an invalid answer: {fault}",
-            help="is it of another version? Stop the stack, and launch it by this one",
+            f"the launcher of the stack sent an invalid answer: {fault}",
+            help="it may be another version of obk: stop the stack and launch it with this one",
         ) from fault
     raise CommandFailedError(failed.failed, help=failed.help)
 

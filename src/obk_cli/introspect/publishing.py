@@ -71,7 +71,7 @@ def topic_to_publish(
         msg_type = the_type("topic", seen.name, {msg_type} if msg_type else seen.msg_types)
     else:
         if fault := topic_name_fault(name):
-            raise MisuseError(f"`{name}` is no topic: {fault}")
+            raise MisuseError(f"`{name}` is not a topic name: {fault}")
         # Who listens is to be known, for the sake of robots.
         source.settle(target.nodes, 0.5, timeout_s if target.nodes else 0.5)
         seen = source.topic(name)
@@ -107,9 +107,9 @@ def wait_for_subscribers(
 
     if not source.wait_for(are_there, publication.timeout_s):
         raise CommandFailedError(
-            f"{count()} of {publication.subscribers} subscribers of {name} came within "
+            f"{count()} of {publication.subscribers} subscribers of {name} were found within "
             f"{publication.timeout_s:g} s",
-            help="`--wait-for 0` publishes without any",
+            help="use `--wait-for 0` to publish without subscribers",
         )
 
 
@@ -121,9 +121,9 @@ def refuse_robot_commands(topic: TopicInfo, target: GraphTarget) -> None:
     """
     if robots := robots_commanded_by(topic, target.plans):
         raise CommandFailedError(
-            f"{topic.name} moves {list_names(robots)}, "
-            f"which runs in the ROS domain {target.domain}",
-            help="publish there only on purpose, with `--allow-foreign`",
+            f"{topic.name} commands {list_names(robots)}, which is running in the ROS domain "
+            f"{target.domain}",
+            help="to publish anyway, add `--allow-foreign`",
         )
 
 

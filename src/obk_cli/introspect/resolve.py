@@ -63,7 +63,7 @@ def resolve_one(kind: Kind, name: str, known: Collection[str], domain: int) -> s
     fitting = matching_names(name, known)
     if len(fitting) > 1:
         raise CommandFailedError(
-            f"`{name}` means several {kind}s", help=f"name one of {list_names(fitting)}"
+            f"`{name}` is ambiguous", help=f"choose one of {list_names(fitting)}"
         )
     if not fitting:
         raise CommandFailedError(

@@ -81,14 +81,14 @@ class GraphTarget:
             names = ", ".join(sorted({run.name for run in self.runs.values()}))
             return CommandFailedError(
                 f"none of the nodes of {names} was found in the ROS domain {self.domain} in time",
-                help="wait longer with `--timeout`; `obk ps` shows whether they run",
+                help="wait longer with `--timeout`; check with `obk ps` whether they are running",
             )
         live = live_folders(runs_folder(self.environment.variables)).values()
         others = [f"{run.name} in {run.domain}" for run in live if run.domain != self.domain]
         return CommandFailedError(
             f"no stack runs in the ROS domain {self.domain}, and no other node was found in it",
             help=(
-                f"in other domains there are: {', '.join(others)}; use `--domain`, see `obk ps`"
+                f"running in other domains: {', '.join(others)}; select one with `--domain`"
                 if others
                 else "start a stack with `obk launch`; nodes not started by obk announce "
                 "themselves every 3 s; wait for them with `--timeout 5`; a stack on another host "

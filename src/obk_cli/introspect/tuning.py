@@ -60,7 +60,7 @@ class ChangedParameter:
             new += f" ({self.after.kind})"
         change = f"changed from {value_text(self.before)} to {new}"
         if self.before == self.after:
-            change = f"is {new} already"
+            change = f"is already {new}"
         effect = f", {escaped(self.effect)}" if self.effect else ""
         return f"{self.name} {change}{effect}"
 
@@ -111,8 +111,8 @@ def set_parameter(parameters: "Parameters", node: str, name: str, text: str) -> 
         _require_known(node, name, parameters)
         why = escaped(refusal(answer.reason, after))
         raise CommandFailedError(
-            f"{node} refuses {name} = {value_text(after)}: {why}",
-            help=f"it is of the type {kind}, now {value_text(before)}"
+            f"{node} rejected {name} = {value_text(after)}: {why}",
+            help=f"it has the type {kind} and the value {value_text(before)}"
             if kind not in (after.kind, NOT_SET)
             else None,
         )

@@ -238,6 +238,6 @@ def _check_camera(model: str, camera: str) -> None:
 
 def _check_output(path: Path) -> None:
     if not path.parent.is_dir():
-        raise CommandFailedError(f"{path}: the folder {path.parent} is not there")
+        raise CommandFailedError(f"{path}: the folder {path.parent} does not exist")
     if os.path.lexists(path):
-        raise CommandFailedError(f"{path} is there already", help="name another file")
+        raise CommandFailedError(f"{path} already exists", help="name another file")

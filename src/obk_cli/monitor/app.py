@@ -52,23 +52,23 @@ RESET: Final = "r"
 """With the parameters on the screen this key is no transition."""
 MOVING: Final = "activate"
 SEARCHING: Final = "looking for a stack ..."
-WAITING: Final = "no stack runs here; waiting for one (`obk launch`)"
+WAITING: Final = "no stack is running; waiting for one (`obk launch`)"
 KEYS: Final = "a activate  d deactivate  r restart  p parameters  / filter  ? help  q quit"
 TUNING_KEYS: Final = "left, right change  Enter type a value  r reset  Esc back"
 READ_EVERY: Final = 3
 """Views between two looks at parameters that others may have changed."""
 HELP: Final = (
-    "up, down    choose a node; `all nodes` is the stack",
+    "up, down    select a node; `all nodes` is the stack",
     "a  c        activate, configure",
     "d  x        deactivate, clean up",
     "r           restart: deactivate, clean up, configure, activate",
     "p           parameters of the node or the stack: left and right move a slider, Enter takes a",
-    "            value, r goes back to the config's; up, down choose; Esc closes",
-    "/           show only log lines with these words in them; Esc shows all",
-    "q           quit; the stack goes on",
-    "!           a topic that is more than a tenth off what the config promises",
-    "+           the process is shared: CPU and RSS are those of all its nodes",
-    "last ms     since the last message;   age ms   by stamps, half are younger",
+    "            value, r restores the config's; up, down select; Esc closes",
+    "/           show only log lines that contain these words; Esc shows all",
+    "q           quit; the stack keeps running",
+    "!           a topic more than 10 % off the rate in the config",
+    "+           shared process: CPU and RSS include all its nodes",
+    "last ms     since the last message;   age ms   median age by stamps",
 )
 
 
@@ -188,8 +188,8 @@ class MonitorApp(App[Exception | None]):
         for name in ("nodes", "topics", "log"):
             with VerticalScroll(id=name, can_focus=False):
                 yield Static(id=f"{name}_text")
-        yield Input(id="filter", placeholder="words in log lines; Enter keeps, Esc clears")
-        yield Input(id="value", placeholder="a value; Enter sets it, Esc does not")
+        yield Input(id="filter", placeholder="filter words; Enter applies, Esc clears")
+        yield Input(id="value", placeholder="new value; Enter sets it, Esc cancels")
         yield Static(id="message", markup=False)
         yield Static(Text(KEYS), id="keys")
 
@@ -262,7 +262,9 @@ class MonitorApp(App[Exception | None]):
         if not self._has_received:
             return  # the first line shows it
         if self._is_busy or view is None or view.has_ended:
-            self._show_message("wait for the last one to end" if self._is_busy else "nothing runs")
+            self._show_message(
+                "wait for the previous one to finish" if self._is_busy else "nothing is running"
+            )
             return
         self._to_confirm = (view, key, (self._chosen,) if self._chosen else ())
         who = short_name(self._chosen) if self._chosen else f"all {len(view.nodes)} nodes"
@@ -402,7 +404,7 @@ class MonitorApp(App[Exception | None]):
             self.post_message(ChangeProgress(f"{transition} {who} ...", is_done=False))
             try:
                 answer = self._change(view, transition, nodes)
-                fault = "" if answer.success else answer.why or "no reason was given"
+                fault = "" if answer.success else answer.why or "no reason given"
             except ObkError as error:
                 fault = f"{error.message}; {error.help}" if error.help else error.message
             except Exception as error:  # raised again where the screen is not in the way

@@ -62,7 +62,7 @@ class StackSelector:
         if self.run is None or not names:
             return graph_target.no_nodes_error()
         return CommandFailedError(
-            f"no stack `{self.run}` runs in the ROS domain {graph_target.domain}",
+            f"no stack `{self.run}` is running in the ROS domain {graph_target.domain}",
             help=did_you_mean(self.run, names),
         )
 

@@ -187,10 +187,10 @@ def _coloured(lines: Iterable[TableLine]) -> str:
 
 def _standing(view: StackView) -> str:
     if view.has_ended:
-        return f"has ended: {plain(view.cause)}" if view.cause else "has ended"
+        return f"has stopped: {plain(view.cause)}" if view.cause else "has stopped"
     if not view.run:
         return with_number(len(view.nodes), "node")
-    return view.state or view.phase or "no answer from the launcher"
+    return view.state or view.phase or "launcher does not answer"
 
 
 def _node_style(node: NodeView) -> str:
@@ -243,7 +243,7 @@ _NODE_COLUMNS: Final[tuple[_Column[NodeView], ...]] = (
             else _NOTHING
         ),
     ),
-    _Column(title="rates that are not kept", width=60, rank=6, cell=_rates, is_text=True),
+    _Column(title="missed rates", width=60, rank=6, cell=_rates, is_text=True),
 )
 _TOPIC_COLUMNS: Final[tuple[_Column[TopicView], ...]] = (
     _Column(

@@ -151,7 +151,7 @@ def show_in_proc(libc: ctypes.CDLL, arguments: Iterable[str], environment: Itera
     )
     size = ctypes.c_ulong(ctypes.sizeof(layout))
     if libc.prctl(PR_SET_MM, PR_SET_MM_MAP, ctypes.byref(layout), size, 0) != 0:
-        raise OSError("the kernel refuses the memory map")
+        raise OSError("the kernel rejects the memory map")
 
 
 def hides_imported_modules(folders: Iterable[str]) -> bool:

@@ -71,13 +71,13 @@ def playable_topics(
     commands = frozenset[str]() if may_move else command_topics(run)
     if refused := [topic for topic in named if topic in commands]:
         raise CommandFailedError(
-            f"{list_names(refused)} moves a robot",
-            help="publish commands only on purpose, with `--allow-hardware`",
+            f"{list_names(refused)} commands a robot",
+            help="to publish commands anyway, add `--allow-hardware`",
         )
     wanted = [topic for topic in recorded if not named or topic in named]
     chosen = [topic for topic in wanted if topic not in commands]
     if not chosen:
-        raise CommandFailedError(f"{run.path} has no message to publish")
+        raise CommandFailedError(f"{run.path} contains no messages to publish")
     return chosen, [topic for topic in wanted if topic in commands]
 
 

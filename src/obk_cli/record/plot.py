@@ -88,7 +88,7 @@ def parse_field(text: str) -> FieldName:
     topic, dot, path = text.partition(".")
     if not topic or not field_steps(dot + path):
         raise MisuseError(
-            f"`{text}` names no field",
+            f"`{text}` does not name a field",
             help="expected TOPIC.FIELD, such as /arm/joints.position[0] or imu.gyro.x",
         )
     return FieldName(topic=topic, path=path, text=text)
@@ -128,13 +128,13 @@ def plot_parts(
     for place, name in enumerate(fields):
         of_runs = [numbers[place] for numbers in found]
         if not any(of_runs):
-            raise CommandFailedError(f"`{name.text}`: no number was recorded")
+            raise CommandFailedError(f"`{name.text}`: no numbers were recorded")
         if max(map(len, of_runs)) > MOST_LINES:
             several = next(numbers for numbers in of_runs if len(numbers) > MOST_LINES)
             example = [*several][MOST_LINES]
             raise CommandFailedError(
                 f"`{name.text}` has more than {MOST_LINES} numbers",
-                help=f"name one of them: {name.topic}.{example}",
+                help=f"select one, such as {name.topic}.{example}",
             )
         parts.append(_part(runs, name, of_runs))
     return (_overlaid(parts),) if overlay and len(parts) > 1 else tuple(parts)

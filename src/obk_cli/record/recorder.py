@@ -208,7 +208,7 @@ class RosRecorder:
         for sentence in unmatched_requests(
             self._request, {*self._topics, *self._rejected, *self._clashing}
         ):
-            self._report(f"warning: {sentence}: nothing of it is recorded")
+            self._report(f"warning: {sentence} and is not recorded")
         self._report_drops()
 
     def close(self) -> None:

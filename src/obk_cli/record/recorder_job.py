@@ -60,10 +60,10 @@ def unmatched_requests(request: RecordRequest, found: Collection[str]) -> Iterat
     """Sentences about the names and patterns that match none of the topics found."""
     for topic in request.topics:
         if topic not in found and not _is_excluded(request, topic):
-            yield f"{topic} was not there"
+            yield f"{topic} was not found"
     for pattern in request.patterns:
         if not any(_matches(topic, pattern) for topic in found):
-            yield f"no topic fitted `{pattern}`"
+            yield f"no topic matched `{pattern}`"
 
 
 def _candidates(

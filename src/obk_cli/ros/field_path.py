@@ -122,7 +122,8 @@ def parse_selection(text: str) -> Selection:
     steps = field_steps(text if text.startswith(".") else f".{text}")
     if not steps:
         raise MisuseError(
-            f"`{text}` names no field", help="expected such as q_joints[0] or header.stamp.sec"
+            f"`{text}` does not name a field",
+            help="expected a field such as q_joints[0] or header.stamp.sec",
         )
     return Selection(steps=steps, text=text)
 

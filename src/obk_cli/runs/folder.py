@@ -99,7 +99,7 @@ def runs_folder(environment: Mapping[str, str]) -> Path:
     folder = folder_of_runs(environment)
     if folder is None:
         raise CommandFailedError(
-            "there is no folder for runs: this user has no home", help="set HOME, or OBK_HOME"
+            "no folder for runs: this user has no home directory", help="set HOME, or OBK_HOME"
         )
     return folder
 
@@ -118,7 +118,7 @@ def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
         except FileExistsError:
             continue
         return parent / f"{stem}{suffix}"
-    raise FileExistsError(f"{parent / stem}: there are 99 runs of this second")
+    raise FileExistsError(f"{parent / stem}: 99 runs were started within this second")
 
 
 def write_run(folder: Path, run: Run, made_from: RunOrigin | None = None) -> None:

@@ -35,18 +35,16 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
     """
     folders = run_folders(parent)
     if not folders:
-        raise CommandFailedError(
-            f"there are no runs in {parent}", help="start a stack with `obk launch`"
-        )
+        raise CommandFailedError(f"no runs in {parent}", help="start a stack with `obk launch`")
     named = None if run is None else _folder(folders, run)
     if run is not None and named is None:
         if node is None and select_nodes(run, _nodes(folders[0])):
             return _node_log(folders[0], run)
         names = dict.fromkeys(config_of(folder) for folder in folders)
         of_newest = () if node else tuple(map(_short, _nodes(folders[0])))
-        what = "run" if node else "run, nor a node of the newest one,"
+        what = "run" if node else "run, and no node of the newest run,"
         raise CommandFailedError(
-            f"there is no {what} called `{run}`", help=did_you_mean(run, (*names, *of_newest))
+            f"no {what} has the name `{run}`", help=did_you_mean(run, (*names, *of_newest))
         )
     folder = named or folders[0]
     return folder / LAUNCH_LOG if node is None else _node_log(folder, node)
@@ -77,7 +75,7 @@ def _node_log(folder: Path, name: str) -> Path:
         )
     if len(matching) > 1:
         raise CommandFailedError(
-            f"`{name}` means several nodes", help=f"name one of {list_names(map(_short, matching))}"
+            f"`{name}` is ambiguous", help=f"choose one of {list_names(map(_short, matching))}"
         )
     return folder / f"{matching[0].strip('/').replace('/', '.')}.log"
 

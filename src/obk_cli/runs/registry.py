@@ -134,7 +134,8 @@ def select_runs(
         where = "on this host" if domain is None else f"in the ROS domain {domain} on this host"
         names = sorted({run.name for run in candidates.values()})
         raise CommandFailedError(
-            f"no stack `{name}` runs {where}", help=did_you_mean(name, names) or "see `obk ps`"
+            f"no stack `{name}` is running {where}",
+            help=did_you_mean(name, names) or "see `obk ps`",
         )
     return selected
 
@@ -181,7 +182,7 @@ def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelec
         raise MisuseError(
             f"several stacks run in the ROS domain {matching[0].stack.run.domain}: "
             f"{', '.join(stack_names)}",
-            help="choose one with `--run NAME`, or by its nodes' full names",
+            help="choose one with `--run NAME`, or use full node names",
         )
     # One launcher per device: prefer the one that runs the nodes, then the leading one.
     best = max(matching, key=_fitness, default=None)
@@ -249,9 +250,9 @@ def status_text(node: NodeStatus) -> str:
     return "  ".join(
         [
             f"{node.state or 'no life cycle':<13}",
-            f"process {node.pid}" if node.pid is not None else "not running here",
+            f"process {node.pid}" if node.pid is not None else "not running on this host",
             *(["HANGS"] if node.hangs else ()),
-            *([f"started again {with_number(node.restarts, 'time')}"] if node.restarts else ()),
+            *([f"restarted {with_number(node.restarts, 'time')}"] if node.restarts else ()),
         ]
     )
 

@@ -35,7 +35,7 @@ def did_you_mean_config(path: str) -> str | None:
     if near:
         shown = (_from(here, config) for config in near)
         return f"did you mean {' or '.join(f'`{name}`' for name in shown)}?"
-    return f"there is: {list_names(map(str, beside))}" if beside else None
+    return f"available: {list_names(map(str, beside))}" if beside else None
 
 
 def _near(written: Path, configs: list[Path]) -> list[Path]:

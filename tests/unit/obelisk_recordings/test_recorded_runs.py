@@ -236,7 +236,7 @@ def test_a_run_is_opened_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("look", "told"),
     [
-        (lambda run: run["amr"], "there is: `/robot/arm`"),
+        (lambda run: run["amr"], "available: `/robot/arm`"),
         (lambda run: run["arm"]["qq"], "did you mean `q`"),
         (lambda run: run["arm"]["q[2]"], "has only 2 items"),
         (lambda run: run["arm"]["last[0]"], "is no array"),

@@ -17,7 +17,7 @@ def test_letter_case_does_not_count() -> None:
 
 
 def test_what_exists_is_listed_where_nothing_is_near() -> None:
-    assert did_you_mean("zzz", ["alpha", "beta"]) == "there is: `alpha`, `beta`"
+    assert did_you_mean("zzz", ["alpha", "beta"]) == "available: `alpha`, `beta`"
     assert did_you_mean("alpa", ["alpha", "beta"]) == "did you mean `alpha`?"
     assert did_you_mean("alpa", []) is None
 

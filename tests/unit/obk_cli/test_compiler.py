@@ -43,9 +43,11 @@ def test_garbage_is_collected_afterwards_as_it_was_before(text: str, is_enabled:
 def test_a_file_that_cannot_be_read_is_a_finding(tmp_path: Path) -> None:
     outcome = compile_config("none.yaml", options(tmp_path))
     assert [str(d) for d in outcome.diagnostics] == [
-        "none.yaml:1:1: error[OBK001]: `none.yaml` cannot be read: there is no such file"
+        "none.yaml:1:1: error[OBK001]: `none.yaml` cannot be read: file not found"
     ]
-    assert "it is a folder" in str(compile_config(str(tmp_path), options(tmp_path)).diagnostics[0])
+    assert "it is a directory" in str(
+        compile_config(str(tmp_path), options(tmp_path)).diagnostics[0]
+    )
 
 
 def test_a_file_that_is_not_there_may_be_meant_to_be_one_that_is(
@@ -102,8 +104,8 @@ def test_what_no_plan_could_be_made_of_is_always_heard() -> None:
 def test_a_code_that_silences_nothing_is_told_where_it_was_asked_for() -> None:
     outcome = compile_text(f"{SOUND}obk: {{ignore: [OBK013]}}\n", ignore=("OBK4", "OBK9", ""))
     assert [(str(d.span), d.code, d.message) for d in outcome.diagnostics] == [
-        ("<command line>:1:10", "OBK014", "no rule has the code `OBK9`"),
-        ("<command line>:1:10", "OBK014", "no rule has the code ``"),
+        ("<command line>:1:10", "OBK014", "unknown rule `OBK9`"),
+        ("<command line>:1:10", "OBK014", "unknown rule ``"),
         ("<text>:42:16", "OBK014", "`OBK013` cannot be silenced"),
     ]
     assert outcome.plan is not None
@@ -114,7 +116,7 @@ def test_a_code_that_silences_nothing_is_told_where_it_was_asked_for() -> None:
     [
         ("OBK2O1", "did you mean `OBK201`?"),
         ("obk203", "did you mean `OBK203`?"),
-        ("everything", "`obk explain` lists the rules"),
+        ("everything", "list the rules with `obk explain`"),
     ],
 )
 def test_a_code_that_is_none_is_told_with_the_one_that_was_meant(written: str, help: str) -> None:
@@ -170,7 +172,7 @@ def compile_files(files: dict[str, str]) -> list[str]:
     """What is found in `main.yaml`, none of whose files is on a disk."""
 
     def read(path: str) -> bytes | str:
-        return files[path].encode() if path in files else "there is no such file"
+        return files[path].encode() if path in files else "file not found"
 
     made = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK2", "OBK4"), read=read)
     return [str(fault) for fault in compile_config("main.yaml", made).diagnostics]
@@ -187,7 +189,7 @@ def test_the_files_of_a_config_hold_only_so_many_values_together(
     (fault,) = compile_files({"main.yaml": "include: [a, b, c, d]\n", **parts})
     assert fault.startswith("c:1:")
     assert fault.endswith(
-        "error[OBK006]: the values are more than 1,500, together with those of the files before"
+        "error[OBK006]: there are more than 1,500 values, including those of the previous files"
     )
     (fault,) = compile_files({"main.yaml": "include: [a, a, a, a]\n", **parts})
     assert fault.startswith("a:1:1: error[OBK006]")
@@ -198,8 +200,7 @@ def test_the_files_of_a_config_are_only_so_long_together() -> None:
     parts = {"a": f"vars: 1 {long}", "b": f"vars: 2 {long}", "c": "vars: 3\n"}
     assert compile_files({"main.yaml": "include: [a, a, c]\n", **parts}) == []
     assert compile_files({"main.yaml": "include: [a, b, c]\n", **parts}) == [
-        "b:1:1: error[OBK007]: this file and those before it are longer than 10 MiB, so it is not "
-        "read"
+        "b:1:1: error[OBK007]: this file and those before it exceed 10 MiB, so it is not read"
     ]
 
 
@@ -213,14 +214,14 @@ def test_the_bytes_of_a_config_count_and_not_its_letters(letter: str, is_too_lon
 def test_a_file_whose_name_stands_for_the_standard_input_is_a_file() -> None:
     assert compile_files({"main.yaml": 'include: "-"\n', "./-": "vars: 1\n"}) == []
     (fault,) = compile_files({"main.yaml": 'include: "-"\n', "-": "vars: 1\n"})
-    assert "included file `-` cannot be read: there is no such file" in fault
+    assert "included file `-` cannot be read: file not found" in fault
 
 
 def test_only_so_many_files_are_included() -> None:
     listed = ", ".join("a" * 102)
     assert compile_files({"main.yaml": f"include: [{listed}]\n", "a": "vars: 1\n"}) == [
-        "main.yaml:1:311: error[OBK007]: over 100 files are included; `a` and all further ones are "
-        "not"
+        "main.yaml:1:311: error[OBK007]: more than 100 files are included; `a` and all later "
+        "ones are ignored"
     ]
 
 

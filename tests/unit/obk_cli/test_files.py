@@ -39,7 +39,7 @@ def test_the_pipe_of_a_shell_is_read() -> None:
 
 def test_a_standard_input_that_was_closed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", None)
-    assert read_bytes(STANDARD_INPUT) == "it is closed"
+    assert read_bytes(STANDARD_INPUT) == "the stream is closed"
 
 
 def test_what_never_ends_is_read_in_part() -> None:
@@ -52,17 +52,17 @@ def test_a_file_that_may_not_be_written_is_not_told_as_one_that_may_not_be_read(
     tmp_path: Path,
 ) -> None:
     error = unwritable(tmp_path / "x", PermissionError(13, "Permission denied"))
-    assert error.message == f"`{tmp_path}/x` cannot be written: it may not be written"
+    assert error.message == f"`{tmp_path}/x` cannot be written: permission denied"
     gone = unwritable(tmp_path / "x", FileNotFoundError(2, "No such file or directory"))
-    assert gone.message.endswith("cannot be written: there is no such file")
+    assert gone.message.endswith("cannot be written: file not found")
 
 
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
         ("loop", "too many levels of symbolic links"),
-        ("gone", "there is no such file"),
-        (".", "it is a folder"),
+        ("gone", "file not found"),
+        (".", "it is a directory"),
         ("\0", "embedded null"),
     ],
 )

@@ -31,16 +31,16 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
     [
         (OSError(errno.ENOSPC, "no", "/a/b"), "`/a/b`: the disk is full"),
         (OSError(errno.ENOSPC, "no"), "the disk is full"),
-        (OSError(errno.EMFILE, "no"), "this process may open no more files (see `ulimit -n`)"),
-        (MemoryError(), "there is not enough memory (see `ulimit -v`)"),
-        (OSError(errno.ENOMEM, "no"), "there is not enough memory (see `ulimit -v`)"),
+        (OSError(errno.EMFILE, "no"), "too many open files in this process (see `ulimit -n`)"),
+        (MemoryError(), "out of memory (see `ulimit -v`)"),
+        (OSError(errno.ENOMEM, "no"), "out of memory (see `ulimit -v`)"),
         (
             RuntimeError("can't start new thread"),
-            "no more threads or processes can be started (see `ulimit -u`, `ulimit -v`)",
+            "cannot start more threads or processes (see `ulimit -u`, `ulimit -v`)",
         ),
         (
             OSError(errno.EAGAIN, "no"),
-            "no more threads or processes can be started (see `ulimit -u`, `ulimit -v`)",
+            "cannot start more threads or processes (see `ulimit -u`, `ulimit -v`)",
         ),
     ],
 )
@@ -108,7 +108,7 @@ def test_a_working_folder_that_was_removed_is_told(tmp_path: Path) -> None:
         ["/bin/sh", "-c", command], capture_output=True, text=True, timeout=60, check=False
     )
     assert ended.returncode == 1
-    assert ended.stderr == "error: the folder that this was started in is not there any more\n"
+    assert ended.stderr == "error: the working folder no longer exists\n"
 
 
 def test_an_output_on_a_full_disk_is_told() -> None:
@@ -143,7 +143,7 @@ def test_a_module_in_the_place_of_a_library_is_named(
     assert ended.returncode == 1
     assert ended.stderr.startswith("error: ")
     assert told in ended.stderr
-    assert f"`{tmp_path}/{module}.py` is used in the place of a library" in ended.stderr
+    assert f"`{tmp_path}/{module}.py` shadows a library" in ended.stderr
     assert ended.stderr.endswith("\n  help: unset PYTHONPATH\n")
 
 

@@ -102,7 +102,7 @@ def test_a_command_that_needs_one_says_which_and_how(
     extra, _ = NEEDS[verb]
     assert (code, out) == (1, "")
     assert err.startswith("error: ")
-    assert f"help: `{install_command(extra)}` brings it" in err
+    assert f"help: install it with `{install_command(extra)}`" in err
 
 
 def test_the_document_tells_the_same(repository: Path) -> None:

@@ -9,8 +9,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK001",
         severity="error",
         title="a file cannot be read",
-        cause="The file is not there, is a folder, or may not be read.",
-        fix="Check the path, relative to the folder you stand in, and the file's permissions.",
+        cause="The file does not exist, is a folder, or is not readable.",
+        fix="Check the path, which is relative to the current folder, and the file's permissions.",
     ),
     Rule(
         code="OBK002",
@@ -23,55 +23,56 @@ RULES: tuple[Rule, ...] = (
         code="OBK003",
         severity="error",
         title="the text is not YAML",
-        cause="Usual causes: a tab in the indentation, no space after a colon, lines of one "
-        "block that start in different columns, an open quote or bracket.",
-        fix="Fix the text at the place named, or just above it.",
+        cause="Usual causes: a tab in the indentation, no space after a colon, inconsistent "
+        "indentation, an unclosed quote or bracket.",
+        fix="Fix the text at the reported location, or just above it.",
     ),
     Rule(
         code="OBK004",
         severity="error",
-        title="a key stands twice in one mapping",
+        title="a duplicate key in a mapping",
         cause="YAML would silently keep one of the two.",
-        fix="Remove one, or make the two a list.",
+        fix="Remove one, or merge the two into a list.",
     ),
     Rule(
         code="OBK005",
         severity="error",
-        title="a tag that would build an object",
-        cause="A config holds plain values only, so that reading it can run nothing.",
+        title="a tag that would create an object",
+        cause="A config contains only plain values, so that reading it cannot run code.",
         fix="Remove the tag.",
     ),
     Rule(
         code="OBK006",
         severity="error",
-        title="more values than a config has",
-        cause="All files of a config together may hold 150,000 values, an alias counted as all "
-        "that it stands for: aliases of aliases multiply, and a small file can mean billions.",
-        fix="Use fewer levels of aliases, or write the values out; name the file that was meant "
-        "if this one holds data and not a config.",
+        title="too many values",
+        cause="All files of a config together may contain 150,000 values. An alias counts as all "
+        "values that it stands for, because nested aliases in a small file can expand to "
+        "billions.",
+        fix="Use fewer levels of aliases, or write the values out. If the file is data and not "
+        "a config, correct its path.",
     ),
     Rule(
         code="OBK007",
         severity="error",
-        title="more text than a config has",
-        cause="All files of a config together may be 10 MiB long, as may what variables make of "
-        "them, and 100 files be included. No config is longer; most likely one of the files is not "
-        "the one that was meant.",
-        fix="Name the file that was meant, or make several configs.",
+        title="too much text",
+        cause="All files of a config together may be 10 MiB long, before and after variables are "
+        "expanded. At most 100 files can be included. A larger config probably includes a "
+        "wrong file.",
+        fix="Correct the path, or split the config.",
     ),
     Rule(
         code="OBK008",
         severity="error",
         title="an included file cannot be read",
-        cause="Paths of `include:` are relative to the file that includes.",
+        cause="Paths of `include:` are relative to the including file.",
         fix="Correct the path.",
     ),
     Rule(
         code="OBK009",
         severity="error",
         title="files include each other in a circle",
-        cause="A file would have to be merged into itself.",
-        fix="Remove one of the includes in the chain that is shown.",
+        cause="A file cannot be merged into itself.",
+        fix="Remove one of the includes in the reported chain.",
     ),
     Rule(
         code="OBK010",
@@ -84,200 +85,203 @@ RULES: tuple[Rule, ...] = (
         code="OBK011",
         severity="error",
         title="an environment variable is not set",
-        cause="`${NAME}` is replaced when the config is read, and nothing stands in for it.",
+        cause="`${NAME}` is replaced when the config is read, but the variable has no value and no "
+        "default.",
         fix="Set the variable, write a default as `${NAME:-text}`, or `$${` for a literal `${`.",
     ),
     Rule(
         code="OBK012",
         severity="error",
         title="`--set` does not fit the config",
-        cause="The path leads to nothing that could be set, or the option is not `path=value`.",
-        fix="Write for example `--set robot[0].sim[0].time_step=0.001`.",
+        cause="The path does not exist in the config, or the option is not `path=value`.",
+        fix="Write, for example, `--set robot[0].sim[0].time_step=0.001`.",
     ),
     Rule(
         code="OBK013",
         severity="error",
         title="values are nested too deeply",
-        cause="A config needs a dozen levels; this text has over a hundred.",
-        fix="Remove the needless brackets or indentation.",
+        cause="A config needs about a dozen levels; this one has over a hundred.",
+        fix="Remove unneeded brackets or indentation.",
     ),
     Rule(
         code="OBK014",
         severity="warning",
-        title="what cannot be silenced",
-        cause="An `ignore` in a comment, in the config or on the command line names no rule, or "
-        "one whose findings leave no config to go on with, so it has no effect.",
-        fix="Correct the code; the beginning of codes, such as `OBK4`, stands for all of them.",
+        title="an `ignore` without effect",
+        cause="An `ignore` in a comment, in the config or on the command line has no effect. Its "
+        "code is not that of a rule, or the rule cannot be silenced because its findings "
+        "leave no usable config.",
+        fix="Correct the code. A prefix such as `OBK4` stands for all codes that start with it.",
     ),
     Rule(
         code="OBK016",
         severity="info",
         title="a fragment that another config includes",
-        cause="Another config of the workspace includes this file, so `obk validate` does not "
-        "report what the file lacks: keys, nodes, publishers and subscribers that the other "
-        "config may have.",
+        cause="Another config of the workspace includes this file. `obk validate` therefore does "
+        "not report missing keys, nodes, publishers or subscribers, which the other config "
+        "may define.",
         fix="Validate the config that includes it.",
     ),
     Rule(
         code="OBK101",
         severity="error",
         title="an unknown key",
-        cause="The language has no such key here, so it would have no effect.",
-        fix="Correct the spelling or remove it. The user's own values belong under `params`.",
+        cause="This key is not valid here and would have no effect.",
+        fix="Correct the spelling or remove the key. Your own values belong under `params`.",
     ),
     Rule(
         code="OBK102",
         severity="error",
         title="a key is missing",
-        cause="The mapping means nothing without it.",
+        cause="The mapping is incomplete without it.",
         fix="Add the key.",
     ),
     Rule(
         code="OBK103",
         severity="error",
-        title="a value of the wrong kind",
-        cause="For example text where a number is expected, or one value where a list is.",
-        fix="Write a value of the kind that the message names.",
+        title="a value of the wrong type",
+        cause="For example text instead of a number, or a single value instead of a list.",
+        fix="Write a value of the type that the message names.",
     ),
     Rule(
         code="OBK104",
         severity="error",
         title="a value out of range",
-        cause="Periods must be above 0, counts at least 1, and both no more than what is behind "
-        "them can hold: 32 bits for counts, 64 bits of nanoseconds for periods.",
+        cause="Periods must be greater than 0 and fit in 64 bits as nanoseconds. Counts must be "
+        "at least 1 and fit in 32 bits.",
         fix="Write a value within the range that the message names.",
     ),
     Rule(
         code="OBK105",
         severity="error",
-        title="a value that is not one of the allowed",
-        cause="The key takes only the values that the message lists.",
+        title="a value that is not allowed",
+        cause="The key accepts only the values that the message lists.",
         fix="Write one of them.",
     ),
     Rule(
         code="OBK106",
         severity="error",
         title="a component without a name",
-        cause="Neither `ros_parameter` nor `key` names the component of the code.",
-        fix="Add the `ros_parameter` that the code declares, or the component's `key`.",
+        cause="Neither `ros_parameter` nor `key` identifies the component in the code.",
+        fix="Add the `ros_parameter` declared in the code, or the component's `key`.",
     ),
     Rule(
         code="OBK107",
         severity="error",
         title="`ros_parameter` and `key` name different components",
-        cause="The key is that of another component of the node, in the config or in the code, or "
-        "a misspelling of this one's. A name of your own is taken: the node finds the component "
-        "by it too.",
-        fix="Remove one of the two, or make them agree.",
+        cause="The key belongs to another component of the node, in the config or in the code, "
+        "or is misspelled. A key of your own is fine, because the node also finds the "
+        "component by it.",
+        fix="Remove one of the two, or make them match.",
     ),
     Rule(
         code="OBK108",
         severity="error",
-        title="one component is configured twice",
-        cause="Two entries of a node name the same component: the node uses the first and ignores "
-        "the others, which is a warning. Two `sim` blocks for the same parameter are an error.",
-        fix="Remove one, or give it the name of the component that you meant.",
+        title="a component is configured twice",
+        cause="Two entries of a node name the same component. The node uses the first entry and "
+        "ignores the others, so this is a warning. Two `sim` blocks for the same parameter "
+        "are an error.",
+        fix="Remove one, or correct the name of its component.",
     ),
     Rule(
         code="OBK109",
         severity="error",
-        title="not a topic name",
-        cause="ROS takes letters, digits, `_` and `/`; no part may start with a digit.",
+        title="an invalid topic name",
+        cause="A topic name has letters, digits, `_` and `/`, and no part may start with a digit.",
         fix="Rename the topic.",
     ),
     Rule(
         code="OBK110",
         severity="error",
-        title="not a node name or namespace",
-        cause="ROS takes letters, digits and `_`; no part may start with a digit.",
-        fix="Rename it.",
+        title="an invalid node name or namespace",
+        cause="A name consists of letters, digits and `_`; no part may start with a digit.",
+        fix="Correct the name.",
     ),
     Rule(
         code="OBK111",
         severity="error",
-        title="not a package name",
-        cause="A ROS package name is letters, digits, `_` and `-`, and starts with a letter.",
+        title="an invalid package name",
+        cause="A ROS package name has letters, digits, `_` and `-`, and starts with a letter.",
         fix="Write the package's name, not its path.",
     ),
     Rule(
         code="OBK112",
         severity="error",
-        title="two spellings mixed",
-        cause="Sections stand both at the top level and inside devices, so it is unclear on "
-        "which device the former run.",
-        fix="Move the sections of the top level into a device, for example `onboard:`.",
+        title="mixed syntax: sections inside and outside devices",
+        cause="Sections occur both at the top level and inside devices, so it is unclear which "
+        "device runs the former.",
+        fix="Move the top-level sections into a device, for example `onboard:`.",
     ),
     Rule(
         code="OBK113",
         severity="error",
-        title="a parameter that ROS cannot hold",
-        cause="ROS parameters are bool, int, float, text, and lists of one of these.",
-        fix="Write a value of that kind; nested mappings become dotted names.",
+        title="an invalid ROS parameter",
+        cause="A ROS parameter is a bool, an int, a float, text, or a list of one of these.",
+        fix="Write a value of one of these types; nested mappings become dotted names.",
     ),
     Rule(
         code="OBK114",
         severity="error",
         title="not a config",
-        cause="The file holds something else, such as a ray caster's settings.",
-        fix="Name the config that uses this file.",
+        cause="The file contains something else, such as the settings of a ray caster.",
+        fix="Give the config that uses this file.",
     ),
     Rule(
         code="OBK115",
         severity="error",
         title="an unknown message type",
-        cause="No Obelisk message and no common ROS one has this name. It is an info for a node in "
-        "C++, which ignores `msg_type`.",
-        fix="Correct the name, or write the package too, `my_msgs/MyMessage`.",
+        cause="Neither Obelisk nor the common ROS packages define this message. For a C++ node, "
+        "which ignores `msg_type`, this is an info.",
+        fix="Correct the name, or include the package: `my_msgs/MyMessage`.",
     ),
     Rule(
         code="OBK501",
         severity="info",
-        title="an older name of a key",
-        cause="It is read as the newer one.",
-        fix="Write the newer name.",
+        title="a deprecated key",
+        cause="The key still works, but it has a newer name.",
+        fix="Use the newer name.",
     ),
     Rule(
         code="OBK502",
         severity="warning",
-        title="a path into one person's home",
-        cause="On another machine, and for another person, there is no such folder.",
-        fix="Write the path relative to the config, name its package, or use `${HOME}`.",
+        title="a path into a user's home directory",
+        cause="The folder does not exist on other machines or for other users.",
+        fix="Make the path relative to the config, name its package, or use `${HOME}`.",
     ),
     Rule(
         code="OBK503",
         severity="warning",
-        title="`n_u` is not the model's",
+        title="`n_u` differs from the model",
         cause="`n_u` is a legacy key; the number of controls comes from the model.",
-        fix="Leave `n_u` out.",
+        fix="Remove `n_u`.",
     ),
     Rule(
         code="OBK504",
         severity="warning",
-        title="`time_step` is not the model's",
-        cause="The simulator uses the config's `time_step` instead of the step that the model was "
-        "tuned with. The original Obelisk ignores `time_step` and uses the model's.",
-        fix="Leave `time_step` out to get the original's numbers, or make the two agree.",
+        title="`time_step` differs from the model",
+        cause="The simulator uses the config's `time_step` instead of the step for which the "
+        "model was tuned. The original Obelisk ignores `time_step` and uses the model's.",
+        fix="Remove `time_step` to reproduce the original's results, or make both values equal.",
     ),
     Rule(
         code="OBK505",
         severity="info",
         title="a list that mixes int and float",
-        cause="ROS lists hold one type; the whole list is read as floats.",
+        cause="A ROS list has one element type; the whole list is read as floats.",
         fix="Write every number with a decimal point.",
     ),
     Rule(
         code="OBK506",
         severity="info",
         title="a key without effect",
-        cause="The key is accepted for the sake of older configs, or another key leaves it nothing "
-        "to decide.",
+        cause="The key is accepted for compatibility with older configs, or another key "
+        "overrides it.",
         fix="Remove it.",
     ),
     Rule(
         code="OBK507",
         severity="info",
-        title="a default written out",
-        cause="The key repeats the default; many configs do so, and it is harmless.",
-        fix="Leave the key out, or leave it there.",
+        title="an explicit default",
+        cause="The key repeats the default value. This is common and harmless.",
+        fix="Optionally remove the key.",
     ),
 )

@@ -10,21 +10,21 @@ RULES: tuple[Rule, ...] = (
         severity="info",
         title="model checks skipped",
         cause="MuJoCo is not installed in this Python.",
-        fix="Install the `mujoco` package to have sensor, site and geom names checked.",
+        fix="Install the `mujoco` package to enable checks of sensor, site and geom names.",
     ),
     Rule(
         code="OBK301",
         severity="error",
         title="model not found",
-        cause="The file is in none of the places where models are looked for.",
+        cause="The file was not found in any of the folders searched for models.",
         fix="Correct `model_xml_path`, or name the package that holds the model as `robot_pkg`.",
     ),
     Rule(
         code="OBK302",
         severity="error",
         title="the model is not MJCF",
-        cause="MuJoCo cannot read the file; the message is MuJoCo's.",
-        fix="Correct the model at the line that is shown.",
+        cause="MuJoCo cannot read the file; the message shows its error.",
+        fix="Fix the model at the reported line.",
     ),
     Rule(
         code="OBK303",
@@ -36,71 +36,71 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK304",
         severity="error",
-        title="a sensor of another type",
+        title="a sensor of the wrong type",
         cause="The model has a sensor of that name, but of another type.",
-        fix="Write the model's type, or name the sensor that was meant.",
+        fix="Write the model's type, or name the intended sensor.",
     ),
     Rule(
         code="OBK305",
         severity="error",
-        title="a sensor that the message cannot carry",
-        cause="The message has no field for what this sensor or ray pattern measures.",
-        fix="Move it into a sensor group whose message has one.",
+        title="a sensor that does not fit the message",
+        cause="The message has no field for the values of this sensor or ray pattern.",
+        fix="Move it into a sensor group whose message has such a field.",
     ),
     Rule(
         code="OBK306",
         severity="error",
         title="too many sensors or too few",
-        cause="The message has room for a certain number of sensors of each type.",
-        fix="Give as many as the message takes.",
+        cause="The message holds a fixed number of sensors of each type.",
+        fix="Configure as many sensors as the message holds.",
     ),
     Rule(
         code="OBK307",
         severity="info",
-        title="a message only partly filled",
-        cause="A sensor that the message has fields for is not given.",
-        fix="Add the sensor, or change nothing if no node reads those fields.",
+        title="a partly filled message",
+        cause="The message has fields for a sensor that is not configured.",
+        fix="Add the sensor. No change is needed if no node reads those fields.",
     ),
     Rule(
         code="OBK308",
         severity="error",
-        title="sensors at different places",
-        cause="One message describes one place of the robot; its sensors sit at several.",
-        fix="Name sensors of one site or object.",
+        title="sensors at different locations",
+        cause="A message describes one location on the robot, but its sensors are at several.",
+        fix="Use sensors of the same site or object.",
     ),
     Rule(
         code="OBK309",
         severity="error",
         title="a joint sensor on a ball or free joint",
         cause="Joint encoders measure one number per joint.",
-        fix="Name a sensor of a hinge or slide joint.",
+        fix="Use a sensor of a hinge or slide joint.",
     ),
     Rule(
         code="OBK310",
         severity="error",
         title="a keyframe that is not in the model",
-        cause="`ic_keyframe` names the state from which the simulation starts.",
+        cause="`ic_keyframe` names the initial state of the simulation.",
         fix="Correct the name, or add the keyframe to the model.",
     ),
     Rule(
         code="OBK311",
         severity="warning",
         title="a geom that is not in the model",
-        cause="`viz_geoms` names geoms of the model. The simulator logs the others once and shows "
-        "the rest.",
-        fix="Correct the name, or name the geom in the model.",
+        cause="`viz_geoms` names geoms of the model. The simulator logs unknown ones once and "
+        "shows the rest.",
+        fix="Correct the name, or give the geom this name in the model.",
     ),
     Rule(
         code="OBK312",
         severity="error",
-        title="a geom of another type",
+        title="a geom of the wrong type",
         cause="The model has a geom of that name, but of another type.",
         fix="Write the model's type.",
     ),
     Rule(
         code="OBK313",
         severity="error",
-        title="a ray caster's site or frame is not in the model",
+        title="a ray caster's site or frame that is not in the model",
         cause="Rays start at a site of the model. With `points_in: frame`, the points of a cloud "
         "are given in `frame`: `world`, or a site, body, geom or camera of the model. Without it, "
         "`frame` is a label.",
@@ -116,9 +116,9 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK315",
         severity="error",
-        title="a control that the simulator cannot apply",
-        cause="The simulator writes the message's `u_mujoco` to the actuators; this message has "
-        "no such field.",
+        title="a command that the simulator cannot apply",
+        cause="The simulator writes the message's `u_mujoco` to the actuators, but this message "
+        "has no such field.",
         fix="Subscribe the robot to `PositionSetpoint` or `PDFeedForward`.",
     ),
     Rule(
@@ -131,40 +131,41 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK317",
         severity="warning",
-        title="a control of the wrong length",
-        cause="The controller's code writes a list of fixed length into the control message, and "
-        "the model has another number of actuators; such a message is refused.",
-        fix="Write one value for each actuator, in the order of the model.",
+        title="a command of the wrong length",
+        cause="The controller writes a list of fixed length into the control message, but the "
+        "model has a different number of actuators. The simulator rejects such messages.",
+        fix="Write one value per actuator, in the order of the model.",
     ),
     Rule(
         code="OBK318",
         severity="warning",
         title="files of the model are missing",
-        cause="Meshes or textures are not at the model's paths; its structure was still checked.",
-        fix="Put the files there, or correct the model's `meshdir` and `texturedir`.",
+        cause="Meshes or textures were not found at the paths in the model. Its structure was "
+        "checked.",
+        fix="Add the files, or correct `meshdir` and `texturedir` in the model.",
     ),
     Rule(
         code="OBK319",
         severity="error",
         title="a message that no sensor group can publish",
-        cause="The simulator fills only the messages that the message lists.",
+        cause="The simulator can only publish the message types listed in the report.",
         fix="Write one of them.",
     ),
     Rule(
         code="OBK320",
         severity="warning",
-        title="zero where zero is a position",
-        cause="When commands stop, `stale_action: zero`, which is also what is done where none is "
-        "written, has every actuator get the control 0. To a position servo that is the position "
-        "0, and the robot goes there with all its strength.",
-        fix="Write `stale_action: hold` or `damp`. Where the position 0 is safe, silence this.",
+        title="zero commands move the robot to position 0",
+        cause="When commands stop, `stale_action: zero` (the default) sets the control of every "
+        "actuator to 0. For a position servo this is the position 0, and the robot moves "
+        "there at full force.",
+        fix="Set `stale_action: hold` or `damp`. If the position 0 is safe, silence the rule.",
     ),
     Rule(
         code="OBK321",
         severity="error",
         title="a simulator without its `sim` block",
-        cause="`obelisk_mujoco_robot` reads its model and its sensors from the block of the "
-        "parameter `mujoco_setting`, and cannot be configured without one.",
-        fix="Add a `sim` block without a `ros_parameter`, or name the executable that was meant.",
+        cause="`obelisk_mujoco_robot` reads its model and sensors from the block of the "
+        "parameter `mujoco_setting` and cannot be configured without it.",
+        fix="Add a `sim` block without a `ros_parameter`, or correct the executable.",
     ),
 )

@@ -9,19 +9,20 @@ RULES: tuple[Rule, ...] = (
         code="OBK401",
         severity="error",
         title="a package is not found",
-        cause="It is not in the workspace, not in the Python environment, not on "
-        "AMENT_PREFIX_PATH.",
-        fix="Correct the name, put the package into the workspace, or source the one that has it.",
+        cause="It is not in the workspace, the Python environment or AMENT_PREFIX_PATH.",
+        fix="Correct the name, add the package to the workspace, or source the workspace that "
+        "contains it.",
     ),
     Rule(
         code="OBK402",
         severity="error",
         title="an executable is not in its package",
-        cause="The package is there, but it has no executable of that name, or none that can run: "
-        "CMakeLists.txt declares it and it is not built, it is built and its workspace is not "
-        "sourced, or its file has no execute bit.",
-        fix="Correct the name, or add the entry point to the package. The help has the command "
-        "that builds the package, sources its workspace or sets the execute bit.",
+        cause="The package exists, but it has no such executable, or the executable cannot run. "
+        "It may be declared in CMakeLists.txt but not built, built in a workspace that is "
+        "not sourced, or lack the execute bit.",
+        fix="Correct the name, or add the entry point to the package. The help of the finding "
+        "shows the command that builds the package, sources its workspace or sets the "
+        "execute bit.",
     ),
     Rule(
         code="OBK403",
@@ -29,30 +30,31 @@ RULES: tuple[Rule, ...] = (
         title="the package of a model or description is not found",
         cause="`robot_pkg` is searched in the workspace, the Python environment and "
         "AMENT_PREFIX_PATH.",
-        fix="Correct the name, or put the package into the workspace.",
+        fix="Correct the name, or add the package to the workspace.",
     ),
     Rule(
         code="OBK404",
         severity="warning",
         title="a file that the config names is missing",
-        cause="The path is handed to a node, which may not start without it.",
+        cause="The path is passed to a node, which may not start without the file.",
         fix="Correct the path.",
     ),
     Rule(
         code="OBK405",
         severity="error",
-        title="a component of the code that the config lacks",
-        cause="The node's class registers it, and the node cannot be configured without its "
-        "settings. It is a warning if the node only logs that it is missing, as in the API since "
-        "2026-05, and an info if the code calls it optional.",
-        fix="Add the component to the node, or register it with `required=False`.",
+        title="a component that the config lacks",
+        cause="The node's class registers the component, and the node cannot be configured "
+        "without its settings. This is a warning if the node only logs that it is missing, "
+        "as in the API since 2026-05. It is an info if the code declares it optional.",
+        fix="Add the component to the config, or register it with `required=False`.",
     ),
     Rule(
         code="OBK406",
         severity="error",
-        title="a component that no code registers",
-        cause="The node's class has no component of this name, so the entry would have no effect. "
-        "It is an info if a simulator ignores what only its robot's hardware uses.",
+        title="a component that the code does not register",
+        cause="The node's class has no component of this name, so the entry would have no "
+        "effect. This is an info if the component is for the hardware and the simulator "
+        "ignores it.",
         fix="Write the name that the code registers, or remove the entry.",
     ),
     Rule(
@@ -65,127 +67,129 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK408",
         severity="error",
-        title="an abstract method is left out",
-        cause="Python makes no object of a class that does not implement every abstract method.",
-        fix="Write the method.",
+        title="a missing abstract method",
+        cause="Python cannot instantiate a class that does not implement every abstract method.",
+        fix="Implement the method.",
     ),
     Rule(
         code="OBK409",
         severity="warning",
-        title="a parameter that no code declares",
-        cause="A ROS node receives only the parameters that it declares, so this one is dropped. "
-        "It is an info if no declared parameter has a similar name. If the code computes names of "
-        "parameters, only a typo of a declared one that is not set is reported.",
+        title="a parameter that the code does not declare",
+        cause="A ROS node receives only the parameters that it declares, so this one has no "
+        "effect. This is an info if no declared parameter has a similar name. If the code "
+        "computes parameter names, only likely typos of declared but unset parameters are "
+        "reported.",
         fix="Correct the name, or declare the parameter with `Parameter` in the node's class.",
     ),
     Rule(
         code="OBK410",
         severity="error",
         title="the node's source cannot be run",
-        cause="The file is not Python, or what the entry point names is not in it.",
-        fix="Fix the source at the place that is shown, or the entry point in `setup.py`.",
+        cause="The file is not valid Python, or does not define what the entry point names.",
+        fix="Fix the source at the reported location, or the entry point in `setup.py`.",
     ),
     Rule(
         code="OBK411",
         severity="error",
         title="the package of a message type is not found",
-        cause="It is not in the workspace, not in the Python environment, not on "
-        "AMENT_PREFIX_PATH.",
+        cause="It is not in the workspace, the Python environment or AMENT_PREFIX_PATH.",
         fix="Correct the name, put the message package into the workspace, or source the one that "
         "has it.",
     ),
     Rule(
         code="OBK412",
         severity="error",
-        title="a parameter of another kind than the code declares",
-        cause="A ROS parameter keeps to the kind of its default: a node that declares a float and "
-        "is given an int, `2` for `2.0`, does not start. Only a float of `Parameter` takes an int.",
-        fix="Write the value as the code declares it, or declare the parameter with `Parameter` or "
+        title="a parameter of the wrong type",
+        cause="A ROS parameter must have the type of its default. A node that declares a float "
+        "does not start if it gets an int, such as `2` instead of `2.0`. Only a float "
+        "declared with `Parameter` accepts an int.",
+        fix="Write a value of the declared type, or declare the parameter with `Parameter` or "
         "with `ParameterDescriptor(dynamic_typing=True)`.",
     ),
     Rule(
         code="OBK413",
         severity="warning",
-        title="a message package that replaces one of Obelisk's",
-        cause="A package of the workspace has the name of one of Obelisk's message packages, of "
-        "another release. All nodes use it, and it lacks messages or fields. If the stack uses "
-        "none of them, the finding is an info.",
-        fix="Add what is missing to the package, or remove the package from the workspace.",
+        title="a message package that shadows one of Obelisk's",
+        cause="A package in the workspace has the name of one of Obelisk's message packages but "
+        "comes from another release. All nodes use it, and it lacks messages or fields. If "
+        "the stack uses none of them, this is an info.",
+        fix="Add the missing messages or fields, or remove the package from the workspace.",
     ),
     Rule(
         code="OBK414",
         severity="error",
         title="a malformed package.xml",
-        cause="The file is not well-formed XML, or it has no `<name>`; colcon does not build such "
-        "a package, and other tools do not find it.",
-        fix="Correct package.xml at the place that is shown.",
+        cause="The file is not well-formed XML, or it has no `<name>`. colcon does not build "
+        "such a package, and other tools do not find it.",
+        fix="Fix package.xml at the reported location.",
     ),
     Rule(
         code="OBK415",
         severity="error",
-        title="a parameter beyond the limits that the code declares",
-        cause="The node's class declares the parameter with `Parameter`, with limits or with the "
-        "members of an enum: a node that is given another value does not start.",
-        fix="Write a value within the limits, or change `ge` and `le` in the code.",
+        title="a parameter out of its declared range",
+        cause="The node's class declares the parameter with `Parameter`, with limits or an enum. "
+        "The node does not start with any other value.",
+        fix="Write an allowed value, or change the limits in the code.",
     ),
     Rule(
         code="OBK420",
         severity="error",
-        title="a name that the source does not define",
-        cause="A class was renamed, or an import is missing: Python raises a `NameError` when it "
-        "reaches the name. In a method it is a warning. Names in a `try` with handlers are not "
-        "checked, nor are modules that use `import *` or `exec`.",
-        fix="Write the name that the module defines, or import it.",
+        title="an undefined name",
+        cause="A class was renamed, or an import is missing. Python raises a `NameError` when it "
+        "reaches the name. In a method this is a warning. Names in a `try` with handlers "
+        "and modules that use `import *` or `exec` are not checked.",
+        fix="Correct the name, or import it.",
     ),
     Rule(
         code="OBK421",
         severity="error",
         title="an import that fails",
         cause="The package is not installed in the Python environment of `obk`, the module does "
-        "not exist, or it does not define the name. Only imports that run whenever the node "
-        "starts are checked, not those in `try`, `if` or other functions.",
-        fix="Correct the name, or install the package. If the node can run without it, import it "
-        "within `try: ... except ImportError: ...`.",
+        "not exist, or it does not define the name. Only imports that always run when the "
+        "node starts are checked, not those in `try`, `if` or other functions.",
+        fix="Correct the name, or install the package. If the node can run without it, wrap "
+        "the import in `try: ... except ImportError: ...`.",
     ),
     Rule(
         code="OBK422",
         severity="error",
         title="`super().__init__` is missing",
-        cause="The constructor of the base class makes the ROS node and registers its components; "
-        "nothing works before it has run.",
-        fix="Begin the constructor with `super().__init__(node_name)`.",
+        cause="The base class constructor creates the ROS node and registers its components. "
+        "Nothing works before it has run.",
+        fix="Start the constructor with `super().__init__(node_name)`.",
     ),
     Rule(
         code="OBK423",
         severity="error",
-        title="a key that no component has",
-        cause="`obk_publishers`, `obk_subscriptions` and `obk_timers` contain the components that "
-        "the class registers; another key raises a `KeyError`.",
-        fix="Write the key of a registered component, or register one with this key.",
+        title="an unknown component key",
+        cause="`obk_publishers`, `obk_subscriptions` and `obk_timers` contain the registered "
+        "components. Any other key raises a `KeyError`.",
+        fix="Use the key of a registered component, or register one with this key.",
     ),
     Rule(
         code="OBK424",
         severity="error",
-        title="a callback that the class does not have",
+        title="an undefined callback",
         cause="Python raises an `AttributeError` when the component is registered.",
-        fix="Write the name of the method.",
+        fix="Correct the name, or define the method.",
     ),
     Rule(
         code="OBK425",
         severity="error",
         title="a component without a message type",
-        cause="Neither the config nor the node's class gives it, so the node cannot be configured.",
+        cause="Neither the config nor the node's class defines the type, so the node cannot be "
+        "configured.",
         fix="Add `msg_type` to the component, or pass the message class when registering it.",
     ),
     Rule(
         code="OBK426",
         severity="warning",
         title="a callback that waits for its own executor",
-        cause="One thread runs all callbacks of a node. `client.call(...)` in a callback waits for "
-        "an answer that this thread would have to receive: the node hangs. "
-        "`rclpy.spin_until_future_complete(self, ...)` takes the node from the executor that runs "
-        "it, which runs none of its callbacks afterwards.",
-        fix="Write `await client.call_async(...)` in an `async def` callback, or continue in a "
-        "callback of the future: `client.call_async(...).add_done_callback(...)`.",
+        cause="One thread runs all callbacks of a node. `client.call(...)` in a callback waits "
+        "for a response that the same thread would have to receive, so the node hangs. "
+        "`rclpy.spin_until_future_complete(self, ...)` removes the node from its executor, "
+        "which then stops running its callbacks.",
+        fix="Use `await client.call_async(...)` in an `async def` callback, or continue in a "
+        "done callback: `client.call_async(...).add_done_callback(...)`.",
     ),
 )

@@ -46,8 +46,8 @@ def test_a_message_that_its_package_lacks_is_told_with_those_that_it_has(workspa
     (code, message, help) = told(compile_with(workspace, "arm_msgs/msg/Raech"))[0]
     assert (code, message) == ("OBK115", "package `arm_msgs` has no message `Raech`")
     assert help == "did you mean `arm_msgs/msg/Reach`?"
-    assert told(compile_with(workspace, "arm_msgs/Xyz"))[0][2] == "it has `Grip`, `Reach`"
-    assert told(compile_with(workspace, "demo/Xyz"))[0][2] == "it defines no messages"
+    assert told(compile_with(workspace, "arm_msgs/Xyz"))[0][2] == "available: `Grip`, `Reach`"
+    assert told(compile_with(workspace, "demo/Xyz"))[0][2] == "it does not define any messages"
 
 
 def test_a_bare_name_of_the_workspace_is_told_with_its_package(workspace: Path) -> None:

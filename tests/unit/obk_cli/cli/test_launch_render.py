@@ -70,14 +70,14 @@ def test_a_stack_whose_robot_is_not_simulated(capsys) -> None:
 
 def test_a_folder_that_is_not_there(capsys, folder) -> None:
     assert refused(capsys, "--render", "none/out.mp4", code=1) == (
-        f"error: {folder}/none/out.mp4: the folder {folder}/none is not there\n"
+        f"error: {folder}/none/out.mp4: the folder {folder}/none does not exist\n"
     )
 
 
 def test_a_file_that_is_there(capsys, folder) -> None:
     (folder / "out.mp4").write_text("mine")
     assert refused(capsys, "--render", "out.mp4", code=1) == (
-        f"error: {folder}/out.mp4 is there already\n  help: name another file\n"
+        f"error: {folder}/out.mp4 already exists\n  help: name another file\n"
     )
     assert (folder / "out.mp4").read_text() == "mine"
 

@@ -117,7 +117,7 @@ def test_what_stays_is_told_on_stderr(
 @pytest.mark.parametrize(
     ("data", "start"),
     [
-        (b"a: [", "c.yaml:1:4: error[OBK003]: the `[` that opens here"),
+        (b"a: [", "c.yaml:1:4: error[OBK003]: the `[` opened here"),
         (b"\xff", "c.yaml:1:1: error[OBK002]: byte 0xff is not UTF-8"),
         (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file holds no section of a config"),
     ],
@@ -145,7 +145,7 @@ def test_a_file_that_is_no_config_is_left_alone(
         (
             ("d.yaml",),
             1,
-            "error: `d.yaml` cannot be read: there is no such file\n  help: there is: `c.yaml`\n",
+            "error: `d.yaml` cannot be read: file not found\n  help: available: `c.yaml`\n",
         ),
     ],
 )

@@ -55,7 +55,7 @@ def test_merged_values_keep_their_own_file() -> None:
 
 def include(texts: Mapping[str, str], path: str) -> tuple[object, list[str]]:
     def read(name: str) -> bytes | str:
-        return texts[name].encode() if name in texts else "there is no such file"
+        return texts[name].encode() if name in texts else "file not found"
 
     source = SourceFile.of(path, texts[path])
     files = ConfigFiles(source, variables={}, working_folder=Path(), read=read)
@@ -115,7 +115,7 @@ def test_an_undefined_variable_is_shown_at_its_place_inside_the_text() -> None:
     _, (fault,) = resolve_variables(tree('a: "x/${NONE}/y"'), {})
     assert (fault.span.column, fault.span.text) == (7, "${NONE}")
     _, (malformed,) = resolve_variables(tree('a: "$${X} ${1x}"'), {})
-    assert malformed.message == "`${` does not begin a `${NAME}`"
+    assert malformed.message == "`${` does not start a `${NAME}`"
     assert malformed.span.column == 11
 
 
@@ -141,14 +141,14 @@ def test_set(option: str, value: object) -> None:
 @pytest.mark.parametrize(
     ("option", "reason"),
     [
-        ("a", "there is no `=`"),
+        ("a", "`=` is missing"),
         ("=1", "the path is empty"),
         ("a..b=1", "is not a path"),
         ("[0]=1", "is not a path"),
-        ("a[1].b=1", "past the end"),
-        ("a.b=1", "`b` needs a mapping, there is a list"),
-        ("m[1]=1", "`[1]` needs a list, there is a mapping"),
-        ("x[0]=1", "there is no `x`"),
+        ("a[1].b=1", "out of range"),
+        ("a.b=1", "`b` needs a mapping, found a list"),
+        ("m[1]=1", "`[1]` needs a list, found a mapping"),
+        ("x[0]=1", "unknown key `x`"),
         ("m.c=[", "never closed"),
         (f"a[{'9' * 5000}].b=1", "is not a path"),
         (f"m{'.a' * 2000}=1", "the path has 2001 steps, expected at most 100"),
@@ -169,12 +169,12 @@ def test_what_was_set_has_the_command_line_for_its_place() -> None:
 @pytest.mark.parametrize("value", ["a ${ b", "'${1X}'", "'${'", "'x ${A'"])
 def test_a_reference_that_is_none_is_a_finding_in_the_process_environment(value: str) -> None:
     _, faults = resolve_variables(tree(f"config: {value}"), os.environ)
-    assert [fault.message for fault in faults] == ["`${` does not begin a `${NAME}`"]
+    assert [fault.message for fault in faults] == ["`${` does not start a `${NAME}`"]
 
 
 def test_many_references_without_an_end_take_no_longer_than_the_text_is_long() -> None:
     _, faults = resolve_variables(tree(f"a: '{'${A:-' * 60_000}'"), {})
-    assert [fault.message for fault in faults] == ["`${` does not begin a `${NAME}`"]
+    assert [fault.message for fault in faults] == ["`${` does not start a `${NAME}`"]
 
 
 def test_an_undefined_variable_is_told_once_for_a_value() -> None:
@@ -203,5 +203,5 @@ def test_what_a_variable_comes_to_keeps_its_text() -> None:
 def test_variables_make_no_text_without_bound(text: str) -> None:
     _, faults = resolve_variables(tree(text), {"X": "x", "LONG": "y" * 100_000})
     assert [fault.message for fault in faults] == [
-        "the texts that variables make are longer than 10 MiB together"
+        "the expanded environment variables exceed 10 MiB in total"
     ]

@@ -131,7 +131,7 @@ def test_every_fault_of_a_node_is_found_in_one_run() -> None:
 @pytest.mark.parametrize(
     ("field", "help"),
     [
-        ("respawn: 'true'", "without its quotes it is no text: `true`"),
+        ("respawn: 'true'", "remove the quotes: `true`"),
         ('publishers: [{key: p, topic: /t, history_depth: "10"}]', "`10`"),
         ("timers: [{key: t, timer_period_sec: '1e-3'}]", "`1e-3`"),
         ("timers: [{key: t, timer_period_sec: '1 ms'}]", None),
@@ -183,10 +183,10 @@ def test_a_block_with_a_fault_is_not_sound() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("3", "the file holds the number 3, not a config"),
-        ("[a]", "the file holds a list, not a config"),
+        ("3", "the file contains the number 3, not a config"),
+        ("[a]", "the file contains a list, not a config"),
         ("{pattern: {}, site_name: x}", "this is a ray-caster file, not a config"),
-        ("{qqqqq: 1}", "the file holds `qqqqq`, none of which is a section of a config"),
+        ("{qqqqq: 1}", "the file contains `qqqqq`, none of which is a section of a config"),
     ],
 )
 def test_what_is_no_config_is_named_for_what_it_is(text: str, message: str) -> None:

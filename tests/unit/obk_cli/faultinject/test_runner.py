@@ -58,7 +58,7 @@ def test_a_stack_that_runs_is_refused_with_its_process(tmp_path: Path) -> None:
     refuse_running(tmp_path, "another")
     with pytest.raises(CommandFailedError, match=rf"domain 7 .*{pid}") as refused:
         refuse_running(tmp_path, "s")
-    assert refused.value.help.startswith("`obk stop s`")
+    assert refused.value.help == "stop it with `obk stop s`"
 
 
 def test_ten_rehearsals_keep_their_logs(tmp_path: Path) -> None:

@@ -86,9 +86,7 @@ def test_stacks_in_several_domains_leave_it_to_the_user(home: Path) -> None:
     assert no_nodes_error.message.startswith("no stack runs in the ROS domain 0")
     assert no_nodes_error.help is not None
     assert {"arm in 7", "leg in 8"} <= set(
-        no_nodes_error.help.removeprefix("in other domains there are: ")
-        .partition(";")[0]
-        .split(", ")
+        no_nodes_error.help.removeprefix("running in other domains: ").partition(";")[0].split(", ")
     )
 
 
@@ -106,7 +104,7 @@ def test_a_stack_to_watch_that_does_not_run_is_told_with_those_that_do(home: Pat
     no_nodes_error = StackSelector(
         environment=environment(home), domain=7, run="amr"
     ).no_nodes_error()
-    assert no_nodes_error.message == "no stack `amr` runs in the ROS domain 7"
+    assert no_nodes_error.message == "no stack `amr` is running in the ROS domain 7"
     assert no_nodes_error.help == "did you mean `arm`?"
     elsewhere = StackSelector(environment=environment(home), domain=8, run="arm").no_nodes_error()
     assert elsewhere.message.startswith("no stack runs in the ROS domain 8")
@@ -134,7 +132,10 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("topic list --format yaml", "`--format yaml`: expected `text` or `json`"),
         ("topic echo est --format yaml", "expected `text`, `json` or `csv`"),
         ("topic echo est --csv --format json", "`--csv` and `--format json` exclude each other"),
-        ("service call a/b --type Trigger", "`--type Trigger`: expected a type such as `std_srvs/srv/"),
+        (
+            "service call a/b --type Trigger",
+            "`--type Trigger`: expected a type such as `std_srvs/srv/",
+        ),
         ("topic echo est a..b", "`a..b` does not name a field"),
         ("topic hz est --window 0", "`--window 0`: expected seconds above 0"),
         ("topic hz est --duration -1", "`--duration -1`: expected seconds above 0"),

@@ -117,8 +117,8 @@ def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
 
 
 def test_what_a_node_does_not_answer_is_told_in_the_launchers_words(tmp_path: Path) -> None:
-    with launcher(tmp_path, lambda _: {"failed": "/arm gave no answer", "help": "look"}) as look:
-        with pytest.raises(CommandFailedError, match="/arm gave no answer") as failed:
+    with launcher(tmp_path, lambda _: {"failed": "/arm did not answer", "help": "look"}) as look:
+        with pytest.raises(CommandFailedError, match="/arm did not answer") as failed:
             look.parameters("/arm", WAIT_S).names()
         assert failed.value.help == "look"
 
@@ -139,7 +139,7 @@ def test_a_question_that_is_none_is_answered_by_a_failure(question: bytes) -> No
     service = GraphService(Node())  # type: ignore[arg-type]
     service.ask(question, replies.append).join(WAIT_S)
     (reply,) = map(json.loads, replies)
-    assert reply["failed"].startswith("invalid question: ")
+    assert reply["failed"].startswith("invalid request: ")
 
 
 def test_a_launcher_that_does_not_tell_is_passed_over(tmp_path: Path) -> None:

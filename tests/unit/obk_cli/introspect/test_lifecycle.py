@@ -129,11 +129,9 @@ def test_of_several_stacks_a_change_is_of_the_one_that_is_named(
             environment, "activate", LifecycleRequest(run=dummy.folder.name)
         ).success
         for names in ((), ("control",)):
-            with pytest.raises(
-                MisuseError, match="several stacks are running in ROS domain 7: d"
-            ) as e:
+            with pytest.raises(MisuseError, match="several stacks run in the ROS domain 7: d") as e:
                 change_states(environment, "deactivate", LifecycleRequest(names=names))
-        assert e.value.help == "choose one with `--run NAME`, or by its nodes' full names"
+        assert e.value.help == "choose one with `--run NAME`, or use full node names"
         assert len(changes(left)) == 1
         assert len(changes(dummy)) == 2
 
@@ -162,7 +160,9 @@ def test_a_run_that_is_not_there_is_told_with_near_names(
 ) -> None:
     with (
         fake_stack(parent, ACTIVE),
-        pytest.raises(CommandFailedError, match="no stack `dumy` runs in the ROS dom") as raised,
+        pytest.raises(
+            CommandFailedError, match="no stack `dumy` is running in the ROS dom"
+        ) as raised,
     ):
         node_states(environment, LifecycleRequest(run="dumy"))
     assert raised.value.help == "did you mean `dummy`?"
@@ -212,7 +212,7 @@ def test_in_the_graph_the_state_node_is_left_out_and_down_goes_control_first(
     ("transition", "fault"),
     [
         ("activate", "`activate` failed: no torque"),
-        ("configure", "`configure` starts from unconfigured, and the node is active"),
+        ("configure", "`configure` is possible in state unconfigured, but the node is active"),
     ],
 )
 def test_in_the_graph_a_refusal_says_why(
@@ -235,7 +235,7 @@ def test_nothing_in_this_domain_is_told_with_where_something_is(
     assert none.value.help.startswith("start a stack with `obk launch`")
     with fake_stack(parent, ACTIVE, domain=8), pytest.raises(CommandFailedError) as elsewhere:
         node_states(environment, LifecycleRequest())
-    assert elsewhere.value.help == "a stack runs in the ROS domain 8; set ROS_DOMAIN_ID"
+    assert elsewhere.value.help == "a stack is running in the ROS domain 8; set ROS_DOMAIN_ID"
 
 
 def test_the_transitions_that_are_possible_depend_on_the_state() -> None:

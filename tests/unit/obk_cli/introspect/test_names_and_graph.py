@@ -65,7 +65,7 @@ def test_a_name_means_itself_or_what_ends_in_it(name: str, expected: tuple[str, 
 def test_a_name_that_means_several_or_none_is_told_with_what_is_there() -> None:
     with pytest.raises(CommandFailedError) as several:
         resolve_one("topic", "est", TOPICS, 7)
-    assert several.value.help == "name one of `/a/est`, `/b/est`"
+    assert several.value.help == "choose one of `/a/est`, `/b/est`"
     with pytest.raises(CommandFailedError) as none:
         resolve_one("topic", "/a/esst", TOPICS, 7)
     assert none.value.message == "there is no topic `/a/esst` in the ROS domain 7"

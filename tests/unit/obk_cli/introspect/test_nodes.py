@@ -11,7 +11,7 @@ def seen(services: dict[str, tuple[str, ...]]) -> NodeInfo:
 
 
 def test_a_node_without_parameters_is_not_said_to_give_no_answer() -> None:
-    assert "  parameters: it reports none" in node_text(seen(OWN))
+    assert "  parameters: not reported" in node_text(seen(OWN))
     assert "  parameters: no answer" in node_text(seen(OWN | ASKED))
 
 

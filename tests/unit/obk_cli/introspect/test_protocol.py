@@ -66,8 +66,8 @@ def test_a_graph_of_another_shape_is_an_error(key: str) -> None:
 
 
 def test_a_failure_is_raised_in_the_words_of_the_launcher() -> None:
-    data = encode(FailedReply(failed="/arm gave no answer", help="look"))
-    with pytest.raises(CommandFailedError, match="/arm gave no answer") as failed:
+    data = encode(FailedReply(failed="/arm did not answer", help="look"))
+    with pytest.raises(CommandFailedError, match="/arm did not answer") as failed:
         decode_reply(data, NamesReply)
     assert failed.value.help == "look"
 

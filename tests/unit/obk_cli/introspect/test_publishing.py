@@ -95,7 +95,9 @@ def test_subscribers_are_waited_for() -> None:
     wait(look, wanted(subscribers=2))
     assert look.looks == 3
     wait(Look(), wanted(subscribers=0))
-    with pytest.raises(CommandFailedError, match=r"0 of 1 subscribers of /a came within 60 s"):
+    with pytest.raises(
+        CommandFailedError, match=r"0 of 1 subscribers of /a were found within 60 s"
+    ):
         wait(Look(), wanted())
 
 
@@ -110,7 +112,7 @@ def test_a_topic_that_nobody_has_needs_a_name_and_a_type() -> None:
     look, new = cast(Any, Look()), wanted("/new", msg_type="pkg/msg/Empty")
     seen, kind = topic_to_publish(look, place(), new)
     assert (seen.name, kind) == ("/new", "pkg/msg/Empty")
-    with pytest.raises(MisuseError, match="`/a//b` is no topic"):
+    with pytest.raises(MisuseError, match="`/a//b` is not a topic"):
         topic_to_publish(look, place(), wanted("/a//b", msg_type="pkg/msg/Empty"))
     with pytest.raises(CommandFailedError, match="no topic `/new`"):
         topic_to_publish(look, place(), wanted("/new"))
@@ -127,7 +129,7 @@ def test_a_topic_that_a_robot_subscribes_to_is_refused() -> None:
     look = Look((ROBOT, "pkg/msg/State"))
     refuse_robot_commands(look.topic("/arm/state"), place())
     look.looks = 1
-    with pytest.raises(CommandFailedError, match=f"/arm/state moves `{ROBOT}`"):
+    with pytest.raises(CommandFailedError, match=f"/arm/state commands `{ROBOT}`"):
         refuse_robot_commands(look.topic("/arm/state"), place())
 
 
@@ -139,5 +141,5 @@ def test_the_robots_of_every_stack_here_count_before_they_subscribe(
     monkeypatch.setattr("obk_cli.introspect.target.plan_of_run", lambda folder: plans[folder.name])
     topic = Look().topic("/arm/state")
     refuse_robot_commands(topic, place("a"))
-    with pytest.raises(CommandFailedError, match="/arm/state moves `/r`"):
+    with pytest.raises(CommandFailedError, match="/arm/state commands `/r`"):
         refuse_robot_commands(topic, place("a", "b"))

@@ -133,7 +133,7 @@ def test_csv_names_its_columns_once_and_warns_once_of_others() -> None:
     assert list(shown.lines(Message(q=[5.0, 6.0, 7.0]))) == ["5.0,6.0"]
     assert list(shown.lines(Message(q=[5.0, 6.0, 7.0]))) == ["5.0,6.0"]
     (warning,) = warnings
-    assert "1 columns more than the first one, from `q[2]` on" in warning
+    assert "1 more columns than the first one, starting with `q[2]`" in warning
 
 
 def test_a_column_of_csv_stays_what_its_name_says() -> None:

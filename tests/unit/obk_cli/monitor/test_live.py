@@ -143,9 +143,9 @@ def test_before_anything_runs_it_says_so_and_then_shows_the_stack() -> None:
         await world.press("a")
         assert not world.text("message")
         world.watch.put(None)
-        await world.shows("head", "no stack runs here; waiting for one")
+        await world.shows("head", "no stack is running; waiting for one")
         await world.press("a")
-        await world.shows("message", "nothing runs")
+        await world.shows("message", "nothing is running")
         world.watch.put(HEALTHY)
         await world.shows("head", "dummy  active  up 0:01:23")
         await world.shows("nodes_text", "estimation_0  active")
@@ -229,7 +229,7 @@ def test_while_one_transition_goes_on_no_other_is_asked_for() -> None:
         await world.press("d", "y")
         await world.shows("message", "deactivate all nodes ...")
         await world.press("a")
-        await world.shows("message", "wait for the last one to end")
+        await world.shows("message", "wait for the previous one to finish")
         await world.press("y")
         world.watch.put(replace(HEALTHY, name="still drawn"))
         await world.shows("head", "still drawn")
@@ -259,7 +259,7 @@ def test_help_takes_the_place_of_topics_and_log_to_be_seen_whole() -> None:
     async def steps(world: World) -> None:
         await world.shows("log_text", "simulation")
         await world.press("question_mark")
-        await world.shows("log_text", "quit; the stack goes on")
+        await world.shows("log_text", "quit; the stack keeps running")
         async with asyncio.timeout(30):
             while world.app.query_one("#log").size.height < len(HELP):
                 await world.pilot.pause(0.01)
@@ -278,9 +278,9 @@ def test_a_stack_that_has_ended_stays_to_be_seen_until_another_begins() -> None:
         await world.press("down")
         world.watch.put(ended)
         world.watch.put(None)
-        await world.shows("head", "has ended: /a hangs")
+        await world.shows("head", "has stopped: /a hangs")
         await world.press("a")
-        await world.shows("message", "nothing runs")
+        await world.shows("message", "nothing is running")
         world.watch.put(BROKEN)
         await world.shows("head", "2 topics off")
 

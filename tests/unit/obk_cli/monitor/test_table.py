@@ -85,7 +85,7 @@ def test_a_topic_that_is_off_is_marked_in_text_and_for_programs() -> None:
 def test_a_stack_that_has_ended_says_so_with_the_cause() -> None:
     view = replace(HEALTHY, state="", has_ended=True, cause="/a hangs\x1b[2J", nodes=())
     (head, *_) = monitor_text(view, 80, colour=False).splitlines()
-    assert head.startswith("dummy  has ended: /a hangs  ")
+    assert head.startswith("dummy  has stopped: /a hangs  ")
     silent = replace(HEALTHY, state="", phase="")
     assert "launcher does not answer" in monitor_text(silent, 80, colour=False)
 

@@ -158,7 +158,7 @@ def test_a_field_is_drawn_as_png_and_as_svg_the_same_bytes_each_time(tmp_path: P
 def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     lines = speed_lines(written(tmp_path / "a.mcap"))
     (tmp_path / "a.png").mkdir()
-    with pytest.raises(CommandFailedError, match=r"a\.png` cannot be written: it is a folder"):
+    with pytest.raises(CommandFailedError, match=r"a\.png` cannot be written: it is a directory"):
         draw(lines, "t", tmp_path / "a.png")
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
@@ -177,7 +177,7 @@ def test_a_picture_that_was_there_stays_where_no_new_one_can_be_drawn(
 
 
 def test_a_recording_that_cannot_be_begun_is_told(tmp_path: Path) -> None:
-    gone = re.escape(f"`{tmp_path}/no/a.mcap` cannot be written: the folder {tmp_path}/no is not")
+    gone = re.escape(f"`{tmp_path}/no/a.mcap` cannot be written: the folder {tmp_path}/no does")
     with pytest.raises(CommandFailedError, match=gone):
         BagWriter(tmp_path / "no" / "a.mcap")
 

@@ -71,7 +71,7 @@ def test_a_field_is_a_topic_and_the_way_into_its_message() -> None:
 
 @pytest.mark.parametrize("text", ["imu", "imu.", ".x", "imu.x..y", "imu.x[a]", "imu.x y", ""])
 def test_what_is_no_field_is_told(text: str) -> None:
-    with pytest.raises(MisuseError, match="names no field"):
+    with pytest.raises(MisuseError, match="does not name a field"):
         parse_field(text)
 
 
@@ -115,7 +115,7 @@ def test_a_field_that_is_not_there_is_told_with_those_that_are(
 def test_more_lines_than_can_be_told_apart_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CommandFailedError) as error:
         lines(tmp_path, "t.position", reading(position=[0.0] * 100))
-    assert error.value.help == "name one of them: t.position[32]"
+    assert error.value.help == "select one, such as t.position[32]"
 
 
 def test_a_topic_may_be_named_by_its_end() -> None:
@@ -130,7 +130,7 @@ def test_a_topic_may_be_named_by_its_end() -> None:
 
 @pytest.mark.parametrize("text", [f"/a.b[{'9' * 5000}]", "/a.b[\u0661]", "/a.b[-1]"])
 def test_a_place_that_no_array_has_names_no_field(text: str) -> None:
-    with pytest.raises(MisuseError, match="names no field"):
+    with pytest.raises(MisuseError, match="does not name a field"):
         parse_field(text)
 
 

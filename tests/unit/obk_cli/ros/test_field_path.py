@@ -49,7 +49,7 @@ def test_a_selection_is_names_and_places() -> None:
 
 @pytest.mark.parametrize("text", ["", "a..b", "a[", "a[-1]", "a b", "1"])
 def test_what_names_no_field_is_misuse(text: str) -> None:
-    with pytest.raises(MisuseError, match="names no field"):
+    with pytest.raises(MisuseError, match="does not name a field"):
         parse_selection(text)
 
 

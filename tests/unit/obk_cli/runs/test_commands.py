@@ -146,7 +146,7 @@ def test_a_launcher_that_dies_before_it_answers_is_told(
     monkeypatch.setattr(lifecycle, "ask_change", lambda *_, **__: None)
     with fake_stack(parent, STATES):
         assert obk("lifecycle", "activate") == 1
-    assert f"the launcher of `dummy` (process {PID}) gave no answer" in capsys.readouterr().err
+    assert f"the launcher of `dummy` (process {PID}) did not answer" in capsys.readouterr().err
 
 
 def test_ps_as_json(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:

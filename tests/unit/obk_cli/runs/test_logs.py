@@ -49,12 +49,12 @@ def test_a_log_of_a_run_that_tells_nothing_is_found(tmp_path: Path) -> None:
     [
         (
             ("dumy", None),
-            "there is no run, nor a node of the newest one, called `dumy`",
+            "no run, and no node of the newest run, has the name `dumy`",
             "did you mean `dummy`?",
         ),
-        (("contrl_0", "robot_0"), "there is no run called `contrl_0`", "there is: `other`, `dumm"),
+        (("contrl_0", "robot_0"), "no run has the name `contrl_0`", "available: `other`, `dumm"),
         (("dummy", "robo_0"), r"the run dummy_\d+_\d+ has no node `robo_0`", "did you mean `robot"),
-        (("dummy", "control"), "`control` means several nodes", "name one of `control_0`, `left/"),
+        (("dummy", "control"), "`control` is ambiguous", "choose one of `control_0`, `left/"),
     ],
 )
 def test_what_is_not_there_is_told_with_what_is(
@@ -67,5 +67,5 @@ def test_what_is_not_there_is_told_with_what_is(
 
 
 def test_no_runs_at_all(tmp_path: Path) -> None:
-    with pytest.raises(CommandFailedError, match="there are no runs in"):
+    with pytest.raises(CommandFailedError, match="no runs in"):
         find_log(tmp_path / "none", None, None)

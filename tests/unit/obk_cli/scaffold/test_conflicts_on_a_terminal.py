@@ -131,5 +131,5 @@ def test_what_cannot_be_replaced_is_not_asked_about(monkeypatch: pytest.MonkeyPa
     for stream in ("stdin", "stderr"):
         monkeypatch.setattr(f"sys.{stream}.isatty", lambda: True)
     file = RenderedFile(path=PurePosixPath("a"), content=b"")
-    stuck = Decision(file=file, action=Action.CONFLICT, reason="it is a folder")
+    stuck = Decision(file=file, action=Action.CONFLICT, reason="it is a directory")
     assert resolve_conflicts((stuck,)) == (stuck,)

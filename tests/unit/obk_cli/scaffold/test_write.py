@@ -42,7 +42,7 @@ def test_another_file_is_refused_or_with_force_replaced() -> None:
 
 
 def test_what_is_no_file_is_refused_even_with_force() -> None:
-    assert action(Existing(content=None, reason="it is a folder"), force=True) is Action.CONFLICT
+    assert action(Existing(content=None, reason="it is a directory"), force=True) is Action.CONFLICT
 
 
 def test_an_edit_needs_the_file_that_it_edits() -> None:

@@ -178,7 +178,7 @@ def test_a_package_that_is_only_where_nothing_is_searched_is_told(
     assert isinstance(missing, ExecutableMissing)
     assert not missing.package_found
     assert missing.looked.startswith(
-        f"it is in {folder}, but folders named `build`, `install`, `log` are not searched"
+        f"it exists in {folder}, but folders named `build`, `install`, `log` are not searched"
     )
     assert missing.looked.endswith(f"searched {tmp_path} (sources)")
 

@@ -26,7 +26,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("arm_tst.yaml", "did you mean `arm_test.yml` or `arm.yaml`?"),
         ("dog.yaml", "did you mean `configs/dog.yaml`?"),
         ("configs/arm.yaml", "did you mean `arm.yaml`?"),
-        ("zzz.yaml", "there is: `arm.yaml`, `arm_test.yml`"),
+        ("zzz.yaml", "available: `arm.yaml`, `arm_test.yml`"),
         ("none/zzz.yaml", None),
         ("configs", None),
         ("-", None),
