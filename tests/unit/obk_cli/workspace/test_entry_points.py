@@ -19,6 +19,7 @@ def test_those_of_this_project_run_their_module(repository: Path) -> None:
     scripts = sorted((repository / "ros_packages").glob("*/scripts/*"))
     assert [module_run_by(script) for script in scripts] == [
         "obelisk_py.zoo.control.example",
+        "obelisk_py.zoo.control.policy",
         "obelisk_py.zoo.estimation",
         "obelisk_py.core.sim.mujoco",
     ]
