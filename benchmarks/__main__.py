@@ -5,7 +5,7 @@
 Says before how long it takes. What was interrupted goes on with --go-on: programs that have ended
 are not run again, and of the loop no run that is there. Each program writes its own results; at the
 end they are held against their goals, in `benchmarks/results/goals.md`. Exit code 1 where a program
-failed; those after it are run all the same.
+failed; those after it are run too.
 """
 
 import argparse
@@ -73,7 +73,7 @@ def left_of(
 
 
 def main() -> int:
-    """Run, tell, sum up."""
+    """Run, report, sum up."""
     asked = options()
     done = DONE.read_text(encoding="utf-8").split() if asked.go_on and DONE.exists() else []
     programs = left_of(PROGRAMS, asked.parts, done)

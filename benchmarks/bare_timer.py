@@ -1,6 +1,6 @@
-"""A timer that does nothing: what this machine can keep at the moment, whoever wants it.
+"""A timer that does nothing: what this machine can keep at the moment.
 
-`python -m benchmarks.bare_timer` tells each second as a line of JSON, until its standard input
+`python -m benchmarks.bare_timer` prints each second as a line of JSON, until its standard input
 ends.
 """
 
@@ -58,7 +58,7 @@ def bare_second() -> BareSecond:
 
 
 def main() -> None:
-    """Tell each second."""
+    """Print each second."""
     while not select.select([sys.stdin], [], [], 0)[0]:
         print(json.dumps(asdict(bare_second())), flush=True)
 

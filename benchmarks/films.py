@@ -49,12 +49,12 @@ def run(seconds: float, settings: VideoSettings | None) -> dict[str, Any]:
         simulation.data.ctrl[0] = np.sin(simulation.data.time / SWING_S)
 
     step_s = simulation.step_s
-    told: list[str] = []
+    reported: list[str] = []
     with ExitStack() as closing:
         films = video_outputs(
             simulation,
             settings,
-            report=lambda film: told.append(str(film)),
+            report=lambda film: reported.append(str(film)),
             on_close=closing.callback,
         )
         film = [p for p in psutil.Process().children() if "video" in p.cmdline()]
@@ -67,14 +67,19 @@ def run(seconds: float, settings: VideoSettings | None) -> dict[str, Any]:
                 *films,
             ),
             stamp=lambda: None,
-            warn=told.append,
+            warn=reported.append,
             report=lambda _: None,
         )
         before_s = cpu_s(film)
         end_s = time.monotonic() + seconds
         stepper.run(lambda: time.monotonic() >= end_s)
         used_s = cpu_s(film) - before_s
-    return {"stamps_ns": stamps_ns, "step_s": step_s, "film_cores": used_s / seconds, "told": told}
+    return {
+        "stamps_ns": stamps_ns,
+        "step_s": step_s,
+        "film_cores": used_s / seconds,
+        "reported": reported,
+    }
 
 
 def cpu_s(processes: list[psutil.Process]) -> float:
@@ -101,7 +106,7 @@ def case(name: str, rounds: list[dict[str, Any]]) -> dict[str, Any]:
         "films": [
             text.partition(", ")[2]
             for one in rounds
-            for text in one["told"]
+            for text in one["reported"]
             if text.startswith("video: ")
         ],
     }

@@ -163,7 +163,7 @@ LATE: Final = (
     "head of `loop.md`; a processor that falls idle a thousand times a second is given back late"
 )
 WATCHED: Final = (
-    "the dummy publishes 5,000 messages a second once somebody listens to all of them, and each "
+    "the dummy publishes 5,000 messages a second once a node subscribes to all of them, and each "
     "wakes a listener up; composed, that is the work of one interpreter"
 )
 STARTS: Final = (
@@ -174,7 +174,7 @@ TOOL: Final = "the time is that of importing Python modules and of reading, on o
 SLOW: Final = "it is the work of one processor, and the goal is that of a quiet machine"
 DELIVERY: Final = (
     "the dummy's step takes 2 to 4 µs, as much as two system calls. A loop with three groups that "
-    "nobody hears takes 3 times a bare step, samples and packing 1 more, and each of three "
+    "no node receives takes 3 times a bare step, samples and packing 1 more, and each of three "
     "deliveries wakes a thread: 2 to 4 µs, through DDS 6 to 20. That is within 1.25 where a step "
     "takes 50 µs and all nodes are in one process, or 75 µs in processes of their own"
 )
@@ -399,7 +399,7 @@ TOOLS: Final = (
         unit=" s",
         figure=lambda results: slowest_look(results["looking"]["commands"], has_messages=True),
         why="a participant of its own has to find the robot before it may speak; who moves a robot "
-        "is to be told apart in the graph, so the launcher's node does not publish in its place",
+        "is to be recognizable in the graph, so the launcher's node does not publish in its place",
     ),
     Goal(
         what="`obk launch` of the dummy to all active",

@@ -66,7 +66,7 @@ def main() -> None:
     rclpy.init()
     prefix, *options = sys.argv[1:]
     if OF_RUN not in options:
-        # Nobody takes what comes: the writer's side is what is measured.
+        # Nothing takes the messages: the writer's side is what is measured.
         node = rclpy.create_node("listener")
         subscribe(node, prefix)
         sys.stdin.read()

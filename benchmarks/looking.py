@@ -5,7 +5,7 @@
 Each command runs N times, cold, against the dummy stack; its seconds are medians. Then one process
 publishes on many quick topics and `obk topic hz` counts them: its share of a core, and what it
 counted held against what was published. Goes to `benchmarks/results/looking.json`. Exit code 1 when
-messages are neither counted nor told as lost.
+messages are neither counted nor reported as lost.
 """
 
 import argparse
@@ -35,7 +35,7 @@ DOMAIN = "98"
 START_S = 60.0
 """In which the stack has to be active [s]."""
 TOLD_S = 2.5
-"""In which `obk topic hz`, which tells its counts once a second, has told the last [s]."""
+"""In which `obk topic hz`, which prints its counts once a second, has printed the last [s]."""
 COMMANDS = (
     "topic echo --help",
     "lifecycle get",
@@ -134,13 +134,13 @@ def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, s
         text=True,
     )
     names = [f"/load/t{number:02}" for number in range(topics)]
-    with tempfile.TemporaryFile("w+") as output:  # a pipe that nobody reads would hold it up
+    with tempfile.TemporaryFile("w+") as output:  # a pipe without a reader would hold it up
         counter = psutil.Popen(
             [OBK, "topic", "hz", *names, "--format", "json", "--timeout", "60"],
             env=variables,
             stdout=output,
         )
-        told = json.loads(publisher.communicate(timeout=seconds * 5 + 60)[0])
+        reported = json.loads(publisher.communicate(timeout=seconds * 5 + 60)[0])
         used = counter.cpu_times()
         time.sleep(TOLD_S)
         counter.send_signal(2)
@@ -150,13 +150,13 @@ def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, s
     last = {line["topic"]: line for line in lines}
     return {
         "topics": topics,
-        "rate_hz": told["each"] / told["seconds"],
+        "rate_hz": reported["each"] / reported["seconds"],
         "measured_hz": statistics.median(line["rate_hz"] for line in lines),
-        "published": told["each"] * topics,
+        "published": reported["each"] * topics,
         "counted": sum(line["count"] for line in last.values()),
         "told_as_lost": sum(line["lost"] for line in last.values()),
         # Its start and its wait for the publisher are counted too.
-        "cores": (used.user + used.system) / told["seconds"],
+        "cores": (used.user + used.system) / reported["seconds"],
     }
 
 

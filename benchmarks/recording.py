@@ -47,7 +47,7 @@ def publish(topics: int, rate_hz: float, seconds: float) -> None:
     end = time.monotonic() + MATCH_S
     while not all(publisher.get_subscription_count() for publisher in publishers):
         if time.monotonic() > end:
-            raise SystemExit(f"nobody listened to every topic within {MATCH_S:g} s")
+            raise SystemExit(f"no node subscribed to every topic within {MATCH_S:g} s")
         time.sleep(0.01)
     time.sleep(SETTLE_S)
     count = round(seconds * rate_hz)
@@ -92,7 +92,7 @@ def measure(topics: int, rate_hz: float, seconds: float, folder: Path) -> dict[s
     used = recorder.cpu_times()
     recorder.send_signal(2)
     recorder.wait(20)
-    told = json.loads(published.stdout)
+    reported = json.loads(published.stdout)
     bag = json.loads(
         subprocess.run(
             [OBK, "bag", "info", path, "--format", "json"], stdout=subprocess.PIPE, check=True
@@ -100,12 +100,12 @@ def measure(topics: int, rate_hz: float, seconds: float, folder: Path) -> dict[s
     )
     return {
         "topics": topics,
-        "rate_hz": told["each"] / told["seconds"],
-        "published": told["each"] * topics,
+        "rate_hz": reported["each"] / reported["seconds"],
+        "published": reported["each"] * topics,
         "recorded": bag["count"],
         "told_as_lost": sum(topic["dropped"] for topic in bag["topics"]),
-        "recorder_cores": (used.user + used.system) / told["seconds"],
-        "file_mb_per_s": bag["size_bytes"] / 1e6 / told["seconds"],
+        "recorder_cores": (used.user + used.system) / reported["seconds"],
+        "file_mb_per_s": bag["size_bytes"] / 1e6 / reported["seconds"],
         "load_average": os.getloadavg()[0],
         "cores": os.cpu_count(),
         "machine": platform.machine(),

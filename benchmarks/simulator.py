@@ -115,7 +115,7 @@ class Rig:
         *,
         is_always_heard: bool = True,
     ) -> None:
-        """Make it; topics begin with `prefix`. What nobody hears is not sampled, unless forced."""
+        """Make it; topics start with `prefix`, and are sampled only if subscribed or forced."""
         loaded = load_model(
             format_setting(dict(block)),
             keyframe="ic",

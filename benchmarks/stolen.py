@@ -2,7 +2,7 @@
 
 Process times are free of it. What happens at a moment, and how often in a second, is not: a result
 that holds seconds or rates holds `stolen_percent` too. A part of it is the price of one's own
-wake-ups, each of which waits for the host; so it is told, and compared only between equals.
+wake-ups, each of which waits for the host; so it is reported, and compared only between equals.
 """
 
 import sys

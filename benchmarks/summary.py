@@ -28,8 +28,8 @@ def goals_page(goals: Mapping[str, Iterable[Goal]], results: Results) -> Iterato
     yield "# The newest figures, held against their goals"
     for section, its_goals in goals.items():
         yield from ("", f"## {section}", "", *goals_table(its_goals, results))
-    if told := [f"- {note}" for note in notes(results)]:
-        yield from ("", "## What disturbed the measurements", "", *told)
+    if reported := [f"- {note}" for note in notes(results)]:
+        yield from ("", "## What disturbed the measurements", "", *reported)
 
 
 def goals_table(goals: Iterable[Goal], results: Results) -> Iterator[str]:
@@ -75,7 +75,7 @@ def notes(results: Results) -> Iterator[str]:
 
 
 def _stolen_percent(found: Any) -> float:
-    """The most that is told anywhere within a result [% of a core]."""
+    """The most that is reported anywhere within a result [% of a core]."""
     if isinstance(found, list):
         return max(map(_stolen_percent, found), default=0.0)
     if not isinstance(found, dict):

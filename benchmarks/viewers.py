@@ -2,9 +2,9 @@
 
     python benchmarks/viewers.py [--seconds S]
 
-Nobody looks, a web viewer runs, and its page is open in a headless Chromium (drawn without a GPU,
+No viewer runs, a web viewer runs, and its page is open in a headless Chromium (drawn without a GPU,
 niced). Each of these twice: the stack, whose robot publishes its real-time factor, and the stepping
-loop alone in this process, which tells how late each step is. What comes out goes to
+loop alone in this process, which reports how late each step is. What comes out goes to
 `benchmarks/results/viewers.json`, with the load of the machine, which weighs more than viewers do.
 """
 
@@ -93,13 +93,13 @@ def lateness(
     )
     simulation.reset(None)
     clock = NotingClock()
-    told: queue.Queue[str] = queue.Queue()
+    reported: queue.Queue[str] = queue.Queue()
     with ExitStack() as closing:
         outputs = viewer_outputs(
             simulation,
             wishes,
             STEPS_PER_VIEW,
-            notify=lambda _, text: told.put(text),
+            notify=lambda _, text: reported.put(text),
             on_close=closing.callback,
         )
         stepper = Stepper(
@@ -112,7 +112,7 @@ def lateness(
             report=lambda _: None,
         )
         if wishes:
-            url = told.get(timeout=DEADLINE_S).removeprefix(SHOWN)
+            url = reported.get(timeout=DEADLINE_S).removeprefix(SHOWN)
             if is_open:
                 closing.enter_context(page(url, folder))
                 viewers = psutil.Process().children(recursive=True)
@@ -244,13 +244,13 @@ def main() -> int:
             "OBK_HOME": name,
         }
         loop = {
-            "nobody looks": lateness((), seconds, folder, is_open=False),
+            "no viewer": lateness((), seconds, folder, is_open=False),
             "web viewer": lateness(web, seconds, folder, is_open=False),
             "web viewer, one page open": lateness(web, seconds, folder, is_open=True),
         }
         stacks = {}
         with stack(folder=folder) as (launcher, _):
-            stacks["nobody looks"] = measure(launcher, seconds)
+            stacks["no viewer"] = measure(launcher, seconds)
         with stack("--viewer", "web", folder=folder) as (launcher, log):
             url = line_with(SHOWN, log).partition(SHOWN)[2].split()[0]
             stacks["web viewer"] = measure(launcher, seconds)

@@ -44,10 +44,10 @@ LAYOUTS = {"separate": (), "composed": ("--composed",)}
 
 
 class Counts:
-    """What the nodes tell of their ticks: `(time [s], ticks)` of each promise."""
+    """What the nodes report of their ticks: `(time [s], ticks)` of each promise."""
 
     def __init__(self) -> None:
-        self.told: dict[str, list[tuple[float, int]]] = {}
+        self.reported: dict[str, list[tuple[float, int]]] = {}
         self.expected_hz: dict[str, float] = {}
 
     def take(self, message: DiagnosticArray) -> None:
@@ -58,14 +58,14 @@ class Counts:
             for rate in heard.rates:
                 name = f"{heard.node} {rate.name}"
                 self.expected_hz[name] = rate.expected_hz
-                seen = self.told.setdefault(name, [])
+                seen = self.reported.setdefault(name, [])
                 seen.append((stamp.sec + stamp.nanosec * 1e-9, rate.ticks))
 
     def kept(self) -> dict[str, float]:
-        """The share of its rate that each promise kept, from the first told count to the last."""
+        """The share of its rate that each promise kept, from the first count to the last."""
         return {
             name: (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0]) / self.expected_hz[name]
-            for name, seen in sorted(self.told.items())
+            for name, seen in sorted(self.reported.items())
             if len(seen) > 1
         }
 
@@ -86,8 +86,8 @@ def stack(options: Sequence[str]) -> Iterator[psutil.Process]:
     def read() -> None:
         assert launch.stdout is not None
         for line in launch.stdout:
-            told = json.loads(line)
-            if told["event"] == "Phase" and told["name"] == "active":
+            reported = json.loads(line)
+            if reported["event"] == "Phase" and reported["name"] == "active":
                 is_up.set()
 
     reader = threading.Thread(target=read, daemon=True)
@@ -105,7 +105,7 @@ def stack(options: Sequence[str]) -> Iterator[psutil.Process]:
 
 @contextmanager
 def monitor() -> Iterator[psutil.Process]:
-    """`obk monitor`, which tells all that it sees twice a second."""
+    """`obk monitor`, which prints all that it sees twice a second."""
     process = psutil.Popen(
         [OBK, "monitor", "--format", "json"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )

@@ -147,7 +147,7 @@ def findings(name: str) -> list[Diagnostic]:
     return list(compile_config(str(path), options).diagnostics)
 
 
-def told(diagnostic: Diagnostic, name: str) -> str:
+def reported(diagnostic: Diagnostic, name: str) -> str:
     """`12:3 OBK101`, with the file's name where it is an included one."""
     place = f"{diagnostic.span.line}:{diagnostic.span.column} {diagnostic.code}"
     file = Path(diagnostic.span.path).name
@@ -157,7 +157,7 @@ def told(diagnostic: Diagnostic, name: str) -> str:
 @pytest.mark.mujoco
 @pytest.mark.parametrize("name", EXPECTED)
 def test_a_config_gives_the_findings_that_are_true_of_it(name: str) -> None:
-    assert [told(finding, name) for finding in findings(name)] == EXPECTED[name]
+    assert [reported(finding, name) for finding in findings(name)] == EXPECTED[name]
 
 
 def test_every_config_of_the_corpus_is_written_down() -> None:
@@ -165,7 +165,7 @@ def test_every_config_of_the_corpus_is_written_down() -> None:
 
 
 @pytest.mark.mujoco
-def test_the_seeds_example_is_told_which_topic_was_meant() -> None:
+def test_the_seeds_example_is_reported_which_topic_was_meant() -> None:
     (dangling,) = [f for f in findings("seed/dummy.yaml") if f.code == "OBK203"]
     assert dangling.message == (
         "nothing publishes `/obelisk/dummy/sensor`, to which `/obelisk_estimation_0` subscribes"

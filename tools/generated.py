@@ -1,4 +1,4 @@
-"""Generated files: what is stale is named, or written anew. Shared by the generators."""
+"""Generated files: stale ones are listed, or rewritten. Shared by the generators."""
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,5 +27,5 @@ def bring_up_to_date(
             path.write_text(files[path], encoding="utf-8")
         else:
             path.unlink()
-    sys.stdout.write(f"{len(files)} files, {len(stale)} written anew\n")
+    sys.stdout.write(f"{len(files)} files, {len(stale)} rewritten\n")
     return 0

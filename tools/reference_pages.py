@@ -87,7 +87,7 @@ def _config() -> Iterator[str]:
         "Generated from `schema/obelisk.schema.json` by `make docs`; `obk schema` prints the "
         "schema, and [editors](../how-to/migrating.md#in-the-editor) show the same texts. Where "
         "text or a number stands there may be `${NAME}` or `${NAME:-text}`, an environment "
-        "variable. Keys without effect are read for the sake of older configs, and told."
+        "variable. Keys without effect are accepted for older configs, and reported."
     )
     yield "## Stack"
     yield schema["description"]
@@ -104,7 +104,7 @@ def _config() -> Iterator[str]:
 
 
 def _keys(kind: Schema, kinds: Schema, besides: Sequence[str]) -> str:
-    """The table of what a mapping may hold, without the keys that are told elsewhere."""
+    """The table of what a mapping may hold, without the keys that are described elsewhere."""
     rows = ["| key | holds | is |", "|---|---|---|"]
     required = set(kind.get("required", ()))
     for key, value in kind["properties"].items():
@@ -211,7 +211,7 @@ def _messages() -> Iterator[str]:
     yield "## What a sensor group publishes"
     yield (
         "`msg_type` of a [sensor group](config.md#sensor-group), and which of the model's sensors "
-        "it takes. [The simulated robot](sensors.md) tells how."
+        "it takes. See [the simulated robot](sensors.md)."
     )
     rows = [
         f"| `{name}` | `{rule.published}` | {_taken(rule)} |"

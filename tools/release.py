@@ -36,7 +36,7 @@ def with_version(text: str, pattern: str, version: str) -> str:
 
 
 def unreleased(changelog: str) -> str:
-    """What the next version has to tell."""
+    """The changelog of the next version."""
     return FIRST.sub("", changelog.partition(UNRELEASED)[2].partition("\n## ")[0]).strip()
 
 
@@ -47,23 +47,23 @@ def now_released(changelog: str, version: str, date: str) -> str:
 
 
 def main() -> None:
-    """Write the version; ends with 1 where it is none, not above the last, or tells nothing."""
+    """Write the version; exits with 1 if it is invalid, not above the last, or not described."""
     version = sys.argv[1] if len(sys.argv) == 2 else ""
     changelog = ROOT / "CHANGELOG.md"
-    told = changelog.read_text(encoding="utf-8")
-    released = re.findall(rf"(?m)^## \[({NUMBER})\]", told)
+    changes = changelog.read_text(encoding="utf-8")
+    released = re.findall(rf"(?m)^## \[({NUMBER})\]", changes)
     if not re.fullmatch(NUMBER, version):
         sys.exit(f"release: `{version}` is no version such as 0.2.0")
     if released and _order(version) <= max(map(_order, released)):
         sys.exit(f"release: {version} is not above {released[0]}, the last one")
-    if not unreleased(told):
+    if not unreleased(changes):
         sys.exit("release: there is nothing under `Unreleased` in CHANGELOG.md")
     for glob, pattern in PLACES:
         for path in ROOT.glob(glob):
             text = path.read_text(encoding="utf-8")
             path.write_text(with_version(text, pattern, version), encoding="utf-8")
     today = datetime.now(UTC).date().isoformat()
-    changelog.write_text(now_released(told, version, today), encoding="utf-8")
+    changelog.write_text(now_released(changes, version, today), encoding="utf-8")
 
 
 def _order(version: str) -> tuple[int, ...]:

@@ -58,7 +58,7 @@ JOURNAL = "loop.jsonl"
 
 
 def main() -> int:
-    """Measure, tell, write."""
+    """Measure, report, write."""
     asked = options()
     efforts = efforts_of(asked)
     journal = (asked.results if asked.results != RESULTS else BUILD) / JOURNAL
@@ -95,7 +95,7 @@ def measure_with_progress(
     with Progress(*shown, console=console) as progress:
         task = progress.add_task(f"about {clock(whole_s)} left", total=whole_s)
 
-        def told(run: Run, left_s: float) -> None:
+        def reported(run: Run, left_s: float) -> None:
             progress.console.print(f"{run.case}: {sentence(run)}", highlight=False, soft_wrap=True)
             whole = max(whole_s, left_s)
             progress.update(
@@ -105,7 +105,7 @@ def measure_with_progress(
         def keep(record: Record) -> None:
             append_record(journal, record)
 
-        run_suite(efforts, done, floor=floor, keep=keep, told=told)
+        run_suite(efforts, done, floor=floor, keep=keep, reported=reported)
 
 
 def write_results(folder: Path, asked: Mapping[Case, Effort], records: Sequence[Record]) -> int:
@@ -124,7 +124,7 @@ def write_results(folder: Path, asked: Mapping[Case, Effort], records: Sequence[
 
 
 def others(before: Sequence[Record], efforts: Mapping[Case, Effort]) -> tuple[Record, ...]:
-    """What stays of a journal when some cases are measured anew."""
+    """What stays of a journal when some cases are measured again."""
     if not any(isinstance(record, Run) and record.case not in efforts for record in before):
         return ()
     return tuple(r for r in before if not isinstance(r, Run) or r.case not in efforts)

@@ -1,7 +1,7 @@
 """The work in nodes that inherit from the library's base classes, run as `obk launch` runs them.
 
 A process of one node is a call of `spin_obelisk`, one of several the host of composed processes.
-The nodes take themselves to active, as nobody else is there to do it.
+The nodes take themselves to active, as no launcher does it.
 """
 
 import os

@@ -118,14 +118,14 @@ def disturbances(suite: Suite) -> list[str]:
             f"stolen by the host during runs: {_range(found)} % of a core{floor}; a part of it is "
             "the price of a contestant's own wake-ups"
         )
-    told = (
+    reported = (
         f"{suite.disturbed or 'no'} runs had {DISTURBED_PERCENT:g} % of a core more stolen than "
         "the quietest run of the same case"
     )
     if suite.disturbed:
         kept = suite.disturbed_and_kept
-        told += f"; {kept} of them count all the same, as none better came of further rounds"
-    return [*lines, told]
+        reported += f"; {kept} of them count, as further rounds were no better"
+    return [*lines, reported]
 
 
 def table(rows: Iterable[Row]) -> list[str]:

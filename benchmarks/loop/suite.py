@@ -89,16 +89,16 @@ def run_suite(
     *,
     floor: Path,
     keep: Callable[[Record], None],
-    told: Callable[[Run, float], None],
+    reported: Callable[[Run, float], None],
 ) -> None:
-    """Make the runs that are not done, then some of those anew that the host disturbed.
+    """Make the runs that are not done, then repeat some of those that the host disturbed.
 
     Args:
         efforts: what runs, how often and how long.
         done: the runs of these cases that are there.
         floor: the compiled C program.
         keep: takes each load and each run when it is over.
-        told: hears of each run, with the time that is left for all [s], about.
+        reported: called with each run and with the time that is left for all [s], about.
     """
     runs = list(done)
 
@@ -111,7 +111,7 @@ def run_suite(
             run = _run(turn, floor)
             runs.append(run)
             keep(run)
-            told(run, estimate_s(turns[place + 1 :]))
+            reported(run, estimate_s(turns[place + 1 :]))
 
     make(turns_of(efforts, done))
     end_s = time.monotonic() + FURTHER_SHARE * estimate_s(turns_of(efforts))

@@ -52,10 +52,10 @@ def main() -> None:
 
 
 def attend(nodes: Nodes, path: Path) -> None:
-    """Tell when the nodes are ready, and end them when they are not needed any more."""
+    """Report when the nodes are ready, and end them when they are not needed any more."""
     while not nodes.have_heard():
         if select.select([sys.stdin], [], [], LOOK_EVERY_S)[0]:
-            os._exit(1)  # nobody waits for it any more, and the nodes may not be there yet
+            os._exit(1)  # no process waits for it any more, and the nodes may not exist yet
     print("ready", flush=True)
     sys.stdin.buffer.read()
     write_records(path, nodes.records())

@@ -4,5 +4,5 @@
 `troubles` does it and holds the answers against the rules, `stack` is what it is done to, `counts`
 counts and judges growth, `rates` judges rates against what a bare timer keeps, `results`
 keeps and draws; `rounds` is a program of its own. What is judged is the stack's: time that the
-machine's host takes, or that other work takes, makes a second void, and is told.
+machine's host takes, or that other work takes, makes a second void, and is reported.
 """

@@ -4,7 +4,7 @@
     make bench PART=soak-short    (2 min: each trouble once or more, and what grows quickly)
 
 A seeded plan takes turns at random: nodes are taken through transitions, killed and frozen; the
-config is changed and launched anew; monitors, recorders and pages come and go. Each answer is held
+config is changed and launched again; monitors, recorders and pages come and go. Each answer is held
 against the rules. Memory, file handles, threads and sockets of the stack's processes and their
 files in shared memory are counted: their slope has to be flat, but for its noise. Between troubles
 every promised rate has to be kept, in seconds in which a bare timer beside the stack kept its own.
@@ -76,7 +76,7 @@ class Soak:
         self.stack.stop()
 
     def note(self, kind: Trouble, begun_s: float) -> None:
-        """Keep what was done, and tell whoever watches."""
+        """Keep what was done, and print it."""
         now_s = self.stack.now()
         done = {"time_s": round(begun_s, 1), "took_s": round(now_s - begun_s, 1), "trouble": kind}
         self.troubles.append(done)
@@ -109,7 +109,7 @@ def soak(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
     options = ("--on-crash", "restart", "--hang-after", f"{asked.hang_after:g}")
     stolen, stack = StolenTime(), Stack.of(asked.config, home, options)
     run = Soak(stack, draw, asked.calm)
-    remove_dead_segments()  # of whoever was killed before
+    remove_dead_segments()  # of processes that were killed before
     with nullcontext() if asked.without_rates else bare_timer_beside() as timer:
         run.run(asked.seconds, plan(draw, is_frozen=is_frozen), least, timer)
     left, found = stack.leftovers(), verdicts(run.samples, least_mb=asked.least_mb)
@@ -170,7 +170,7 @@ def options() -> argparse.Namespace:
 
 
 def main() -> int:
-    """Run, tell, keep."""
+    """Run, report, keep."""
     asked = options()
     with ExitStack() as held:
         if "ROS_DOMAIN_ID" not in os.environ:

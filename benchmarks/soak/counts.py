@@ -71,7 +71,7 @@ def of_process(pid: int) -> dict[str, float]:
 
 
 def shared_files() -> set[str]:
-    """The files of DDS in shared memory, whoever has them."""
+    """The files of DDS in shared memory, of all processes."""
     return {path.name for path in SHARED_MEMORY.iterdir() if path.name.startswith(OF_DDS)}
 
 
@@ -108,7 +108,7 @@ def verdicts(
 
     Args:
         samples: with `time_s` [s], `who`, `pid` and counts.
-        least_judged_s: of a process that was looked at for a shorter time nothing is told [s].
+        least_judged_s: a process that was observed for a shorter time is left out [s].
         least_mb: growth of its memory that counts as flat in any case [MB].
     """
     least = {**LEAST, "rss_mb": least_mb, "pss_mb": least_mb}

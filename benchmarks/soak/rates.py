@@ -19,7 +19,7 @@ __all__ = ["Rates", "bare_timer_beside", "broken", "is_void"]
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 LOOKED_BACK_S: Final = 4.0
-"""A rate is broken that was not kept for 2 s, and told a second later."""
+"""A rate that was not kept for 2 s is broken, and reported a second later."""
 LEAST_KEPT: Final = 0.99
 LEAST_IDLE_PERCENT: Final = 10.0
 """Of all cores: with less, the stack does not get what it wants."""
@@ -39,7 +39,7 @@ class Rates:
         """Judge them at a moment.
 
         Args:
-            nodes: as `Stack.nodes` tells them.
+            nodes: as `Stack.nodes` returns them.
             seconds: what a bare timer has kept in the last of them.
             at_s: the moment, for the faults [s].
         """
@@ -51,7 +51,7 @@ class Rates:
 
 
 def is_void(seconds: Sequence[BareSecond]) -> bool:
-    """Whether the machine could not have kept a rate in one of these seconds, or nobody knows."""
+    """Whether the machine could not have kept a rate in one of these seconds, or may not."""
     return not seconds or any(
         one.kept < LEAST_KEPT
         or one.stolen_percent > DISTURBED_PERCENT

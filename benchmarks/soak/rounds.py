@@ -83,7 +83,7 @@ def measure(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Run, tell, keep."""
+    """Run, report, keep."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.soak.rounds",
         description=__doc__,

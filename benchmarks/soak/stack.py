@@ -1,4 +1,4 @@
-"""The stack that is troubled, by `obk` as a user would, and what its launcher tells of it."""
+"""The stack that is troubled, by `obk` as a user would, and what its launcher reports."""
 
 import json
 import os
@@ -82,7 +82,7 @@ class Stack:
             )
 
     def nodes(self) -> dict[str, dict[str, Any]]:
-        """What `obk ps` would say of each; empty where nothing runs, or nobody answers."""
+        """What `obk ps` would say of each; empty if nothing runs or answers."""
         runs = select_runs(runs_folder({"OBK_HOME": str(self.home)}))
         stacks = live_stacks(runs, ANSWER_S)
         return {

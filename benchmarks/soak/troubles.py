@@ -76,7 +76,7 @@ def _end_a_process(stack: Stack, draw: random.Random, how: signal.Signals) -> No
     if stack.wait_for(f"{chosen} back and all active after {how.name}", is_back):
         for name, node in stack.nodes().items():
             if name != chosen and node["pid"] != before.get(name):
-                stack.blame(f"{name} was started anew, as {chosen} got {how.name}")
+                stack.blame(f"{name} was started again, as {chosen} got {how.name}")
 
 
 def _onlooker(stack: Stack) -> None:

@@ -146,7 +146,7 @@ def main() -> int:
     print(f"  joint1   {sparkline(joint)}")
     followed, since = correlation(command, joint), f"after the first {SETTLING_S:g} s"
     if followed is None:
-        print(f"  too short to tell whether joint1 follows: what counts comes {since}")
+        print(f"  too short to check whether joint1 follows: the check uses data {since}")
     else:
         print(f"  joint1 followed the command sin(t): correlation {followed:.4f} {since}")
     return 0

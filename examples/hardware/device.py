@@ -4,7 +4,7 @@
 
 Until Ctrl-C. It is no part of the stack: it knows nothing of ROS and of Obelisk, and like a real
 drive it looks after itself. No command for 50 ms, and the motor is off; too fast, and it stays off
-until it is told to rest. Who commands it has it to himself until he falls silent.
+until it is commanded to rest. One sender commands it at a time, until that one is silent.
 """
 
 import argparse
@@ -27,7 +27,7 @@ STEP_S = 0.001
 WATCHDOG_S = 0.05
 """Without a command for so long the motor is switched off [s]."""
 LISTENER_S = 1.0
-"""States go to whoever was heard last, for so long [s]."""
+"""States go to the last sender, for so long [s]."""
 LONGEST_CATCH_UP_S = 0.1
 """After a longer time without the processor the drive does not make up for the rest [s]."""
 OVERSPEED = 50.0
@@ -82,7 +82,7 @@ class Drive:
         self._next_sequence = 0
 
     def take(self, data: bytes, sender: Sender) -> None:
-        """Take a datagram; what is no command, comes late or from a stranger is dropped."""
+        """Take a datagram; anything but a new command of the present sender is dropped."""
         command = Command.unpack(data)
         if command is None:
             return
@@ -146,7 +146,7 @@ def serve(drive: Drive, line: socket.socket, is_over: threading.Event) -> None:
             drive.step()
             next_step_s += STEP_S
         if is_due and drive.listener is not None:
-            tell(line, drive.state(), drive.listener)
+            send_state(line, drive.state(), drive.listener)
 
 
 def take_all(drive: Drive, line: socket.socket) -> None:
@@ -160,7 +160,7 @@ def take_all(drive: Drive, line: socket.socket) -> None:
             continue
 
 
-def tell(line: socket.socket, state: State, listener: Sender) -> None:
+def send_state(line: socket.socket, state: State, listener: Sender) -> None:
     """Send a state; one that cannot be sent is lost, as on a real line."""
     try:
         line.sendto(state.pack(), listener)

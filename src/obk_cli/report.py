@@ -141,7 +141,7 @@ def _json_finding(finding: Diagnostic) -> dict[str, object]:
 
 
 def _json_edit(edit: Edit) -> dict[str, object]:
-    """The stretch that gives way, and the text that takes its place."""
+    """The stretch that is replaced, and its replacement."""
     return {**_json_place(edit.place), "text": edit.text}
 
 

@@ -72,10 +72,10 @@ def run(module: str, name: str, engine: str, seconds: float, seed: int) -> dict[
             end = f"exit code {done.returncode}: {done.stderr[-1000:]}" if done.returncode else ""
         except subprocess.TimeoutExpired:
             lines, end = [], f"no end within {seconds + START_S:g} s"
-    told = next((json.loads(line) for line in lines if line.startswith('{"executions"')), None)
-    result = told or {"executions": 0, "slowest_s": 0.0, "findings": {}}
-    if end or told is None:
-        result["findings"]["process"] = end or "it told nothing"
+    reported = next((json.loads(line) for line in lines if line.startswith('{"executions"')), None)
+    result = reported or {"executions": 0, "slowest_s": 0.0, "findings": {}}
+    if end or reported is None:
+        result["findings"]["process"] = end or "it reported nothing"
     return {"test": f"{module.rpartition('.')[2]}.{name}", **result, "seconds": _since(begin)}
 
 
@@ -112,7 +112,7 @@ def main() -> int:
             results.append(result)
     if options.only != [""] or options.engine:
         results = _with_earlier(results)
-    told = {
+    reported = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": platform.python_version(),
         "seed": options.seed,
@@ -122,9 +122,9 @@ def main() -> int:
         "tests": results,
     }
     RESULT.parent.mkdir(parents=True, exist_ok=True)
-    RESULT.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-    print(f"{told['executions']} executions, {told['findings']} findings: {RESULT}")
-    return 1 if told["findings"] else 0
+    RESULT.write_text(json.dumps(reported, indent=1) + "\n", encoding="utf-8")
+    print(f"{reported['executions']} executions, {reported['findings']} findings: {RESULT}")
+    return 1 if reported["findings"] else 0
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ class Bounded:
         try:
             self.test(*arguments, **options)
         except HypothesisException:
-            raise  # how a test tells that an input is none
+            raise  # how a test rejects an input
         except Exception as error:
             self._note(_place(error), f"{type(error).__name__}: {error}", options)
         took_s = time.process_time() - begin

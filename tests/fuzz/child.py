@@ -92,8 +92,8 @@ def _explore(
 
 
 def _tell(bounded: Bounded) -> None:
-    told = {"executions": bounded.executions, "slowest_s": round(bounded.slowest_s, 3)}
-    print(json.dumps({**told, "findings": bounded.findings}), flush=True)
+    reported = {"executions": bounded.executions, "slowest_s": round(bounded.slowest_s, 3)}
+    print(json.dumps({**reported, "findings": bounded.findings}), flush=True)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ for name in sys.argv[1:]:
 
 
 def golden(name: str, form: str) -> Path:
-    """The expected file; a launch file is text here, so that nobody takes it for code of ours."""
+    """The expected file; a launch file is text here, so that no one takes it for code of ours."""
     ending = FORMS[form].ending.replace(".py", ".py.txt")
     return HERE / f"{Path(name).stem}{ending}"
 

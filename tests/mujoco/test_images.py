@@ -121,7 +121,7 @@ def test_a_camera_sees_colours_where_they_are_or_says_why_it_cannot(scene, feed)
     mujoco.mj_forward(scene, camera.data)
     camera.take()
     camera.take()
-    # The third one may be drawn by now; it is waited for by nobody.
+    # The third one may be drawn by now; it is waited for by no one.
     before, after = (multiarray_to_np(message.y) for message in camera.messages[:2])
     assert before.shape == (30, 40, 3)
     assert [dim.label for dim in camera.messages[0].y.layout.dim] == ["height", "width", "channels"]

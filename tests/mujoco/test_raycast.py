@@ -143,7 +143,7 @@ def test_distances_are_those_of_mj_ray(everything, moving, pattern, more):
     _same(message.data, wanted)
 
 
-def test_a_depth_camera_tells_the_distance_along_its_axis(everything, moving):
+def test_a_depth_camera_reports_the_distance_along_its_axis(everything, moving):
     settings = _settings(CAMERA, geom_groups=[], frame="lens")
     rotation = moving.site("imu").xmat.reshape(3, 3)
     turned = np.empty(9)

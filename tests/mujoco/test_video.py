@@ -166,13 +166,13 @@ def test_a_file_that_takes_no_more_is_reported_at_once(simulation, tmp_path):
         drawing.rlimit(psutil.RLIMIT_FSIZE, (1, 1))
         frames = count()
 
-        def is_told():
+        def is_reported():
             number = next(frames)
             lift(simulation, time_s=number / 10, height=5.5 * (number % 2))
             video.seen()
             return reported[-1].state == "failed"
 
-        eventually(is_told, "that the file takes no more")
+        eventually(is_reported, "that the file takes no more")
 
     reported = []
     if made(simulation, tmp_path / "full.gif", show, reported=reported) is None:

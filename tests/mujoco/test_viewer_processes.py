@@ -97,7 +97,7 @@ def test_a_page_on_this_machine_only_behind_the_robot_gone_when_it_is_closed(
     assert len(looked.said) == 1
 
 
-def test_a_page_of_somebody_else_in_the_same_browser_sees_nothing(
+def test_a_page_of_another_user_in_the_same_browser_sees_nothing(
     looking: Callable[..., Looked],
 ) -> None:
     pytest.importorskip("mjviser")

@@ -65,7 +65,7 @@ def compiled(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
     return compile_config(path.name, options)
 
 
-def told(finding: Diagnostic, expected_help: str | None) -> Planted:
+def reported(finding: Diagnostic, expected_help: str | None) -> Planted:
     """The finding as it would be planted; a help that ends in dots is given in part."""
     help = finding.help
     if help and expected_help and expected_help.endswith("..."):
@@ -82,7 +82,7 @@ def test_every_planted_fault_is_found_at_its_place_with_its_cure(
     helps = {fault[:4]: fault[4] for fault in expected}
     findings = compiled(HERE / "stack.yaml", monkeypatch).diagnostics
     found = [(f.span.path, f.span.line, f.span.column, f.code) for f in findings]
-    heard = [told(f, helps.get(place)) for f, place in zip(findings, found, strict=True)]
+    heard = [reported(f, helps.get(place)) for f, place in zip(findings, found, strict=True)]
     assert sorted(heard, key=str) == expected
 
 

@@ -16,7 +16,7 @@ SPOILT = st.lists(
     st.sampled_from(_SEQUENCES) | st.text(string.ascii_letters + ";[]?0m \t", max_size=6),
     max_size=8,
 ).map("".join)
-"""Texts with what a terminal obeys."""
+"""Texts with what a terminal follows."""
 _WORDS = st.sampled_from(("", "a", "/a", "../..", "active", "\ud800", "nan", "a" * 300))
 _NUMBERS = st.sampled_from((0, 1, -1, 2**31, 2**63, 2**64, 10**400, 1e308, 0.5, -0.0))
 JSON = st.recursive(

@@ -1,4 +1,4 @@
-"""Models that were cut, changed or made up are read or refused, and take nobody along."""
+"""Models that were cut, changed or made up are read or refused, and take no one along."""
 
 import os
 import tempfile

@@ -146,8 +146,8 @@ def test_any_answer_of_a_launcher_is_understood_or_none(line: bytes | str) -> No
 
 
 @given(respelt(STATUS), SPOILT)
-def test_a_status_of_any_shape_is_shown(told: object, spoilt: str) -> None:
-    line = json.dumps(told).replace("/a", json.dumps(spoilt)[1:-1]).encode()
+def test_a_status_of_any_shape_is_shown(reported: object, spoilt: str) -> None:
+    line = json.dumps(reported).replace("/a", json.dumps(spoilt)[1:-1]).encode()
     answer = decode_answer(line, StackStatus)
     status = answer if isinstance(answer, StackStatus) else None
     run = Run(name="arm", pid=PID, started=STARTED, domain=1, config=f"{spoilt}.yaml", nodes=())
@@ -158,8 +158,8 @@ def test_a_status_of_any_shape_is_shown(told: object, spoilt: str) -> None:
 
 
 @given(respelt(CHANGE), SPOILT)
-def test_a_change_of_any_shape_is_shown(told: object, spoilt: str) -> None:
-    line = json.dumps(told).replace("no", json.dumps(spoilt)[1:-1]).encode()
+def test_a_change_of_any_shape_is_shown(reported: object, spoilt: str) -> None:
+    line = json.dumps(reported).replace("no", json.dumps(spoilt)[1:-1]).encode()
     answer = decode_answer(line, ChangeAnswer)
     if isinstance(answer, ChangeAnswer):
         assert_shows_only_text(shown(lifecycle._report_change, answer, is_json=False))

@@ -1,4 +1,4 @@
-"""Whatever nodes, users and their files say: it is told, and no character moves the terminal."""
+"""Hostile text of nodes, users and files: it is shown, and no character moves the terminal."""
 
 import re
 import tempfile

@@ -42,15 +42,15 @@ def test_what_the_outer_text_says_is_there_and_what_it_does_not_name_stays(
 ) -> None:
     merged = merge_trees(tree_of(inner, "inner"), tree_of(outer, "outer"))
     assert isinstance(merged, TreeMap)
-    told = plain_value(merged)
-    assert isinstance(told, dict)
+    reported = plain_value(merged)
+    assert isinstance(reported, dict)
     for key in {*inner, *outer}:
         if key not in outer:
-            assert told[key] == inner[key]
+            assert reported[key] == inner[key]
         elif outer[key] is None and key in inner:
-            assert key not in told
+            assert key not in reported
         elif not isinstance(outer[key], list | dict):
-            assert told[key] == outer[key]
+            assert reported[key] == outer[key]
     known = {*spans(tree_of(inner, "inner")), *spans(tree_of(outer, "outer"))}
     assert {*spans(merged)} <= known
 

@@ -126,7 +126,7 @@ def _texts(value: object) -> list[str]:
 
 
 def canonical(text: str) -> object:
-    """What a config says, read by PyYAML and told apart from how it is spelt."""
+    """What a config says, read by PyYAML, whatever its spelling."""
     value = yaml.load(text, Loader=yaml.BaseLoader)
     head = {key: item for key, item in value.items() if key in ("config", "obk")}
     sections = value.get("onboard") or {k: v for k, v in value.items() if k not in head}

@@ -72,7 +72,7 @@ VALUES = (
 
 
 def _is_whole(checker: jsonschema.TypeChecker, value: object) -> bool:
-    """YAML tells `0.0` from `0`, and so does the checker; JSON does not."""
+    """YAML distinguishes `0.0` from `0`, and so does the checker; JSON does not."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 

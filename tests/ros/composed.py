@@ -22,8 +22,8 @@ from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.utils.ros import spin_obelisk
 
 
-class Told(ObeliskNode):
-    def __init__(self, node_name="told"):
+class Reported(ObeliskNode):
+    def __init__(self, node_name="reported"):
         super().__init__(node_name)
         self.declare_parameter("gain", 0)
         self.last_argument = sys.argv[-1]
@@ -47,7 +47,7 @@ class Told(ObeliskNode):
         return super().on_shutdown(state)
 
 
-class Act(Told):
+class Act(Reported):
     "Does something in a callback once it is active."
 
     def on_activate(self, state):
@@ -76,18 +76,18 @@ class Stuck(Act):
         time.sleep(1000)
 
 
-class Unmade(Told):
+class Unmade(Reported):
     def __init__(self):
         raise ValueError("no such port")
 
 
 def main(args=None):
-    spin_obelisk(args, Told)
+    spin_obelisk(args, Reported)
 
 def held():
     print("opened", flush=True)
     try:
-        spin_obelisk(sys.argv, Told)
+        spin_obelisk(sys.argv, Reported)
     finally:
         print("closed", flush=True)
 

@@ -19,7 +19,7 @@ N = TypeVar("N", bound=Node)
 
 
 class World:
-    """A context with an executor that nobody runs yet."""
+    """A context with an executor that no one runs yet."""
 
     def __init__(self, num_threads: int = 1) -> None:
         self.context = Context()

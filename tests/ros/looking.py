@@ -29,5 +29,5 @@ def refused(*words: object, exit_code: int = 1, is_patient: bool = True) -> str:
     return result.stderr
 
 
-def told(*words: object) -> Any:
+def reported(*words: object) -> Any:
     return json.loads(done(*words, "--format", "json"))

@@ -179,7 +179,7 @@ class Launched:
 
     @property
     def cause(self) -> str:
-        """The line that tells why the run failed; empty when it did not."""
+        """The line that reports why the run failed; empty when it did not."""
         return next((line for line in self.lines if line.startswith("failed: ")), "")
 
     def wait_for(self, phase: str) -> None:

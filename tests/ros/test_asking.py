@@ -33,7 +33,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "home"
 
 
-def told(*arguments: object) -> dict[str, Any]:
+def reported(*arguments: object) -> dict[str, Any]:
     result = obk(*arguments, "--format", "json")
     assert result.returncode == 0, result.stdout + result.stderr
     return dict(json.loads(result.stdout))
@@ -48,16 +48,16 @@ def node_pids(run: Launched) -> dict[str, int]:
     return {name: run.node(name.strip("/")).pid for name in NODES}
 
 
-def test_the_launcher_tells_and_moves_its_stack_again_and_again() -> None:
+def test_the_launcher_reports_and_moves_its_stack_again_and_again() -> None:
     with launched(DUMMY, "--quiet") as run:
         (stack,) = json.loads(obk("ps", "--format", "json").stdout)["stacks"]
         assert (stack["launcher"], stack["state"]) == (run.process.pid, "active")
         assert {node["node"]: node["pid"] for node in stack["nodes"]} == node_pids(run)
         for _ in range(2):
             for verb, goal in ROUND:
-                assert told("lifecycle", verb)["success"] is True
-                assert told("lifecycle", "get") == dict.fromkeys(NODES, goal)
-        assert told("lifecycle", "list", "robot") == {
+                assert reported("lifecycle", verb)["success"] is True
+                assert reported("lifecycle", "get") == dict.fromkeys(NODES, goal)
+        assert reported("lifecycle", "list", "robot") == {
             NODES[0]: {"state": "active", "transitions": ["deactivate", "shutdown"]}
         }
     assert run.process.returncode == 0, run.text
@@ -73,11 +73,11 @@ def test_without_the_run_registry_the_graph_alone_is_enough(
         # By their full names, so that all are waited for however slow the graph is.
         patient = (*NODES, "--timeout", DEADLINE_S)
         for verb, goal in ROUND:
-            answer = told("lifecycle", verb, *patient)
+            answer = reported("lifecycle", verb, *patient)
             assert answer["success"] is True
             reached = {member["node"]: member["state"] for member in answer["members"]}
             assert reached == dict.fromkeys(NODES, goal)
-        assert told("lifecycle", "get", *patient) == dict.fromkeys(NODES, "active")
+        assert reported("lifecycle", "get", *patient) == dict.fromkeys(NODES, "active")
         refused = obk("lifecycle", "configure", NODES[0], "--timeout", DEADLINE_S)
         assert refused.returncode == 1
         assert "`configure` " in refused.stderr
@@ -120,7 +120,7 @@ def test_what_outlives_its_launcher_in_spite_of_all_is_found_and_ended() -> None
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-def test_a_run_tells_afterwards_what_it_was_and_how_it_ended(home: Path) -> None:
+def test_a_run_reports_afterwards_what_it_was_and_how_it_ended(home: Path) -> None:
     begin = time.time()
     assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
     (folder,) = (home / "runs").glob("dummy_*")

@@ -85,8 +85,8 @@ def test_ros_arguments_hold_for_their_node_only(
     )
     composed.activate("/left/arm", "/right/arm2", "/arm3")
     assert composed.end(signal.SIGTERM) == 0, composed.text
-    told = [line for line in composed.lines if line.startswith("arm")]
-    assert told[:9] == [
+    reported = [line for line in composed.lines if line.startswith("arm")]
+    assert reported[:9] == [
         *("arm 1", "arm /x", "arm tag1"),
         *("arm2 2", "arm2 /right/in", "arm2 tag2"),
         *("arm3 0", "arm3 /in", "arm3 __node:=arm3"),
@@ -117,9 +117,9 @@ def test_a_callback_that_raises_fails_its_own_node_only(compose: Callable[..., C
     assert answer.message.startswith("Raising.act: ValueError: no such motor\nTraceback")
     assert composed.end(signal.SIGINT) == 0, composed.text
     lines = NodeLines(["/a", "/b"])
-    told = [line.strip() for line in composed.lines if lines.owner(line) == "/b"]
-    assert told[0].endswith("[b]: Raising.act: ValueError: no such motor")
-    assert "ValueError: no such motor" in told[1:]
+    reported = [line.strip() for line in composed.lines if lines.owner(line) == "/b"]
+    assert reported[0].endswith("[b]: Raising.act: ValueError: no such motor")
+    assert "ValueError: no such motor" in reported[1:]
 
 
 @pytest.mark.parametrize(
@@ -166,19 +166,21 @@ def test_no_node_runs_where_one_cannot_be_made_and_that_one_is_named(
     assert any(f"[b]: {cause[:30]}" in line for line in composed.lines)
 
 
-def test_a_module_that_is_not_there_is_told_for_its_node(compose: Callable[..., Composed]) -> None:
+def test_a_module_that_is_not_there_is_reported_for_its_node(
+    compose: Callable[..., Composed],
+) -> None:
     composed = compose(entry("/a"), entry("/b", None, module="no_such"))
     assert composed.end() == 1
     assert composed.lines[-1] == ("/b: python -m no_such: ImportError: No module named no_such")
 
 
-def test_wrong_ros_arguments_are_told_for_their_node(compose: Callable[..., Composed]) -> None:
+def test_wrong_ros_arguments_are_reported_for_their_node(compose: Callable[..., Composed]) -> None:
     composed = compose(entry("/a"), entry("/b", "main", "-p", "gain"))
     assert composed.end() == 1
     assert composed.lines[-1].startswith("/b: the node cannot be made: RCLInvalidROSArgsError")
 
 
-def test_asked_by_a_signal_a_stuck_process_tells_where_and_the_second_end_signal_ends_it(
+def test_asked_by_a_signal_a_stuck_process_reports_where_and_the_second_end_signal_ends_it(
     compose: Callable[..., Composed],
 ) -> None:
     composed = compose(entry("/a"), entry("/b", "stuck"))
@@ -191,7 +193,7 @@ def test_asked_by_a_signal_a_stuck_process_tells_where_and_the_second_end_signal
     assert composed.end(signal.SIGTERM) != 0
 
 
-def test_a_process_of_one_node_tells_where_it_is_too(tmp_path: Path) -> None:
+def test_a_process_of_one_node_reports_where_it_is_too(tmp_path: Path) -> None:
     (tmp_path / "nodes.py").write_text(NODES)
     arguments = ["--ros-args", "-r", "__node:=b"]
     with client_context() as made:

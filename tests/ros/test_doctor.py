@@ -16,11 +16,11 @@ pytestmark = pytest.mark.ros
 
 def test_the_machine_that_tests_run_on_has_no_errors() -> None:
     result = obk("doctor", "--format", "json")
-    told = json.loads(result.stdout)
-    errors = [finding for finding in told["findings"] if finding["severity"] == "error"]
+    reported = json.loads(result.stdout)
+    errors = [finding for finding in reported["findings"] if finding["severity"] == "error"]
     assert (result.returncode, errors) == (0, [])
-    assert not [f for f in told["findings"] if "the check itself failed" in f["message"]]
-    discovery = next(f for f in told["findings"] if f["check"] == "discovery")
+    assert not [f for f in reported["findings"] if "the check itself failed" in f["message"]]
+    discovery = next(f for f in reported["findings"] if f["check"] == "discovery")
     assert discovery["facts"]["rmw"] == "rmw_fastrtps_cpp"
     assert discovery["facts"]["first_answer_s"] > 0
 

@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 README = EXAMPLE.parents[2] / "README.md"
 SHOWN = re.compile(r"^(What happened\n.*?)^```$", re.DOTALL | re.MULTILINE)
 LAST = "joint1 followed the command"
-"""Told of a run of some seconds only."""
+"""Reported only for a run of some seconds."""
 
 
 @pytest.fixture

@@ -107,7 +107,7 @@ def test_an_exclusive_group_is_not_entered_while_its_coroutine_waits(one: World)
         count = len(free)
         eventually(lambda: len(free) > count + 10, "ticks of another group")
         held = list(log)
-        gate.set_result(None)  # by a thread that tells nobody
+        gate.set_result(None)  # by a thread that reports to no one
         eventually(lambda: "over" in log and log[-1] == "same", "ticks after the coroutine")
     assert held[-1] == "begun"
     assert held.count("begun") == 1

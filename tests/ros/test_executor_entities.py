@@ -235,7 +235,7 @@ def test_a_shutdown_within_a_callback_leaves_no_descriptor_either() -> None:
         node.destroy_node()
 
 
-def test_an_executor_that_nobody_has_any_more_lets_go_of_everything() -> None:
+def test_an_executor_that_no_one_has_any_more_lets_go_of_everything() -> None:
     with world() as made:
         executor = EventLoopExecutor(context=made.context)
         node = Node("node", context=made.context)
@@ -273,7 +273,7 @@ def test_a_removed_node_is_let_go_without_another_spin(num_threads: int) -> None
         node.destroy_node()
 
 
-def test_a_guard_condition_that_was_triggered_and_destroyed_calls_nobody(one: World) -> None:
+def test_a_guard_condition_that_was_triggered_and_destroyed_calls_no_one(one: World) -> None:
     node = one.node()
     called: list[int] = []
     guard = node.create_guard_condition(lambda: called.append(1))

@@ -1,4 +1,4 @@
-"""Processes that run the executor end when they are told to, and cleanly, whatever they forgot."""
+"""Processes that run the executor end cleanly when asked to, whatever they left open."""
 
 import signal
 import subprocess
@@ -101,16 +101,16 @@ def ended(process: subprocess.Popen[str]) -> tuple[int, str, str]:
 @pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(
-    ("number", "told"), [(signal.SIGINT, "interrupted\n"), (signal.SIGTERM, "over\n")]
+    ("number", "reported"), [(signal.SIGINT, "interrupted\n"), (signal.SIGTERM, "over\n")]
 )
 def test_rclpys_own_signal_handlers_end_spin(
-    threads: int, number: signal.Signals, told: str
+    threads: int, number: signal.Signals, reported: str
 ) -> None:
     process = start(SPIN.format(threads=threads))
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     process.send_signal(number)
-    assert ended(process) == (0, told, "")
+    assert ended(process) == (0, reported, "")
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -147,7 +147,7 @@ def test_shutdown_within_a_callback_ends_spin(one: World) -> None:
     assert one.executor.shutdown()
 
 
-def test_shutdown_tells_of_a_callback_that_takes_too_long(one: World) -> None:
+def test_shutdown_reports_of_a_callback_that_takes_too_long(one: World) -> None:
     node = one.node()
     entered, leave = threading.Event(), threading.Event()
     node.create_timer(0.001, lambda: (entered.set(), leave.wait()))

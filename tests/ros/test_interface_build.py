@@ -106,7 +106,7 @@ def test_an_unchanged_package_is_installed_into_a_new_prefix(source: Path, tmp_p
 
 
 @pytest.mark.ros
-def test_a_wrong_default_is_told_with_its_place_and_installs_nothing(
+def test_a_wrong_default_is_reported_with_its_place_and_installs_nothing(
     source: Path, tmp_path: Path
 ) -> None:
     (source / "msg" / "Plan.msg").write_text("uint8 small 256\n")

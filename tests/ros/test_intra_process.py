@@ -1,4 +1,4 @@
-"""Messages within a process: past DDS where nobody else listens, and no message twice or lost."""
+"""Messages within a process: past DDS where no one else listens, and no message twice or lost."""
 
 import json
 import subprocess
@@ -163,7 +163,7 @@ def test_the_order_is_kept_while_messages_wait_on_both_ways(sent: list[int]) -> 
         heard = listener(made.node())
         settle(made, source)
         source.publish(3)
-        # Nobody runs it: for the publisher that is somebody outside, matched at once.
+        # No one runs it: for the publisher that is someone outside, matched at once.
         outsider = Node("outsider", context=made.context)
         outsider.create_subscription(Int64, "/numbers", print, 1)
         source.publish(3)
@@ -196,7 +196,7 @@ def test_nothing_overtakes_what_was_sent_before_the_executor_knew_the_subscripti
     assert heard == sent == list(range(6))
 
 
-def test_an_executor_of_another_thread_is_told(sent: list[int]) -> None:
+def test_an_executor_of_another_thread_is_reported(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         other = EventLoopExecutor(context=made.context)

@@ -1,4 +1,4 @@
-"""The guarded life cycle on the real rclpy: faults are told, wrong requests refused, no leaks."""
+"""The guarded life cycle on the real rclpy: reported faults, rejected requests, no leaks."""
 
 import gc
 from pathlib import Path
@@ -30,7 +30,7 @@ WIRED = {
 
 
 class Controller(ObeliskController):
-    """Counts its ticks; raises at the one that it is told to."""
+    """Counts its ticks; raises at the given one."""
 
     def __init__(self, raise_at: int | None = None, **settings: str) -> None:
         super().__init__("controller", **parameters(**{**WIRED, **settings}))
@@ -134,7 +134,7 @@ def test_a_failure_leaves_the_node_where_it_was_and_says_so() -> None:
         assert node.last_fault.text.startswith("`Misbehaving.on_configure` returned FAILURE ")
 
 
-def test_what_a_callback_told_before_it_answers_error_is_what_is_kept() -> None:
+def test_what_a_callback_reported_before_it_answers_error_is_what_is_kept() -> None:
     class Telling(ObeliskNode):
         def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
             super().on_configure(state)
@@ -147,7 +147,7 @@ def test_what_a_callback_told_before_it_answers_error_is_what_is_kept() -> None:
         assert str(node.last_fault) == "the bus: no such motor"
 
 
-def test_a_fault_of_the_hardware_is_told_by_its_sentence_alone() -> None:
+def test_a_fault_of_the_hardware_is_reported_by_its_sentence_alone() -> None:
     with spinning(lambda: Misbehaving(ObeliskHardwareError("no such motor"))) as node:
         assert not request(node, "configure")
         assert str(node.last_fault) == "on_configure: no such motor"
@@ -159,7 +159,7 @@ class Opening(ObeliskNode):
     def __init__(self, *, is_early: bool = False) -> None:
         super().__init__("opening")
         self.is_early = is_early
-        self.told: list[str] = []
+        self.reported: list[str] = []
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         if self.is_early:
@@ -170,8 +170,8 @@ class Opening(ObeliskNode):
         return result
 
     def open(self) -> None:
-        self.told.append("opened")
-        self.opened.callback(lambda: self.told.append("closed"))
+        self.reported.append("opened")
+        self.opened.callback(lambda: self.reported.append("closed"))
 
 
 @pytest.mark.parametrize("is_early", [True, False])
@@ -186,18 +186,18 @@ def test_what_configure_opened_is_closed_once_the_node_is_not_configured_any_mor
         for label in ("configure", *way):
             assert request(node, label)
         is_inactive = node.state_label == "inactive"
-        assert node.told == (["opened"] if is_inactive else ["opened", "closed"])
-    assert node.told == ["opened", "closed"]
+        assert node.reported == (["opened"] if is_inactive else ["opened", "closed"])
+    assert node.reported == ["opened", "closed"]
 
 
 def test_what_configure_opened_is_closed_at_an_error_and_opened_again_afterwards() -> None:
     with spinning(Opening) as node:
         assert isinstance(node, Opening)
-        for told in (["opened", "closed"], ["opened", "closed"] * 2):
+        for reported in (["opened", "closed"], ["opened", "closed"] * 2):
             assert request(node, "configure")
             node.fail("the bus is dead", "watchdog")
             eventually(lambda: node.state_label == "unconfigured", "error processing")
-            assert node.told == told
+            assert node.reported == reported
 
 
 def test_a_node_whose_error_processing_fails_is_finalized_and_ended() -> None:
@@ -240,7 +240,7 @@ def test_fail_may_be_called_from_any_thread() -> None:
         assert str(node.last_fault) == "watchdog: the bus is dead"
 
 
-def test_a_fault_where_nothing_runs_is_told_and_fails_no_later_transition() -> None:
+def test_a_fault_where_nothing_runs_is_reported_and_fails_no_later_transition() -> None:
     answers = []
 
     def fail_and_shut_down(node: Controller) -> None:
@@ -354,11 +354,13 @@ def test_a_service_that_forgets_its_answer_is_a_fault_and_its_client_gets_one() 
         assert service.callback(Trigger.Request(), response) is response
         eventually(lambda: node.state_label == "unconfigured", "error processing")
         assert node.last_fault is not None
-        told = "returned None, expected a `Trigger_Response` (did the callback forget its return"
-        assert told in node.last_fault.text
+        reported = (
+            "returned None, expected a `Trigger_Response` (did the callback forget its return"
+        )
+        assert reported in node.last_fault.text
 
 
-def test_a_sensor_without_a_publisher_is_told_what_it_lacks() -> None:
+def test_a_sensor_without_a_publisher_is_reported_what_it_lacks() -> None:
     with spinning(lambda: ObeliskSensor("sensor")) as node:
         assert not request(node, "configure")
         assert node.last_fault is not None

@@ -365,8 +365,8 @@ def test_a_wrong_declaration_is_named(make: Callable[[], object], fault: str) ->
 def test_a_name_that_the_library_uses_is_refused() -> None:
     with pytest.raises((ObeliskConfigError, RuntimeError)) as raised:
         type("Hidden", (ObeliskNode,), {"params_path": Parameter("x")})
-    told = str(raised.value.__cause__ or raised.value)
-    assert "hides ObeliskNode.params_path: choose another name" in told
+    reported = str(raised.value.__cause__ or raised.value)
+    assert "hides ObeliskNode.params_path: choose another name" in reported
 
 
 def test_obk_param_reports_what_happened() -> None:

@@ -201,7 +201,7 @@ def test_a_killed_subscription_disturbs_no_other_and_its_successor_is_found(
             assert is_gapless(each.numbers)
 
 
-def test_a_frozen_subscription_keeps_its_depth_and_holds_nobody_up(
+def test_a_frozen_subscription_keeps_its_depth_and_holds_no_one_up(
     sent: list[int], peers: Peers, with_and_without: bool
 ) -> None:
     depth = 20

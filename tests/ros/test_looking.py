@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
 
-from .looking import announce_as_a_stack_does, done, refused, told
+from .looking import announce_as_a_stack_does, done, refused, reported
 from .stack import DUMMY, eventually, launched, obk, spinning
 
 pytestmark = pytest.mark.ros
@@ -93,13 +93,13 @@ def test_topics_are_listed_and_shown_with_their_ends(talker: Talker) -> None:
         "publishers": 1,
         "subscriptions": 0,
     }
-    # Of a node that no launch has started, what has come by then is told.
-    eventually(lambda: joints in told("topic", "list"), "the topic with its publisher")
+    # For a node that no launch has started, the messages until then count.
+    eventually(lambda: joints in reported("topic", "list"), "the topic with its publisher")
     eventually(lambda: "/arm/joints " in done("topic", "list"), "the topic")
     ends: list[dict[str, str]] = []
 
     def is_named() -> bool:
-        ends[:] = told("topic", "info", "/arm/manual")["publishers"]
+        ends[:] = reported("topic", "info", "/arm/manual")["publishers"]
         return [end["node"] for end in ends] == ["/arm/talker"]
 
     eventually(is_named, "the publisher's node")
@@ -134,10 +134,12 @@ def test_fields_are_shown_as_text_json_and_csv(talker: Talker) -> None:
 
 
 @pytest.mark.slow
-def test_bytes_that_are_no_message_of_the_type_are_told(talker: Talker) -> None:
-    told = "a message came on /arm/broken that is no geometry_msgs/msg/PointStamped as it is built"
-    assert told in refused("topic", "echo", "/arm/broken")
-    assert told in refused("topic", "delay", "/arm/broken")
+def test_bytes_that_are_no_message_of_the_type_are_reported(talker: Talker) -> None:
+    reported = (
+        "a message came on /arm/broken that is no geometry_msgs/msg/PointStamped as it is built"
+    )
+    assert reported in refused("topic", "echo", "/arm/broken")
+    assert reported in refused("topic", "delay", "/arm/broken")
 
 
 @pytest.mark.slow
@@ -162,7 +164,7 @@ def test_a_topic_without_messages_and_one_that_is_not_there_end_with_a_sentence(
     eventually(is_near, "the topic that is meant")
 
 
-def test_an_empty_domain_is_told_to_be_empty() -> None:
+def test_an_empty_domain_is_reported_to_be_empty() -> None:
     for words in (
         ("topic", "list"),
         ("node", "list"),
@@ -175,15 +177,15 @@ def test_an_empty_domain_is_told_to_be_empty() -> None:
 
 
 @pytest.mark.slow
-def test_delays_are_told_by_stamps(talker: Talker) -> None:
-    delay = told("topic", "delay", "/arm/point", "--duration", "3")
+def test_delays_are_reported_by_stamps(talker: Talker) -> None:
+    delay = reported("topic", "delay", "/arm/point", "--duration", "3")
     assert not delay["is_relative"]
     assert 0 <= delay["min_s"] <= delay["mean_s"] <= delay["max_s"]
     zero = refused("topic", "delay", "/arm/joints", "--duration", "3")
     assert "/arm/joints are zero" in zero
 
 
-def test_messages_are_published_once_they_fit_and_somebody_listens(talker: Talker) -> None:
+def test_messages_are_published_once_they_fit_and_someone_listens(talker: Talker) -> None:
     text = "{header: auto, point: {x: 1, y: -0.5}}"
     said = done("topic", "pub", "goal", text, "-n", "3", "--rate", "100")
     assert said == "published 3 messages on /arm/goal\n"
@@ -204,8 +206,8 @@ def test_messages_are_published_once_they_fit_and_somebody_listens(talker: Talke
 
 
 def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Path) -> None:
-    assert set(told("param", "list", "talker")[TALKER]) >= {"gain", "limits.upper", "name"}
-    assert told("param", "get", TALKER, "gain", "limits.upper") == {
+    assert set(reported("param", "list", "talker")[TALKER]) >= {"gain", "limits.upper", "name"}
+    assert reported("param", "get", TALKER, "gain", "limits.upper") == {
         "gain": {"type": "double", "value": 1.5},
         "limits.upper": {"type": "double_array", "value": [1.0, 2.0]},
     }
@@ -217,8 +219,8 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
     assert "double_array, now [1.0, 2.0]" in of_type
     assert "did you mean `gain`" in refused("param", "get", TALKER, "gian")
     assert "did you mean `gain`" in refused("param", "set", TALKER, "gian", "1")
-    # Without a value, it keeps nobody from those that have one.
-    every = told("param", "get", TALKER)
+    # Without a value, it keeps no one from those that have one.
+    every = reported("param", "get", TALKER)
     assert every["offset"] == {"type": "not set", "value": None}
     assert every["gain"] == {"type": "double", "value": 2.0}
     no_text = refused("param", "set", TALKER, "offset", "a")
@@ -238,13 +240,13 @@ def test_services_are_listed_and_called(talker: Talker) -> None:
     services: dict[str, list[str]] = {}
 
     def are_listed() -> bool:
-        services.update(told("service", "list"))
+        services.update(reported("service", "list"))
         return services.get("/arm/switch") == ["std_srvs/srv/SetBool"]
 
     eventually(are_listed, "the service")
     assert not any(name.endswith("get_parameters") for name in services)
     of_node = ("service", "list", "--all", "--node", TALKER)
-    eventually(lambda: f"{TALKER}/get_parameters" in told(*of_node), "a service of every node")
+    eventually(lambda: f"{TALKER}/get_parameters" in reported(*of_node), "a service of every node")
 
     yes = done("service", "call", "/arm/switch", "{data: true}")
     assert yes == 'success: true\nmessage: "on"\n'
@@ -262,9 +264,9 @@ def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch)
     # In its first seconds a launch takes whoever else publishes commands for a danger.
     with launched(DUMMY, "--quiet", "--allow-foreign"):
         monkeypatch.delenv("ROS_DOMAIN_ID")
-        nodes = {node["node"]: node for node in told("node", "list")}
+        nodes = {node["node"]: node for node in reported("node", "list")}
         assert nodes["/obelisk_control_0"]["state"] == "active"
-        info = told("node", "info", "control_0")
+        info = reported("node", "info", "control_0")
         assert info["pid"] == nodes["/obelisk_control_0"]["pid"]
         assert info["run"].startswith("dummy_")
         assert "/obelisk/dummy/ctrl" in info["publishes"]
@@ -319,7 +321,7 @@ def test_nodes_of_a_stack_are_asked_by_its_launcher_and_others_by_ros(talker: Ta
         assert '"node": "/obelisk_estimation_0"' in result.stdout
         assert "no parameter `gain`" in refused("param", "get", "control_0", "gain")
         assert done("param", "get", "talker", "gain").split() == ["gain", "double", "1.5"]
-        assert told("node", "info", "talker")["parameters"] > 3
+        assert reported("node", "info", "talker")["parameters"] > 3
 
 
 def test_a_look_imports_no_generators_with_the_types() -> None:

@@ -33,8 +33,8 @@ MALFORMED = (
 
 
 def states() -> dict[str, Any]:
-    told: dict[str, Any] = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
-    return told
+    reported: dict[str, Any] = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
+    return reported
 
 
 def is_refused(publisher: Any, run: Launched) -> bool:
@@ -107,18 +107,18 @@ def test_a_publisher_outside_is_accepted_on_an_external_topic(tmp_path: Path) ->
     assert "ended in order" in run.lines
 
 
-def test_ends_that_do_not_fit_are_told_and_no_callback_gets_their_messages() -> None:
+def test_ends_that_do_not_fit_are_reported_and_no_callback_gets_their_messages() -> None:
     with launched(DUMMY, "--allow-foreign") as run:
         foreign = subprocess.Popen([sys.executable, "-c", FOREIGN])
         try:
-            told = (
+            reported = (
                 "/obelisk/dummy/ctrl has the type obelisk_control_msgs/msg/PositionSetpoint in "
                 "this stack and std_msgs/msg/String in /stranger: these nodes do not receive each "
                 "other's messages"
             )
-            run.wait_for_line(told)
+            run.wait_for_line(reported)
             view = json.loads(obk("monitor", "--once", "--format", "json").stdout)
-            assert f"warning: {told}" in view["lines"]
+            assert f"warning: {reported}" in view["lines"]
             run.wait_for_line(
                 "New publisher discovered on topic '/obelisk/dummy/joint_encoders', offering "
                 "incompatible QoS"

@@ -28,7 +28,7 @@ def one() -> Iterator[World]:
         yield made
 
 
-def test_bytes_that_are_no_message_are_told_of_and_reach_no_callback(
+def test_bytes_that_are_no_message_are_reported_of_and_reach_no_callback(
     one: World, capfd: pytest.CaptureFixture[str]
 ) -> None:
     node = one.node()
@@ -39,11 +39,11 @@ def test_bytes_that_are_no_message_are_told_of_and_reach_no_callback(
     publisher.publish(String(data="good"))
     one.run_until(lambda: received, "the message behind the wrong one")
     assert received == ["good"]
-    told = capfd.readouterr().err
-    assert all(part in told for part in ("`/topic`", "18 bytes", "std_msgs/msg/String"))
+    reported = capfd.readouterr().err
+    assert all(part in reported for part in ("`/topic`", "18 bytes", "std_msgs/msg/String"))
 
 
-def test_drops_are_told_now_and_then_of_each_topic_for_itself(
+def test_drops_are_reported_now_and_then_of_each_topic_for_itself(
     one: World, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("obelisk_py.core.executor.handlers._DROP_LOG_PERIOD_S", 3600.0)
@@ -56,9 +56,9 @@ def test_drops_are_told_now_and_then_of_each_topic_for_itself(
             publisher.publish(HEAD + struct.pack("<I", 100) + b"too short\0")
         publisher.publish(String(data="good"))
     one.run_until(lambda: len(received) == 2, "the messages behind the wrong ones")
-    told = capfd.readouterr().err
-    assert told.count("dropped a message on `/left`") == 1
-    assert told.count("dropped a message on `/right`") == 1
+    reported = capfd.readouterr().err
+    assert reported.count("dropped a message on `/left`") == 1
+    assert reported.count("dropped a message on `/right`") == 1
 
 
 def test_big_endian_bytes_are_read_as_well(one: World) -> None:

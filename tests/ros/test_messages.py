@@ -62,9 +62,9 @@ def test_the_definition_is_found_through_the_ament_index(name: str) -> None:
 
 @pytest.mark.ros
 @pytest.mark.parametrize("name", NAMES)
-def test_the_message_tells_its_name(peer: ModuleType, name: str) -> None:
-    told = peer.message_type(name).MESSAGE_NAME
-    assert told == name.partition("/")[2]
+def test_the_message_reports_its_name(peer: ModuleType, name: str) -> None:
+    reported = peer.message_type(name).MESSAGE_NAME
+    assert reported == name.partition("/")[2]
 
 
 @pytest.mark.ros

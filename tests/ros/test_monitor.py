@@ -24,14 +24,14 @@ IMU = "/obelisk/dummy/imu"
 SECOND = ("--once", "--format", "json", "--period", "2")
 
 
-def told(*words: str, **variables: str) -> Any:
+def reported(*words: str, **variables: str) -> Any:
     result = obk("monitor", *words, env=variables)
     assert result.returncode == 0, (result.stdout, result.stderr)
     return json.loads(result.stdout)
 
 
 def off(**variables: str) -> set[str]:
-    return {topic["topic"] for topic in told(*SECOND, **variables)["topics"] if topic["is_off"]}
+    return {topic["topic"] for topic in reported(*SECOND, **variables)["topics"] if topic["is_off"]}
 
 
 @contextmanager
@@ -55,13 +55,13 @@ def throttled(process: psutil.Process) -> Iterator[None]:
         thread.join()
 
 
-def test_a_stack_is_told_with_its_nodes_and_rates_and_a_throttled_topic_is_marked() -> None:
+def test_a_stack_is_reported_with_its_nodes_and_rates_and_a_throttled_topic_is_marked() -> None:
     with launched(DUMMY, "--on-crash", "ignore") as run:
         view: dict[str, Any] = {}
         topics: dict[str, Any] = {}
 
         def keeps_its_rates() -> bool:
-            view.update(told(*SECOND))
+            view.update(reported(*SECOND))
             topics.update({topic["topic"]: topic for topic in view["topics"]})
             est = topics[EST]
             is_found = (est["publishers"], est["subscriptions"]) == (1, 1)
@@ -101,20 +101,20 @@ def test_each_period_is_a_line_until_the_stack_ends_and_then_nothing_runs() -> N
             last = [json.loads(line) for line in lines][-1]
         assert monitor.wait(DEADLINE_S) == 0
     assert last["has_ended"]
-    nobody = obk("monitor", "--once", "--period", "0.2")
-    assert nobody.returncode == 1
-    assert f"domain {os.environ['ROS_DOMAIN_ID']}" in nobody.stderr
+    idle = obk("monitor", "--once", "--period", "0.2")
+    assert idle.returncode == 1
+    assert f"domain {os.environ['ROS_DOMAIN_ID']}" in idle.stderr
     in_a_pipe = obk("monitor")
     assert in_a_pipe.returncode == 2
     assert "`obk monitor --once`" in in_a_pipe.stderr
 
 
-def test_a_stack_whose_launcher_is_not_here_is_told_by_its_nodes(tmp_path: Path) -> None:
+def test_a_stack_whose_launcher_is_not_here_is_reported_by_its_nodes(tmp_path: Path) -> None:
     elsewhere = {"OBK_HOME": str(tmp_path / "other_host")}
     seen: dict[str, Any] = {}
 
     def is_known() -> bool:
-        seen.update(told(*SECOND, **elsewhere))
+        seen.update(reported(*SECOND, **elsewhere))
         states = {node["node"]: node["state"] for node in seen["nodes"]}
         counts = {topic["topic"]: topic["rate"] for topic in seen["topics"]}
         is_active = states.get("/obelisk_control_0") == states.get("/dummy") == "active"

@@ -114,7 +114,7 @@ def simulator(
         yield node, collect
 
 
-def test_a_timer_of_the_true_state_without_its_publisher_is_told_at_configure() -> None:
+def test_a_timer_of_the_true_state_without_its_publisher_is_reported_at_configure() -> None:
     with simulator(pub_true_sim_state_setting="") as (node, _):
         assert not request(node, "configure")
         assert node.last_fault.text.startswith(
@@ -122,12 +122,12 @@ def test_a_timer_of_the_true_state_without_its_publisher_is_told_at_configure() 
         )
 
 
-def test_a_publisher_of_the_true_state_without_its_timer_is_told_at_configure() -> None:
+def test_a_publisher_of_the_true_state_without_its_timer_is_reported_at_configure() -> None:
     with simulator(timer_true_sim_state_setting="") as (node, _):
-        told: list[str] = []
-        node.get_logger().warning = told.append
+        reported: list[str] = []
+        node.get_logger().warning = reported.append
         assert request(node, "configure")
-        assert ["`pub_true_sim_state`" in line for line in told] == [True]
+        assert ["`pub_true_sim_state`" in line for line in reported] == [True]
 
 
 def test_it_publishes_while_it_is_active_and_only_then() -> None:
@@ -154,7 +154,7 @@ def test_it_publishes_while_it_is_active_and_only_then() -> None:
         assert request(node, "configure")
 
 
-def test_every_finding_about_the_block_is_told_and_a_mended_one_is_taken() -> None:
+def test_every_finding_about_the_block_is_reported_and_a_mended_one_is_taken() -> None:
     bad = {**BLOCK, "sensor_settings": [{**ENCODERS, "sensor_names": {"joint_pso": "jointpos"}}]}
     with simulator(bad, ic_keyframe="stand") as (node, _):
         assert not request(node, "configure")
@@ -170,7 +170,7 @@ def test_every_finding_about_the_block_is_told_and_a_mended_one_is_taken() -> No
         assert request(node, "configure")
 
 
-def test_rays_and_pictures_are_published_or_it_is_told_why_there_are_none(
+def test_rays_and_pictures_are_published_or_it_is_reported_why_there_are_none(
     tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "seeing.xml").write_text(SEEING)
@@ -360,7 +360,7 @@ def _seconds(message: Clock) -> float:
     return float(message.clock.sec + message.clock.nanosec * 1e-9)
 
 
-def test_with_simulation_time_stamps_are_that_time_and_the_clock_tells_it() -> None:
+def test_with_simulation_time_stamps_are_that_time_and_the_clock_reports_it() -> None:
     with simulator(use_sim_time=True) as (node, collect):
         encoders, clock = collect(JointEncoders, "/joint_encoders"), collect(Clock, "/clock")
         assert request(node, "configure")
@@ -422,9 +422,9 @@ def test_a_realtime_factor_is_taken_between_runs_and_not_within_one() -> None:
         assert request(node, "activate")
         eventually(lambda: rtf, "the factor that is reached")
         assert rtf[0].data < 0.3
-        told = collect(DiagnosticArray, "/diagnostics")
-        eventually(lambda: realtime_factors(told), "the factor among the diagnostics")
-        assert 0 < realtime_factors(told)[0] < 0.3
+        reported = collect(DiagnosticArray, "/diagnostics")
+        eventually(lambda: realtime_factors(reported), "the factor among the diagnostics")
+        assert 0 < realtime_factors(reported)[0] < 0.3
 
 
 @pytest.mark.parametrize("report_rates", [True, False])
@@ -439,10 +439,10 @@ def test_a_simulation_that_cannot_keep_up_is_logged_only_if_no_rate_shows_it(
     assert ("simulation could not keep up" in capfd.readouterr().err) != report_rates
 
 
-def realtime_factors(told: Iterable[DiagnosticArray]) -> list[float]:
+def realtime_factors(reported: Iterable[DiagnosticArray]) -> list[float]:
     return [
         float(status.values[0].value)
-        for array in told
+        for array in reported
         for status in array.status
         if status.name == "sim: realtime_factor"
     ]

@@ -1,4 +1,4 @@
-"""A real robot whose commands stop: what it is told to do, and when."""
+"""A real robot whose commands stop: what it has to do, and when."""
 
 import threading
 import time
@@ -27,7 +27,7 @@ COMMAND = PDFeedForward(
 
 
 class Arm(ObeliskRobot):
-    """A robot that notes what it is told."""
+    """A robot that records its commands."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("arm", PDFeedForward, **kwargs)
@@ -63,9 +63,12 @@ def arm(kind: type[Arm] = Arm, **settings: object) -> Iterator[Any]:
     written = {"topic": "/ctrl", "max_age_sec": 0.5, **settings}
     text = ", ".join(f"{key}: {value}" for key, value in written.items())
     with spinning(lambda: kind(**parameters(sub_ctrl_setting=f"{{{text}}}"))) as node:
-        node.told, node.errors = [], []
-        node.get_logger().error = lambda text: (node.errors.append(text), node.told.append(text))
-        node.get_logger().warning = node.told.append
+        node.reported, node.errors = [], []
+        node.get_logger().error = lambda text: (
+            node.errors.append(text),
+            node.reported.append(text),
+        )
+        node.get_logger().warning = node.reported.append
         yield node
 
 
@@ -87,12 +90,12 @@ def test_zeros_are_applied_once_and_the_next_command_goes_through() -> None:
         assert [*zeros.kp, *zeros.kd, *zeros.pos_target, *zeros.feed_forward] == [0.0] * 8
         assert zeros.joint_names == ["hip", "knee"]
         assert zeros.header.stamp.sec > 0
-        eventually(lambda: node.told, "what is told of the silence")
+        eventually(lambda: node.reported, "what learns of the silence")
         publisher.publish(COMMAND)
         eventually(lambda: len(node.applied) >= 3, "the next command")
         assert node.applied[2] == COMMAND
-        eventually(lambda: len(node.told) > 1, "what is told of the command")
-        old, again, *_ = node.told
+        eventually(lambda: len(node.reported) > 1, "what learns of the command")
+        old, again, *_ = node.reported
         assert node.errors[0] == old
         assert old.startswith("no command for ")
         assert old.endswith(
@@ -130,21 +133,21 @@ def test_a_busy_executor_does_not_keep_the_robot_from_being_made_safe() -> None:
         node.is_free.set()
 
 
-def test_a_call_that_does_not_return_holds_the_action_up_and_is_told() -> None:
+def test_a_call_that_does_not_return_holds_the_action_up_and_is_reported() -> None:
     with arm(max_age_sec=0.01) as node:
         active(node)
         with node._applying:  # as apply_control is called under it
             node._newest_control = COMMAND
             node._command_age.accept(time.monotonic())
             node._watchdog.wake()
-            eventually(lambda: node.errors, "what is told of the silence")
+            eventually(lambda: node.errors, "what learns of the silence")
             assert node.errors[0].endswith("; apply_control has not returned, which holds that up")
             assert node.applied == []
         eventually(lambda: node.applied, "the zeros")
 
 
 @pytest.mark.parametrize(
-    ("refused", "told"),
+    ("refused", "reported"),
     [
         (PDFeedForward(kp=[1.0]), []),
         (
@@ -153,7 +156,7 @@ def test_a_call_that_does_not_return_holds_the_action_up_and_is_told() -> None:
         ),
     ],
 )
-def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, told: list[str]) -> None:
+def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, reported: list[str]) -> None:
     with arm(max_age_sec=100.0) as node:
         publisher = active(node)
         publisher.publish(COMMAND)
@@ -162,7 +165,7 @@ def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, told: list
         node._take_control(refused)
         assert node._command_age.deadline_s == before
         assert node.applied == [COMMAND]
-        assert node.told == told
+        assert node.reported == reported
 
 
 def test_a_controller_that_is_ended_before_its_robot_is_no_error() -> None:
@@ -171,8 +174,8 @@ def test_a_controller_that_is_ended_before_its_robot_is_no_error() -> None:
         publisher.publish(COMMAND)
         eventually(lambda: node.applied, "the command")
         node.destroy_publisher(publisher)
-        eventually(lambda: node.told, "what is told of the silence")
-        assert node.told[0].endswith("(`stale_action: zero`); no node publishes /ctrl any more")
+        eventually(lambda: node.reported, "what learns of the silence")
+        assert node.reported[0].endswith("(`stale_action: zero`); no node publishes /ctrl any more")
         assert node.errors == []
 
 
@@ -184,7 +187,7 @@ def test_a_robot_that_is_deactivated_soon_after_the_last_command_says_nothing(
         active(node).publish(COMMAND)
         eventually(lambda: len(node.applied) == 2, "the command and the zeros")
         assert request(node, "deactivate")
-        assert node.told == []
+        assert node.reported == []
 
 
 def test_a_robot_that_receives_only_rejected_commands_logs_an_error(
@@ -205,15 +208,17 @@ def test_rejections_that_were_a_warning_become_an_error_in_rclpys_own_log(
     with spinning(lambda: Arm(**parameters(sub_ctrl_setting="{topic: /ctrl}"))) as node:
         for is_lasting in (False, True, False):
             node._log_rejection(command_watchdog.RejectionReport("control rejected", is_lasting))
-    told = [line.split()[0] for line in capfd.readouterr().err.splitlines() if "rejected" in line]
-    assert told == ["[WARN]", "[ERROR]", "[WARN]"]
+    reported = [
+        line.split()[0] for line in capfd.readouterr().err.splitlines() if "rejected" in line
+    ]
+    assert reported == ["[WARN]", "[ERROR]", "[WARN]"]
 
 
 def test_to_hold_is_only_to_tell() -> None:
     with arm(stale_action="hold", max_age_sec=0.01) as node:
         active(node).publish(COMMAND)
-        eventually(lambda: node.told, "what is told")
-        assert "`stale_action: hold`" in node.told[0]
+        eventually(lambda: node.reported, "what is reported")
+        assert "`stale_action: hold`" in node.reported[0]
         assert node.applied == [COMMAND]
 
 

@@ -1,4 +1,4 @@
-"""Parameters that somebody sets over ROS: what makes no sense is refused, and the node goes on."""
+"""Parameters that someone sets over ROS: what makes no sense is refused, and the node goes on."""
 
 import math
 from typing import Any
@@ -91,10 +91,10 @@ def test_whatever_is_set_an_active_node_says_what_is_wrong_and_goes_on() -> None
         assert request(node, "configure")
         assert request(node, "activate")
         before = {name: parameter.value for name, parameter in node._parameters.items()}
-        for told, (_, expected) in zip(
+        for reported, (_, expected) in zip(
             set_each(node, *(sent for sent, _ in REFUSED)), REFUSED, strict=True
         ):
-            assert expected in told
+            assert expected in reported
         for sent, expected in REFUSED:
             assert expected in set_together(node, message("params_path", "half"), sent)
         assert {name: p.value for name, p in node._parameters.items()} == before
@@ -132,8 +132,8 @@ def test_a_check_of_the_users_that_raises_refuses() -> None:
         node.add_on_set_parameters_callback(check)
         assert request(node, "configure")
         assert request(node, "activate")
-        told = "the node's check of `gain` raised ValueError: too much"
-        assert set_each(node, message("gain", 5), message("gain", 2)) == [told, ""]
+        reported = "the node's check of `gain` raised ValueError: too much"
+        assert set_each(node, message("gain", 5), message("gain", 2)) == [reported, ""]
         assert_works(node)
         node.remove_on_set_parameters_callback(check)
         assert set_each(node, message("gain", 5)) == [""]
@@ -146,9 +146,9 @@ def test_a_check_of_the_users_that_forgets_its_answer_refuses_and_is_named() -> 
     with spinning(Controller) as node:
         node.declare_parameter("gain", 1)
         node.add_on_set_parameters_callback(check)
-        (told,) = set_each(node, message("gain", 5))
-        assert told.startswith("the node's check of `gain`: `test_a_check_of_the_users_that_")
-        assert told.endswith(
+        (reported,) = set_each(node, message("gain", 5))
+        assert reported.startswith("the node's check of `gain`: `test_a_check_of_the_users_that_")
+        assert reported.endswith(
             ".check` returned None, expected a `SetParametersResult` "
             "(did the callback forget its return statement?)"
         )
@@ -172,14 +172,14 @@ def test_a_simulator_takes_only_what_it_could_be_configured_with() -> None:
     sent = [message(name, value) for name, value in refused]
     with simulator() as (node, _):
         for state in ("unconfigured", "active"):
-            for told, expected in zip(set_each(node, *sent), refused.values(), strict=True):
-                assert expected in told, state
+            for reported, expected in zip(set_each(node, *sent), refused.values(), strict=True):
+                assert expected in reported, state
             if state == "unconfigured":
                 assert set_each(node, of_type("realtime_factor", 0)) != [""]
                 assert request(node, "configure")
                 assert request(node, "activate")
-        told = set_each(node, message("viewer", "web"), message("ic_keyframe", "nowhere"))
-        assert told[0].startswith("`viewer` ")
-        assert "keyframe `nowhere`" in told[1]
+        reported = set_each(node, message("viewer", "web"), message("ic_keyframe", "nowhere"))
+        assert reported[0].startswith("`viewer` ")
+        assert "keyframe `nowhere`" in reported[1]
         assert (node.state_label, node.last_fault) == ("active", None)
         assert node.get_parameter("realtime_factor").value == 1.0

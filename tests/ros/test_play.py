@@ -122,7 +122,7 @@ def test_commands_are_published_only_on_purpose(recording: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (("--nodes", "estimation"), "need `--into CONFIG`"),
         (("--into", EXAMPLE), "`--into` needs `--nodes`"),
@@ -132,10 +132,10 @@ def test_commands_are_published_only_on_purpose(recording: Path) -> None:
         (("--rate", "0"), "`--rate 0`"),
     ],
 )
-def test_a_mistake_is_reported(recording: Path, words: tuple[object, ...], told: str) -> None:
+def test_a_mistake_is_reported(recording: Path, words: tuple[object, ...], reported: str) -> None:
     done = obk("play", recording, *words)
     assert done.returncode != 0
-    assert told in done.stderr
+    assert reported in done.stderr
     assert "Traceback" not in done.stderr
 
 

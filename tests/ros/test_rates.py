@@ -69,7 +69,7 @@ class Awaiting(Two):
 def listening(
     make: Callable[[], ObeliskNode], executor_type: Callable[[], Executor]
 ) -> Iterator[tuple[ObeliskNode, list[RatesReported]]]:
-    """A node that is active, and what it tells of its rates."""
+    """An active node, and the reports of its rates."""
     rclpy.init()
     listener = rclpy.create_node("listener")
     node = make()
@@ -109,7 +109,7 @@ NONE = Rate(
 
 
 def newest(heard: list[RatesReported], name: str) -> Rate | None:
-    return next((r for told in heard[-1:] for r in told.rates if r.name == name), None)
+    return next((r for reported in heard[-1:] for r in reported.rates if r.name == name), None)
 
 
 def is_broken(heard: list[RatesReported], name: str) -> bool:
@@ -134,7 +134,7 @@ def test_a_throttled_timer_is_marked_with_every_executor(
     with listening(Two, executor_type) as (_, heard):
         eventually(lambda: is_broken(heard, "timer_fast"), "a broken rate", seen=lambda: str(heard))
         rate = newest(heard, "timer_fast")
-    assert {told.node for told in heard} == {"/arm/two"}
+    assert {reported.node for reported in heard} == {"/arm/two"}
     assert [rate.name for rate in heard[0].rates] == ["timer_slow", "timer_fast"]
     first = newest(heard[:1], "timer_fast")
     assert first is not None
@@ -162,7 +162,7 @@ def is_heard_for(heard: list[RatesReported], wait_s: float) -> bool:
 
 
 @pytest.mark.slow
-def test_only_an_active_node_tells_of_its_rates() -> None:
+def test_only_an_active_node_reports_of_its_rates() -> None:
     with listening(Two, EventLoopExecutor) as (node, heard):
         eventually(lambda: len(heard) >= 2, "reports")
         assert request(node, "deactivate")
@@ -266,17 +266,19 @@ def test_strict_rates_end_a_stack_whose_node_is_throttled_and_name_it(config: Pa
 
 @pytest.mark.mujoco
 @pytest.mark.parametrize("how", [(), pytest.param(("--composed",), marks=pytest.mark.slow)])
-def test_a_throttled_node_is_told_once_and_shown_by_ps(config: Path, how: tuple[str, ...]) -> None:
+def test_a_throttled_node_is_reported_once_and_shown_by_ps(
+    config: Path, how: tuple[str, ...]
+) -> None:
     with launched(config, "--quiet", *how) as run:
         run.wait_for_line("control_0: RATE: timer_ctrl runs at ")
-        rates = rates_told_of("control")
+        rates = rates_reported_of("control")
         assert [(rate["name"], rate["standing"]) for rate in rates["control"]] == [
             ("timer_ctrl", "broken")
         ]
         assert rates["estimation"] == rates["robot"] == []
         eventually(lambda: "timer_ctrl runs at " in obk("ps").stdout, "the rate in words")
     assert run.process.returncode == 0
-    # Of a process that a busy machine keeps waiting it may also be told that it does not report.
+    # A process that a busy machine keeps waiting may also be reported as silent.
     assert run.text.count("RATE: timer_ctrl runs at ") == 1
 
 
@@ -296,7 +298,7 @@ def test_a_stack_that_keeps_its_promises_runs_on_with_strict_rates(config: Path)
 def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
     config.write_text(config.read_text().replace(MUTE, "", 2))
     with launched(config, "--quiet"):
-        rates = rates_told_of("robot")["robot"]
+        rates = rates_reported_of("robot")["robot"]
         assert [rate["name"] for rate in rates] == [
             "/obelisk/dummy/joint_encoders",
             "/obelisk/dummy/obk_joint_encoders",
@@ -308,22 +310,24 @@ def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
         assert wanted == [1000, 1000, 500, 500, 1000]
         # In simulation time, which no load changes; one that keeps the node waiting is silence.
         eventually(
-            lambda: {rate["standing"] for rate in rates_told_of("robot")["robot"][:-1]} == {"kept"},
+            lambda: (
+                {rate["standing"] for rate in rates_reported_of("robot")["robot"][:-1]} == {"kept"}
+            ),
             "kept rates",
         )
 
 
-def rates_told_of(section: str) -> dict[str, list[dict[str, Any]]]:
-    """What `obk ps` tells of the rates of each section's node, once it tells some of this one.
+def rates_reported_of(section: str) -> dict[str, list[dict[str, Any]]]:
+    """The rates that `obk ps` shows for each section's node, once it shows some of this one.
 
     A launcher that a busy machine keeps from answering in time is asked again.
     """
-    told: dict[str, list[dict[str, Any]]] = {}
+    reported: dict[str, list[dict[str, Any]]] = {}
 
-    def is_told() -> bool:
+    def is_reported() -> bool:
         (stack,) = json.loads(obk("ps", "--format", "json").stdout)["stacks"]
-        told.update({node["section"]: node["rates"] for node in stack["nodes"]})
-        return bool(told.get(section))
+        reported.update({node["section"]: node["rates"] for node in stack["nodes"]})
+        return bool(reported.get(section))
 
-    eventually(is_told, f"rates of {section}")
-    return told
+    eventually(is_reported, f"rates of {section}")
+    return reported

@@ -62,7 +62,7 @@ def only_run() -> Path:
     return run
 
 
-def told(recording: Path) -> dict[str, Any]:
+def reported(recording: Path) -> dict[str, Any]:
     result = obk("bag", "info", recording, "--format", "json")
     assert result.returncode == 0, result.stderr
     return dict(json.loads(result.stdout))
@@ -84,7 +84,9 @@ def test_a_recorded_launch_has_every_message_to_the_last() -> None:
     for folder in (run, run.parent):
         assert folder.stat().st_mode & 0o077 == 0  # what was recorded and said is its owner's
     found = read_back(run / "recording.mcap")
-    lost = {topic["topic"]: topic["dropped"] for topic in told(run / "recording.mcap")["topics"]}
+    lost = {
+        topic["topic"]: topic["dropped"] for topic in reported(run / "recording.mcap")["topics"]
+    }
     assert set(found) == set(lost)
     assert len(found) == 6
     for topic, read in found.items():
@@ -153,7 +155,7 @@ def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
     assert run.process.returncode == 0, run.text
     assert "ended in order" in run.lines
     assert not run.left_over()
-    bag = told(recording)
+    bag = reported(recording)
     assert bag["count"] > 20
     assert not bag["is_complete"]
     assert bag["metadata"]["obelisk"]["name"] == "dummy"
@@ -168,7 +170,7 @@ def test_a_killed_launcher_leaves_a_whole_recording() -> None:
         eventually(lambda: counts(recording), "messages in the file")
         run.process.kill()
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
-    assert told(recording)["is_complete"]
+    assert reported(recording)["is_complete"]
 
 
 def test_topics_of_a_running_stack_are_recorded_and_drawn(tmp_path: Path) -> None:
@@ -183,7 +185,7 @@ def test_topics_of_a_running_stack_are_recorded_and_drawn(tmp_path: Path) -> Non
         assert again.returncode == 1
         assert str(path) in again.stderr
     assert set(read_back(path)) == {IMU, ENCODERS}
-    assert told(path)["metadata"]["obelisk"]["name"] == "dummy"
+    assert reported(path)["metadata"]["obelisk"]["name"] == "dummy"
     picture = tmp_path / "imu.svg"
     drawn = obk("plot", path, "imu.angular_velocity", "joint_encoders.y", "-o", picture)
     assert drawn.returncode == 0, drawn.stderr

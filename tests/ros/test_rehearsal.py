@@ -102,7 +102,7 @@ def test_nodes_in_one_process_hang_and_come_back_together(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_a_promise_that_is_not_kept_is_told_with_its_evidence(tmp_path: Path) -> None:
+def test_a_promise_that_is_not_kept_is_reported_with_its_evidence(tmp_path: Path) -> None:
     """The cases expect a restart, and the launch is one that stops."""
     verdicts = rehearsed(
         tmp_path, "restart", ["kill"], "--on-crash=stop", nodes=["/obelisk_robot_0"]
@@ -125,12 +125,12 @@ def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
             *("--domain", ros_domain, "--format", "json"),
             env={"OBK_HOME": str(tmp_path / "home")},
         )
-        told = json.loads(result.stdout)
-        (verdict,) = told["rows"]
+        reported = json.loads(result.stdout)
+        (verdict,) = reported["rows"]
         assert verdict["nodes"] == ["/obelisk_control_0"]
         assert verdict["expected"] == "the others run on"
         assert f"domain {ros_domain}, logs in {tmp_path}" in result.stderr
-        assert result.returncode == (0 if told["ok"] else 1)
+        assert result.returncode == (0 if reported["ok"] else 1)
         assert not (tmp_path / "home" / "runs").exists()
         return bool(verdict["seen"] == verdict["expected"])
 

@@ -46,7 +46,7 @@ def spun(
 
 
 class Ticking(ObeliskController):
-    """Counts its ticks; its transitions answer, and forget, what they are told to."""
+    """Counts its ticks; its transitions return the given answers, once each."""
 
     def __init__(self, answers: dict[str, Any] | None = None, forgets: str = "") -> None:
         super().__init__(
@@ -124,7 +124,7 @@ def test_nothing_is_left_of_a_node_that_is_unconfigured(forgets: str) -> None:
         node.trigger_configure()
         node.trigger_activate()
         if forgets == "on_error":
-            node.fail("told to")
+            node.fail("reported to")
             eventually(lambda: node.state_label == "unconfigured", "the end of error processing")
         else:
             node.trigger_deactivate()
@@ -149,7 +149,7 @@ def test_a_configure_that_fails_again_and_again_leaves_nothing_behind() -> None:
         assert not node.obk_publishers
 
 
-def test_a_fault_told_within_configure_is_kept() -> None:
+def test_a_fault_reported_within_configure_is_kept() -> None:
     class NoHardware(ObeliskNode):
         def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
             super().on_configure(state)
@@ -236,7 +236,7 @@ def test_a_robot_takes_control_only_while_it_is_active() -> None:
         assert node.taken == 1
 
 
-def test_a_simulator_that_returns_by_itself_is_told() -> None:
+def test_a_simulator_that_returns_by_itself_is_reported() -> None:
     class Short(ObeliskSimRobot):
         def run_simulator(self) -> None:
             """Forgets its loop."""
@@ -244,14 +244,14 @@ def test_a_simulator_that_returns_by_itself_is_told() -> None:
         def apply_control(self, control_msg: Any) -> None:
             del control_msg
 
-    told: list[str] = []
+    reported: list[str] = []
     with spun(lambda: Short("s", **parameters(**CONTROL))) as node:
-        node.get_logger().warning = told.append
+        node.get_logger().warning = reported.append
         node.trigger_configure()
         node.trigger_activate()
-        eventually(lambda: told, "the warning")
+        eventually(lambda: reported, "the warning")
         node.trigger_deactivate()
-    assert told == [
+    assert reported == [
         "run_simulator has returned although simulator_stop is not set: it steps no more"
     ]
 
@@ -340,7 +340,7 @@ def test_a_signal_shuts_down_also_a_node_that_does_not_deactivate(
     assert process.returncode == 1
 
 
-def test_settings_of_no_component_are_told(capfd: pytest.CaptureFixture[str]) -> None:
+def test_settings_of_no_component_are_reported(capfd: pytest.CaptureFixture[str]) -> None:
     settings = "publishers: [{key: pub_crtl, topic: /x}]"
     with spun(lambda: ObeliskNode("n", **parameters(obelisk_settings=settings))) as node:
         node.trigger_configure()
@@ -350,16 +350,16 @@ def test_settings_of_no_component_are_told(capfd: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_brings_the_node_down_in_order(number: int, tmp_path: Path) -> None:
-    module = tmp_path / "told.py"
+    module = tmp_path / "reported.py"
     module.write_text(
         "from obelisk_py.core.node import ObeliskNode\n"
         "from obelisk_py.core.utils.ros import spin_obelisk\n"
-        "class Told(ObeliskNode):\n"
-        "    def __init__(self): super().__init__('told'); self.trigger_configure()\n"
+        "class Reported(ObeliskNode):\n"
+        "    def __init__(self): super().__init__('reported'); self.trigger_configure()\n"
         "    def on_activate(self, s): print('up', flush=True); return super().on_activate(s)\n"
         "    def on_cleanup(self, s): print('clean', flush=True); return super().on_cleanup(s)\n"
         "    def on_shutdown(self, s): print('down', flush=True); return super().on_shutdown(s)\n"
-        "class Active(Told):\n"
+        "class Active(Reported):\n"
         "    def __init__(self): super().__init__(); self.trigger_activate()\n"
         "spin_obelisk(None, Active)\n"
     )

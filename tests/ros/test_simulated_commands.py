@@ -79,11 +79,11 @@ def simulator(
         return ObeliskMujocoRobot("sim", message if by == "code" else None, **parameters(**wired))
 
     with spinning(make) as node:
-        told: list[str] = []
+        reported: list[str] = []
         logger = node.get_logger()
         for level in ("error", "warning"):
-            setattr(logger, level, told.append)
-        node.told = told  # type: ignore[attr-defined]
+            setattr(logger, level, reported.append)
+        node.reported = reported  # type: ignore[attr-defined]
         yield node
 
 
@@ -101,7 +101,7 @@ def controls(node: Any) -> list[float]:
 
 
 def said(node: Any, part: str) -> bool:
-    return any(part in text for text in node.told)
+    return any(part in text for text in node.reported)
 
 
 def stamp(node: Any, ago_s: float) -> Header:
@@ -117,7 +117,7 @@ def test_a_right_command_reaches_the_actuators(tmp_path: Path, make: Any, by: st
     with simulator(tmp_path, message, by) as node:
         active(node, message).publish(make(0.5, -0.25))
         eventually(lambda: controls(node) == [0.5, -0.25], "the control")
-        assert node.told == []
+        assert node.reported == []
 
 
 @OBEYED
@@ -132,7 +132,7 @@ def test_a_right_command_reaches_the_actuators(tmp_path: Path, make: Any, by: st
         ((1e11, 0.0), "[0]` is 1e+11"),
     ],
 )
-def test_a_wrong_command_is_kept_out_and_told(
+def test_a_wrong_command_is_kept_out_and_reported(
     tmp_path: Path, make: Any, values: tuple[float, ...], refusal: str
 ) -> None:
     message = type(make(0.0, 0.0))
@@ -149,7 +149,7 @@ def test_a_wrong_command_is_kept_out_and_told(
 
 
 @OBEYED
-def test_a_late_command_is_applied_and_told(tmp_path: Path, make: Any) -> None:
+def test_a_late_command_is_applied_and_reported(tmp_path: Path, make: Any) -> None:
     message = type(make(0.0, 0.0))
     with simulator(tmp_path, message) as node:
         publisher = active(node, message)
@@ -164,7 +164,7 @@ def test_a_late_command_is_applied_and_told(tmp_path: Path, make: Any) -> None:
 
 
 @OBEYED
-def test_a_command_out_of_order_is_kept_out_and_told(tmp_path: Path, make: Any) -> None:
+def test_a_command_out_of_order_is_kept_out_and_reported(tmp_path: Path, make: Any) -> None:
     message = type(make(0.0, 0.0))
     with simulator(tmp_path, message) as node:
         publisher = active(node, message)
@@ -172,7 +172,9 @@ def test_a_command_out_of_order_is_kept_out_and_told(tmp_path: Path, make: Any) 
         newer.header, older.header = stamp(node, 30.0), stamp(node, 31.0)
         publisher.publish(newer)
         publisher.publish(older)
-        eventually(lambda: said(node, "it is older than the one applied, by their stamps"), "told")
+        eventually(
+            lambda: said(node, "it is older than the one applied, by their stamps"), "reported"
+        )
         eventually(lambda: controls(node) == [0.5, -0.25], "the newer control")
 
 
@@ -212,7 +214,7 @@ def test_old_commands_become_zeros_although_the_executor_is_busy(tmp_path: Path,
         assert not is_free.is_set()
         is_free.set()
         set_to_zero = "s: every number of the control is set to zero (`stale_action: zero`)"
-        eventually(lambda: said(node, set_to_zero), "what is told of the silence")
+        eventually(lambda: said(node, set_to_zero), "what learns of the silence")
         publisher.publish(make(0.1, 0.2))
         eventually(lambda: said(node, "commands resumed after "), "the next command")
 

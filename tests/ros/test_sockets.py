@@ -1,4 +1,4 @@
-"""Whom a running stack can be reached by, as the kernel tells of its sockets."""
+"""From where a running stack can be reached, by its sockets in the kernel."""
 
 from pathlib import Path
 

@@ -33,7 +33,7 @@ from .stack import (
 pytestmark = pytest.mark.ros
 
 NOBODYS_DOMAIN = "101"
-"""No test has it, see `conftest`, and nobody who works with ROS on this machine."""
+"""No test has it, see `conftest`, and no one who works with ROS on this machine."""
 NODES = ("/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0")
 
 
@@ -43,9 +43,9 @@ def _own_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def states(*arguments: str) -> dict[str, str]:
-    told = json.loads(obk("lifecycle", *arguments, "--format", "json").stdout)
-    members = told.get("members")
-    return {m["node"]: m["state"] for m in members} if members else dict(told)
+    reported = json.loads(obk("lifecycle", *arguments, "--format", "json").stdout)
+    members = reported.get("members")
+    return {m["node"]: m["state"] for m in members} if members else dict(reported)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_a_duration_in_simulated_time_ends_a_run_at_any_speed() -> None:
 
 
 @pytest.mark.slow
-def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
+def test_output_that_no_one_reads_holds_up_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
     read_fd, write_fd = os.pipe()
     events = tmp_path / "home" / "runs"
     command = [OBK, *patient("launch", chatty(tmp_path))]
@@ -395,7 +395,7 @@ def test_a_node_that_fails_by_itself_while_active_takes_the_stack_down(tmp_path:
     result = obk("launch", config, "--quiet", "--ignore", "OBK")
     assert result.returncode == 1, result.stdout
     cause = "failed: /obelisk_control_0 failed: "
-    told = next(line for line in result.stdout.splitlines() if line.startswith("failed: "))
-    assert told.startswith(cause), result.stdout
-    assert told.endswith("ValueError: no gain"), result.stdout
+    reported = next(line for line in result.stdout.splitlines() if line.startswith("failed: "))
+    assert reported.startswith(cause), result.stdout
+    assert reported.endswith("ValueError: no gain"), result.stdout
     assert f" {config}:" in result.stdout

@@ -29,28 +29,28 @@ def arm(tmp_path: Path, repository: Path) -> Path:
 
 
 def monitored() -> Mapping[str, Any]:
-    """The topics of the way of data as `obk monitor` tells them."""
+    """The topics of the way of data as `obk monitor` reports them."""
     result = obk("monitor", "--once", "--format", "json", "--period", "2")
     assert result.returncode == 0, result.stderr
     return {topic["topic"]: topic for topic in json.loads(result.stdout)["topics"]}
 
 
 def delay(topic: str) -> Any:
-    """What `obk topic delay` tells, once messages came while it listened."""
-    told: list[str] = []
+    """What `obk topic delay` reports, once messages came while it listened."""
+    reported: list[str] = []
 
-    def is_told() -> bool:
+    def is_reported() -> bool:
         result = obk("topic", "delay", topic, "--duration", "1.5", "--format", "json")
-        told.append(result.stdout)
+        reported.append(result.stdout)
         return result.returncode == 0
 
-    eventually(is_told, f"a delay of {topic}")
-    return json.loads(told[-1])
+    eventually(is_reported, f"a delay of {topic}")
+    return json.loads(reported[-1])
 
 
 @contextmanager
 def paged() -> Iterator[Callable[[], Mapping[str, Any]]]:
-    """The same topics as the page of `obk web` is told them, event by event."""
+    """The same topics as `obk web` sends them to its page, event by event."""
     pytest.importorskip("starlette", reason="starlette is in the `web` extra")
     process = subprocess.Popen([OBK, "web", "--port", "0"], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -58,14 +58,14 @@ def paged() -> Iterator[Callable[[], Mapping[str, Any]]]:
         url = process.stdout.readline().split()[-1]
         with urlopen(url.replace("/?", "/events?"), timeout=60) as events:
 
-            def told() -> Mapping[str, Any]:
+            def reported() -> Mapping[str, Any]:
                 for line in events:
                     name, _, data = line.decode().partition(": ")
                     if name == "data" and "topics" in (view := json.loads(data)):
                         return {topic["topic"]: topic for topic in view["topics"]}
-                raise AssertionError("the page was told no topics")
+                raise AssertionError("the page was reported no topics")
 
-            yield told
+            yield reported
     finally:
         process.send_signal(signal.SIGINT)
         process.stdout.close()
@@ -83,9 +83,9 @@ def test_the_age_of_a_command_is_that_of_the_measurement_in_it(arm: Path) -> Non
     with launched(arm, "--set", "obk.use_sim_time=false"):
         eventually(lambda: is_carried(monitored()), "stamps that are handed on")
         for name in WAY:
-            told = delay(name)
-            assert not told["is_relative"]
-            assert 0 < told["mean_s"] < 60
+            reported = delay(name)
+            assert not reported["is_relative"]
+            assert 0 < reported["mean_s"] < 60
         with paged() as topics:
             eventually(lambda: is_carried(topics()), "the same on the page")
 
@@ -98,7 +98,7 @@ def test_a_simulation_at_half_speed_keeps_its_rates_and_its_ages_are_in_its_time
 
         def is_kept() -> bool:
             topics = monitored()
-            # Only once the robot has told how fast its time passes.
+            # Only once the robot has reported how fast its time passes.
             is_half = [topics[name]["expected_hz"] for name in WAY] == [5.0, 5.0, 5.0]
             return is_half and not any(topics[name]["is_off"] for name in WAY)
 

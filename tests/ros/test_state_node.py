@@ -78,7 +78,7 @@ class World:
         }
         for service, one in self._clients.items():
             assert one.wait_for_service(DEADLINE_S)
-            # An answer to a client that the node was not told of by then is lost.
+            # An answer to a client that the node did not know of by then is lost.
             topic = f"rr/my_stack/{service}Reply"
             known = partial(host._node.get_subscriptions_info_by_topic, topic, no_mangle=True)
             eventually(known, f"the client of {service}, known to the node")
@@ -166,7 +166,7 @@ def test_transitions_by_number_and_by_label_and_what_went_wrong(world: World) ->
     assert world.client.state("/my_stack", DEADLINE_S) == "unconfigured"
 
 
-def test_what_is_possible_is_told(world: World) -> None:
+def test_what_is_possible_is_reported(world: World) -> None:
     assert world.call("get_state").current_state.label == "unknown"
     world.node.show("inactive")
     assert world.call("get_state").current_state.id == 2
@@ -237,12 +237,12 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
             done = Answered(node="/n", transition="configure", success=True, fault="")
             eventually(lambda: ears.count(done), "its answer")
             seen = StateSeen(node="/n", state="inactive", transition="configure")
-            eventually(lambda: ears.count(seen), "what it tells")
+            eventually(lambda: ears.count(seen), "what it reports")
         assert ears.count(TransitionStarted(node="/n", transition="configure")) == 1
         assert (ears.count(ready), ears.count(state), ears.count(seen)) == (2, 1, 1)
 
 
-def test_a_stranger_that_publishes_on_a_control_topic_is_found(
+def test_a_others_that_publishes_on_a_control_topic_is_found(
     environment: RosEnvironment,
 ) -> None:
     with running_node(), open_ros_nodes("probe", environment) as ros:
@@ -251,7 +251,7 @@ def test_a_stranger_that_publishes_on_a_control_topic_is_found(
             lambda: (
                 ros.foreign_publishers(topics, [], FOREIGN_DISCOVERY_S) == (("/control", "/n"),)
             ),
-            "the stranger, found",
+            "the other publisher",
         )
         assert ros.foreign_publishers(["/other"], [], OWN_DISCOVERY_S) == ()
         assert ros.foreign_publishers(["/control"], ["/n"], OWN_DISCOVERY_S) == ()

@@ -36,11 +36,11 @@ def _package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         del sys.modules[name]
 
 
-def test_they_are_told_in_a_sentence() -> None:
-    told = "the type alien_msgs/msg/Number cannot be used here: no library"
-    with pytest.raises(CommandFailedError, match=told):
+def test_they_are_reported_in_a_sentence() -> None:
+    reported = "the type alien_msgs/msg/Number cannot be used here: no library"
+    with pytest.raises(CommandFailedError, match=reported):
         require_message(find_type("alien_msgs/msg/Number"))
-    with pytest.raises(CommandFailedError, match=told.replace("msg/", "srv/")):
+    with pytest.raises(CommandFailedError, match=reported.replace("msg/", "srv/")):
         require_service(find_type("alien_msgs/srv/Number"))
     require_message(find_type("std_msgs/msg/Int32"))
     require_service(find_type("std_srvs/srv/Trigger"))

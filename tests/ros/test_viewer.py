@@ -59,7 +59,7 @@ def test_the_page_shows_the_model_and_that_it_moves() -> None:
     assert run.left_over() == []
 
 
-def test_a_viewer_that_is_killed_is_told_and_the_stack_goes_on() -> None:
+def test_a_viewer_that_is_killed_is_reported_and_the_stack_goes_on() -> None:
     pytest.importorskip("mjviser")
     with launched(DUMMY, "--viewer", "web") as run:
         address(run)

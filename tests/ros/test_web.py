@@ -70,7 +70,7 @@ def shown_in_document() -> list[str]:
     return shlex.split(line.removeprefix("$ "), comments=True)
 
 
-def test_a_stack_is_shown_changed_and_its_end_told() -> None:
+def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
     chromium()
     with launched(EXAMPLE) as run, served(command=shown_in_document()) as url:
         asked: list[str] = []
@@ -142,7 +142,7 @@ def test_a_page_waits_for_a_stack_and_shows_the_next_one() -> None:
 
 
 @pytest.mark.slow
-def test_fields_are_offered_and_faults_in_them_told() -> None:
+def test_fields_are_offered_and_faults_in_them_reported() -> None:
     chromium()
     with launched(DUMMY), served() as url, opened(url) as page:
         seen(lambda: state(page, "robot_0") == "active", "the stack")
@@ -156,13 +156,15 @@ def test_fields_are_offered_and_faults_in_them_told() -> None:
         canvas = page.locator(".plot canvas").nth(1)
         seen(lambda: canvas.evaluate(DRAWN) > 50, "the line of the other one")
         assert "angular_velocity.x" in page.locator(".plot .legend").nth(1).inner_text()
-        text_told = page.locator(".plot .fault").nth(2)
-        seen(lambda: text_told.inner_text() == "`header.frame_id` is text, not numbers", "a text")
+        text_reported = page.locator(".plot .fault").nth(2)
+        seen(
+            lambda: text_reported.inner_text() == "`header.frame_id` is text, not numbers", "a text"
+        )
         page.get_by_role("button", name="remove /obelisk/dummy/imu angular_velocity.w").click()
         assert page.locator(".plot").count() == 2
 
 
-def test_a_port_that_is_taken_is_told() -> None:
+def test_a_port_that_is_taken_is_reported() -> None:
     with served() as url:
         port = urlsplit(url).port
         with urlopen(Request(url, headers={"Host": "localhost"}), timeout=20) as answer:

@@ -32,11 +32,11 @@ def test_explain_shows_a_wrong_and_a_right_example(
     code: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command(code.lower())
-    told = capsys.readouterr().out
-    assert RULES[code].title in told
-    assert "Wrong:\n    " in told
-    assert "Right:\n    " in told
-    assert f"[{code}]: " in told
+    reported = capsys.readouterr().out
+    assert RULES[code].title in reported
+    assert "Wrong:\n    " in reported
+    assert "Right:\n    " in reported
+    assert f"[{code}]: " in reported
 
 
 def test_the_stages_of_the_picture_are_those_of_the_source(repository: Path) -> None:

@@ -57,7 +57,7 @@ def test_a_push_is_gone_in_half_a_second(stack, seed, force):
     arm.run(2.6)
     arm.push("forearm", force, duration=0.1)  # [N]
     run = arm.run(0.8)
-    assert distance(run, RED, 2.6, 2.8) > 0.05  # it gives way by 0.060 rad and 0.081 rad
+    assert distance(run, RED, 2.6, 2.8) > 0.05  # it yields by 0.060 rad and 0.081 rad
     assert distance(run, RED, 3.2) < 0.005  # 0.0014 rad
     assert not run.faults
 

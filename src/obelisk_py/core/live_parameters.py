@@ -2,7 +2,7 @@
 
 A callback notes that it runs, and a change waits until none does. Then all values that wait are set
 at once, and `on_parameters` is called before the next callback. A node whose executor has several
-threads may never be without a callback. So a callback that starts while a change waits gives way,
+threads may never be without a callback. So a callback that starts while a change waits waits,
 for no longer than it took itself the last time: a fast loop is never held up by a slow callback.
 """
 

@@ -1,4 +1,4 @@
-"""Edits of a source as values: which stretch gives way to which text.
+"""Edits of a source as values: which stretch is replaced by which text.
 
 Sources and edits in, a new text out; what no edit names stays byte for byte. Writes no file.
 """

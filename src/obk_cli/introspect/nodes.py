@@ -66,7 +66,7 @@ def known_nodes(target: GraphTarget) -> Mapping[str, NodeStatus]:
 
 
 def inspect_node(source: GraphSource, target: GraphTarget, node: str, timeout_s: float) -> NodeInfo:
-    """Ask for all that is known of a node; one that does not answer is shown all the same.
+    """Ask for all that is known of a node; one that does not answer is shown too.
 
     Args:
         source: the graph.

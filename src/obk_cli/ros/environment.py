@@ -83,7 +83,7 @@ DOMAIN: Final = "ROS_DOMAIN_ID"
 RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS: Final = "ROS_STATIC_PEERS"
 OLD_SWITCH: Final = "ROS_LOCALHOST_ONLY"
-"""What came before `RANGE`; ROS warns of it in every process, and when it is 1 heeds only it."""
+"""The predecessor of `RANGE`; ROS warns about it, and if it is 1 uses nothing else."""
 PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Variables that name settings of Fast DDS; newer versions use the second."""
 SKIP_FOLDER: Final = "SKIP_DEFAULT_XML_FILE"

@@ -164,7 +164,7 @@ class RosMeter:
         Args:
             participant: the participant that subscribes.
             window_s: how far back figures go [s].
-            turn_s: between two looks at what has come [s]; times are the middleware's all the same.
+            turn_s: between two checks for messages [s]; the middleware measures their times.
         """
         self._participant = participant
         self._window_s = window_s

@@ -49,7 +49,7 @@ def node(standing: str) -> dict[str, Any]:
     return {"node": "/a", "rates": [rate]}
 
 
-def test_the_first_deck_has_every_trouble_and_ends_with_nobody_looking_on() -> None:
+def test_the_first_deck_has_every_trouble_and_ends_with_no_one_looking_on() -> None:
     deck = first_deck(random.Random(3))
     assert Counter(deck) == Counter({*DECK, "reload"})
     assert deck[-1] == "onlookers_leave"

@@ -1,4 +1,4 @@
-"""The simulated drive of the hardware example: its joint, its watchdog, whom it obeys."""
+"""The simulated drive of the hardware example: its joint, its watchdog, whom it follows."""
 
 import socket
 import subprocess
@@ -17,7 +17,7 @@ STEPS_TO_SWITCH_OFF = 51
 DEADLINE_S = 20.0
 
 
-def tell(
+def send(
     drive: Drive,
     sequence: int,
     mode: Mode = Mode.POSITION,
@@ -35,11 +35,11 @@ def run(drive: Drive, steps: int) -> None:
 def hold(drive: Drive, mode: Mode, value: float, steps: int) -> None:
     """Command the same at each step."""
     for sequence in range(drive.commands, drive.commands + steps):
-        tell(drive, sequence, mode, value)
+        send(drive, sequence, mode, value)
         drive.step()
 
 
-def test_the_joint_goes_where_it_is_told_to() -> None:
+def test_the_joint_goes_where_it_is_reported_to() -> None:
     drive = Drive()
     hold(drive, Mode.POSITION, 0.5, steps=1000)
     assert drive.position == pytest.approx(0.5, abs=1e-3)
@@ -55,7 +55,7 @@ def test_a_torque_accelerates_by_inertia_and_friction() -> None:
 def test_without_commands_the_motor_is_off_until_the_next_one() -> None:
     drive = Drive()
     assert drive.state().faults is Fault.WATCHDOG
-    tell(drive, 0, value=1.0)
+    send(drive, 0, value=1.0)
     run(drive, STEPS_TO_SWITCH_OFF - 1)
     assert drive.state().faults is Fault.NONE
     run(drive, 1)
@@ -63,15 +63,15 @@ def test_without_commands_the_motor_is_off_until_the_next_one() -> None:
     velocity = drive.velocity
     run(drive, 1)
     assert 0 < drive.velocity < velocity
-    tell(drive, 1, value=1.0)
+    send(drive, 1, value=1.0)
     assert drive.state().faults is Fault.NONE
 
 
 def test_listening_does_not_feed_the_watchdog() -> None:
     drive = Drive()
-    tell(drive, 0, value=1.0)
+    send(drive, 0, value=1.0)
     for sequence in range(1, 100):
-        tell(drive, sequence, Mode.LISTEN)
+        send(drive, sequence, Mode.LISTEN)
         drive.step()
     assert drive.state().faults is Fault.WATCHDOG
     assert drive.listener == ME
@@ -84,29 +84,29 @@ def test_overspeed_switches_off_until_zero_torque_is_commanded() -> None:
     hold(drive, Mode.POSITION, 0.0, steps=10)
     assert drive.faults & Fault.OVERSPEED
     drive.velocity = 0.0
-    tell(drive, drive.commands, Mode.TORQUE, 0.0)
+    send(drive, drive.commands, Mode.TORQUE, 0.0)
     drive.step()
     assert drive.faults is Fault.NONE
 
 
 def test_old_commands_and_those_of_others_are_dropped_while_it_is_commanded() -> None:
     drive = Drive()
-    tell(drive, 10, value=0.5)
-    tell(drive, 10, value=0.1)
-    tell(drive, 9, value=0.2)
-    tell(drive, 11, value=0.3, sender=OTHER)
+    send(drive, 10, value=0.5)
+    send(drive, 10, value=0.1)
+    send(drive, 9, value=0.2)
+    send(drive, 11, value=0.3, sender=OTHER)
     drive.take(b"noise", OTHER)
     assert drive.commands == 1
     assert drive.listener == ME
     run(drive, STEPS_TO_SWITCH_OFF)
-    tell(drive, 0, value=0.3, sender=OTHER)
+    send(drive, 0, value=0.3, sender=OTHER)
     assert drive.commands == 2
     assert drive.listener == OTHER
 
 
 def test_a_listener_is_forgotten_when_nothing_is_heard_of_it() -> None:
     drive = Drive()
-    tell(drive, 0)
+    send(drive, 0)
     run(drive, 1001)
     assert drive.listener is None
 
@@ -146,7 +146,7 @@ def test_the_program_answers_and_ends_cleanly(number: int) -> None:
         assert process.stdout.read().startswith("device: off after ")
 
 
-def test_a_port_that_is_taken_is_told() -> None:
+def test_a_port_that_is_taken_is_reported() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = str(taken.getsockname()[1])

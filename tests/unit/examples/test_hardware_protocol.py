@@ -62,7 +62,7 @@ def test_sequence_numbers_go_round(sequence: int, last: int, ahead: int) -> None
 
 @pytest.fixture
 def line() -> Iterator[socket.socket]:
-    """The drive's end, with nobody behind it."""
+    """The drive's end, with no one behind it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         line.bind(("127.0.0.1", 0))
         line.settimeout(10.0)
@@ -113,7 +113,7 @@ def test_commands_are_counted_and_closing_stops_the_motor(
     ]
 
 
-def test_nobody_at_the_other_end_is_counted_and_no_exception(
+def test_no_one_at_the_other_end_is_counted_and_no_exception(
     line: socket.socket, link: DriveLink
 ) -> None:
     line.close()

@@ -46,14 +46,14 @@ def test_it_is_reported_once(age):
     assert age.is_stale
 
 
-def test_each_command_counts_anew(age):
+def test_each_command_counts_again(age):
     for tenth in range(100, 200):
         assert age.accept(tenth / 10) is None
         assert age.look(tenth / 10 + 0.4) is None
     assert age.look(19.9 + 0.6) == pytest.approx(0.6)
 
 
-def test_the_command_that_ends_the_silence_tells_how_long_it_was(age):
+def test_the_command_that_ends_the_silence_reports_how_long_it_was(age):
     age.accept(10.0)
     age.look(10.6)
     assert age.accept(12.5) == pytest.approx(2.5)
@@ -78,7 +78,7 @@ def test_a_command_that_is_late_but_comes_before_anybody_looks_is_in_time(age):
     assert age.look(11.4) is None
 
 
-def test_a_command_that_comes_while_somebody_looks_is_in_time():
+def test_a_command_that_comes_while_someone_looks_is_in_time():
     class Overtaken(CommandAge):
         """Another thread's command comes right after the first look at the deadline."""
 
@@ -131,7 +131,7 @@ def _watchdog(max_age_s):
     return age, WatchdogThread(lambda: age.deadline_s, check), reported
 
 
-def test_it_tells_of_a_command_that_none_follows():
+def test_it_reports_of_a_command_that_none_follows():
     age, watchdog, reported = _watchdog(0.01)
     watchdog.start()
     age.accept(time.monotonic())
@@ -140,7 +140,7 @@ def test_it_tells_of_a_command_that_none_follows():
     assert watchdog.stop(DEADLINE_S)
 
 
-def test_it_tells_again_after_commands_have_come_again():
+def test_it_reports_again_after_commands_have_come_again():
     age, watchdog, reported = _watchdog(0.01)
     age.accept(time.monotonic())
     watchdog.start()

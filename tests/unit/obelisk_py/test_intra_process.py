@@ -290,7 +290,7 @@ def test_bytes_come_out_as_a_message() -> None:
     assert numbers(box) == [7]
 
 
-def test_each_message_signals_unless_somebody_else_is_to_be_reported() -> None:
+def test_each_message_signals_unless_another_user_is_to_be_reported() -> None:
     box = buffer()
     box.put(Int64())
     assert os.eventfd_read(box.signal_fd) == 1

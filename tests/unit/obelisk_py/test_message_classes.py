@@ -40,7 +40,7 @@ def test_a_class_is_found_by_every_spelling_of_its_name(name: str) -> None:
     assert message_class(name) is Imu
 
 
-def test_a_class_tells_its_full_name() -> None:
+def test_a_class_reports_its_full_name() -> None:
     assert message_name(PositionSetpoint) == "obelisk_control_msgs/msg/PositionSetpoint"
 
 

@@ -224,7 +224,7 @@ def test_lateness_is_reported_by_the_timers_own_schedule() -> None:
     assert timer.counter.seen == [(0, 0), (100_000, 0), (0, 0), (3_300_000, 3), (0, 0)]
 
 
-def test_a_timer_that_starts_anew_has_skipped_nothing() -> None:
+def test_a_timer_that_starts_again_has_skipped_nothing() -> None:
     timer = _Timer(MS)
     timer.call_at(MS)
     timer._next_ns = 5 * S + MS

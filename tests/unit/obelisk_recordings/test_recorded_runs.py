@@ -234,7 +234,7 @@ def test_a_run_is_opened_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("look", "told"),
+    ("look", "reported"),
     [
         (lambda run: run["amr"], "available: `/robot/arm`"),
         (lambda run: run["arm"]["qq"], "did you mean `q`"),
@@ -244,9 +244,11 @@ def test_a_run_is_opened_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (lambda run: list(run["arm"].signals("forc")), "did you mean `force`"),
     ],
 )
-def test_what_is_not_there_is_reported_with_what_is(look: Any, told: str, tmp_path: Path) -> None:
+def test_what_is_not_there_is_reported_with_what_is(
+    look: Any, reported: str, tmp_path: Path
+) -> None:
     run = open_run(written(tmp_path / "a.mcap", map(arm, range(2))))
-    with pytest.raises(RecordingError, match=told):
+    with pytest.raises(RecordingError, match=reported):
         look(run)
 
 
@@ -258,7 +260,7 @@ def test_an_attribute_that_no_message_has_is_an_attribute_error(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("definition", "data", "told"),
+    ("definition", "data", "reported"),
     [
         ("uint8[] data\n", struct.pack("<I", 100) + b"few", "100 bytes were expected"),
         ("string data\n", struct.pack("<I", 2**32 - 1), "bytes were expected"),
@@ -271,7 +273,7 @@ def test_an_attribute_that_no_message_has_is_an_attribute_error(tmp_path: Path) 
     ],
 )
 def test_messages_and_definitions_that_are_not_sound_are_reported(
-    tmp_path: Path, definition: str, data: bytes, told: str
+    tmp_path: Path, definition: str, data: bytes, reported: str
 ) -> None:
     path = tmp_path / "a.mcap"
     with path.open("wb") as file:
@@ -281,7 +283,7 @@ def test_messages_and_definitions_that_are_not_sound_are_reported(
         channel = writer.register_channel("/n", "cdr", schema)
         writer.add_message(channel, 1, b"\0\1\0\0" + data, 1)
         writer.finish()
-    with pytest.raises(RecordingError, match=told):
+    with pytest.raises(RecordingError, match=reported):
         _ = open_run(path)["/n"].fields
 
 

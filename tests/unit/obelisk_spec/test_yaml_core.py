@@ -68,7 +68,7 @@ def test_what_is_no_safe_yaml_is_an_error_of_one_line(text: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_an_error_tells_its_place_and_what_is_wrong_there() -> None:
+def test_an_error_reports_its_place_and_what_is_wrong_there() -> None:
     with pytest.raises(YamlTextError) as caught:
         load_yaml_core("data: 1\n dat: 2")
     assert str(caught.value) == "line 2, column 5: mapping values are not allowed here"

@@ -101,7 +101,7 @@ def test_what_no_plan_could_be_made_of_is_always_heard() -> None:
     assert outcome.plan is None
 
 
-def test_a_code_that_silences_nothing_is_told_where_it_was_asked_for() -> None:
+def test_a_code_that_silences_nothing_is_reported_where_it_was_asked_for() -> None:
     outcome = compile_text(f"{SOUND}obk: {{ignore: [OBK013]}}\n", ignore=("OBK4", "OBK9", ""))
     assert [(str(d.span), d.code, d.message) for d in outcome.diagnostics] == [
         ("<command line>:1:10", "OBK014", "unknown rule `OBK9`"),
@@ -119,7 +119,9 @@ def test_a_code_that_silences_nothing_is_told_where_it_was_asked_for() -> None:
         ("everything", "list the rules with `obk explain`"),
     ],
 )
-def test_a_code_that_is_none_is_told_with_the_one_that_was_meant(written: str, help: str) -> None:
+def test_a_code_that_is_none_is_reported_with_the_one_that_was_meant(
+    written: str, help: str
+) -> None:
     assert near_codes(written) == help
 
 
@@ -129,7 +131,7 @@ def test_of_many_codes_that_are_none_only_the_first_are_compared_with_those_that
     assert (len(helps), helps.count(None)) == (60, 10)
 
 
-def test_many_keys_that_are_none_are_told_without_comparing_all() -> None:
+def test_many_keys_that_are_none_are_reported_without_comparing_all() -> None:
     faults = compile_text(SOUND + "".join(f"x{i}: 1\n" for i in range(500)) + "jostick: 1\n")
     assert faults.diagnostics[0].code == "OBK101"
     assert not any("did you mean" in (fault.help or "") for fault in faults.diagnostics[-20:])
@@ -159,7 +161,7 @@ def test_independent_faults_are_all_found_in_one_run() -> None:
         (SOUND + "'': c\n", "OBK003"),
     ],
 )
-def test_one_cause_is_told_once(text: str, code: str) -> None:
+def test_one_cause_is_reported_once(text: str, code: str) -> None:
     assert codes(compile_text(text)) == [code]
 
 

@@ -20,7 +20,13 @@ from obk_cli.workspace.package_index import PackageIndex, is_workspace, package_
 ANOTHER = 54321
 """The number of a user who is neither this one nor root."""
 BUILT = {"source": "demo_msgs", "digest": "1"}
-TOLD = {"builder": "obk", "python": "3", "ros": "/", "prefixes": ["."], "packages": {"m": BUILT}}
+REPORTED = {
+    "builder": "obk",
+    "python": "3",
+    "ros": "/",
+    "prefixes": ["."],
+    "packages": {"m": BUILT},
+}
 
 Give = Callable[[Path], None]
 
@@ -57,7 +63,7 @@ def overlay(workspace: Path) -> Path:
     """An overlay with a package in it."""
     folder = workspace / FOLDER / "overlay"
     folder.mkdir(parents=True)
-    (folder / RECORD).write_text(json.dumps(TOLD))
+    (folder / RECORD).write_text(json.dumps(REPORTED))
     return folder
 
 

@@ -37,7 +37,7 @@ def test_the_pipe_of_a_shell_is_read() -> None:
         os.close(there)
 
 
-def test_a_standard_input_that_was_closed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_standard_input_that_was_closed_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", None)
     assert read_bytes(STANDARD_INPUT) == "the stream is closed"
 
@@ -48,7 +48,7 @@ def test_what_never_ends_is_read_in_part() -> None:
     assert len(read) == LONGEST_FILE_BYTES + 1
 
 
-def test_a_file_that_may_not_be_written_is_not_told_as_one_that_may_not_be_read(
+def test_a_file_that_may_not_be_written_is_not_reported_as_one_that_may_not_be_read(
     tmp_path: Path,
 ) -> None:
     error = unwritable(tmp_path / "x", PermissionError(13, "Permission denied"))
@@ -68,9 +68,9 @@ def test_a_file_that_may_not_be_written_is_not_told_as_one_that_may_not_be_read(
 )
 def test_what_is_no_file_says_so(tmp_path: Path, name: str, reason: str) -> None:
     (tmp_path / "loop").symlink_to("loop")
-    told = read_bytes(f"{tmp_path}/{name}")
-    assert isinstance(told, str)
-    assert told.startswith(reason)
+    reported = read_bytes(f"{tmp_path}/{name}")
+    assert isinstance(reported, str)
+    assert reported.startswith(reason)
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ OBK = Path(sys.executable).with_name("obk")
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
-    """Have `obk validate` come to an error that nobody expects."""
+    """Have `obk validate` come to an error that no one expects."""
 
     def fail(*_: object) -> None:
         raise error
@@ -27,7 +27,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "reported"),
     [
         (OSError(errno.ENOSPC, "no", "/a/b"), "`/a/b`: the disk is full"),
         (OSError(errno.ENOSPC, "no"), "the disk is full"),
@@ -44,9 +44,9 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
         ),
     ],
 )
-def test_what_the_machine_lacks_is_told_in_a_sentence(
+def test_what_the_machine_lacks_is_reported_in_a_sentence(
     error: Exception,
-    told: str,
+    reported: str,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -54,7 +54,7 @@ def test_what_the_machine_lacks_is_told_in_a_sentence(
     with pytest.raises(SystemExit) as ended:
         main(["validate", str(SOUND)])
     assert ended.value.code == 1
-    assert capsys.readouterr().err == f"error: {told}\n"
+    assert capsys.readouterr().err == f"error: {reported}\n"
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_other_errors_are_no_lack(error: Exception) -> None:
     assert resource_error(error) is None
 
 
-def test_a_trace_that_cannot_be_kept_is_told_of_nevertheless(
+def test_a_trace_that_cannot_be_kept_is_reported_of_nevertheless(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object, **__: object) -> None:
@@ -81,8 +81,10 @@ def test_a_trace_that_cannot_be_kept_is_told_of_nevertheless(
     with pytest.raises(SystemExit) as ended:
         main(["validate", str(SOUND)])
     assert ended.value.code == 1
-    told = "this is a bug in obk (ZeroDivisionError: boom); run `obk --debug` to see the traceback"
-    assert capsys.readouterr().err == f"error: {told}\n"
+    reported = (
+        "this is a bug in obk (ZeroDivisionError: boom); run `obk --debug` to see the traceback"
+    )
+    assert capsys.readouterr().err == f"error: {reported}\n"
 
 
 @pytest.mark.parametrize("closed", ["stdin", "stdout", "stderr"])
@@ -100,7 +102,7 @@ def test_a_standard_stream_that_is_closed_leads_nowhere(
     stream.close()
 
 
-def test_a_working_folder_that_was_removed_is_told(tmp_path: Path) -> None:
+def test_a_working_folder_that_was_removed_is_reported(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
     gone.mkdir()
     command = f"cd '{gone}' && rmdir '{gone}' && exec '{OBK}' validate '{SOUND}'"
@@ -111,7 +113,7 @@ def test_a_working_folder_that_was_removed_is_told(tmp_path: Path) -> None:
     assert ended.stderr == "error: the working folder no longer exists\n"
 
 
-def test_an_output_on_a_full_disk_is_told() -> None:
+def test_an_output_on_a_full_disk_is_reported() -> None:
     with Path("/dev/full").open("w") as full:
         ended = subprocess.run(
             [OBK, "explain"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
@@ -120,7 +122,7 @@ def test_an_output_on_a_full_disk_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("module", "text", "told"),
+    ("module", "text", "reported"),
     [
         ("typer", "raise RuntimeError('of another Python')", "RuntimeError: of another Python"),
         ("yaml", "x = 1", "AttributeError: module 'yaml' has no attribute"),
@@ -129,7 +131,7 @@ def test_an_output_on_a_full_disk_is_told() -> None:
     ],
 )
 def test_a_module_in_the_place_of_a_library_is_named(
-    tmp_path: Path, module: str, text: str, told: str
+    tmp_path: Path, module: str, text: str, reported: str
 ) -> None:
     (tmp_path / f"{module}.py").write_text(text)
     ended = subprocess.run(
@@ -142,7 +144,7 @@ def test_a_module_in_the_place_of_a_library_is_named(
     )
     assert ended.returncode == 1
     assert ended.stderr.startswith("error: ")
-    assert told in ended.stderr
+    assert reported in ended.stderr
     assert f"`{tmp_path}/{module}.py` shadows a library" in ended.stderr
     assert ended.stderr.endswith("\n  help: unset PYTHONPATH\n")
 

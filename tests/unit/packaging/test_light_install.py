@@ -59,7 +59,7 @@ Result = tuple[int, str, str]
 @pytest.fixture(scope="module")
 def said(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
     """Verb -> its exit code, output and errors, all from one process."""
-    told = {**LIGHT, **{verb: arguments for verb, (_, arguments) in NEEDS.items()}}
+    reported = {**LIGHT, **{verb: arguments for verb, (_, arguments) in NEEDS.items()}}
     folder = tmp_path_factory.mktemp("light")
     environment = {
         **{name: os.environ[name] for name in ("PATH", "XDG_CACHE_HOME")},
@@ -70,7 +70,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
         [
             sys.executable,
             Path(__file__).with_name("light.py"),
-            json.dumps([[verb, *arguments] for verb, arguments in told.items()]),
+            json.dumps([[verb, *arguments] for verb, arguments in reported.items()]),
         ],
         cwd=folder,
         env=environment,
@@ -78,7 +78,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
         text=True,
         check=True,
     )
-    results = dict(zip(told, json.loads(done.stdout), strict=True))
+    results = dict(zip(reported, json.loads(done.stdout), strict=True))
     return results.__getitem__
 
 
@@ -105,7 +105,7 @@ def test_a_command_that_needs_one_says_which_and_how(
     assert f"help: install it with `{install_command(extra)}`" in err
 
 
-def test_the_document_tells_the_same(repository: Path) -> None:
+def test_the_document_reports_the_same(repository: Path) -> None:
     text = (repository / "docs" / "how-to" / "installing.md").read_text()
     _, _, parts = text.partition("\nWithout extras these commands work:")
     listed, _, rest = parts.partition("Every other command")

@@ -32,7 +32,7 @@ def test_the_supported_pythons_pass(
 
 
 @pytest.mark.parametrize("version", [(3, 8), (3, 10), (3, 14)])
-def test_another_python_is_told_how_to_choose(
+def test_another_python_is_reported_how_to_choose(
     preflight: ModuleType, monkeypatch: pytest.MonkeyPatch, version: tuple[int, int]
 ) -> None:
     monkeypatch.setattr(sys, "version_info", (*version, 0))

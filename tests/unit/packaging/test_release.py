@@ -50,7 +50,7 @@ def test_the_changelog_ends_with_the_version_or_says_that_it_is_to_be(repository
         assert f"The first version, to become {version}.\n" in text
 
 
-def test_obk_tells_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+def test_obk_reports_the_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--version"])
     assert ended.value.code == 0

@@ -136,7 +136,7 @@ def test_what_a_callback_removes_is_not_handled_although_it_was_signalled(world:
     first = world.source(lambda worker: worker.remove(second))
     first.signal()
     second.signal()
-    world.worker.requeue(first.fd)  # before the other, in whatever order the kernel tells
+    world.worker.requeue(first.fd)  # before the other, in any order of the kernel
     world.rounds(2)
     assert "second" not in world.log
 
@@ -171,7 +171,7 @@ def test_run_one_runs_one_callback_and_no_other_is_starved(world: World) -> None
     assert "other" in world.log
 
 
-def test_run_one_tells_that_nothing_was_ready(world: World) -> None:
+def test_run_one_reports_that_nothing_was_ready(world: World) -> None:
     world.source("a")
     assert not world.worker.run_one(0)
 

@@ -10,7 +10,7 @@ MS = 1_000_000
 
 
 class _Clock:
-    """Moves only when somebody waits, or when a step costs something."""
+    """Moves only when someone waits, or when a step costs something."""
 
     def __init__(self):
         self.ns = 0

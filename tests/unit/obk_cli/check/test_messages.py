@@ -30,29 +30,31 @@ def compile_with(workspace: Path, controller: str, robot: str | None = None) -> 
     return compile_config(str(workspace / "config.yaml"), options)
 
 
-def told(outcome: Outcome) -> list[tuple[str, str, str | None]]:
+def reported(outcome: Outcome) -> list[tuple[str, str, str | None]]:
     return list(dict.fromkeys((d.code, d.message, d.help) for d in outcome.diagnostics))
 
 
 def test_a_message_of_the_workspace_is_known_before_it_is_built(workspace: Path) -> None:
     outcome = compile_with(workspace, "arm_msgs/Reach")
-    assert told(outcome) == []
+    assert reported(outcome) == []
     assert outcome.plan is not None
     ends = [end for process in outcome.plan.processes for end in process.publishes]
     assert "arm_msgs/msg/Reach" in [end.msg_type for end in ends]
 
 
-def test_a_message_that_its_package_lacks_is_told_with_those_that_it_has(workspace: Path) -> None:
-    (code, message, help) = told(compile_with(workspace, "arm_msgs/msg/Raech"))[0]
+def test_a_message_that_its_package_lacks_is_reported_with_those_that_it_has(
+    workspace: Path,
+) -> None:
+    (code, message, help) = reported(compile_with(workspace, "arm_msgs/msg/Raech"))[0]
     assert (code, message) == ("OBK115", "package `arm_msgs` has no message `Raech`")
     assert help == "did you mean `arm_msgs/msg/Reach`?"
-    assert told(compile_with(workspace, "arm_msgs/Xyz"))[0][2] == "available: `Grip`, `Reach`"
-    assert told(compile_with(workspace, "demo/Xyz"))[0][2] == "it does not define any messages"
+    assert reported(compile_with(workspace, "arm_msgs/Xyz"))[0][2] == "available: `Grip`, `Reach`"
+    assert reported(compile_with(workspace, "demo/Xyz"))[0][2] == "it does not define any messages"
 
 
-def test_a_bare_name_of_the_workspace_is_told_with_its_package(workspace: Path) -> None:
+def test_a_bare_name_of_the_workspace_is_reported_with_its_package(workspace: Path) -> None:
     outcome = compile_with(workspace, "Reach", "PositionSetpoint")
-    assert told(outcome)[0] == (
+    assert reported(outcome)[0] == (
         "OBK115",
         "message type `Reach` is not known",
         "did you mean `arm_msgs/Reach`?",
@@ -60,8 +62,8 @@ def test_a_bare_name_of_the_workspace_is_told_with_its_package(workspace: Path) 
     assert [edit.text for edit in outcome.diagnostics[0].fix] == ["arm_msgs/Reach"]
 
 
-def test_a_package_that_is_nowhere_is_told_with_near_ones(workspace: Path) -> None:
-    assert told(compile_with(workspace, "amr_msgs/Reach"))[0] == (
+def test_a_package_that_is_nowhere_is_reported_with_near_ones(workspace: Path) -> None:
+    assert reported(compile_with(workspace, "amr_msgs/Reach"))[0] == (
         "OBK411",
         "message type `amr_msgs/Reach`: package `amr_msgs` is not found",
         "did you mean `arm_msgs`?",
@@ -69,11 +71,11 @@ def test_a_package_that_is_nowhere_is_told_with_near_ones(workspace: Path) -> No
 
 
 def test_the_usual_packages_of_ros_need_not_be_there(workspace: Path) -> None:
-    assert told(compile_with(workspace, "nav_msgs/Goals")) == []
+    assert reported(compile_with(workspace, "nav_msgs/Goals")) == []
 
 
 def test_two_types_of_the_workspace_on_one_topic_differ(workspace: Path) -> None:
-    assert told(compile_with(workspace, "arm_msgs/Reach", "arm_msgs/Grip"))[0][:2] == (
+    assert reported(compile_with(workspace, "arm_msgs/Reach", "arm_msgs/Grip"))[0][:2] == (
         "OBK205",
         "`/obelisk_robot_0` subscribes to `/arm/ctrl` as `arm_msgs/Grip`, `/obelisk_control_0` "
         "publishes it as `arm_msgs/Reach`",
@@ -131,17 +133,17 @@ def with_code(workspace: Path, code: str) -> None:
         ("nav_msgs.msg import Goals as Raech", None),
     ],
 )
-def test_a_message_class_that_nobody_defines_is_told(
+def test_a_message_class_that_no_one_defines_is_reported(
     workspace: Path, imported: str, fault: tuple[str, str, str] | None
 ) -> None:
     with_code(workspace, CODE.replace("arm_msgs.msg import Raech", imported))
-    found = told(compile_with(workspace, "PositionSetpoint"))
+    found = reported(compile_with(workspace, "PositionSetpoint"))
     assert [one for one in found if one[0] in ("OBK410", "OBK411")] == ([fault] if fault else [])
 
 
-def test_a_package_that_the_config_names_too_is_told_once(workspace: Path) -> None:
+def test_a_package_that_the_config_names_too_is_reported_once(workspace: Path) -> None:
     with_code(workspace, CODE.replace("arm_msgs", "amr_msgs"))
-    lost = told(compile_with(workspace, "amr_msgs/Raech"))
+    lost = reported(compile_with(workspace, "amr_msgs/Raech"))
     assert [one[:2] for one in lost if one[0] == "OBK411"] == [
         ("OBK411", "message type `amr_msgs/Raech`: package `amr_msgs` is not found")
     ]

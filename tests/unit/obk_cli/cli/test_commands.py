@@ -146,7 +146,7 @@ def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> Non
         ("replay", "`obk play`"),
     ],
 )
-def test_a_command_without_the_one_that_it_belongs_to_is_told_with_it(
+def test_a_command_without_the_one_that_it_belongs_to_is_reported_with_it(
     capsys: pytest.CaptureFixture[str], word: str, meant: str
 ) -> None:
     result = Result(capsys, word, "est")
@@ -164,7 +164,7 @@ def test_a_command_without_the_one_that_it_belongs_to_is_told_with_it(
         ("--duration", "nan", "seconds of at least 0"),
     ],
 )
-def test_a_number_that_a_launch_cannot_use_is_the_only_one_told_of(
+def test_a_number_that_a_launch_cannot_use_is_the_only_one_reported_of(
     capsys: pytest.CaptureFixture[str], option: str, value: str, expected: str
 ) -> None:
     result = Result(capsys, "launch", str(SOUND), option, value)
@@ -282,7 +282,7 @@ def test_standard_input(
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "reported"),
     [
         ("validate f --format xml", "`--format xml`: expected one of `text`, `json`, `sarif`, "
          "`github`"),
@@ -309,30 +309,30 @@ def test_standard_input(
         ("service call /s --type Trigger", "`--type Trigger`: expected a type such as"),
     ],
 )  # fmt: skip
-def test_misuse_is_told_with_what_would_be_right(
-    capsys: pytest.CaptureFixture[str], line: str, told: str
+def test_misuse_is_reported_with_what_would_be_right(
+    capsys: pytest.CaptureFixture[str], line: str, reported: str
 ) -> None:
     result = Result(capsys, *line.split())
     assert (result.code, result.out) == (2, "")
-    assert result.err.startswith(f"error: {told}")
+    assert result.err.startswith(f"error: {reported}")
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "reported"),
     [
         ("validate", "Missing argument 'CONFIG...'."),
         ("validate --no-such-option f", "No such option: --no-such-option"),
         ("ps extra", "Got unexpected extra argument (extra)"),
     ],
 )
-def test_a_command_line_of_another_form_is_told_with_the_usage(
-    capsys: pytest.CaptureFixture[str], line: str, told: str
+def test_a_command_line_of_another_form_is_reported_with_the_usage(
+    capsys: pytest.CaptureFixture[str], line: str, reported: str
 ) -> None:
     result = Result(capsys, *line.split())
     verb = line.partition(" ")[0]
     assert (result.code, result.out) == (2, "")
     assert result.err.startswith(f"Usage: obk {verb} [OPTIONS]")
-    assert result.err.endswith(f"\nTry 'obk {verb} --help' for help.\n\nError: {told}\n")
+    assert result.err.endswith(f"\nTry 'obk {verb} --help' for help.\n\nError: {reported}\n")
 
 
 def test_colour_is_for_terminals_or_on_demand(capsys: pytest.CaptureFixture[str]) -> None:

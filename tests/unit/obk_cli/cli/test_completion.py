@@ -91,7 +91,7 @@ SCRIPTS = {
 
 
 @pytest.mark.parametrize("shell", SCRIPTS)
-def test_a_shell_is_told(shell: str, tmp_path: Path) -> None:
+def test_a_shell_is_reported(shell: str, tmp_path: Path) -> None:
     program = shutil.which(shell)
     if program is None:
         pytest.skip(f"{shell} is not installed")
@@ -116,7 +116,7 @@ def refusal(option: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 @pytest.mark.parametrize("option", ["--install-completion", "--show-completion"])
-def test_without_a_shell_it_is_told_where_to_type_it(
+def test_without_a_shell_it_is_reported_where_to_type_it(
     option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def detect() -> tuple[str, str]:
@@ -128,7 +128,7 @@ def test_without_a_shell_it_is_told_where_to_type_it(
     )
 
 
-def test_a_home_that_cannot_be_written_is_told(
+def test_a_home_that_cannot_be_written_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     home = tmp_path / "home"

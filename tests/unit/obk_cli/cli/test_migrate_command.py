@@ -85,7 +85,7 @@ def test_check(config: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     assert config.read_bytes() == SEED
 
 
-def test_a_file_that_somebody_else_changes_meanwhile_is_not_written(config: Path) -> None:
+def test_a_file_that_another_user_changes_meanwhile_is_not_written(config: Path) -> None:
     file = open_for_edit("c.yaml")
     assert isinstance(file, EditedFile)
     config.write_bytes(KEY)
@@ -101,7 +101,7 @@ def test_standard_input(
     assert Result(capfdbinary, "-").out == KEY
 
 
-def test_what_stays_is_told_on_stderr(
+def test_what_stays_is_reported_on_stderr(
     config: Path, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
     config.write_bytes(b"include: a.yaml\n")

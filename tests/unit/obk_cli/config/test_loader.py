@@ -88,7 +88,7 @@ def test_a_circle_prints_the_chain() -> None:
     assert faults == ["b:1:11: error[OBK009]: files include each other: a -> b -> a"]
 
 
-def test_variables_are_replaced_and_read_anew_unless_quoted() -> None:
+def test_variables_are_replaced_and_read_again_unless_quoted() -> None:
     text = """
 a: '${N}'
 b: "${N}"
@@ -177,7 +177,7 @@ def test_many_references_without_an_end_take_no_longer_than_the_text_is_long() -
     assert [fault.message for fault in faults] == ["`${` does not start a `${NAME}`"]
 
 
-def test_an_undefined_variable_is_told_once_for_a_value() -> None:
+def test_an_undefined_variable_is_reported_once_for_a_value() -> None:
     _, faults = resolve_variables(tree("a: ${X} ${X} ${Y}\nb: ${X}"), {})
     assert [(fault.span.line, fault.span.column) for fault in faults] == [(1, 4), (1, 14), (2, 4)]
 

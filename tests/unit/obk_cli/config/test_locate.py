@@ -28,7 +28,7 @@ def compiled(folder: Path, model: str, package: str = "demo") -> Outcome:
         ("arm.yaml", "tried "),
     ],
 )
-def test_a_model_that_is_not_there_is_told_with_those_that_are(
+def test_a_model_that_is_not_there_is_reported_with_those_that_are(
     tmp_path: Path, written: str, meant: str
 ) -> None:
     (tmp_path / "models").mkdir()

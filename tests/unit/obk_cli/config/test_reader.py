@@ -138,7 +138,7 @@ def test_every_fault_of_a_node_is_found_in_one_run() -> None:
         ("respawn: on", "in YAML 1.2 `on` is text; write `true` or `false`"),
     ],
 )
-def test_what_is_text_only_for_its_quotes_is_told_without_them(
+def test_what_is_text_only_for_its_quotes_is_reported_without_them(
     field: str, help: str | None
 ) -> None:
     _, (fault,) = read(f"control: {{{NODE}, {field}}}")

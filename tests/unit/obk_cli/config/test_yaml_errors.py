@@ -1,4 +1,4 @@
-"""The usual mistakes in YAML are told where they are made, with what would be right."""
+"""The usual mistakes in YAML are reported where they are made, with what would be right."""
 
 import pytest
 import yaml
@@ -23,7 +23,7 @@ robot:
 """
 
 
-def told(text: str) -> Diagnostic:
+def reported(text: str) -> Diagnostic:
     """The one finding of a text."""
     (finding,) = parse_source(SourceFile.of("c.yaml", text)).diagnostics
     return finding
@@ -90,34 +90,34 @@ MISTAKES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("right", "wrong", "where", "what", "cure"), MISTAKES)
+@pytest.mark.parametrize(("right", "wrong", "where", "what", "fix"), MISTAKES)
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"], ids=["lf", "crlf"])
-def test_a_usual_mistake_is_told_where_it_is_made(
-    right: str, wrong: str, where: str, what: str, cure: str, line_end: str
+def test_a_usual_mistake_is_reported_where_it_is_made(
+    right: str, wrong: str, where: str, what: str, fix: str, line_end: str
 ) -> None:
     assert right in NODE
-    finding = told(NODE.replace(right, wrong, 1).replace("\n", line_end))
+    finding = reported(NODE.replace(right, wrong, 1).replace("\n", line_end))
     assert f"{finding.span.line}:{finding.span.column}" == where
     assert what in finding.message
-    assert cure in (finding.help or "")
+    assert fix in (finding.help or "")
 
 
 def test_what_was_noticed_far_below_an_open_bracket_is_shown_too() -> None:
-    finding = told(NODE.replace("topic: /ctrl", "qos: [1"))
+    finding = reported(NODE.replace("topic: /ctrl", "qos: [1"))
     assert [(r.message, r.span.line) for r in finding.related] == [("noticed here", 7)]
 
 
 def test_a_bracket_of_several_lines_lacks_a_comma_not_its_end() -> None:
-    finding = told("a: {\n  b: 1\n  c: 2\n}\n")
+    finding = reported("a: {\n  b: 1\n  c: 2\n}\n")
     assert finding.message == "a comma is missing before `c`"
     assert finding.span.line == 3
 
 
-def test_a_mistake_of_no_usual_kind_is_told_in_the_parsers_words() -> None:
-    finding = told("%YAML 9.1\n---\na: 1\n")
+def test_a_mistake_of_no_usual_kind_is_reported_in_the_parsers_words() -> None:
+    finding = reported("%YAML 9.1\n---\na: 1\n")
     assert finding.message.startswith("not YAML: ")
 
 
-def test_nothing_is_looked_for_in_a_line_that_nobody_typed() -> None:
-    finding = told("a: '" + " " * 100_000)
+def test_nothing_is_looked_for_in_a_line_that_no_one_typed() -> None:
+    finding = reported("a: '" + " " * 100_000)
     assert finding.message.startswith("not YAML: ")

@@ -90,7 +90,7 @@ def test_crlf_and_a_byte_order_mark_are_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "told"),
+    ("data", "reported"),
     [
         (b"a: 1\n\xff", "f:2:1: error[OBK002]: byte 0xff"),
         (b"a\r\nb\r\xff", "f:3:1: error[OBK002]: byte 0xff"),
@@ -98,8 +98,8 @@ def test_crlf_and_a_byte_order_mark_are_taken() -> None:
         (b"\xef\xbb\xbfa: 1\nb: \xff", "f:2:4: error[OBK002]: byte 0xff"),
     ],
 )
-def test_what_is_no_utf8_is_told_with_its_place(data: bytes, told: str) -> None:
-    assert str(decode_source("f", data)) == f"{told} is not UTF-8"
+def test_what_is_no_utf8_is_reported_with_its_place(data: bytes, reported: str) -> None:
+    assert str(decode_source("f", data)) == f"{reported} is not UTF-8"
 
 
 def test_columns_count_characters_not_bytes() -> None:

@@ -76,7 +76,7 @@ def test_line_ends_are_those_of_the_file_and_a_last_line_without_one_stays_so(
     assert with_node(before + line_end) == with_node(before) + line_end
 
 
-def test_a_topic_of_its_own_is_one_that_nobody_has() -> None:
+def test_a_topic_of_its_own_is_one_that_no_one_has() -> None:
     text = SOUND.replace("/a/q", "/a/new_node/imu")
     assert "topic: /a/new_node/new_node/imu" in with_node(text)
 

@@ -151,7 +151,7 @@ def test_a_sensor_is_renamed_unless_the_name_is_taken(tmp_path: Path) -> None:
         assert files == ([text.replace(names, after)] if after else [])
 
 
-def test_files_that_may_not_be_edited_are_told(tmp_path: Path) -> None:
+def test_files_that_may_not_be_edited_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(with_faults())
     fixed = fix(path, allowed=False)
@@ -160,7 +160,7 @@ def test_files_that_may_not_be_edited_are_told(tmp_path: Path) -> None:
     assert "OBK101" in {f.code for f in fixed.outside}
 
 
-def test_the_command_writes_and_tells(
+def test_the_command_writes_and_reports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

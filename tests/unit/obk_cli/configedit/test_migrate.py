@@ -1,4 +1,4 @@
-"""`migrate_source`: what changes in a text, what stays byte for byte, what is told."""
+"""`migrate_source`: what changes in a text, what stays byte for byte, what is reported."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def migrate(text: str, to: Spelling = "key") -> Migrated:
     return migrate_source(SourceFile.of("c.yaml", text), to)
 
 
-def told(migrated: Migrated) -> str:
+def reported(migrated: Migrated) -> str:
     return report_text((*migrated.faults, *migrated.kept), colour=False, verbose=True)
 
 
@@ -159,13 +159,13 @@ def test_an_anchored_node_is_migrated_once() -> None:
     assert migrate(text).text == text.replace("ros_parameter: pub_a_setting", "key: pub_a")
 
 
-def test_what_stays_is_told_word_for_word(request: pytest.FixtureRequest) -> None:
+def test_what_stays_is_reported_word_for_word(request: pytest.FixtureRequest) -> None:
     migrated = migrate((HERE / "kept.yaml").read_text())
     assert not migrated.is_changed
     expected = HERE / "kept.txt"
     if request.config.getoption("--update-golden"):
-        expected.write_text(told(migrated) + "\n")
-    assert told(migrated) + "\n" == expected.read_text()
+        expected.write_text(reported(migrated) + "\n")
+    assert reported(migrated) + "\n" == expected.read_text()
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_what_stays_is_told_word_for_word(request: pytest.FixtureRequest) -> Non
         ),
     ],
 )
-def test_a_level_that_stays_is_told(text: str, to: Spelling, message: str) -> None:
+def test_a_level_that_stays_is_reported(text: str, to: Spelling, message: str) -> None:
     migrated = migrate(text, to)
     assert not migrated.is_changed
     (only,) = migrated.kept
@@ -237,7 +237,7 @@ def test_aliases_that_tie_places_together_leave_the_file_alone() -> None:
     )
     migrated = migrate(text)
     assert migrated.text == text
-    assert "its anchors or its layout tie the places together" in told(migrated)
+    assert "its anchors or its layout tie the places together" in reported(migrated)
 
 
 @pytest.mark.parametrize(

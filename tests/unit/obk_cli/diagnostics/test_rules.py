@@ -29,11 +29,11 @@ def test_the_code_reports_no_rule_that_is_not_in_the_table() -> None:
 @pytest.mark.parametrize(
     ("code", "may_be"), [("OBK003", False), ("OBK014", True), ("OBK203", True)]
 )
-def test_what_is_told_of_a_rule_says_whether_it_may_be_silenced(
+def test_what_is_reported_of_a_rule_says_whether_it_may_be_silenced(
     code: str, may_be: bool, repository: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     explain(code)
     page = (repository / "docs/reference/rules" / f"{code}.md").read_text(encoding="utf-8")
-    for told in (capsys.readouterr().out, page):
-        assert (f"ignore[{code}]" in told) == may_be
-        assert ("cannot be silenced" in told) != may_be or code == "OBK014"
+    for reported in (capsys.readouterr().out, page):
+        assert (f"ignore[{code}]" in reported) == may_be
+        assert ("cannot be silenced" in reported) != may_be or code == "OBK014"

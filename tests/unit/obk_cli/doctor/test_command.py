@@ -42,7 +42,7 @@ def test_the_list_looks_at_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == "ros  which ROS\ncpu  processors\nrmw  middleware\n"
 
 
-def test_a_check_that_is_none_is_told_with_the_one_that_was_meant(
+def test_a_check_that_is_none_is_reported_with_the_one_that_was_meant(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert run("rwm") == 2

@@ -118,15 +118,15 @@ def test_a_mujoco_that_does_not_step_is_an_error() -> None:
 def test_a_back_end_that_crashes_is_noted_and_the_others_count() -> None:
     back_ends = {**MUJOCO.back_ends, "osmesa": CRASHED_DRAWING}
     found = [*judge_mujoco(replace(MUJOCO, back_ends=back_ends))]
-    told = the_one(found, "note")
-    assert told.fix == "apt install libosmesa6"
+    reported = the_one(found, "note")
+    assert reported.fix == "apt install libosmesa6"
 
 
 def test_the_chosen_back_end_that_does_not_draw_is_reported_with_one_that_does() -> None:
     back_ends = {"egl": DRAWN, "osmesa": replace(DRAWN, has_drawn=False)}
     found = [*judge_mujoco(replace(MUJOCO, chosen="osmesa", back_ends=back_ends))]
-    told = the_one(found, "warning")
-    assert told.fix == "export MUJOCO_GL=egl"
+    reported = the_one(found, "warning")
+    assert reported.fix == "export MUJOCO_GL=egl"
 
 
 def test_without_a_display_nothing_is_to_be_done_for_glfw() -> None:
@@ -208,5 +208,5 @@ def test_a_disk_with_little_room_is_reported(free_bytes: int, much: str) -> None
     assert much in found.message
 
 
-def test_sizes_are_told_in_the_nearer_unit() -> None:
+def test_sizes_are_reported_in_the_nearer_unit() -> None:
     assert (bytes_text(64 * MIB), bytes_text(3 * GIB // 2)) == ("64 MiB", "1.5 GiB")

@@ -35,7 +35,7 @@ def test_a_loopback_that_is_down_is_an_error() -> None:
     assert severities(found) == ["error"]  # the rest follows from it
 
 
-def test_multicast_that_fails_on_loopback_is_told_with_the_cure() -> None:
+def test_multicast_that_fails_on_loopback_is_reported_with_the_cure() -> None:
     found = [*judge_multicast(replace(MULTICAST, loopback_fault="No such device"))]
     warned = the_one(found, "warning")
     assert warned.fix.startswith("sudo ip link set lo up multicast on")
@@ -77,16 +77,16 @@ def test_processes_that_never_hear_each_other_are_an_error(range_: str, fix: str
 
 
 @pytest.mark.parametrize(
-    ("trial", "told"),
+    ("trial", "reported"),
     [
         (replace(DONE, end="failed", last_error="ImportError: x"), "failed: ImportError: x"),
         (replace(DONE, end="failed"), "failed: no output on stderr"),
         (replace(DONE, end="crashed", signal="SIGSEGV"), "was killed by SIGSEGV"),
     ],
 )
-def test_a_ros_process_that_does_not_get_so_far_is_an_error(trial: Trial, told: str) -> None:
+def test_a_ros_process_that_does_not_get_so_far_is_an_error(trial: Trial, reported: str) -> None:
     world = replace(DISCOVERY, trial=trial, first_answer_s=None, round_trip_ms=None)
-    assert the_one(judge_discovery(world), "error").message == f"a ROS process {told}"
+    assert the_one(judge_discovery(world), "error").message == f"a ROS process {reported}"
 
 
 def test_without_rclpy_discovery_is_not_tried() -> None:

@@ -22,14 +22,14 @@ def program(code: str) -> tuple[str, ...]:
     return (sys.executable, "-c", code)
 
 
-def test_a_program_that_crashes_is_told_by_its_signal() -> None:
+def test_a_program_that_crashes_is_reported_by_its_signal() -> None:
     trial = try_program(
         program("import os; print('first', flush=True); os.kill(os.getpid(), 11)"), timeout_s=20.0
     )
     assert (trial.end, trial.signal, trial.stdout) == ("crashed", "SIGSEGV", "first\n")
 
 
-def test_a_program_that_fails_is_told_by_its_last_words() -> None:
+def test_a_program_that_fails_is_reported_by_its_last_words() -> None:
     trial = try_program(program("raise ValueError('so')"), timeout_s=20.0)
     assert trial.outcome == "failed: ValueError: so"
 
@@ -58,7 +58,9 @@ def test_a_compiler_that_the_user_chose_and_that_fails_is_to_be_unset(
         assert facts.fix == "unset CC"
 
 
-def test_a_domain_that_is_none_is_told_by_discovery_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_domain_that_is_none_is_reported_by_discovery_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     with pytest.raises(CommandFailedError) as fault:
         probe_discovery()
@@ -142,7 +144,7 @@ def test_library_paths_that_hold_another_ros_are_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("display", [":998", "nonsense", "127.0.0.1:59000"])
-def test_a_display_where_nobody_is_does_not_answer(
+def test_a_display_where_no_one_is_does_not_answer(
     display: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -165,7 +167,7 @@ def test_a_folder_without_packages_is_no_workspace(tmp_path: Path) -> None:
     assert probe_workspace(tmp_path, {}).folder is None
 
 
-def test_a_workspaces_packages_are_told_with_what_is_wrong_with_them(tmp_path: Path) -> None:
+def test_a_workspaces_packages_are_reported_with_what_is_wrong_with_them(tmp_path: Path) -> None:
     for folder, name in (("one", "<name>a</name>"), ("two", "<name>a</name>"), ("three", "")):
         package = tmp_path / "src" / folder
         package.mkdir(parents=True)

@@ -52,7 +52,7 @@ def test_a_python_that_is_too_old_is_an_error() -> None:
     assert found.facts["version"] == "3.10.4"
 
 
-def test_a_python_without_ros_wheels_is_told() -> None:
+def test_a_python_without_ros_wheels_is_reported() -> None:
     the_one(judge_python(replace(PYTHON, version=(3, 14, 0))), "warning")
 
 
@@ -61,7 +61,7 @@ def test_the_systems_own_python_is_noted() -> None:
     assert found.fix == "python3 -m venv .venv"
 
 
-def test_an_obk_that_is_not_installed_is_told() -> None:
+def test_an_obk_that_is_not_installed_is_reported() -> None:
     found = the_one(judge_python(replace(PYTHON, obk_version=None)), "warning")
     assert found.fix.startswith("pip install --editable ")
 
@@ -81,16 +81,16 @@ def test_without_ros_the_cure_is_the_one_for_this_machine(
     assert the_one(judge_ros(world), "error").fix == fix
 
 
-def test_a_sourced_ros_of_another_distribution_than_the_wheels_is_told() -> None:
+def test_a_sourced_ros_of_another_distribution_than_the_wheels_is_reported() -> None:
     the_one(judge_ros(replace(ROS, ros_distro="humble")), "warning")
 
 
-def test_a_sourced_ros_that_obk_is_not_tested_with_is_told() -> None:
+def test_a_sourced_ros_that_obk_is_not_tested_with_is_reported() -> None:
     world = replace(ROS, wheels_distribution=None, ros_distro="rolling")
     the_one(judge_ros(world), "warning")
 
 
-def test_wheels_of_other_versions_are_told_with_both() -> None:
+def test_wheels_of_other_versions_are_reported_with_both() -> None:
     world = replace(ROS, unlike_pins={"ros-std-msgs": ("5.5.1", "5.3.6")})
     assert "ros-std-msgs 5.5.1" in the_one(judge_ros(world), "warning").message
 
@@ -113,7 +113,7 @@ def test_no_middleware_is_an_error() -> None:
         ("ROS_LOCALHOST_ONLY=1 keeps devices apart", "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"),
     ],
 )
-def test_what_obk_changes_for_its_processes_is_told(sentence: str, fix: str) -> None:
+def test_what_obk_changes_for_its_processes_is_reported(sentence: str, fix: str) -> None:
     found = the_one(judge_rmw(replace(RMW, notes=(sentence,))), "warning")
     assert (found.message, found.fix) == (sentence, fix)
 
@@ -134,6 +134,6 @@ def test_messages_that_cannot_be_loaded_are_an_error(has_sources: bool, fix: str
     assert found.fix == fix
 
 
-def test_definitions_that_changed_since_they_were_compiled_are_told() -> None:
+def test_definitions_that_changed_since_they_were_compiled_are_reported() -> None:
     world = replace(INTERFACES, stale=("obelisk_std_msgs/msg/A.msg",))
     the_one(judge_interfaces(world), "warning")

@@ -1,4 +1,4 @@
-"""Checks side by side: order, hangs, faults, and what is told meanwhile."""
+"""Checks side by side: order, hangs, faults, and what is reported meanwhile."""
 
 import threading
 from collections.abc import Iterator

@@ -35,16 +35,16 @@ def test_a_sound_world_gives_no_complaint() -> None:
     assert severities(found) == ["ok", "ok", "ok"]
 
 
-def test_who_stands_in_no_workspace_is_told_how_to_make_one() -> None:
+def test_who_stands_in_no_workspace_is_reported_how_to_make_one() -> None:
     found = the_one(judge_workspace(replace(WORKSPACE, folder=None)), "note")
     assert found.fix == "obk init my_robot"
 
 
-def test_a_package_without_a_name_is_told() -> None:
+def test_a_package_without_a_name_is_reported() -> None:
     the_one(judge_workspace(replace(WORKSPACE, broken=("/ws/c/package.xml",))), "warning")
 
 
-def test_two_packages_of_one_name_are_told() -> None:
+def test_two_packages_of_one_name_are_reported() -> None:
     found = the_one(judge_workspace(replace(WORKSPACE, doubled=("a",))), "warning")
     assert found.fix == "grep -rl '<name>a</name>' --include package.xml /ws"
 
@@ -54,14 +54,17 @@ def test_message_packages_to_be_built_are_noted_with_the_command() -> None:
     assert found.fix == "obk build b a"
 
 
-def test_message_packages_that_cannot_be_read_are_told() -> None:
+def test_message_packages_that_cannot_be_read_are_reported() -> None:
     the_one(judge_workspace(replace(WORKSPACE, fault="a circle")), "warning")
 
 
-def test_a_shell_that_finds_no_obk_or_another_one_is_told_the_way() -> None:
-    for programs, told in (((), "finds no `obk`"), (("/usr/bin/obk",), "`obk` is /usr/bin/obk")):
+def test_a_shell_that_finds_no_obk_or_another_one_is_reported_the_way() -> None:
+    for programs, reported in (
+        ((), "finds no `obk`"),
+        (("/usr/bin/obk",), "`obk` is /usr/bin/obk"),
+    ):
         found = the_one(judge_paths(replace(PATHS, obk_programs=programs)), "note")
-        assert told in found.message
+        assert reported in found.message
         assert found.fix == 'export PATH="/venv/bin:$PATH"'
 
 
@@ -72,20 +75,20 @@ def test_several_programs_of_our_name_are_worse_when_another_one_is_first() -> N
     assert the_one(judge_paths(before), "warning").fix == "type -a obk"
 
 
-def test_a_ros2_program_of_another_distribution_is_told() -> None:
+def test_a_ros2_program_of_another_distribution_is_reported() -> None:
     found = the_one(judge_paths(replace(PATHS, ros2_program="/opt/ros/humble/bin/ros2")), "warning")
     assert "of humble, and stacks run on jazzy" in found.message
     same = replace(PATHS, ros2_program="/opt/ros/jazzy/bin/ros2")
     assert severities(judge_paths(same)) == ["ok"]
 
 
-def test_a_python_path_to_another_ros_is_told() -> None:
+def test_a_python_path_to_another_ros_is_reported() -> None:
     entry = "/opt/ros/jazzy/lib/python3.12/site-packages"
     world = replace(PATHS, python_path=(entry,), python_path_with_rclpy=(entry,))
     assert the_one(judge_paths(world), "warning").fix == "unset PYTHONPATH"
 
 
-def test_a_python_path_to_another_pythons_packages_is_told() -> None:
+def test_a_python_path_to_another_pythons_packages_is_reported() -> None:
     world = replace(PATHS, python_path=("/opt/x/lib/python3.10/site-packages", "/mine"))
     found = the_one(judge_paths(world), "warning")
     assert found.message.endswith("3.12: /opt/x/lib/python3.10/site-packages")
@@ -97,7 +100,7 @@ def test_a_conda_environment_that_obk_is_not_in_is_noted() -> None:
     assert severities(judge_paths(replace(PATHS, conda_prefix="/venv"))) == ["ok"]
 
 
-def test_libraries_of_another_ros_beside_the_wheels_are_told() -> None:
+def test_libraries_of_another_ros_beside_the_wheels_are_reported() -> None:
     world = replace(PATHS, libraries_with_rcl=("/opt/ros/jazzy/lib",))
     assert the_one(judge_paths(world), "warning").fix == "unset LD_LIBRARY_PATH"
     assert severities(judge_paths(replace(world, has_wheels=False))) == ["ok"]
@@ -109,6 +112,6 @@ def test_a_stack_that_runs_is_noted_with_how_to_stop_it() -> None:
     assert found.fix == "obk stop arm"
 
 
-def test_processes_left_behind_are_told_with_the_command_that_ends_them() -> None:
+def test_processes_left_behind_are_reported_with_the_command_that_ends_them() -> None:
     found = the_one(judge_stacks(StackFacts(running=(), orphans=("7 python",))), "warning")
     assert found.fix == "obk reap"

@@ -38,7 +38,7 @@ def test_the_graph_stands_in_bring_up_order() -> None:
     assert [t.name for t in GRAPH.topics] == ["/q", "/ctrl", "/imu", "/est", "/joy"]
 
 
-def test_sensors_are_told_by_type() -> None:
+def test_sensors_are_reported_by_type() -> None:
     (imu,) = (topic for topic in GRAPH.topics if topic.name == "/imu")
     assert imu.summary == "T, 10 Hz"
     assert imu.sensors == ('gyro g"1 +1', "accelerometer <a>")
@@ -144,7 +144,7 @@ def test_any_letter_gives_a_picture(letter: str) -> None:
         for line in emit_terminal(graph).splitlines()
         if line.startswith(("╭", "│", "╰"))
     }
-    assert len(lengths) <= 2  # with and without the mark of a topic that nobody hears
+    assert len(lengths) <= 2  # with and without the mark of a topic that no one hears
     json.loads(emit_graph_json(graph).encode())
 
 

@@ -57,7 +57,7 @@ def test_a_config_with_errors_starts_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_hardware_is_refused_and_told_how_it_is_simulated(
+def test_hardware_is_refused_and_reported_how_it_is_simulated(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))

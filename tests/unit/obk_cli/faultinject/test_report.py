@@ -1,4 +1,4 @@
-"""What a person and a program are told of findings."""
+"""What a person and a program learn of findings."""
 
 import json
 
@@ -36,13 +36,13 @@ def test_only_a_coloured_report_has_colours() -> None:
 
 
 def test_a_program_gets_all_that_was_measured() -> None:
-    told = json.loads(doctor_json(ANSWERS))
-    assert told["counts"] == {"error": 1, "warning": 1, "note": 1, "ok": 1}
-    assert told["findings"][2] == {
+    reported = json.loads(doctor_json(ANSWERS))
+    assert reported["counts"] == {"error": 1, "warning": 1, "note": 1, "ok": 1}
+    assert reported["findings"][2] == {
         "check": "rmw",
         "severity": "error",
         "message": "none",
         "fix": "install one",
         "facts": {"rmw": None},
     }
-    assert told["seconds"] == {"ros": 0.1, "rmw": 0.25, "cpu": 0.0}
+    assert reported["seconds"] == {"ros": 0.1, "rmw": 0.25, "cpu": 0.0}

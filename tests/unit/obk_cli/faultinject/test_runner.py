@@ -22,7 +22,7 @@ from obk_cli.runs.folder import Run
 from .made_up import case
 
 
-def test_a_launch_that_fails_is_told_in_its_own_words_and_tried_again(tmp_path: Path) -> None:
+def test_a_launch_that_fails_is_reported_in_its_own_words_and_tried_again(tmp_path: Path) -> None:
     refuse = "import sys; print('error: no room', file=sys.stderr); sys.exit(1)"
     settings = LaunchSettings(
         command=(sys.executable, "-c", refuse), environment=dict(os.environ), runs=tmp_path

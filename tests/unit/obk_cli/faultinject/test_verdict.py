@@ -33,7 +33,7 @@ HUNG = (1.7, Hung(node=ROBOT, seconds=1.7))
 RESTARTING = (0.1, Restarting(nodes=(ROBOT,), wait_s=0.1, attempt=1, attempts=5))
 BACK = (1.5, Restarted(nodes=(ROBOT,)))
 WITHOUT = (0.1, GoesOnWithout(nodes=(ROBOT,)))
-ANEW = {ROBOT: 9}
+RESTARTED = {ROBOT: 9}
 LOST: dict[str, int | None] = {ROBOT: None}
 
 
@@ -51,7 +51,7 @@ def ended(
         ("ignore", DIED, WITHOUT, (0.1, GoesOnWithout(nodes=(CONTROLLER,)))),
     ],
 )
-def test_a_reaction_is_over_when_the_launcher_has_told_its_end(
+def test_a_reaction_is_over_when_the_launcher_has_reported_its_end(
     on_crash: OnCrash,
     begin: tuple[float, OutputEvent],
     end: tuple[float, OutputEvent],
@@ -107,7 +107,7 @@ def test_a_stop_that_is_not_as_expected_is_reported(seen: Observation, fault: st
 
 def test_a_node_that_is_back_with_all_others_untouched_is_right() -> None:
     verdict = verdict_of(
-        case("kill", "restart"), observation(DIED, RESTARTING, BACK, after=status(pids=ANEW))
+        case("kill", "restart"), observation(DIED, RESTARTING, BACK, after=status(pids=RESTARTED))
     )
     assert verdict.is_right
     assert verdict.seen == "restarted, all active"
@@ -118,7 +118,7 @@ def test_a_node_that_is_back_with_all_others_untouched_is_right() -> None:
     ("seen", "fault"),
     [
         (
-            observation(DIED, RESTARTING, RESTARTING, BACK, after=status(pids=ANEW)),
+            observation(DIED, RESTARTING, RESTARTING, BACK, after=status(pids=RESTARTED)),
             "restarted 2 times",
         ),
         (
@@ -126,12 +126,12 @@ def test_a_node_that_is_back_with_all_others_untouched_is_right() -> None:
             f"{ROBOT}: still",
         ),
         (
-            observation(DIED, RESTARTING, BACK, after=status(pids={**ANEW, CONTROLLER: 8})),
+            observation(DIED, RESTARTING, BACK, after=status(pids={**RESTARTED, CONTROLLER: 8})),
             f"{CONTROLLER}: was restarted",
         ),
         (
             observation(
-                DIED, RESTARTING, BACK, after=status(pids=ANEW, states={ESTIMATOR: "inactive"})
+                DIED, RESTARTING, BACK, after=status(pids=RESTARTED, states={ESTIMATOR: "inactive"})
             ),
             f"{ESTIMATOR}: inactive, not active",
         ),
@@ -150,7 +150,7 @@ def test_a_stack_that_goes_on_without_the_node_is_right() -> None:
     assert verdict.seen == verdict.case.expectation.summary
 
 
-def test_a_stack_that_takes_others_along_is_told() -> None:
+def test_a_stack_that_takes_others_along_is_reported() -> None:
     after = status(pids={**LOST, ESTIMATOR: None})
     verdict = verdict_of(case("kill", "ignore"), observation(DIED, WITHOUT, after=after))
     assert verdict.faults == (f"{ESTIMATOR}: no process",)
@@ -183,7 +183,7 @@ def test_a_launchers_line_becomes_the_event_that_it_was() -> None:
 
 VERDICTS = (
     verdict_of(
-        case("kill", "restart"), observation(DIED, RESTARTING, BACK, after=status(pids=ANEW))
+        case("kill", "restart"), observation(DIED, RESTARTING, BACK, after=status(pids=RESTARTED))
     ),
     verdict_of(case("delay", "restart"), observation(HUNG, after=status())),
 )
@@ -202,7 +202,7 @@ def test_the_table_shows_every_row_and_the_evidence_of_what_is_wrong() -> None:
     assert rehearsal_text(VERDICTS[:1]).endswith("\n1 expectation met")
 
 
-def test_the_table_of_a_terminal_tells_the_same() -> None:
+def test_the_table_of_a_terminal_reports_the_same() -> None:
     drawn = rehearsal_table(VERDICTS, 120)
     assert "\x1b[1;31mFAILED" in drawn
     assert drawn.splitlines()[-1] == "1 of 2 expectations met"
@@ -211,7 +211,7 @@ def test_the_table_of_a_terminal_tells_the_same() -> None:
 
 
 def test_the_rows_for_a_program_say_whether_all_is_right() -> None:
-    told = json.loads(rehearsal_json(VERDICTS))
-    assert told["ok"] is False
-    assert [verdict["ok"] for verdict in told["rows"]] == [True, False]
-    assert told["rows"][0]["process"] == ROBOT
+    reported = json.loads(rehearsal_json(VERDICTS))
+    assert reported["ok"] is False
+    assert [verdict["ok"] for verdict in reported["rows"]] == [True, False]
+    assert reported["rows"][0]["process"] == ROBOT

@@ -99,7 +99,7 @@ def test_stacks_whose_nodes_were_not_found_in_time_are_not_said_not_to_run(home:
     )
 
 
-def test_a_stack_to_watch_that_does_not_run_is_told_with_those_that_do(home: Path) -> None:
+def test_a_stack_to_watch_that_does_not_run_is_reported_with_those_that_do(home: Path) -> None:
     runs_in(home, arm=7)
     no_nodes_error = StackSelector(
         environment=environment(home), domain=7, run="amr"
@@ -146,7 +146,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("param set arm gain [", "`[` is not YAML"),
     ],
 )
-def test_a_command_that_is_wrong_is_told_so_before_ros_is_loaded(
+def test_a_command_that_is_wrong_is_reported_so_before_ros_is_loaded(
     words: str, complaint: str, home: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:

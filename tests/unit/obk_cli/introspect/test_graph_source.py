@@ -1,4 +1,4 @@
-"""A launcher that tells of the ROS graph, with a function in the place of its node."""
+"""A launcher that reports the ROS graph, with a function in the place of its node."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -64,7 +64,7 @@ def launcher(
         yield found
 
 
-def test_a_launcher_tells_of_the_graph(tmp_path: Path) -> None:
+def test_a_launcher_reports_of_the_graph(tmp_path: Path) -> None:
     with launcher(tmp_path) as look:
         assert look.nodes() == ("/n0",)
         assert look.topic_types() == TYPES
@@ -116,7 +116,7 @@ def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
     }
 
 
-def test_what_a_node_does_not_answer_is_told_in_the_launchers_words(tmp_path: Path) -> None:
+def test_what_a_node_does_not_answer_is_reported_in_the_launchers_words(tmp_path: Path) -> None:
     with launcher(tmp_path, lambda _: {"failed": "/arm did not answer", "help": "look"}) as look:
         with pytest.raises(CommandFailedError, match="/arm did not answer") as failed:
             look.parameters("/arm", WAIT_S).names()
@@ -148,21 +148,21 @@ def test_a_launcher_that_does_not_tell_is_passed_over(tmp_path: Path) -> None:
         assert ask_launcher([tmp_path]) is None
 
 
-@pytest.mark.parametrize("told", [None, 5, "x", ["x"], {"x": {"y": 1}}])
-def test_whatever_a_launcher_says_it_raises_nothing_else(told: object, tmp_path: Path) -> None:
+@pytest.mark.parametrize("reported", [None, 5, "x", ["x"], {"x": {"y": 1}}])
+def test_whatever_a_launcher_says_it_raises_nothing_else(reported: object, tmp_path: Path) -> None:
     keys = ("names", "values", "descriptions")
     asked: tuple[Callable[[LauncherGraph], object], ...] = (
         lambda look: look.parameters("/n0", WAIT_S).names(),
         lambda look: look.parameters("/n0", WAIT_S).values(("a", "b")),
         lambda look: look.parameters("/n0", WAIT_S).describe(("a",)),
     )
-    with launcher(tmp_path, lambda _: dict.fromkeys(keys, told)) as look:
+    with launcher(tmp_path, lambda _: dict.fromkeys(keys, reported)) as look:
         for ask in asked:
             with suppress(CommandFailedError):  # what fits is taken
                 ask(look)
 
 
-def test_a_list_that_is_no_answer_to_all_that_was_asked_is_told(tmp_path: Path) -> None:
+def test_a_list_that_is_no_answer_to_all_that_was_asked_is_reported(tmp_path: Path) -> None:
     with (
         launcher(tmp_path, lambda _: {"values": []}) as look,
         pytest.raises(CommandFailedError, match="0 values"),

@@ -45,7 +45,7 @@ def _topic(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(ros_types, name, lambda *_: object)
 
 
-def test_the_rate_since_the_last_report_is_told(
+def test_the_rate_since_the_last_report_is_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(ros_meter, "RosMeter", Interrupted)
@@ -55,7 +55,7 @@ def test_the_rate_since_the_last_report_is_told(
         assert capsys.readouterr().out.startswith("/est     20.00 Hz ")
 
 
-def test_the_delay_since_the_last_report_is_told(
+def test_the_delay_since_the_last_report_is_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def arrived(_: object) -> Iterator[tuple[int, int]]:

@@ -101,7 +101,7 @@ def test_a_change_goes_to_the_launcher(parent: Path, environment: RosEnvironment
         ]
 
 
-def test_the_launchers_refusal_is_told_with_each_member(
+def test_the_launchers_refusal_is_reported_with_each_member(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with fake_stack(parent, ACTIVE) as stack:
@@ -155,7 +155,7 @@ def test_of_two_launchers_of_one_stack_the_one_with_the_nodes_is_asked_else_the_
         assert (len(changes(onboard)), len(changes(offboard))) == (1, 1)
 
 
-def test_a_run_that_is_not_there_is_told_with_near_names(
+def test_a_run_that_is_not_there_is_reported_with_near_names(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with (
@@ -225,7 +225,7 @@ def test_in_the_graph_a_refusal_says_why(
     assert answer.why == f"{ROBOT}: {fault}"
 
 
-def test_nothing_in_this_domain_is_told_with_where_something_is(
+def test_nothing_in_this_domain_is_reported_with_where_something_is(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {})

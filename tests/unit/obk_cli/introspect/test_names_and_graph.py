@@ -1,4 +1,4 @@
-"""Names that a user means, and what a graph tells."""
+"""Names that a user means, and what a graph reports."""
 
 import pytest
 
@@ -62,7 +62,7 @@ def test_a_name_means_itself_or_what_ends_in_it(name: str, expected: tuple[str, 
     assert matching_names(name, TOPICS) == expected
 
 
-def test_a_name_that_means_several_or_none_is_told_with_what_is_there() -> None:
+def test_a_name_that_means_several_or_none_is_reported_with_what_is_there() -> None:
     with pytest.raises(CommandFailedError) as several:
         resolve_one("topic", "est", TOPICS, 7)
     assert several.value.help == "choose one of `/a/est`, `/b/est`"
@@ -73,7 +73,7 @@ def test_a_name_that_means_several_or_none_is_told_with_what_is_there() -> None:
     assert none.value.help.startswith("did you mean `/a/est`")
 
 
-def test_ends_that_do_not_hear_each_other_are_told() -> None:
+def test_ends_that_do_not_hear_each_other_are_reported() -> None:
     topic = TopicInfo(
         name="/t",
         msg_types=("pkg/msg/State",),
@@ -123,7 +123,7 @@ def test_stamps_are_found_by_type() -> None:
         stamp_getter("pkg/Point", fields_of)
 
 
-def test_a_slip_in_a_short_name_is_told_by_the_whole_one() -> None:
+def test_a_slip_in_a_short_name_is_reported_by_the_whole_one() -> None:
     with pytest.raises(CommandFailedError) as caught:
         resolve_one("topic", "ctlr", TOPICS, 7)
     assert caught.value.help == "did you mean `/a/ctrl`?"

@@ -108,7 +108,7 @@ def test_subscribers_that_come_late_and_want_another_type_are_not_waited_with() 
     assert look.looks == 1
 
 
-def test_a_topic_that_nobody_has_needs_a_name_and_a_type() -> None:
+def test_a_topic_that_no_one_has_needs_a_name_and_a_type() -> None:
     look, new = cast(Any, Look()), wanted("/new", msg_type="pkg/msg/Empty")
     seen, kind = topic_to_publish(look, place(), new)
     assert (seen.name, kind) == ("/new", "pkg/msg/Empty")

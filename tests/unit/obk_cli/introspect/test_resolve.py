@@ -1,4 +1,4 @@
-"""How long somebody is waited for, against a graph in which nobody ever is."""
+"""How long someone is waited for, against a graph in which no one ever is."""
 
 from pathlib import Path
 from typing import Any, cast
@@ -53,7 +53,7 @@ def test_an_empty_domain_is_known_to_be_empty_soon(tmp_path: Path) -> None:
     assert waited_for(place(tmp_path)) == [1.0]
 
 
-def test_somebody_is_waited_for_as_long_as_a_user_says(tmp_path: Path) -> None:
+def test_someone_is_waited_for_as_long_as_a_user_says(tmp_path: Path) -> None:
     assert waited_for(place(tmp_path, 20.0)) == [20.0]
     assert waited_for(place(tmp_path), wait_s=3.3) == [3.3, 1.0]
 
@@ -63,7 +63,7 @@ def test_nodes_that_are_known_to_run_are_waited_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["/arm/joints", "joints"])
-def test_what_is_named_is_not_waited_for_where_nobody_is(tmp_path: Path, name: str) -> None:
+def test_what_is_named_is_not_waited_for_where_no_one_is(tmp_path: Path, name: str) -> None:
     for find in (find_topic, find_node):
         look = Nobody()
         with pytest.raises(CommandFailedError, match="no stack runs"):

@@ -81,7 +81,7 @@ def test_long_arrays_and_texts_are_cut_for_a_person_only() -> None:
     assert cut == f'"{"x" * MOST_LETTERS}..."'
 
 
-def test_numbers_that_are_none_are_told() -> None:
+def test_numbers_that_are_none_are_reported() -> None:
     assert list(message_text([float("nan"), float("-inf")], is_whole=True)) == ["[.nan, -.inf]"]
     assert json_line({"x": [float("nan"), 1.5]}) == '{"x": ["nan", 1.5]}'
 
@@ -107,7 +107,7 @@ def test_an_element_that_is_not_there_is_null_as_in_yaml() -> None:
     assert list(shower("q[9]").lines(whole())) == ["null"]
 
 
-def test_several_selected_fields_are_told_apart() -> None:
+def test_several_selected_fields_are_reported_apart() -> None:
     assert list(shower("q[0]", "header.stamp").lines(whole())) == [
         "q[0]: 0.5",
         "header.stamp:",

@@ -41,20 +41,20 @@ PLAN = Plan(name="s", processes=(ROBOT,))
 class Graph:
     """Others, as a table."""
 
-    def __init__(self, *strangers: tuple[str, str]) -> None:
-        self.strangers = strangers
+    def __init__(self, *others: tuple[str, str]) -> None:
+        self.others = others
         self.waited: list[float] = []
         self.looked = threading.Semaphore(0)
 
     def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
-        return tuple(set(names) & {name for _, name in self.strangers})
+        return tuple(set(names) & {name for _, name in self.others})
 
     def foreign_publishers(
         self, topics: Iterable[str], ours: Iterable[str], discovery_s: float
     ) -> tuple[tuple[str, str], ...]:
         self.waited.append(discovery_s)
         self.looked.release()
-        return tuple(s for s in self.strangers if s[0] in set(topics) and s[1] not in set(ours))
+        return tuple(s for s in self.others if s[0] in set(topics) and s[1] not in set(ours))
 
 
 @pytest.fixture(autouse=True)
@@ -69,7 +69,7 @@ def look_twice(graph: Graph) -> None:
         assert graph.looked.acquire(timeout=20)
 
 
-def test_a_name_that_somebody_has_is_refused() -> None:
+def test_a_name_that_someone_has_is_refused() -> None:
     with pytest.raises(CommandFailedError, match="domain 7 there is already /obelisk_robot_0"):
         refuse_taken_names(("/obelisk_robot_0",), Graph(("/x", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
 
@@ -104,13 +104,13 @@ def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
     assert graph.waited == [OWN_DISCOVERY_S, conflicts.FOREIGN_DISCOVERY_S]
 
 
-def test_one_that_is_found_late_is_told() -> None:
+def test_one_that_is_found_late_is_reported() -> None:
     heard: SimpleQueue[InputEvent] = SimpleQueue()
     with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), heard.put):  # type: ignore[arg-type]
         assert heard.get(timeout=20) == UnknownPublisherFound(topic="/ctrl", node="/teleop")
 
 
-def test_one_without_a_name_yet_is_no_stranger_once_our_nodes_have_started() -> None:
+def test_one_without_a_name_yet_is_no_others_once_our_nodes_have_started() -> None:
     heard: SimpleQueue[InputEvent] = SimpleQueue()
     graph = Graph(("/ctrl", UNNAMED))
     with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
@@ -128,7 +128,7 @@ def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
         with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
             assert isinstance(heard.get(timeout=20), UnknownPublisherFound)
         monkeypatch.setattr(conflicts, "since_boot_s", lambda: 0.0)
-        graph = Graph(*graph.strangers)
+        graph = Graph(*graph.others)
         with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
             look_twice(graph)
             os.kill(pid, signal.SIGKILL)
@@ -210,25 +210,25 @@ class TypesGraph:
         return self.ends.pop(0) if len(self.ends) > 1 else self.ends[0]
 
 
-def told_of(
+def reported_of(
     *looks: Mapping[str, Sequence[str]],
     monkeypatch: pytest.MonkeyPatch,
     ends: Sequence[tuple[str, ...]] = (("/a", "/b"),),
 ) -> list[str]:
     monkeypatch.setattr(conflicts, "TYPES_PERIOD_S", 0.001)
-    told: list[str] = []
+    reported: list[str] = []
     graph = TypesGraph(looks, ends)
-    with watching_types(TYPES_PLAN, graph, told.append):  # type: ignore[arg-type]
+    with watching_types(TYPES_PLAN, graph, reported.append):  # type: ignore[arg-type]
         assert graph.is_through.wait(60)
-    return told
+    return reported
 
 
-def test_another_type_is_told_once_with_both_types_and_whose_it_is(
+def test_another_type_is_reported_once_with_both_types_and_whose_it_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     both = {"/ctrl": [CONTROL, STRING]}
     looks = ({"/ctrl": [CONTROL]}, both, {}, both)
-    assert told_of(*looks, monkeypatch=monkeypatch) == [
+    assert reported_of(*looks, monkeypatch=monkeypatch) == [
         f"warning: /ctrl has the type {CONTROL} in this stack and {STRING} in /a, /b: "
         "these nodes do not receive each other's messages"
     ]
@@ -237,17 +237,17 @@ def test_another_type_is_told_once_with_both_types_and_whose_it_is(
 @pytest.mark.parametrize(
     ("ends", "who"),
     [([("/a", UNNAMED), (UNNAMED,), ("/a", "/b")], "/a, /b"), ([(UNNAMED,)], UNNAMED)],
-    ids=["told in time", "never told"],
+    ids=["reported in time", "never reported"],
 )
-def test_a_nodes_name_is_waited_for_and_the_type_told_without_it_in_the_end(
+def test_a_nodes_name_is_waited_for_and_the_type_reported_without_it_in_the_end(
     ends: Sequence[tuple[str, ...]], who: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (told,) = told_of({"/ctrl": [CONTROL, STRING]}, monkeypatch=monkeypatch, ends=ends)
-    assert f"and {STRING} in {who}: " in told
+    (reported,) = reported_of({"/ctrl": [CONTROL, STRING]}, monkeypatch=monkeypatch, ends=ends)
+    assert f"and {STRING} in {who}: " in reported
 
 
 def test_other_topics_and_those_without_a_type_in_the_plan_do_not_matter(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     looks = {"/ctrl": [CONTROL], "/own": [STRING, CONTROL], "/x": [STRING, CONTROL]}
-    assert told_of(looks, monkeypatch=monkeypatch) == []
+    assert reported_of(looks, monkeypatch=monkeypatch) == []

@@ -40,7 +40,7 @@ def test_lines_come_out_in_order(pipe: tuple[int, int]) -> None:
     assert read_to_the_end_of(read_fd, "99") == [str(n) for n in range(100)]
 
 
-def test_while_nobody_reads_lines_are_left_out_and_counted(pipe: tuple[int, int]) -> None:
+def test_while_no_one_reads_lines_are_left_out_and_counted(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     with Screen(write_fd, room=10) as screen:
         large = "x" * (1 << 20)  # more than a pipe holds: the writer stalls in the middle of it
@@ -64,39 +64,39 @@ def test_a_reader_that_stalls_does_not_hold_up_the_end(
     os.close(read_fd)
 
 
-def test_a_reader_that_leaves_is_told(pipe: tuple[int, int]) -> None:
+def test_a_reader_that_leaves_is_reported(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     os.close(read_fd)
-    is_told = threading.Event()
+    is_reported = threading.Event()
     with Screen(write_fd) as screen:
-        screen.when_closed(is_told.set)
+        screen.when_closed(is_reported.set)
         screen.put("nobody reads this")
-        assert is_told.wait(DEADLINE_S)
+        assert is_reported.wait(DEADLINE_S)
         screen.put("nor this")
 
 
-def test_a_reader_that_left_before_anybody_asked_is_told_too(pipe: tuple[int, int]) -> None:
+def test_a_reader_that_left_before_anybody_asked_is_reported_too(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     os.close(read_fd)
     screen = Screen(write_fd)
     screen.put("nobody reads this")
     screen._writer.join(DEADLINE_S)
-    is_told = threading.Event()
-    screen.when_closed(is_told.set)
-    assert is_told.is_set()
+    is_reported = threading.Event()
+    screen.when_closed(is_reported.set)
+    assert is_reported.is_set()
 
 
 def test_a_pipe_that_does_not_wait_is_not_taken_for_closed(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     os.set_blocking(write_fd, False)
-    is_told = threading.Event()
+    is_reported = threading.Event()
     with Screen(write_fd) as screen:
-        screen.when_closed(is_told.set)
+        screen.when_closed(is_reported.set)
         large = "x" * (1 << 20)
         screen.put(large)
         screen.put("the last one")
         assert read_to_the_end_of(read_fd, "the last one") == [large, "the last one"]
-    assert not is_told.is_set()
+    assert not is_reported.is_set()
 
 
 def test_a_full_disk_ends_nothing_and_what_it_does_not_take_is_counted(
@@ -187,7 +187,7 @@ def test_a_stack_of_many_nodes_wraps_no_line_and_leaves_the_log_two_thirds(
     assert terminal.wrapped == 0
 
 
-def test_while_nobody_reads_lines_are_taken_and_the_end_comes(
+def test_while_no_one_reads_lines_are_taken_and_the_end_comes(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("obk_cli.launch.console.END_S", 0.01)

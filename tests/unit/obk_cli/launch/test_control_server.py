@@ -152,7 +152,7 @@ def test_a_last_line_needs_no_end(tmp_path: Path) -> None:
         assert raw(tmp_path, b'{"ask": "status"}', ends=True)["name"] == "dummy"
 
 
-def test_clients_that_stall_or_leave_hold_up_nobody(tmp_path: Path) -> None:
+def test_clients_that_stall_or_leave_hold_up_no_one(tmp_path: Path) -> None:
     with served(tmp_path):
         stalled = []
         for _ in range(control_server.MOST_CONNECTIONS - 1):
@@ -166,7 +166,7 @@ def test_clients_that_stall_or_leave_hold_up_nobody(tmp_path: Path) -> None:
             link.close()
 
 
-def test_a_client_that_sends_nothing_is_told_so(
+def test_a_client_that_sends_nothing_is_reported_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control_server, "READ_S", 0.01)
@@ -174,7 +174,7 @@ def test_a_client_that_sends_nothing_is_told_so(
         assert raw(tmp_path, b"{") == {"error": "no request came within 0.01 s"}
 
 
-def test_too_many_at_once_are_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_at_once_are_reported_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(control_server, "MOST_CONNECTIONS", 1)
     with served(tmp_path), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as first:
         first.connect(str(tmp_path / "control.sock"))
@@ -190,7 +190,9 @@ def test_another_users_requests_are_refused(
         assert heard.empty()
 
 
-def test_a_supervisor_that_hangs_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_supervisor_that_hangs_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(control_server, "STATUS_S", 0.01)
     with served(tmp_path, leave_open):
         assert raw(tmp_path, b'{"ask": "status"}\n') == {
@@ -226,14 +228,14 @@ def test_without_an_answer_there_is_none(tmp_path: Path) -> None:
         assert not ask_stop(tmp_path, "reason", 0.01)
 
 
-def test_a_question_about_the_graph_that_nobody_answers_ends(
+def test_a_question_about_the_graph_that_no_one_answers_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control_server, "GRAPH_S", 0.05)
     question = json.dumps({"ask": "look", "question": {"about": "graph", "timeout_s": 0.05}})
     with serve_control(tmp_path, leave_open, lambda _question, _reply: None):
-        told = raw(tmp_path, question.encode() + b"\n")
-    assert told == {"error": "the launcher has not answered for 0.1 s"}
+        reported = raw(tmp_path, question.encode() + b"\n")
+    assert reported == {"error": "the launcher has not answered for 0.1 s"}
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def test_phases_carry_their_time() -> None:
     ]
 
 
-def test_a_transition_tells_node_result_and_time() -> None:
+def test_a_transition_reports_node_result_and_time() -> None:
     event = TransitionEnded(node=ROBOT, transition="configure", result="reached", seconds=0.0721)
     assert lines_of(event) == ["  robot_0: configure ok (72 ms)"]
 
@@ -70,17 +70,17 @@ def test_a_refused_transition_shows_the_nodes_own_words_and_traceback() -> None:
     ]
 
 
-def test_a_change_from_elsewhere_is_told() -> None:
+def test_a_change_from_elsewhere_is_reported() -> None:
     seen = StateSeen(node=CONTROL, state="inactive", transition="deactivate")
     assert lines_of(seen) == ["  control_0: inactive (requested elsewhere)"]
 
 
-def test_the_way_out_of_a_failure_is_not_told_as_a_change_from_elsewhere() -> None:
+def test_the_way_out_of_a_failure_is_not_reported_as_a_change_from_elsewhere() -> None:
     seen = StateSeen(node=CONTROL, state="unconfigured")
     assert lines_of(seen) == ["  control_0: unconfigured (after its failure)"]
 
 
-def test_failures_are_told_with_their_cause() -> None:
+def test_failures_are_reported_with_their_cause() -> None:
     assert lines_of(Failed(node=CONTROL, fault="boom")) == ["  control_0: FAILED", "    boom"]
     assert lines_of(ProcessEnded(process=ROBOT, code=-9)) == [
         "  robot_0: the process was ended by SIGKILL"
@@ -102,7 +102,7 @@ def test_the_first_cause_comes_first_then_its_origin_then_the_count_of_what_foll
 
 
 @pytest.mark.parametrize(
-    ("result", "told"),
+    ("result", "reported"),
     [
         ("there already", "there already"),
         ("timed out", "TIMED OUT (72 ms)"),
@@ -110,12 +110,12 @@ def test_the_first_cause_comes_first_then_its_origin_then_the_count_of_what_foll
         ("taken back", "taken back (72 ms)"),
     ],
 )
-def test_every_end_of_a_transition_has_its_word(result: Result, told: str) -> None:
+def test_every_end_of_a_transition_has_its_word(result: Result, reported: str) -> None:
     event = TransitionEnded(node=ROBOT, transition="configure", result=result, seconds=0.0721)
-    assert lines_of(event) == [f"  robot_0: configure {told}"]
+    assert lines_of(event) == [f"  robot_0: configure {reported}"]
 
 
-def test_a_rate_is_told_when_it_breaks_and_when_it_is_kept_again() -> None:
+def test_a_rate_is_reported_when_it_breaks_and_when_it_is_kept_again() -> None:
     rate = Rate(
         name="timer_ctrl",
         expected_hz=1000.0,
@@ -140,7 +140,7 @@ def test_a_rate_is_told_when_it_breaks_and_when_it_is_kept_again() -> None:
     ]
 
 
-def test_hangs_and_restarts_are_told() -> None:
+def test_hangs_and_restarts_are_reported() -> None:
     assert lines_of(
         Hung(node=ROBOT, seconds=2.04),
         AnswersAgain(node=ROBOT),
@@ -168,7 +168,7 @@ def test_evidence_is_shown_where_the_nodes_output_is_not() -> None:
     ]
 
 
-def test_the_stacks_state_is_told_where_no_phase_says_the_same() -> None:
+def test_the_stacks_state_is_reported_where_no_phase_says_the_same() -> None:
     assert lines_of(
         StackStateChanged(state="activating"),
         Phase(name="active", seconds=1),

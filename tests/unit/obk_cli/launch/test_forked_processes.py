@@ -154,7 +154,7 @@ def test_a_forked_process_is_as_one_that_was_started(bench: MakeBench, tmp_path:
     if "PYTHONPATH" in os.environ:
         added["PYTHONPATH"] += f":{os.environ['PYTHONPATH']}"
     own, other = os.pipe()
-    told = []
+    reported = []
     for is_forked in (True, False):
         programs = {"a": python(f"{FORKED}{ALIKE}", "--ros-args", "x y")}
         run = bench(
@@ -165,12 +165,12 @@ def test_a_forked_process_is_as_one_that_was_started(bench: MakeBench, tmp_path:
         )
         run.start("a")
         assert run.line() == str(is_forked)
-        told.append(json.loads(run.line()))
+        reported.append(json.loads(run.line()))
         assert run.ended() == ProcessEnded(process="/a", code=0)
     for number in (own, other):
         os.close(number)
-    assert told[0] == told[1]
-    assert told[0]["mark"]
+    assert reported[0] == reported[1]
+    assert reported[0]["mark"]
 
 
 @pytest.mark.parametrize(
@@ -208,18 +208,18 @@ def test_a_module_is_run_as_the_program(bench: MakeBench, tmp_path: Path) -> Non
     (tmp_path / "package" / "__main__.py").write_text(
         f"{FORKED}print(__name__, __package__, __spec__.name, sys.argv)\nraise SystemExit(2)\n"
     )
-    told = []
+    reported = []
     path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
     for is_forked in (True, False):
         program = (sys.executable, "-P", "-m", "package", "-x")
         run = bench({"a": program}, is_forked=is_forked, added={"PYTHONPATH": path})
         run.start("a")
         assert run.line() == str(is_forked)
-        told.append(run.line())
+        reported.append(run.line())
         ended = run.ended()
         assert isinstance(ended, ProcessEnded)
         assert ended.code == 2
-    assert told[0] == told[1]
+    assert reported[0] == reported[1]
 
 
 def test_forked_processes_share_no_random_numbers(bench: MakeBench) -> None:

@@ -25,7 +25,7 @@ def test_events_output_and_what_was_shown_have_a_file_each(tmp_path: Path) -> No
     assert not faults
 
 
-def test_a_full_disk_is_told_once_and_ends_the_writing(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_once_and_ends_the_writing(tmp_path: Path) -> None:
     (tmp_path / "a.log").symlink_to(FULL_DISK)
     faults: list[OSError] = []
     journal = Journal(tmp_path, faults.append)

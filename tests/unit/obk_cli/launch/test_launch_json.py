@@ -30,7 +30,7 @@ def test_what_the_launcher_says_is_a_record_too() -> None:
     assert json.loads(report.left_out(3)) == {"time": 1.0, "event": "LeftOut", "lines": 3}
 
 
-def test_the_last_line_tells_the_end() -> None:
+def test_the_last_line_reports_the_end() -> None:
     report = JsonReport(lambda: 1.0, quiet=False)
     (line,) = report.event(Ended(exit_code=1, cause="a died", origin="c.yaml:1:2"))
     assert json.loads(line) == {

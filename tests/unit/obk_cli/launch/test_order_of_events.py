@@ -234,7 +234,7 @@ def test_a_hung_node_is_not_asked_for_what_it_would_do_once_it_wakes() -> None:
     assert "deactivate" not in world.transitions_of(ESTIMATOR)
 
 
-def test_a_restarted_process_that_neither_comes_up_nor_can_be_killed_is_told() -> None:
+def test_a_restarted_process_that_neither_comes_up_nor_can_be_killed_is_reported() -> None:
     world = World(on_crash="restart", deaf_to={(ROBOT, n) for n in range(1, 32)})
     world.later.extend([lambda: world.never_ready.add(ROBOT), died()])
     ended = world.run(duration_s=None)
@@ -264,7 +264,7 @@ class HeldUp(World):
         return super().get(timeout=timeout)
 
 
-def test_nobody_is_blamed_for_the_time_in_which_the_launcher_stood_still() -> None:
+def test_no_one_is_blamed_for_the_time_in_which_the_launcher_stood_still() -> None:
     world = HeldUp(silent={(ROBOT, "configure")})
     assert world.run().exit_code == 0
 
@@ -282,7 +282,7 @@ def test_a_stop_does_not_wait_for_the_end_of_a_process_that_was_to_be_restarted(
     assert when(world, "stopping") == pytest.approx(3.0)
 
 
-def test_a_node_of_another_launch_that_was_started_anew_is_where_it_says() -> None:
+def test_a_node_of_another_launch_that_was_started_again_is_where_it_says() -> None:
     answers: list[ChangeAnswer] = []
     two = Plan(name="s", processes=(process("control", device="offboard"), process("robot")))
     world = World(plan=two, devices=frozenset({"offboard"}), on_crash="restart")
@@ -332,7 +332,7 @@ def test_the_end_of_a_shared_process_is_blamed_on_the_node_that_its_last_words_n
         assert world.run(duration_s=None).origin == origin
 
 
-def test_a_node_that_is_told_to_be_ready_once_more_stays_where_it_is() -> None:
+def test_a_node_that_is_reported_to_be_ready_once_more_stays_where_it_is() -> None:
     answers: list[ChangeAnswer] = []
     asked = ChangeRequested(transition="deactivate", nodes=(ROBOT,), reply=answers.append)
     world = World(later=deque([Ready(node=ROBOT), asked, STOP]))

@@ -90,7 +90,7 @@ def test_output_environment_folder_and_exit_code_come_through(
     assert run.ended() == ProcessEnded(process="/a", code=3, text=f"hi {tmp_path}")
 
 
-def test_a_program_that_is_not_there_is_told_with_its_reason(bench: MakeBench) -> None:
+def test_a_program_that_is_not_there_is_reported_with_its_reason(bench: MakeBench) -> None:
     run = bench({})
     run.processes._commands = {"/a": NodeCommand(arguments=("/no/such",), environment={})}
     run.processes.start(unit("a"))
@@ -134,7 +134,7 @@ between += "start_new_session=True); print(p.pid, flush=True); p.wait()"
 child = subprocess.Popen([sys.executable, "-c", between], start_new_session=True)
 print(child.pid, flush=True)
 """
-"""Starts a child in a session of its own, and that one another; tells both of their numbers."""
+"""Starts a child in a session of its own, and that one another; prints both of their ids."""
 
 
 def test_what_hides_in_sessions_of_its_own_goes_with_its_node_and_not_with_another(
@@ -234,7 +234,7 @@ def test_a_signal_that_asks_for_the_end_is_for_the_launcher_alone(bench: MakeBen
     assert _is_alive(first)
 
 
-def test_the_loss_of_the_warden_is_told_as_the_end_of_its_nodes(bench: MakeBench) -> None:
+def test_the_loss_of_the_warden_is_reported_as_the_end_of_its_nodes(bench: MakeBench) -> None:
     run = bench({"a": "import time; time.sleep(60)"})
     node = psutil.Process(run.start("a"))
     run.processes._warden.kill()
@@ -247,7 +247,7 @@ def test_the_loss_of_the_warden_is_told_as_the_end_of_its_nodes(bench: MakeBench
     assert isinstance(run.ended(), ProcessEnded)
 
 
-def test_the_loss_of_the_warden_is_told_once_of_what_it_had_not_started_yet(
+def test_the_loss_of_the_warden_is_reported_once_of_what_it_had_not_started_yet(
     bench: MakeBench,
 ) -> None:
     run = bench({"a": "import time; time.sleep(60)"})
@@ -352,13 +352,13 @@ def test_a_process_can_be_started_again_under_its_name(bench: MakeBench) -> None
     assert run.processes.last_lines("/a") == ("hello", "hello")
 
 
-def test_of_a_process_that_is_started_early_nothing_is_told_before_its_start(
+def test_of_a_process_that_is_started_early_nothing_is_reported_before_its_start(
     bench: MakeBench,
 ) -> None:
     one = bench({"a": "print('up'); raise SystemExit(3)", "b": "print('up')"})
     one.processes.start_early(unit("a"))
     assert one.line() == "up"
-    # The end of another one comes after that of the first, and is the first that is told.
+    # The end of another one comes after that of the first, and is the first that is reported.
     one.start("b")
     ended = one.ended()
     assert isinstance(ended, ProcessEnded)
@@ -366,7 +366,7 @@ def test_of_a_process_that_is_started_early_nothing_is_told_before_its_start(
     assert one.heard.empty()
     one.start("a")
     assert one.ended() == ProcessEnded(process="/a", code=3, text="up")
-    one.start("a")  # anew, as after a crash
+    one.start("a")  # again, as after a crash
 
 
 def test_a_node_that_was_bound_to_its_warden_too_late_does_not_begin() -> None:

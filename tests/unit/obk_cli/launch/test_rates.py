@@ -44,27 +44,27 @@ def seconds(*reports: RatesReported | None) -> deque[InputEvent | float]:
     return deque(step for report in reports for step in ([report] if report else []) + [1.0])
 
 
-def told_of_rates(world: World) -> list[OutputEvent]:
+def reported_of_rates(world: World) -> list[OutputEvent]:
     return [e for e in world.published if isinstance(e, RateBroken | RateKept | RateMoved)]
 
 
 def test_a_rate_that_is_kept_is_no_news() -> None:
     world = World(plan=PROMISED, later=seconds(KEPT, KEPT, KEPT))
     assert world.run(duration_s=3).exit_code == 0
-    assert told_of_rates(world) == []
+    assert reported_of_rates(world) == []
 
 
-def test_a_rate_that_breaks_is_told_once_and_once_when_it_is_kept_again() -> None:
+def test_a_rate_that_breaks_is_reported_once_and_once_when_it_is_kept_again() -> None:
     world = World(plan=PROMISED, later=seconds(KEPT, OFF, BROKEN, BROKEN, BROKEN, KEPT, KEPT))
     assert world.run(duration_s=7).exit_code == 0
-    moved, broken, kept = told_of_rates(world)
+    moved, broken, kept = reported_of_rates(world)
     assert isinstance(moved, RateMoved)
     assert isinstance(broken, RateBroken)
     assert isinstance(kept, RateKept)
     assert broken.how == ("timer runs at 50 of 100 Hz (p99 latency 2.5 ms); set at c.yaml:7:21")
 
 
-def test_of_ticks_that_cannot_be_late_only_their_number_is_told() -> None:
+def test_of_ticks_that_cannot_be_late_only_their_number_is_reported() -> None:
     rate = Rate(
         name="/arm/camera",
         expected_hz=10.0,
@@ -80,17 +80,17 @@ def test_of_ticks_that_cannot_be_late_only_their_number_is_told() -> None:
     assert broken.how == "/arm/camera runs at 1.25 of 10 Hz; set at c.yaml:7:21"
 
 
-def test_a_broken_rate_is_told_anew_only_where_it_has_moved() -> None:
+def test_a_broken_rate_is_reported_again_only_where_it_has_moved() -> None:
     later = seconds(BROKEN, rates(CONTROLLER, 54, "broken"), rates(CONTROLLER, 57, "broken"))
     world = World(plan=PROMISED, later=later)
     world.run(duration_s=3)
-    assert [event.rate.measured_hz for event in told_of_rates(world)] == [50, 57]  # type: ignore[union-attr]
+    assert [event.rate.measured_hz for event in reported_of_rates(world)] == [50, 57]  # type: ignore[union-attr]
 
 
-def test_a_moment_off_is_told_without_being_broken() -> None:
+def test_a_moment_off_is_reported_without_being_broken() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT, OFF, KEPT))
     assert world.run(duration_s=3).exit_code == 0
-    assert [type(event) for event in told_of_rates(world)] == [RateMoved, RateMoved]
+    assert [type(event) for event in reported_of_rates(world)] == [RateMoved, RateMoved]
 
 
 def test_where_promises_are_strict_a_broken_one_ends_the_run_and_is_named() -> None:
@@ -150,7 +150,7 @@ def test_a_rate_that_is_never_reported_is_measured_on_its_topic() -> None:
     assert world.run(duration_s=9).exit_code == 1
     (event,) = unreported(world)
     assert (event.measured, event.unknown) == (("timer",), ())
-    assert [type(event) for event in told_of_rates(world)] == [RateBroken]
+    assert [type(event) for event in reported_of_rates(world)] == [RateBroken]
 
 
 def test_a_node_with_diagnostics_and_no_rates_expects_none() -> None:
@@ -172,26 +172,26 @@ def test_a_topic_without_messages_has_no_rate() -> None:
     assert external_rate(PERIOD, replace(silent, age_s=0.01)).standing == "kept"
 
 
-def test_a_node_that_reports_again_after_a_silence_is_told() -> None:
+def test_a_node_that_reports_again_after_a_silence_is_reported() -> None:
     world = World(plan=PROMISED, later=seconds(KEPT, *[None] * 5, KEPT))
     world.run(duration_s=7)
-    assert [type(event) for event in told_of_rates(world)] == [RateBroken, RateKept]
+    assert [type(event) for event in reported_of_rates(world)] == [RateBroken, RateKept]
 
 
-def test_what_is_wrong_is_told_after_a_silence_that_was_told() -> None:
+def test_what_is_wrong_is_reported_after_a_silence_that_was_reported() -> None:
     world = World(plan=PROMISED, later=seconds(KEPT, KEPT, *[None] * 5, BROKEN, BROKEN))
     world.run(duration_s=9)
-    silent, measured = told_of_rates(world)
+    silent, measured = reported_of_rates(world)
     assert isinstance(silent, RateBroken)
     assert silent.silent_s == pytest.approx(3.0)
     assert isinstance(measured, RateBroken)
     assert (measured.rate.measured_hz, measured.silent_s) == (50, 0)
 
 
-def test_a_rate_that_is_known_to_be_broken_is_not_told_once_more_after_a_silence() -> None:
+def test_a_rate_that_is_known_to_be_broken_is_not_reported_once_more_after_a_silence() -> None:
     world = World(plan=PROMISED, later=seconds(BROKEN, *[None] * 5, BROKEN))
     world.run(duration_s=7)
-    assert [type(event) for event in told_of_rates(world)] == [RateBroken, RateMoved, RateMoved]
+    assert [type(event) for event in reported_of_rates(world)] == [RateBroken, RateMoved, RateMoved]
 
 
 def test_a_node_that_is_not_active_promises_nothing() -> None:
@@ -199,14 +199,14 @@ def test_a_node_that_is_not_active_promises_nothing() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
     world.later += [inactive, BROKEN, *[1.0] * 6]
     assert world.run(duration_s=6).exit_code == 0
-    assert told_of_rates(world) == []
+    assert reported_of_rates(world) == []
 
 
 def test_on_the_way_down_nothing_is_promised() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
     world.later += [lambda: world.inbox.extend([StopRequested(reason="enough"), BROKEN])]
     assert world.run(duration_s=None).exit_code == 0
-    assert told_of_rates(world) == []
+    assert reported_of_rates(world) == []
 
 
 def test_a_node_that_crashed_is_no_broken_promise() -> None:
@@ -219,17 +219,17 @@ def test_a_node_that_hangs_is_left_to_the_watch_over_hangs() -> None:
     world = World(plan=PROMISED, strict_rates=True, on_crash="ignore", later=seconds(KEPT))
     world.later += [lambda: world.mute.add(CONTROLLER), *[1.0] * 8]
     assert world.run(duration_s=8).exit_code == 0
-    assert told_of_rates(world) == []
+    assert reported_of_rates(world) == []
 
 
 def test_nodes_of_other_stacks_and_devices_are_left_aside() -> None:
-    stranger = rates("/somebody", 10, "broken")
-    world = World(plan=PROMISED, strict_rates=True, later=seconds(stranger, stranger))
+    other = rates("/somebody", 10, "broken")
+    world = World(plan=PROMISED, strict_rates=True, later=seconds(other, other))
     assert world.run(duration_s=2).exit_code == 0
-    assert told_of_rates(world) == []
+    assert reported_of_rates(world) == []
 
 
-def test_a_rate_without_a_place_in_the_config_is_told_without() -> None:
+def test_a_rate_without_a_place_in_the_config_is_reported_without() -> None:
     broken = rates(ESTIMATOR, 50, "broken")
     world = World(plan=PROMISED, strict_rates=True, later=seconds(broken))
     ended = world.run(duration_s=5)
@@ -237,7 +237,7 @@ def test_a_rate_without_a_place_in_the_config_is_told_without() -> None:
     assert ended.origin == "c.yaml:1:1"
 
 
-def test_who_asks_for_the_status_is_told_the_rates_of_active_nodes() -> None:
+def test_who_asks_for_the_status_is_reported_the_rates_of_active_nodes() -> None:
     answers: list[StackStatus] = []
     world = World(plan=PROMISED, later=seconds(KEPT, OFF))
     world.later += [StatusRequested(reply=answers.append)]

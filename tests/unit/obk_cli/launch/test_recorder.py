@@ -117,7 +117,7 @@ def test_the_nodes_wait_until_the_recording_has_begun(tmp_path: Path) -> None:
     assert len(world.screen.lines) == 2
 
 
-def test_the_recording_ends_before_the_end_of_the_run_is_told(tmp_path: Path) -> None:
+def test_the_recording_ends_before_the_end_of_the_run_is_reported(tmp_path: Path) -> None:
     world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     world.events.publish(ENDED)
@@ -126,7 +126,7 @@ def test_the_recording_ends_before_the_end_of_the_run_is_told(tmp_path: Path) ->
     assert not world.screen.lines
 
 
-def test_a_recorder_that_dies_is_told_and_the_stack_goes_on(tmp_path: Path) -> None:
+def test_a_recorder_that_dies_is_reported_and_the_stack_goes_on(tmp_path: Path) -> None:
     world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     world.recorder.on_process_event(ProcessEnded(process=UNIT.name, code=1, text="no space left"))
@@ -137,7 +137,7 @@ def test_a_recorder_that_dies_is_told_and_the_stack_goes_on(tmp_path: Path) -> N
     assert line.startswith("warning: the recorder has ended: the process exited with code 1: no sp")
 
 
-def test_without_a_run_folder_it_is_told_that_nothing_is_recorded() -> None:
+def test_without_a_run_folder_it_is_reported_that_nothing_is_recorded() -> None:
     world = World(RecordRequest(), None)
     world.start()
     assert not world.processes.started

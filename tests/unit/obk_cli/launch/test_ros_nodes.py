@@ -56,7 +56,7 @@ def status(name: str, node: str, values: tuple[tuple[str, str], ...]) -> Any:
     return SimpleNamespace(level=b"\x01", name=name, hardware_id=node, values=pairs)
 
 
-def test_what_else_is_told_beside_rates_is_left_aside() -> None:
+def test_what_else_is_reported_beside_rates_is_left_aside() -> None:
     own = status("c: timer_ctrl", "/c", rate_values(RATE))
     other = status("c: motor", "/c", (("celsius", "41"),))
     assert rates_of(SimpleNamespace(status=[other, own])) == RatesReported(node="/c", rates=(RATE,))
@@ -89,4 +89,4 @@ def test_only_the_nodes_that_are_listened_to_are_heard() -> None:
     subscribe_to_diagnostics(node, ("/c", "/d"), heard.append)
     for name in ("/c", "/elsewhere", "/d"):
         callbacks[0](SimpleNamespace(status=[status("c: timer_ctrl", name, rate_values(RATE))]))
-    assert [told.node for told in heard] == ["/c", "/d"]
+    assert [reported.node for reported in heard] == ["/c", "/d"]

@@ -28,7 +28,7 @@ class Ros:
         return None
 
 
-def test_a_socket_that_cannot_be_is_told_and_no_more(tmp_path: Path) -> None:
+def test_a_socket_that_cannot_be_is_reported_and_no_more(tmp_path: Path) -> None:
     (tmp_path / "control.sock").write_text("in the way")
     screen = Shown()
     inbox: SimpleQueue[InputEvent] = SimpleQueue()

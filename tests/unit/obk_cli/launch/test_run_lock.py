@@ -182,10 +182,12 @@ def test_as_many_runs_stay_as_asked_for(tmp_path: Path) -> None:
 
 def test_a_claim_keeps_what_the_run_was_made_from(tmp_path: Path) -> None:
     made_from = RunOrigin(plan='{"name": "s", "processes": []}\n', versions={"obk": "1"})
-    told = json.loads((claim_run(tmp_path, RUN, NOW, made_from=made_from) / "run.json").read_text())
-    assert told["plan"] == {"name": "s", "processes": []}
-    assert told["plan_sha256"] == hashlib.sha256(made_from.plan.encode()).hexdigest()
-    assert told["versions"] == {"obk": "1"}
+    reported = json.loads(
+        (claim_run(tmp_path, RUN, NOW, made_from=made_from) / "run.json").read_text()
+    )
+    assert reported["plan"] == {"name": "s", "processes": []}
+    assert reported["plan_sha256"] == hashlib.sha256(made_from.plan.encode()).hexdigest()
+    assert reported["versions"] == {"obk": "1"}
 
 
 def test_a_disk_that_takes_a_folder_and_no_file_is_left_as_it_was(
@@ -266,7 +268,7 @@ def test_why_a_run_could_not_begin_stands_in_its_folder(tmp_path: Path) -> None:
     ):
         raise CommandFailedError("another node moves the robot", help="end that")
     (folder,) = (tmp_path / "runs").glob("s_*")
-    told = cast(dict[str, Any], json.loads((folder / "run.json").read_text()))
-    assert (told["exit_code"], told["cause"]) == (1, "another node moves the robot")
-    assert told["ended"] is not None
+    reported = cast(dict[str, Any], json.loads((folder / "run.json").read_text()))
+    assert (reported["exit_code"], reported["cause"]) == (1, "another node moves the robot")
+    assert reported["ended"] is not None
     assert (folder / "launch.log").read_text() == "failed: another node moves the robot\n"

@@ -24,7 +24,7 @@ ROBOT = process("robot", model="arm.xml")
 CONTROL = process("control", device="pc")
 
 
-def test_every_simulated_robot_gets_the_parameters_and_nobody_else() -> None:
+def test_every_simulated_robot_gets_the_parameters_and_no_one_else() -> None:
     second = replace(ROBOT, node="second")
     plan = Plan(name="s", processes=(ROBOT, CONTROL, second))
     changed = with_simulator_parameters(plan, share_of(plan, None), WEB, "--viewer web")

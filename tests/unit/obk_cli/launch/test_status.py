@@ -132,7 +132,7 @@ def test_a_rate_that_is_off_stands_beside_its_node_until_it_is_kept_or_the_node_
     off = RateMoved(node=CONTROL, rate=measured(880, "off"))
     broken = RateBroken(node=CONTROL, rate=measured(512.34, "broken"), origin="")
     other = RateMoved(node=CONTROL, rate=measured(700, "off", "timer_log"))
-    for events, told in (
+    for events, reported in (
         ((off,), "control_0 active timer_ctrl 880/1000 Hz"),
         ((off, broken), "control_0 active timer_ctrl 512.3/1000 Hz"),
         ((broken, other), "active timer_ctrl 512.3/1000 Hz timer_log 700/1000 Hz"),
@@ -141,8 +141,8 @@ def test_a_rate_that_is_off_stands_beside_its_node_until_it_is_kept_or_the_node_
         ((broken, StateSeen(node=CONTROL, state="inactive")), ""),
     ):
         text = "\n".join(shown(status_after(*up, *events), 160, 50))
-        assert told in text
-        assert ("Hz" in text) == bool(told)
+        assert reported in text
+        assert ("Hz" in text) == bool(reported)
     assert "2 rates off" in shown(status_after(*up, broken, other), 160, 50)[0]
 
 

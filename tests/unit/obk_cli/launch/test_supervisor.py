@@ -66,7 +66,7 @@ def test_a_robot_that_accepts_commands_again_does_not_fail_the_run() -> None:
     assert World(later=deque([rejecting(3.0), 1.0, rejecting(0.0)])).run().exit_code == 0
 
 
-def test_until_configured_activates_nobody() -> None:
+def test_until_configured_activates_no_one() -> None:
     world = World()
     world.run(until="configured")
     assert "activate" not in {transition for _, transition in world.done}
@@ -155,7 +155,7 @@ def test_a_process_that_dies_while_it_is_asked_ends_the_wait_at_once() -> None:
     assert world.now == 0.0
 
 
-def test_a_process_that_cannot_start_is_told_with_its_reason() -> None:
+def test_a_process_that_cannot_start_is_reported_with_its_reason() -> None:
     world = World(never_ready={ROBOT})
     world.inbox.append(ProcessEnded(process=ROBOT, code=127, text="it cannot start: no such file"))
     assert world.run().cause == (
@@ -170,7 +170,7 @@ def test_a_node_that_fails_by_itself_takes_the_stack_down() -> None:
     assert world.published.count(Failed(node=CONTROLLER, fault="compute_control: boom\nTrace")) == 1
 
 
-def test_consequences_are_counted_not_told_as_causes() -> None:
+def test_consequences_are_counted_not_reported_as_causes() -> None:
     world = World(
         later=deque([ProcessEnded(process=ROBOT, code=1)]),
         deaf_to={(ESTIMATOR, n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)},
@@ -230,7 +230,7 @@ def test_a_stop_before_a_node_is_ready_ends_it_without_a_word_of_python() -> Non
     assert ended.exit_code == 0
 
 
-def test_a_failure_in_a_transition_that_was_asked_for_is_told_once() -> None:
+def test_a_failure_in_a_transition_that_was_asked_for_is_reported_once() -> None:
     world = World(
         silent={(ROBOT, "configure")},
         later=deque(
@@ -358,7 +358,7 @@ def test_two_signals_at_once_are_one_request() -> None:
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
 
 
-def test_a_stop_that_is_not_urgent_hurries_nobody() -> None:
+def test_a_stop_that_is_not_urgent_hurries_no_one() -> None:
     stop = StopRequested(reason="SIGHUP")
     world = World(silent={(CONTROLLER, "deactivate")}, later=deque([stop, 1.0, stop]))
     world.run(duration_s=None)
@@ -374,5 +374,5 @@ def test_a_fault_in_a_transition_that_was_asked_for_elsewhere_leaves_the_stack_u
     assert world.now == pytest.approx(5.0)
 
 
-def test_a_signal_without_a_name_is_told_by_its_number() -> None:
+def test_a_signal_without_a_name_is_reported_by_its_number() -> None:
     assert ProcessEnded(process=ROBOT, code=-40).how == "the process was ended by signal 40"

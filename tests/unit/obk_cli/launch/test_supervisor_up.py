@@ -63,7 +63,7 @@ def test_restarts_wait_longer_each_time_and_end_when_the_budget_is_spent() -> No
     assert ended.origin == "c.yaml:1:1"
 
 
-def test_what_is_to_be_ignored_is_told_and_left_out_of_the_stack() -> None:
+def test_what_is_to_be_ignored_is_reported_and_left_out_of_the_stack() -> None:
     answers: list[ChangeAnswer] = []
     ask = ChangeRequested(transition="deactivate", reply=answers.append)
     world = World(on_crash="ignore", later=deque([died(CONTROLLER), ask, STOP]))
@@ -278,7 +278,7 @@ def hang_together(world: World, *, for_s: float) -> None:
     world.later.extend([freeze, for_s, thaw, 3.0, STOP])
 
 
-def test_a_hang_is_dealt_with_also_where_nobody_else_says_anything() -> None:
+def test_a_hang_is_dealt_with_also_where_no_one_else_says_anything() -> None:
     world = World()
     hang_together(world, for_s=1000.0)
     ended = world.run(duration_s=None)

@@ -316,7 +316,7 @@ def test_it_ends_by_its_keys(key: str) -> None:
 
 
 @pytest.mark.parametrize("error", [CommandFailedError("ROS 2 is not here"), KeyError("a fault")])
-def test_what_watching_fails_of_is_told(error: Exception) -> None:
+def test_what_watching_fails_of_is_reported(error: Exception) -> None:
     async def steps(world: World) -> None:
         async with asyncio.timeout(30):
             while world.app.return_value is None:

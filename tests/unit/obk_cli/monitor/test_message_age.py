@@ -22,7 +22,7 @@ def test_half_of_the_messages_and_nearly_all_are_at_most_so_old() -> None:
     assert meter.age(NOW) == MessageAge(p50_s=0.1, p99_s=0.198, is_carried=False)
 
 
-def test_a_stamp_that_was_taken_over_tells_the_age_of_the_chain() -> None:
+def test_a_stamp_that_was_taken_over_reports_the_age_of_the_chain() -> None:
     up, down, other = (MessageAgeMeter(2.0) for _ in range(3))
     for number in range(10):
         stamp = NOW + number

@@ -1,4 +1,4 @@
-"""What is told of a run whose launcher does not answer; no topic is listened to."""
+"""What learns of a run whose launcher does not answer; no topic is listened to."""
 
 import json
 import struct

@@ -146,7 +146,7 @@ def test_timers_and_sensor_groups_are_promises_with_the_places_of_their_periods(
     assert control.promises == ()
 
 
-def test_a_simulator_tells_what_it_reads_from_its_model(tmp_path: Path) -> None:
+def test_a_simulator_reports_what_it_reads_from_its_model(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").touch()
     robot, control, joystick = lower(tmp_path).processes
     assert robot.model == str(tmp_path / "arm.xml")

@@ -1,4 +1,4 @@
-"""A child that does not outlive its starter, and a ROS domain that nobody else has."""
+"""A child that does not outlive its starter, and a ROS domain that no one else has."""
 
 import os
 import signal

@@ -32,7 +32,7 @@ def test_only_segments_without_an_owner_go(tmp_path: Path) -> None:
     assert names(tmp_path) == [ALIVE, f"{ALIVE}_el"]
 
 
-def test_a_port_that_nobody_has_goes_with_all_that_belongs_to_it(tmp_path: Path) -> None:
+def test_a_port_that_no_one_has_goes_with_all_that_belongs_to_it(tmp_path: Path) -> None:
     make(tmp_path, *PORT, "fastrtps_port7000", "fastrtps_port7000_sl")
     make(tmp_path, "fastrtps_port9_el", "sem.fastrtps_port10_mutex")
     assert remove_dead_segments(tmp_path) == 4
@@ -40,7 +40,7 @@ def test_a_port_that_nobody_has_goes_with_all_that_belongs_to_it(tmp_path: Path)
 
 
 @pytest.mark.parametrize("used", PORT[::2])
-def test_a_port_that_somebody_has_mapped_stays_whole(tmp_path: Path, used: str) -> None:
+def test_a_port_that_someone_has_mapped_stays_whole(tmp_path: Path, used: str) -> None:
     make(tmp_path, *PORT)
     with (tmp_path / used).open("r+b") as file:
         memory = mmap.mmap(file.fileno(), 0)

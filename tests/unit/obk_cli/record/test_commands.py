@@ -48,9 +48,9 @@ def test_bag_info_shows_topics_rates_losses_and_origin(
 
 def test_bag_info_as_json(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert obk("bag", "info", bag, "--format", "json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["count"], told["duration_s"], told["is_complete"]) == (5, 4.0, True)
-    assert told["topics"][0]["dropped"] == 2
+    reported = json.loads(capsys.readouterr().out)
+    assert (reported["count"], reported["duration_s"], reported["is_complete"]) == (5, 4.0, True)
+    assert reported["topics"][0]["dropped"] == 2
 
 
 def test_plot_names_the_picture_that_it_makes(
@@ -81,7 +81,7 @@ def test_plot_takes_files_then_fields_and_writes_a_page(
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "reported"),
     [
         (("bag", "info", "none.mcap"), 1, "`none.mcap`"),
         (("plot", "speed.mcap", "speed"), 2, "`speed`"),
@@ -94,20 +94,20 @@ def test_plot_takes_files_then_fields_and_writes_a_page(
         (("record", "--duration", "0"), 2, "`--duration 0`"),
     ],
 )
-def test_a_mistake_is_told_without_a_trace(
+def test_a_mistake_is_reported_without_a_trace(
     bag: Path,
     words: tuple[str, ...],
     code: int,
-    told: str,
+    reported: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert obk(*words) == code
     error = capsys.readouterr().err
-    assert told in error
+    assert reported in error
     assert "Traceback" not in error
 
 
-def test_a_field_without_a_number_in_any_message_is_told(
+def test_a_field_without_a_number_in_any_message_is_reported(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     empty = bag.with_name("empty.mcap")

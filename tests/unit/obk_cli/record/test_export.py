@@ -104,7 +104,7 @@ def test_a_large_recording_is_written_in_parts(
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "reported"),
     [
         (("arm.mcap", "--to", "xlsx"), 2, "`--to xlsx`"),
         (("arm.mcap", "--to", "csv", "--topic", "jonts"), 1, "`jonts`"),
@@ -116,10 +116,10 @@ def test_a_mistake_is_reported_without_a_trace(
     recording: Path,
     words: tuple[str, ...],
     code: int,
-    told: str,
+    reported: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert obk("export", *words) == code
     error = capsys.readouterr().err
-    assert told in error
+    assert reported in error
     assert "Traceback" not in error

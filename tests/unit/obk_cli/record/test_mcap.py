@@ -50,7 +50,7 @@ def written(path: Path) -> Path:
     return path
 
 
-def test_a_recording_tells_what_is_in_it(tmp_path: Path) -> None:
+def test_a_recording_reports_what_is_in_it(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap")
     bag = read_bag(path)
     assert bag.is_complete
@@ -129,7 +129,7 @@ def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
+def test_what_is_no_recording_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("some text that is no recording")
     with pytest.raises(RecordingError, match="MCAP"):
@@ -155,7 +155,7 @@ def test_a_field_is_drawn_as_png_and_as_svg_the_same_bytes_each_time(tmp_path: P
     assert ">a title<" in svg
 
 
-def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     lines = speed_lines(written(tmp_path / "a.mcap"))
     (tmp_path / "a.png").mkdir()
     with pytest.raises(CommandFailedError, match=r"a\.png` cannot be written: it is a directory"):
@@ -176,7 +176,7 @@ def test_a_picture_that_was_there_stays_where_no_new_one_can_be_drawn(
     assert (tmp_path / "a.png").read_text() == "the one before"
 
 
-def test_a_recording_that_cannot_be_begun_is_told(tmp_path: Path) -> None:
+def test_a_recording_that_cannot_be_begun_is_reported(tmp_path: Path) -> None:
     gone = re.escape(f"`{tmp_path}/no/a.mcap` cannot be written: the folder {tmp_path}/no does")
     with pytest.raises(CommandFailedError, match=gone):
         BagWriter(tmp_path / "no" / "a.mcap")
@@ -244,7 +244,7 @@ def test_comments_and_constants_of_a_definition_do_not_count(tmp_path: Path, lin
         (f"Id[] data\n{'=' * 80}\nMSG: demo_msgs/Id\nuint8[16] id\n", b"\xff" * 4),
     ],
 )
-def test_a_message_that_breaks_off_is_told_and_not_cut_short(
+def test_a_message_that_breaks_off_is_reported_and_not_cut_short(
     tmp_path: Path, definition: str, data: bytes
 ) -> None:
     path = with_definition(tmp_path / "a.mcap", definition, data)

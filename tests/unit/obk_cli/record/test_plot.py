@@ -70,7 +70,7 @@ def test_a_field_is_a_topic_and_the_way_into_its_message() -> None:
 
 
 @pytest.mark.parametrize("text", ["imu", "imu.", ".x", "imu.x..y", "imu.x[a]", "imu.x y", ""])
-def test_what_is_no_field_is_told(text: str) -> None:
+def test_what_is_no_field_is_reported(text: str) -> None:
     with pytest.raises(MisuseError, match="does not name a field"):
         parse_field(text)
 
@@ -94,7 +94,7 @@ def test_an_array_that_grows_and_shrinks_has_the_numbers_that_are_there(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("t.giro", "did you mean `gyro`"),
         ("t.gyro.z", "did you mean `gyro.y` or `gyro.x`"),
@@ -105,14 +105,14 @@ def test_an_array_that_grows_and_shrinks_has_the_numbers_that_are_there(tmp_path
         ("u.ok", "has no topic `u`"),
     ],
 )
-def test_a_field_that_is_not_there_is_told_with_those_that_are(
-    tmp_path: Path, text: str, told: str
+def test_a_field_that_is_not_there_is_reported_with_those_that_are(
+    tmp_path: Path, text: str, reported: str
 ) -> None:
-    with pytest.raises(RecordingError, match=told.replace("[", "\\[")):
+    with pytest.raises(RecordingError, match=reported.replace("[", "\\[")):
         lines(tmp_path, text)
 
 
-def test_more_lines_than_can_be_told_apart_are_refused(tmp_path: Path) -> None:
+def test_more_lines_than_can_be_reported_apart_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CommandFailedError) as error:
         lines(tmp_path, "t.position", reading(position=[0.0] * 100))
     assert error.value.help == "select one, such as t.position[32]"

@@ -1,4 +1,4 @@
-"""What a recorder is told comes to it unchanged; what it is told of a run comes from its folder."""
+"""A recorder's arguments arrive unchanged; what it knows of a run comes from its folder."""
 
 import json
 import re
@@ -60,7 +60,7 @@ def test_a_job_comes_back_from_json_as_it_was() -> None:
     assert job_from_json(job_to_json(job)) == job
 
 
-def test_a_run_tells_its_config_hash_versions_and_parameters(tmp_path: Path) -> None:
+def test_a_run_reports_its_config_hash_versions_and_parameters(tmp_path: Path) -> None:
     background = run_metadata_of(run_folder(tmp_path))
     assert background.metadata == {
         "obelisk": {
@@ -96,7 +96,7 @@ def test_the_plan_of_a_run_is_read_back(tmp_path: Path) -> None:
     assert plan_of_run(tmp_path) == Plan(name="arm", processes=(kept,))
 
 
-def test_a_folder_without_a_run_tells_nothing(tmp_path: Path) -> None:
+def test_a_folder_without_a_run_reports_nothing(tmp_path: Path) -> None:
     assert topics_of_run(tmp_path) == {}
     assert plan_of_run(tmp_path).processes == ()
     assert run_metadata_of(tmp_path) == RunMetadata(

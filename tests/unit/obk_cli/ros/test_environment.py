@@ -40,7 +40,7 @@ def discovery_range(environment: RosEnvironment) -> str:
     return environment.range
 
 
-def told_to_ros(environment: RosEnvironment) -> tuple[str, str]:
+def reported_to_ros(environment: RosEnvironment) -> tuple[str, str]:
     """The range and the name of the file with settings of Fast DDS."""
     variables = environment.variables
     return variables[RANGE], Path(variables.get(PROFILE, "")).name
@@ -117,7 +117,7 @@ def test_peers_elsewhere_stay_unless_the_stack_is_to_be_seen_here_only(
 
 def test_settings_of_fast_dds_stay_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", "/mine.xml")
-    assert told_to_ros(ros_environment()) == ("LOCALHOST", "")
+    assert reported_to_ros(ros_environment()) == ("LOCALHOST", "")
 
 
 def test_what_lies_in_the_working_folder_is_no_setting_of_the_users(
@@ -132,10 +132,10 @@ def test_what_lies_in_the_working_folder_is_no_setting_of_the_users(
 def test_messages_go_over_udp_alone_and_here_over_the_loopback_device_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert told_to_ros(ros_environment()) == ("SYSTEM_DEFAULT", "dds_localhost.xml")
-    assert told_to_ros(ros_environment("lan")) == ("SUBNET", "dds_lan.xml")
+    assert reported_to_ros(ros_environment()) == ("SYSTEM_DEFAULT", "dds_localhost.xml")
+    assert reported_to_ros(ros_environment("lan")) == ("SUBNET", "dds_lan.xml")
     monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.2")
-    assert told_to_ros(ros_environment()) == ("LOCALHOST", "dds_lan.xml")
+    assert reported_to_ros(ros_environment()) == ("LOCALHOST", "dds_lan.xml")
 
 
 def test_another_middleware_heeds_no_settings_of_fast_dds(
@@ -145,18 +145,18 @@ def test_another_middleware_heeds_no_settings_of_fast_dds(
     (tmp_path / "lib" / "librmw_another_cpp.so").touch()
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_another_cpp")
-    assert told_to_ros(ros_environment())[0] == "LOCALHOST"
+    assert reported_to_ros(ros_environment())[0] == "LOCALHOST"
 
 
-def test_an_environment_made_within_another_is_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_environment_made_within_another_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in ros_environment().variables.items():
         monkeypatch.setenv(name, value)
     within = ros_environment()
-    assert (within.range, told_to_ros(within)) == (
+    assert (within.range, reported_to_ros(within)) == (
         "LOCALHOST",
         ("SYSTEM_DEFAULT", "dds_localhost.xml"),
     )
-    assert told_to_ros(ros_environment("lan")) == ("SUBNET", "dds_lan.xml")
+    assert reported_to_ros(ros_environment("lan")) == ("SUBNET", "dds_lan.xml")
 
 
 def test_the_settings_for_here_and_for_the_lan_differ_in_addresses_only() -> None:
@@ -194,7 +194,7 @@ def test_what_the_user_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_a_middleware_that_is_not_there_is_replaced_and_told(
+def test_a_middleware_that_is_not_there_is_replaced_and_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_nowhere")

@@ -82,7 +82,7 @@ def test_a_field_that_is_there_has_its_type(text: str, kind: object) -> None:
         ("count.x", "`count.x`: `x` is of no message", None),
     ],
 )
-def test_a_field_that_is_not_there_is_told_with_what_is(
+def test_a_field_that_is_not_there_is_reported_with_what_is(
     text: str, message: str, help: str | None
 ) -> None:
     with pytest.raises(CommandFailedError) as caught:

@@ -18,7 +18,7 @@ def _own_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 @pytest.fixture
 def blocked(tmp_path: Path) -> Path:
-    """What nobody can make a folder in, not even root."""
+    """What no one can make a folder in, not even root."""
     path = tmp_path / "a file"
     path.touch()
     return path
@@ -33,7 +33,7 @@ def test_a_folder_that_ros_can_write_to_or_make_stays(tmp_path: Path, name: str)
     assert not (tmp_path / "to be made").exists()
 
 
-def test_a_home_that_takes_nothing_is_told_with_the_place_that_does(
+def test_a_home_that_takes_nothing_is_reported_with_the_place_that_does(
     tmp_path: Path, blocked: Path
 ) -> None:
     variables = {"HOME": str(blocked)}
@@ -46,7 +46,7 @@ def test_a_home_that_takes_nothing_is_told_with_the_place_that_does(
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
-def test_a_home_that_is_closed_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_home_that_is_closed_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As `sudo -u robot` leaves it: root's."""
     closed = tmp_path / "closed"
     closed.mkdir()
@@ -70,7 +70,7 @@ def test_without_a_home_there_is_another_place(variables: dict[str, str]) -> Non
     assert "ROS_HOME" in variables
 
 
-def test_a_disk_without_room_for_the_folder_is_told(
+def test_a_disk_without_room_for_the_folder_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     variables = {"HOME": str(tmp_path)}

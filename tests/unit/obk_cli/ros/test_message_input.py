@@ -79,11 +79,11 @@ def test_a_header_may_be_left_to_the_time_of_publishing() -> None:
         ),
     ],
 )
-def test_what_does_not_fit_is_told_with_what_the_type_wants(text: str, fault: str) -> None:
+def test_what_does_not_fit_is_reported_with_what_the_type_wants(text: str, fault: str) -> None:
     assert faults(text) == (fault,)
 
 
-def test_every_fault_is_told() -> None:
+def test_every_fault_is_reported() -> None:
     assert len(faults("{q_joints: [a, b], count: -1, is_on: 3, nothing: 1}")) == 5
 
 

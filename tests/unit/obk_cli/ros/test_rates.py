@@ -40,7 +40,7 @@ def test_a_steady_topic_has_its_rate_and_no_jitter() -> None:
     assert rate.age_s == pytest.approx(2e-3)
 
 
-def test_uneven_times_are_told_by_their_spread() -> None:
+def test_uneven_times_are_reported_by_their_spread() -> None:
     rate = rate_at(metered([0, 1, 4]), 4)
     assert rate.rate_hz == pytest.approx(500)
     assert rate.min_s == pytest.approx(1e-3)
@@ -196,7 +196,7 @@ def test_messages_that_were_never_stamped_are_counted_apart() -> None:
     assert meter.unstamped == 1
 
 
-def test_a_publisher_that_fell_silent_is_told_as_silent() -> None:
+def test_a_publisher_that_fell_silent_is_reported_as_silent() -> None:
     steady = metered([100.0 * number for number in range(50)])
     assert "none for" not in rate_text(rate_at(steady, 5_000))
     assert rate_text(rate_at(steady, 8_000)).endswith("  none for 3.1 s")

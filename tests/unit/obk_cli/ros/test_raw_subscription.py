@@ -52,7 +52,7 @@ def test_what_was_published_before_the_recording_is_not_lost() -> None:
     assert counted(100, 101) == (2, 0)
 
 
-def test_a_publisher_that_begins_anew_has_lost_nothing() -> None:
+def test_a_publisher_that_begins_again_has_lost_nothing() -> None:
     assert counted(1, 2, 3, 1, 2) == (5, 0)
     assert counted(1, 1) == (2, 0)
 

@@ -1,4 +1,4 @@
-"""Calls whose first answer is lost, as it is where the node was not told of the client by then."""
+"""Calls whose first answer is lost, as it is where the node did not know of the client by then."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -106,7 +106,7 @@ def test_a_node_is_asked_something_before_it_is_asked_to_do_something(
 ) -> None:
     sent: list[str] = []
 
-    class Told(LossyClient):
+    class Reported(LossyClient):
         def __init__(self, of: str) -> None:
             super().__init__()
             self._of = of
@@ -117,7 +117,7 @@ def test_a_node_is_asked_something_before_it_is_asked_to_do_something(
             return 2
 
     def make(self: ServiceClient, participant: object, of: str, kind: object) -> None:
-        vars(self).update(_name=of, _type=kind, _participant=participant, _client=Told(of))
+        vars(self).update(_name=of, _type=kind, _participant=participant, _client=Reported(of))
 
     monkeypatch.setattr(ServiceClient, "__init__", make)
     kind = SimpleNamespace(Request=object, Response=object)

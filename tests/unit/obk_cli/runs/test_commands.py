@@ -50,7 +50,7 @@ def test_get_shows_nodes_and_states(parent: Path, capsys: pytest.CaptureFixture[
         assert json.loads(capsys.readouterr().out) == {CONTROL: "inactive"}
 
 
-def test_a_state_that_nobody_knows_fails(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_state_that_no_one_knows_fails(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with fake_stack(parent, {ROBOT: "unknown", CONTROL: "active"}) as stack:
         assert obk("lifecycle", "get") == 1
         stack.states[ROBOT] = "gone"
@@ -69,8 +69,8 @@ def test_list_shows_what_is_possible(parent: Path, capsys: pytest.CaptureFixture
             f"{CONTROL}  inactive      activate, cleanup, shutdown\n"
         )
         assert obk("lifecycle", "list", "robot", "--format", "json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == {ROBOT: {"state": "finalized", "transitions": []}}
+    reported = json.loads(capsys.readouterr().out)
+    assert reported == {ROBOT: {"state": "finalized", "transitions": []}}
 
 
 def test_a_change_shows_each_member(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -140,7 +140,7 @@ def test_ros_stays_out_where_the_launcher_answers(parent: Path) -> None:
     assert result.stdout.splitlines()[-1] == "0 False"
 
 
-def test_a_launcher_that_dies_before_it_answers_is_told(
+def test_a_launcher_that_dies_before_it_answers_is_reported(
     parent: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lifecycle, "ask_change", lambda *_, **__: None)
@@ -186,7 +186,7 @@ def test_stop_wants_to_know_which(parent: Path, capsys: pytest.CaptureFixture[st
         assert obk("stop", "--all") == 0
 
 
-def test_two_stacks_of_one_name_are_told_apart_by_their_folders(
+def test_two_stacks_of_one_name_are_reported_apart_by_their_folders(
     parent: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with fake_stack(parent, STATES) as one, fake_stack(parent, STATES, domain=8) as two:
@@ -195,7 +195,7 @@ def test_two_stacks_of_one_name_are_told_apart_by_their_folders(
         assert names in capsys.readouterr().err
 
 
-def test_a_stack_that_does_not_end_is_told(
+def test_a_stack_that_does_not_end_is_reported(
     parent: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stop, "end_launcher", lambda *_, **__: "running")

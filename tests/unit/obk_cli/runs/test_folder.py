@@ -44,7 +44,7 @@ def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
     assert first != second
 
 
-def test_of_a_hundred_runs_in_one_second_the_last_is_told_why_not(tmp_path: Path) -> None:
+def test_of_a_hundred_runs_in_one_second_the_last_is_reported_why_not(tmp_path: Path) -> None:
     for _ in range(99):
         make_run_folder(tmp_path, "dummy", NOW)
     said = r"dummy_20310203_040506: 99 runs were started within this second"
@@ -118,14 +118,14 @@ def test_in_a_folder_that_is_closed_there_are_no_runs(
     assert run_folders(tmp_path) == ()
 
 
-def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_without_a_home_is_reported_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("HOME", "XDG_STATE_HOME"):
         monkeypatch.delenv(name, raising=False)
 
-    def nobody(_: int) -> None:
+    def unknown(_: int) -> None:
         raise KeyError("no such user")
 
-    monkeypatch.setattr("pwd.getpwuid", nobody)
+    monkeypatch.setattr("pwd.getpwuid", unknown)
     with pytest.raises(CommandFailedError, match="this user has no home") as refused:
         runs_folder({})
     assert refused.value.help == "set HOME, or OBK_HOME"
@@ -135,14 +135,14 @@ def test_the_end_is_noted_beside_what_the_run_was_made_from(tmp_path: Path) -> N
     write_run(tmp_path, RUN, RunOrigin(plan='{"name": "dummy"}', versions={"obk": "1"}))
     record_end(tmp_path, RUN, 7.0, exit_code=1, cause="a node crashed")
     assert read_run(tmp_path) == replace(RUN, ended=7.0, exit_code=1, cause="a node crashed")
-    told = json.loads((tmp_path / "run.json").read_text())
-    assert (told["plan"], told["versions"]) == ({"name": "dummy"}, {"obk": "1"})
+    reported = json.loads((tmp_path / "run.json").read_text())
+    assert (reported["plan"], reported["versions"]) == ({"name": "dummy"}, {"obk": "1"})
 
 
 def test_a_run_of_a_later_version_is_read_as_far_as_it_is_known(tmp_path: Path) -> None:
     write_run(tmp_path, RUN)
-    told = json.loads((tmp_path / "run.json").read_text())
-    (tmp_path / "run.json").write_text(json.dumps({**told, "colour": "red"}))
+    reported = json.loads((tmp_path / "run.json").read_text())
+    (tmp_path / "run.json").write_text(json.dumps({**reported, "colour": "red"}))
     assert read_run(tmp_path) == RUN
 
 

@@ -48,7 +48,7 @@ def test_a_file_in_its_place_is_gone_on_with(tmp_path: Path) -> None:
     assert [next(lines) for _ in range(4)] == ["two", "last", "three", None]
 
 
-def test_a_file_that_is_cut_short_is_read_anew(tmp_path: Path) -> None:
+def test_a_file_that_is_cut_short_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "log"
     append(path, b"a long line\n")
     lines = follow_lines(path)

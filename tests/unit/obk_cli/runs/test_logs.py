@@ -38,7 +38,7 @@ def test_a_node_is_named_in_full_or_in_short(tmp_path: Path, folders: list[Path]
     assert find_log(tmp_path, "control_1", None) == other / "left.obelisk_control_1.log"
 
 
-def test_a_log_of_a_run_that_tells_nothing_is_found(tmp_path: Path) -> None:
+def test_a_log_of_a_run_that_reports_nothing_is_found(tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path, "dummy", datetime(2031, 2, 3))
     (folder / "obelisk_robot_0.log").write_text("")
     assert find_log(tmp_path, "dummy", "robot_0") == folder / "obelisk_robot_0.log"
@@ -57,7 +57,7 @@ def test_a_log_of_a_run_that_tells_nothing_is_found(tmp_path: Path) -> None:
         (("dummy", "control"), "`control` is ambiguous", "choose one of `control_0`, `left/"),
     ],
 )
-def test_what_is_not_there_is_told_with_what_is(
+def test_what_is_not_there_is_reported_with_what_is(
     tmp_path: Path, folders: list[Path], names: tuple[str, str | None], message: str, help: str
 ) -> None:
     with pytest.raises(CommandFailedError, match=message) as raised:

@@ -33,7 +33,7 @@ def test_a_name_that_is_none_of_ours_has_no_section() -> None:
     assert section_of("/obelisk_dance_0") is None
 
 
-def test_robot_first_and_strangers_last() -> None:
+def test_robot_first_and_others_last() -> None:
     nodes = ["/camera", "/obelisk_control_0", "/obelisk_robot_0", "/obelisk_estimation_0"]
     assert in_tier_order(nodes) == (
         "/obelisk_robot_0",

@@ -274,7 +274,7 @@ def test_options_that_need_a_config_are_refused_without_one(options: tuple[str, 
     assert isinstance(refused("controller", "foo", *options), MisuseError)
 
 
-def test_a_config_that_is_not_there_is_told(workspace: Path) -> None:
+def test_a_config_that_is_not_there_is_reported(workspace: Path) -> None:
     error = refused("controller", "foo", "--add-to", "none.yaml")
     assert error.message.startswith("`none.yaml` cannot be read")
     assert list((workspace / "src").iterdir()) == []

@@ -99,7 +99,7 @@ def test_pyproject_gets_one_more_line_and_keeps_the_rest(before: str, after: str
         '[project]\nname = "foo"\ntext = """\n[project.scripts]\n"""\n',
     ],
 )
-def test_scripts_that_are_written_otherwise_are_told_with_the_line_to_add(text: str) -> None:
+def test_scripts_that_are_written_otherwise_are_reported_with_the_line_to_add(text: str) -> None:
     problem = in_toml(text)
     assert isinstance(problem, Problem)
     assert "without touching the rest" in problem.sentence
@@ -115,7 +115,7 @@ def test_scripts_that_are_written_otherwise_are_told_with_the_line_to_add(text: 
         ("not a cfg", "setup.py holds no plain list"),
     ],
 )
-def test_setup_cfg_that_cannot_take_it_is_told(text: str, sentence: str) -> None:
+def test_setup_cfg_that_cannot_take_it_is_reported(text: str, sentence: str) -> None:
     problem = in_cfg(text)
     assert isinstance(problem, Problem)
     assert sentence in problem.sentence

@@ -146,7 +146,7 @@ main(["init", "my_robot"])
 
 
 @pytest.mark.usefixtures("unmeasured")
-def test_a_disk_without_room_is_told_and_nothing_is_left(tmp_path: Path) -> None:
+def test_a_disk_without_room_is_reported_and_nothing_is_left(tmp_path: Path) -> None:
     """The limit of the process on a file's size stands for the disk."""
     code = """
 import resource, signal

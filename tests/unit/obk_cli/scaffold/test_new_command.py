@@ -60,13 +60,13 @@ def test_the_snippet_says_who_would_wire_it(workspace: Path) -> None:
     assert "    - key: pub_est\n        topic: /STACK/est\n" in said
 
 
-def test_a_misspelt_kind_is_told_with_the_near_one() -> None:
+def test_a_misspelt_kind_is_reported_with_the_near_one() -> None:
     error = refused("contoller", "foo")
     assert isinstance(error, MisuseError)
     assert error.help == "did you mean `controller`?"
 
 
-def test_a_message_package_that_is_not_there_is_told_of(workspace: Path) -> None:
+def test_a_message_package_that_is_not_there_is_reported_of(workspace: Path) -> None:
     obk_new("msgs", "arm_msgs")
     result = CliRunner().invoke(app, ["controller", "foo", "--ctrl-msg", "arm_msg/Example"])
     assert result.exit_code == 0
@@ -212,7 +212,7 @@ def test_a_file_is_no_destination(workspace: Path) -> None:
     assert fault.message == "--dest: file is a file, expected a folder"
 
 
-def test_a_file_in_the_way_is_told(workspace: Path) -> None:
+def test_a_file_in_the_way_is_reported(workspace: Path) -> None:
     (workspace / "src/foo").write_text("")
     assert "src/foo is a file" in refused("controller", "foo").message
 

@@ -1,4 +1,4 @@
-"""`obk new` within a package: a node is added to it, or it is told why not."""
+"""`obk new` within a package: a node is added to it, or an error says why not."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -54,7 +54,7 @@ def test_inside_a_package_a_node_is_added(
         ),
     ],
 )
-def test_a_package_that_cannot_take_a_node_is_told_so(
+def test_a_package_that_cannot_take_a_node_is_reported_so(
     workspace: Path, tree: Tree, manifest: str, sentence: str
 ) -> None:
     (workspace / "package.xml").write_text(manifest)
@@ -83,7 +83,7 @@ def test_a_setup_that_is_not_plain_stops_the_addition(
         (("controller", "bar", "--lang", "cpp"), "a C++ node needs a package of its own"),
     ],
 )
-def test_what_cannot_go_into_a_package_is_told(
+def test_what_cannot_go_into_a_package_is_reported(
     workspace: Path,
     tree: Tree,
     monkeypatch: pytest.MonkeyPatch,

@@ -29,7 +29,7 @@ def test_a_config_spells_a_message_bare_where_that_means_the_same(
     assert make_spec(ctrl_msg=written).ctrl.spelling == spelling
 
 
-def test_every_wrong_answer_is_told_at_once() -> None:
+def test_every_wrong_answer_is_reported_at_once() -> None:
     request = PackageRequest(
         kind="controller", name="Foo", ctrl_msg="PositionSetpont", est_msg="x/y"
     )

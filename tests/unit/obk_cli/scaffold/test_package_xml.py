@@ -21,7 +21,7 @@ def test_without_a_build_type_it_is_catkin() -> None:
     )
 
 
-def test_what_is_no_manifest_is_told_apart() -> None:
+def test_what_is_no_manifest_is_reported_apart() -> None:
     assert read_identity("<package/>") is None
     assert read_identity("name: foo") is None
 

@@ -72,7 +72,7 @@ def test_the_list_says_what_is_from_where(mine: Path) -> None:
     }
 
 
-def test_a_folder_that_no_kind_has_is_told_with_the_near_one(mine: Path) -> None:
+def test_a_folder_that_no_kind_has_is_reported_with_the_near_one(mine: Path) -> None:
     (mine / "contoller_py").mkdir()
     fault = refused("controller", "foo", "--templates", str(mine))
     assert f"{mine / 'contoller_py'} is the template folder of nothing" in fault.message
@@ -80,7 +80,7 @@ def test_a_folder_that_no_kind_has_is_told_with_the_near_one(mine: Path) -> None
     assert "controller_py" in fault.help
 
 
-def test_a_folder_that_is_not_there_is_told(mine: Path) -> None:
+def test_a_folder_that_is_not_there_is_reported(mine: Path) -> None:
     assert "is not there" in refused("controller", "foo", "--templates", f"{mine}x").message
 
 

@@ -57,7 +57,7 @@ def test_an_edit_needs_the_file_that_it_edits() -> None:
     assert gone.reason == "it is gone"
 
 
-def test_conflicts_are_told_with_their_reason() -> None:
+def test_conflicts_are_reported_with_their_reason() -> None:
     decisions = decide([FILE], {PATH: Existing(content=b"old")})
     assert [d.reason for d in conflicts(decisions)] == ["it is there with other content"]
     assert conflicts(decide([FILE], {})) == ()

@@ -331,7 +331,7 @@ def test_bases_in_a_circle_end() -> None:
     assert read("class Mine(Other):\n    pass\nclass Other(Mine):\n    pass\n") is None
 
 
-def test_a_fault_in_a_base_is_told_at_its_place() -> None:
+def test_a_fault_in_a_base_is_reported_at_its_place() -> None:
     found = read("from base import Mine\n", base="class Mine(\n")
     assert isinstance(found, CodeFault)
     assert str(found.span) == "base.py:1:11"
@@ -341,7 +341,7 @@ SOURCES = [path.read_text(encoding="utf-8") for path in sorted(LIBRARY.rglob("co
 
 
 @given(st.sampled_from(SOURCES), st.data())
-def test_any_source_is_read_or_told_to_be_none(text: str, data: st.DataObject) -> None:
+def test_any_source_is_read_or_reported_to_be_none(text: str, data: st.DataObject) -> None:
     at = data.draw(st.integers(0, len(text)))
     cut = data.draw(st.integers(0, 30))
     text = text[:at] + data.draw(st.text(max_size=5)) + text[at + cut :]

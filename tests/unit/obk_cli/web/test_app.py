@@ -130,7 +130,7 @@ def asked(
     site = PageApi(behind.snapshot, behind, behind.change, behind, behind.is_ending)
     app = make_app(site, token=TOKEN, port=PORT)
     page = {"host": HOST, "origin": f"http://{HOST}", "cookie": f"obk_{PORT}={TOKEN}"}
-    told = {**page, **(headers or {})}
+    reported = {**page, **(headers or {})}
     scope = {
         "type": "http",
         "asgi": {"version": "3.0", "spec_version": "2.4"},
@@ -141,7 +141,7 @@ def asked(
         "raw_path": path.encode(),
         "root_path": "",
         "query_string": query.encode(),
-        "headers": [(name.encode(), text.encode()) for name, text in told.items() if text],
+        "headers": [(name.encode(), text.encode()) for name, text in reported.items() if text],
         "client": ("127.0.0.1", 50000),
         "server": ("127.0.0.1", PORT),
     }
@@ -154,10 +154,10 @@ def asked(
         sent.append(message)
 
     asyncio.run(app(scope, receive, send))
-    told_back = {name.decode(): text.decode() for name, text in sent[0]["headers"]}
+    reported_back = {name.decode(): text.decode() for name, text in sent[0]["headers"]}
     return Answer(
         status=sent[0]["status"],
-        headers=told_back,
+        headers=reported_back,
         body=b"".join(message.get("body", b"") for message in sent[1:]).decode(),
     )
 
@@ -171,14 +171,14 @@ PATHS = ["/", "/page.js", "/style.css", "/graph", "/fields", "/events", "/nothin
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_nothing_is_told_without_the_token(path: str) -> None:
+def test_nothing_is_reported_without_the_token(path: str) -> None:
     answer = asked(path, headers={"cookie": ""})
     assert answer.status == 401
     assert asked(path, headers={"cookie": f"obk_{PORT + 1}={TOKEN}"}).status == 401
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_nothing_is_told_to_a_page_of_another_name(path: str) -> None:
+def test_nothing_is_reported_to_a_page_of_another_name(path: str) -> None:
     assert asked(path, headers={"host": f"robot.example:{PORT}"}).status == 403
     assert asked(path, headers={"origin": "http://robot.example"}).status == 403
 
@@ -186,8 +186,8 @@ def test_nothing_is_told_to_a_page_of_another_name(path: str) -> None:
 @pytest.mark.parametrize("path", PATHS)
 def test_every_answer_says_what_may_run(path: str) -> None:
     for headers in ({}, {"cookie": ""}, {"host": "robot.example"}):
-        told = asked(path, headers=headers).headers
-        assert {name: told[name.lower()] for name in HEADERS} == HEADERS
+        reported = asked(path, headers=headers).headers
+        assert {name: reported[name.lower()] for name in HEADERS} == HEADERS
 
 
 def test_the_address_with_its_token_gives_the_page_and_a_cookie() -> None:
@@ -208,9 +208,9 @@ def test_every_file_of_the_page_is_there_and_nothing_else() -> None:
         assert asked(path).status == 404
 
 
-def test_a_stream_tells_the_stack_and_its_log() -> None:
+def test_a_stream_reports_the_stack_and_its_log() -> None:
     behind = Behind(moments=[Snapshot(number=1, view=BROKEN, is_waiting=False, picture="<svg/>")])
-    (name, view), (log, told) = asked("/events", behind=behind).events
+    (name, view), (log, reported) = asked("/events", behind=behind).events
     assert (name, log) == ("view", "log")
     assert view["has_picture"]
     assert not view["is_waiting"]
@@ -219,11 +219,11 @@ def test_a_stream_tells_the_stack_and_its_log() -> None:
     assert view["nodes"][0]["transitions"] == ["deactivate", "shutdown"]
     assert view["nodes"][0]["promises"][0]["measured_hz"] == 463.4
     assert [topic["is_off"] for topic in view["topics"]] == [True, True, False]
-    assert "\x1b" not in "".join(told["lines"])
-    assert "red [ERROR]" in told["lines"][2]
+    assert "\x1b" not in "".join(reported["lines"])
+    assert "red [ERROR]" in reported["lines"][2]
 
 
-def test_a_stream_tells_only_what_is_new() -> None:
+def test_a_stream_reports_only_what_is_new() -> None:
     first = Snapshot(number=1, view=HEALTHY)
     same_log = Snapshot(number=2, view=replace(HEALTHY, state="inactive"))
     more_log = Snapshot(number=3, view=replace(HEALTHY, lines=("<b>bold</b>",)))
@@ -237,7 +237,7 @@ def test_a_stream_says_that_nothing_runs() -> None:
     assert asked("/events", behind=Behind(moments=[Snapshot()])).events == [("waiting", {})]
 
 
-def test_a_stream_tells_a_field_from_where_it_was() -> None:
+def test_a_stream_reports_a_field_from_where_it_was() -> None:
     behind = Behind(looks=2)
     curve = quote("/obelisk/dummy/est q")
     events = asked("/events", query=f"curve={curve}&curve={curve}", behind=behind).events
@@ -271,7 +271,7 @@ def test_a_transition_of_a_node_or_of_the_stack_is_carried_out() -> None:
     ]
 
 
-def test_why_a_transition_failed_is_told() -> None:
+def test_why_a_transition_failed_is_reported() -> None:
     behind = Behind(answer=CommandFailedError("the launcher gave no answer", help="see `obk ps`"))
     answer = change({"transition": "configure", "node": "", **RUN}, behind)
     assert (answer.status, answer.json["success"]) == (200, False)
@@ -342,13 +342,13 @@ def test_parameters_are_described_and_set() -> None:
         ],
     }
 
-    def told(**changes: str) -> tuple[int, Any]:
+    def reported(**changes: str) -> tuple[int, Any]:
         wanted = {"node": "/obelisk_control_0", "name": "kp", "value": "30", **RUN, **changes}
         answer = asked("/parameter", method="POST", body=json.dumps(wanted).encode())
         return answer.status, answer.json["why"]
 
-    assert told() == (200, "kp changed from 25.0 to 30.0 N m/rad, in effect")
-    assert told(value="-1") == (200, "too small: see the range")
-    assert told(node="/other")[0] == 404
-    assert told(run="another")[0] == 409
+    assert reported() == (200, "kp changed from 25.0 to 30.0 N m/rad, in effect")
+    assert reported(value="-1") == (200, "too small: see the range")
+    assert reported(node="/other")[0] == 404
+    assert reported(run="another")[0] == 409
     assert asked("/parameter", method="POST", body=b"{}").status == 400

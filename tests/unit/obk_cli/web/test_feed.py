@@ -1,4 +1,4 @@
-"""What pages are told of a running stack."""
+"""What pages learn of a running stack."""
 
 import json
 import threading
@@ -57,7 +57,7 @@ def test_without_a_stack_there_is_nothing_to_show(tmp_path: Path) -> None:
     assert last_moment(tmp_path, None) == Snapshot(number=1)
 
 
-def test_what_ends_watching_is_told_where_the_server_ends(tmp_path: Path) -> None:
+def test_what_ends_watching_is_reported_where_the_server_ends(tmp_path: Path) -> None:
     is_over = threading.Event()
     feed = Feed(Script(MisuseError("several stacks run")), tmp_path, is_over.set)
     feed.start()

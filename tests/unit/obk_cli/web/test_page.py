@@ -68,7 +68,7 @@ def test_every_element_that_a_script_names_is_in_the_page(script: Path) -> None:
     assert set(re.findall(r'byId\("([^"]+)"\)', script.read_text())) <= ids
 
 
-def test_a_port_that_is_taken_is_told() -> None:
+def test_a_port_that_is_taken_is_reported() -> None:
     pytest.importorskip("uvicorn", reason="uvicorn is in the `web` extra")
     from obk_cli.web.app import take_port
 

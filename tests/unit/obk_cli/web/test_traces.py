@@ -1,4 +1,4 @@
-"""What a page is told of a field's values."""
+"""What a page learns of a field's values."""
 
 from array import array
 from itertools import pairwise
@@ -46,7 +46,7 @@ def test_what_is_old_is_forgotten() -> None:
     assert samples[-1][0] - samples[0][0] == SHOWN_S * SECOND
 
 
-def test_only_what_is_new_is_told() -> None:
+def test_only_what_is_new_is_reported() -> None:
     trace = Trace()
     trace.take(5, {"x": 1.0})
     trace.take(7, {"x": 2.0})
@@ -54,7 +54,7 @@ def test_only_what_is_new_is_told() -> None:
     assert trace.data_after(7).samples == ()
 
 
-def test_that_messages_have_no_number_there_is_told_until_one_has() -> None:
+def test_that_messages_have_no_number_there_is_reported_until_one_has() -> None:
     trace = Trace()
     trace.take(5, {})
     assert trace.data_after(0).fault == "the newest message has no number there"

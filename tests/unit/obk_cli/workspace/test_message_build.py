@@ -54,7 +54,7 @@ def asked(environment: dict[str, str]) -> list[str]:
     return Path(environment["NOTES"]).read_text().splitlines()
 
 
-def test_colcon_builds_where_a_ros_is_sourced_and_is_told_of(
+def test_colcon_builds_where_a_ros_is_sourced_and_is_reported_of(
     workspace: Path, sourced: dict[str, str]
 ) -> None:
     notes: list[str] = []

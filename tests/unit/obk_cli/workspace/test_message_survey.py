@@ -134,7 +134,7 @@ def test_a_name_takes_along_what_it_needs_and_what_is_compiled_against_it(worksp
     assert len(choose(survey, (), present=())) == 3
 
 
-def test_a_name_that_is_no_package_is_told_with_near_ones(workspace: Path) -> None:
+def test_a_name_that_is_no_package_is_reported_with_near_ones(workspace: Path) -> None:
     with pytest.raises(MisuseError) as refused:
         choose(survey_workspace(workspace, ()), ["c_mgs"], present=())
     assert refused.value.message == f"there is no message package `c_mgs` in {workspace}"
@@ -184,16 +184,16 @@ def test_a_record_that_cannot_be_read_is_none(workspace: Path, text: str) -> Non
     assert len(survey_workspace(workspace, (Path(sys.prefix),)).stale) == 3
 
 
-def test_another_build_is_told_of_and_not_waited_for_without_end(
+def test_another_build_is_reported_of_and_not_waited_for_without_end(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("obk_cli.workspace.overlay.TURN_S", 0.0)
-    told: list[str] = []
+    reported: list[str] = []
     said = f"process {os.getpid()} has been building for 0 min"
     with (
         build_lock(workspace, pytest.fail),
         pytest.raises(CommandFailedError, match=said),
-        build_lock(workspace, told.append),
+        build_lock(workspace, reported.append),
     ):
         pytest.fail("two build at once")
-    assert told == [f"process {os.getpid()} builds in this workspace; waiting for it"]
+    assert reported == [f"process {os.getpid()} builds in this workspace; waiting for it"]

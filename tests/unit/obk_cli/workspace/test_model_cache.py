@@ -64,7 +64,7 @@ def test_a_fragment_that_changed_makes_the_model_read_again(tmp_path: Path) -> N
         assert read.facts.sites == (name,)
 
 
-def test_a_mesh_that_went_missing_is_told_from_the_cache_too(tmp_path: Path) -> None:
+def test_a_mesh_that_went_missing_is_reported_from_the_cache_too(tmp_path: Path) -> None:
     model = copied(tmp_path)
     model.write_bytes((MODELS / "meshless.xml").read_bytes())
     mesh = model.parent / "meshes" / "trunk.stl"

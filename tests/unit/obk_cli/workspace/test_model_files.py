@@ -130,7 +130,7 @@ def test_a_row_of_includes_may_be_longer_than_python_calls_deep(tmp_path: Path) 
     assert list(mjcf_elements(tmp_path / "0.xml")) == []
 
 
-def test_a_pipe_among_the_files_of_a_model_holds_up_nobody(tmp_path: Path) -> None:
+def test_a_pipe_among_the_files_of_a_model_holds_up_no_one(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.xml")
     model = tmp_path / "m.xml"
     model.write_text(

@@ -1,4 +1,4 @@
-"""A model that brings MuJoCo down: told of the file, whatever became of the process."""
+"""A model that crashes MuJoCo: a finding names the file."""
 
 import os
 import signal

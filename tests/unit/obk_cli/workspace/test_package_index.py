@@ -152,7 +152,7 @@ def test_source_wins_over_an_install_prefix(tmp_path: Path) -> None:
     assert command.arguments[0] == sys.executable
 
 
-def test_a_miss_tells_what_was_searched_and_what_there_is(tmp_path: Path) -> None:
+def test_a_miss_reports_what_was_searched_and_what_there_is(tmp_path: Path) -> None:
     make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
     make_program(tmp_path / "prefix" / "lib" / "demo" / "built")
     packages = index(tmp_path, prefixes=(tmp_path / "prefix",))
@@ -170,7 +170,7 @@ def test_a_miss_tells_what_was_searched_and_what_there_is(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("place", ["build/demo", "install/demo/share/demo", "a/b/log/demo"])
-def test_a_package_that_is_only_where_nothing_is_searched_is_told(
+def test_a_package_that_is_only_where_nothing_is_searched_is_reported(
     tmp_path: Path, place: str
 ) -> None:
     folder = make_package(tmp_path / place, "demo")
@@ -250,7 +250,7 @@ def test_a_folder_that_may_not_be_entered_is_passed_by(
 ) -> None:
     make_package(tmp_path / "src/demo", "demo")
     make_package(tmp_path / "src/locked/other", "other")
-    # Whoever runs the tests may be allowed everything.
+    # The user who runs the tests may be root.
     monkeypatch.setattr(os, "access", lambda path, _: Path(path).name != "locked")
     assert list(index(tmp_path).source_packages) == ["demo"]
 
@@ -267,7 +267,7 @@ def test_a_package_xml_that_may_not_be_read_counts_under_its_folders_name(
             raise PermissionError(13, "Permission denied", str(path))
         return read_text(path, encoding, errors)
 
-    # Whoever runs the tests may be allowed everything.
+    # The user who runs the tests may be root.
     monkeypatch.setattr(Path, "read_text", read)
     assert sorted(index(tmp_path).source_packages) == ["demo", "locked"]
 

@@ -39,7 +39,7 @@ def test_a_path_where_nothing_is_may_stand_for_one(
     assert did_you_mean_config(written) == said
 
 
-def test_from_elsewhere_a_config_of_the_workspace_is_told_in_full(
+def test_from_elsewhere_a_config_of_the_workspace_is_reported_in_full(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(workspace / "src")

@@ -43,7 +43,7 @@ class ArmController(ObeliskController):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin anew, from wherever the arm is."""
+        """Start the motion again, from wherever the arm is."""
         self.x_hat = self.began = None
         return super().on_activate(state)
 
@@ -76,5 +76,5 @@ class ArmController(ObeliskController):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     spin_obelisk(args, ArmController)

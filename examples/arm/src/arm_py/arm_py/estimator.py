@@ -64,5 +64,5 @@ class ArmEstimator(ObeliskEstimator):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     spin_obelisk(args, ArmEstimator)

@@ -86,7 +86,7 @@ def drive() -> Iterator[Answering]:
 
 @pytest.fixture
 def robot(monkeypatch: pytest.MonkeyPatch, drive: Answering) -> Iterator[UdpMotorRobot]:
-    """The robot with the settings above, not configured; nobody spins it."""
+    """The robot with the settings above, neither configured nor spinning."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     arguments = ["--ros-args", "-p", f"drive_port:={drive.port}"]
     for name, value in SETTINGS.items():
@@ -111,9 +111,9 @@ def active(robot: UdpMotorRobot) -> UdpMotorRobot:
 @pytest.fixture
 def warnings(robot: UdpMotorRobot, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What the robot warns of."""
-    told: list[str] = []
-    monkeypatch.setattr(robot.get_logger(), "warning", told.append)
-    return told
+    warnings: list[str] = []
+    monkeypatch.setattr(robot.get_logger(), "warning", warnings.append)
+    return warnings
 
 
 def test_a_command_reaches_the_drive_and_zero_torque_at_deactivate(
@@ -182,7 +182,7 @@ def test_a_state_is_published_once(
 def test_without_a_drive_configure_fails_with_a_sentence(
     robot: UdpMotorRobot, drive: Answering
 ) -> None:
-    """Nobody answers: the node stays unconfigured and says what to look at."""
+    """No drive answers: the node stays unconfigured and says what to check."""
     drive.is_silent = True
     assert robot.trigger_configure() != SUCCESS
     assert robot.state_label == "unconfigured"
@@ -224,7 +224,7 @@ def test_a_silent_drive_is_a_fault(active: UdpMotorRobot, drive: Answering) -> N
 def test_a_drive_that_has_switched_itself_off_is_a_fault(
     active: UdpMotorRobot, drive: Answering
 ) -> None:
-    """A fault that the drive keeps needs somebody to look at it."""
+    """A fault that the drive keeps needs an operator."""
     active.timeout_s = DEADLINE_S
     drive.faults = Fault.OVERSPEED
     active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
@@ -235,7 +235,7 @@ def test_a_drive_that_has_switched_itself_off_is_a_fault(
 def test_states_with_the_motor_off_are_told(
     active: UdpMotorRobot, drive: Answering, warnings: list[str]
 ) -> None:
-    """The drive's watchdog is told of once something was commanded; it mends itself."""
+    """The drive's watchdog is reported once something was commanded; it recovers by itself."""
     active.timeout_s = DEADLINE_S
     drive.faults = Fault.WATCHDOG
     active.apply_control(PositionSetpoint(u_mujoco=[0.5]))

@@ -1,4 +1,4 @@
-"""The computer's end of the line to the drive: a UDP socket that nobody ever waits for.
+"""The computer's end of the line to the drive: a UDP socket that never blocks.
 
 In: commands to send. Out: the newest state, and what went wrong on the way as counts. Knows
 nothing of ROS. Only `ask`, for moments at which
@@ -17,7 +17,7 @@ __all__ = ["DriveLink"]
 ASK_AGAIN_S = 0.01
 """How long `ask` waits before it asks again: a datagram may be lost [s]."""
 LISTEN_AGAIN_S = 0.1
-"""How often the drive is told that somebody listens, if nothing else is sent to it [s]."""
+"""How often a keep-alive is sent to the drive, if nothing else is [s]."""
 LONGEST_DATAGRAM = 1500
 
 
@@ -51,7 +51,7 @@ class DriveLink:
         self.error = ""
         """Why the last command could not be sent; empty if it could."""
         self.troubles: Counter[str] = Counter()
-        """How many datagrams were lost, came late, or could not be sent; whoever tells clears."""
+        """How many datagrams were lost, came late, or could not be sent; reporting clears it."""
 
     def send(self, mode: Mode, value: float = 0.0) -> None:
         """Send a command, or count that it could not be sent.
@@ -67,7 +67,7 @@ class DriveLink:
             self.error = ""
             try:
                 self._socket.send(command.pack())
-            except OSError as error:  # nobody listens there, or the line is full
+            except OSError as error:  # no drive is listening, or the line is full
                 self.error = str(error)
                 self.troubles["commands not sent"] += 1
 
@@ -118,7 +118,7 @@ class DriveLink:
     def _receive(self) -> bytes | None:
         try:
             return self._socket.recv(LONGEST_DATAGRAM)
-        except OSError:  # nothing has come, or nobody listens there
+        except OSError:  # no datagram, or no drive is listening
             return None
 
     def _is_new(self, state: State) -> bool:

@@ -22,7 +22,7 @@ from enum import IntEnum, IntFlag
 __all__ = ["PORT", "Command", "Fault", "Mode", "State", "steps_ahead"]
 
 PORT = 47001
-"""Where the drive listens, unless it is told otherwise."""
+"""The drive's default address."""
 SEQUENCES = 1 << 32
 COMMAND = struct.Struct("<4sIId")
 COMMAND_MAGIC = b"OBMC"

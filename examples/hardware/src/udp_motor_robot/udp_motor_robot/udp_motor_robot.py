@@ -143,7 +143,7 @@ class UdpMotorRobot(ObeliskRobot):
         return msg
 
     def report(self) -> None:
-        """Tell what was refused or went wrong on the line since the last time."""
+        """Report what was refused, and faults of the line, since the last report."""
         assert self.link is not None
         if self.refused:
             reasons = (f"{reason} ({count}x)" for reason, count in self.refused.items())
@@ -164,7 +164,7 @@ class UdpMotorRobot(ObeliskRobot):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     spin_obelisk(args, UdpMotorRobot)
 
 

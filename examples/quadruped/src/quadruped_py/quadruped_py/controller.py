@@ -47,7 +47,7 @@ class QuadrupedController(ObeliskController):
             self.gait = replace(self.gait, sway_m=self.sway_m, lift_m=self.lift_m)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin anew: it stands up from wherever it is."""
+        """Start the motion again: it stands up from wherever it is."""
         self.x_hat = self.began = None
         return super().on_activate(state)
 
@@ -72,5 +72,5 @@ class QuadrupedController(ObeliskController):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     spin_obelisk(args, QuadrupedController)

@@ -39,7 +39,7 @@ class QuadrupedEstimator(ObeliskEstimator):
         )
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin anew: the trunk is at its place."""
+        """Start from the pose of the keyframe."""
         self.encoders = self.imu = self.feet = self.read_at = None
         self.odometry = Odometry.at_the_beginning()
         return super().on_activate(state)
@@ -88,5 +88,5 @@ class QuadrupedEstimator(ObeliskEstimator):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     spin_obelisk(args, QuadrupedEstimator)
