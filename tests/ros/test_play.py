@@ -106,7 +106,7 @@ def test_every_message_comes_again_in_order_and_no_command(recording: Path) -> N
     # It cannot be faster than it is asked to be.
     assert heard["/count"][-1][0] - heard["/count"][0][0] > 0.5 * COUNT * STEP_NS * 1e-9 / 4
     assert heard["/ctrl"] == []
-    assert "note: /ctrl commands a robot and is left out" in done.stderr
+    assert done.stderr.startswith("note: /ctrl ")
     assert "/count  200 messages" in done.stdout
 
 

@@ -112,7 +112,7 @@ def set_parameter(parameters: "Parameters", node: str, name: str, text: str) -> 
         why = escaped(refusal(answer.reason, after))
         raise CommandFailedError(
             f"{node} rejected {name} = {value_text(after)}: {why}",
-            help=f"it has the type {kind} and the value {value_text(before)}"
+            help=f"its type is {kind}, its value: {value_text(before)}"
             if kind not in (after.kind, NOT_SET)
             else None,
         )
