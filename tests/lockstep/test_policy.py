@@ -10,7 +10,8 @@ from obelisk_estimator_msgs.msg import EstimatedState
 from rclpy.parameter import Parameter
 
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
-from obelisk_py.zoo.control.policy import Network, OnnxPolicy
+from obelisk_py.zoo.control.policy import OnnxPolicy
+from obelisk_spec.policy_network import Network
 
 from .world import World
 

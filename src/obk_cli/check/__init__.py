@@ -20,6 +20,7 @@ from obk_cli.check.nodes import (
     check_required_sections,
 )
 from obk_cli.check.packages import check_executables, check_files, check_manifests
+from obk_cli.check.policy import check_policies
 from obk_cli.check.simulation import check_controls, check_models, check_sim_blocks
 from obk_cli.check.style import check_defaults, check_homes
 from obk_cli.check.topics import (
@@ -57,6 +58,7 @@ CHECKS: tuple[Check, ...] = (
     check_models,
     check_sim_blocks,
     check_controls,
+    check_policies,
     check_executables,
     check_files,
     check_manifests,

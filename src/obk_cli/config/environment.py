@@ -31,6 +31,8 @@ __all__ = [
     "ModelRead",
     "NodeCode",
     "NodeFacts",
+    "PolicyFault",
+    "PolicyRead",
     "SourceFaults",
     "kind_of_value",
 ]
@@ -116,6 +118,21 @@ class ModelFault:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PolicyRead:
+    """A network that could be read; None: its file leaves a length open."""
+
+    inputs: int | None
+    outputs: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PolicyFault:
+    """Why a network cannot be read."""
+
+    message: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ReplacedMessages:
     """A package of the workspace in the place of one of Obelisk's, and what it lacks."""
 
@@ -162,6 +179,9 @@ class Environment(Protocol):
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model, None where MuJoCo is not installed."""
+
+    def read_policy(self, path: Path) -> PolicyRead | PolicyFault | None:
+        """The lengths of a network, None where onnxruntime is not installed."""
 
     def model_line(self, path: Path, line: int) -> Span:
         """A whole line of a model file."""

@@ -19,6 +19,8 @@ from obk_cli.config.environment import (
     ModelFault,
     ModelRead,
     NodeCode,
+    PolicyFault,
+    PolicyRead,
     ReplacedMessages,
 )
 from obk_cli.config.model import ONE_DEVICE, Node, Stack
@@ -104,6 +106,10 @@ class PlannedEnvironment:
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model."""
         return self.current.read_model(path)
+
+    def read_policy(self, path: Path) -> PolicyRead | PolicyFault | None:
+        """The lengths of a network."""
+        return self.current.read_policy(path)
 
     def model_line(self, path: Path, line: int) -> Span:
         """A whole line of a model file."""

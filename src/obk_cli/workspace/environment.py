@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
+from obelisk_spec.policy_network import Network, NetworkError, has_onnxruntime
 from obk_cli.config.environment import (
     CodeFault,
     Command,
@@ -11,6 +12,8 @@ from obk_cli.config.environment import (
     ModelFault,
     ModelRead,
     NodeCode,
+    PolicyFault,
+    PolicyRead,
     ReplacedMessages,
 )
 from obk_cli.diagnostics.diagnostic import Diagnostic
@@ -138,6 +141,17 @@ class MachineEnvironment:
             self._note_all(path.parent / file for pair in referenced for file in pair)
             self._models[path] = read
         return self._models[path]
+
+    def read_policy(self, path: Path) -> PolicyRead | PolicyFault | None:
+        """The lengths of a network, None without onnxruntime."""
+        self._note_all([path] if self._note else ())
+        if not has_onnxruntime():
+            return None
+        try:
+            network = Network(path)
+        except NetworkError as error:
+            return PolicyFault(message=str(error))
+        return PolicyRead(inputs=network.inputs, outputs=network.outputs)
 
     def model_line(self, path: Path, line: int) -> Span:
         """A whole line of a model file, without its indentation."""

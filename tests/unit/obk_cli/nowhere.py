@@ -39,6 +39,9 @@ class Nowhere:
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         return None
 
+    def read_policy(self, path: Path) -> None:
+        return None
+
     def model_line(self, path: Path, line: int) -> Span:
         raise AssertionError
 

@@ -20,10 +20,11 @@ from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameter import Parameter
 from obelisk_py.core.utils.ros import spin_obelisk
+from obelisk_spec.policy_network import Network, NetworkError
 from obelisk_spec.policy_terms import COMMAND, PREVIOUS_ACTION, TERMS, observation_size
 from obelisk_spec.suggestions import did_you_mean
 
-__all__ = ["ActionKind", "Network", "OnnxPolicy"]
+__all__ = ["ActionKind", "OnnxPolicy"]
 
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
@@ -38,49 +39,6 @@ class ActionKind(StrEnum):
     """Offsets from the default pose [rad or m]; the gains `kp` and `kd` act on them."""
     EFFORT = "effort"
     """Efforts [N m or N]."""
-
-
-class Network:
-    """An ONNX file with one input and one output."""
-
-    def __init__(self, path: Path) -> None:
-        """Load the network, to run on one thread of the CPU.
-
-        Raises:
-            ObeliskConfigError: onnxruntime is not installed, or the file is no such network.
-        """
-        try:
-            import onnxruntime
-        except ImportError:
-            raise ObeliskConfigError(
-                "OnnxPolicy needs onnxruntime; install `obelisk-cli[policy]`"
-            ) from None
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        try:
-            session = onnxruntime.InferenceSession(
-                str(path), options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # the library has no common class of its errors
-            raise ObeliskConfigError(
-                f"`params_path: {path}` is no network in ONNX: {error}"
-            ) from error
-        inputs, outputs = session.get_inputs(), session.get_outputs()
-        if len(inputs) != 1 or len(outputs) != 1:
-            raise ObeliskConfigError(
-                f"`params_path: {path}`: the network has {len(inputs)} inputs and "
-                f"{len(outputs)} outputs, expected one of each"
-            )
-        self._run, self._input = session.run, inputs[0].name
-        self.inputs: int | None = _width(inputs[0].shape)
-        """Length of an observation; None if the file leaves it open."""
-        self.outputs: int | None = _width(outputs[0].shape)
-        """Number of actions; None if the file leaves it open."""
-
-    def __call__(self, observation: Vector) -> Vector:
-        """The outputs for an observation, shape (outputs,)."""
-        row = observation.astype(np.float32)[np.newaxis]
-        return np.asarray(self._run(None, {self._input: row})[0], dtype=float).ravel()
 
 
 class OnnxPolicy(ObeliskController):
@@ -127,7 +85,10 @@ class OnnxPolicy(ObeliskController):
         scales = self.get_parameter_or("observation_scales").value
         self.scales = list(scales or [1.0] * len(self.terms))
         self._check_names()
-        self.network = Network(Path(self.params_path))
+        try:
+            self.network = Network(Path(self.params_path))
+        except NetworkError as error:
+            raise ObeliskConfigError(f"`params_path: {self.params_path}`: {error}") from error
         actions = len(self.action_joints)
         size = observation_size(self.terms, joints=len(self.joints), actions=actions)
         _check_width("observation", size, self.network.inputs)
@@ -257,10 +218,6 @@ def _base_values(x_hat: EstimatedState) -> Mapping[str, Vector]:
         "angular_velocity": np.array(x_hat.v_base[3:]),
         "gravity": to_base @ _DOWN,
     }
-
-
-def _width(shape: Sequence[Any]) -> int | None:
-    return shape[-1] if shape and isinstance(shape[-1], int) else None
 
 
 def _check_width(what: str, expected: int, found: int | None) -> None:

@@ -168,4 +168,13 @@ RULES: tuple[Rule, ...] = (
         "parameter `mujoco_setting` and cannot be configured without it.",
         fix="Add a `sim` block without a `ros_parameter`, or correct the executable.",
     ),
+    Rule(
+        code="OBK322",
+        severity="error",
+        title="a network that does not fit its parameters",
+        cause="The parameters of a policy describe what its network observes and commands: the "
+        "terms of `observation`, `joints` and `action_joints`. The network in `params_path` takes "
+        "or returns another number of values, or the model has no such joint.",
+        fix="Write the terms and joints that the network was trained with, in that order.",
+    ),
 )

@@ -1,0 +1,61 @@
+"""A network in ONNX with one input and one output, run by onnxruntime."""
+
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+__all__ = ["Network", "NetworkError", "has_onnxruntime"]
+
+
+class NetworkError(Exception):
+    """The file is no network that can be used; the message says why."""
+
+
+def has_onnxruntime() -> bool:
+    """Whether onnxruntime is installed; does not import it."""
+    return importlib.util.find_spec("onnxruntime") is not None
+
+
+class Network:
+    """Runs on one thread of the CPU, so that the same input gives the same bits."""
+
+    def __init__(self, path: Path) -> None:
+        """Load the network.
+
+        Raises:
+            NetworkError: onnxruntime is not installed, or the file is no such network.
+        """
+        if not has_onnxruntime():
+            raise NetworkError("a network needs onnxruntime; install `obelisk-cli[policy]`")
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        try:
+            session = onnxruntime.InferenceSession(
+                str(path), options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # the library has no common class of its errors
+            reason = str(error).splitlines()[0].rpartition(":")[2].strip()
+            raise NetworkError(f"`{path.name}` is no network in ONNX: {reason}") from error
+        inputs, outputs = session.get_inputs(), session.get_outputs()
+        if len(inputs) != 1 or len(outputs) != 1:
+            raise NetworkError(
+                f"the network `{path.name}` has {len(inputs)} inputs and {len(outputs)} outputs, "
+                "expected one of each"
+            )
+        self._run, self._input = session.run, inputs[0].name
+        self.inputs: int | None = _width(inputs[0].shape)
+        """Length of an observation; None if the file leaves it open."""
+        self.outputs: int | None = _width(outputs[0].shape)
+        """Number of actions; None if the file leaves it open."""
+
+    def __call__(self, observation: Any) -> Any:
+        """The outputs for an observation: numpy arrays of shapes (inputs,) and (outputs,)."""
+        row = observation.astype("float32")[None]
+        return self._run(None, {self._input: row})[0].astype(float).ravel()
+
+
+def _width(shape: Sequence[Any]) -> int | None:
+    return shape[-1] if shape and isinstance(shape[-1], int) else None
