@@ -105,6 +105,8 @@ class StackTrial:
         self._faults: dict[str, None] = {}
         self._states: StateLog | None = None
         self._pushes: list[_Push] = []
+        self._masses: list[tuple[int, float]] = []
+        """Bodies by number, and by what their masses are multiplied."""
         self._is_closed = self._has_begun = False
         self.wall_s = 0.0
         """Wall-clock time that `run` has taken [s]."""
@@ -221,22 +223,36 @@ class StackTrial:
         Raises:
             LookupError: the model has no such body, or the stack has no simulator.
         """
-        model = self._simulator().robot.mj_model
-        names = [model.body(number).name for number in range(model.nbody)]
-        if body not in names:
-            raise LookupError(
-                f"the model has no body `{body}`: {did_you_mean(body, names) or ', '.join(names)}"
-            )
+        number = _body_of(self._simulator().robot.mj_model, body)
         self._log_intervention(f"push {body} with {_list(force)} N, {_list(torque)} N m", duration)
         now_ns = self._lockstep.scheduler.now_ns
         self._pushes.append(
             _Push(
-                body=names.index(body),
+                body=number,
                 wrench=np.concatenate([np.asarray(force, float), np.asarray(torque, float)]),
                 begin_ns=now_ns,
                 end_ns=now_ns + round(duration * NS_PER_S),
             )
         )
+
+    def scale_mass(self, body: str, factor: float) -> None:
+        """Multiply the mass and the inertia of a body of the model, for the rest of the trial.
+
+        Args:
+            body: its name.
+            factor: above 0; 2 doubles the weight.
+
+        Raises:
+            LookupError: the model has no such body, or the stack has no simulator.
+            ValueError: the factor is not above 0.
+        """
+        if factor <= 0:
+            raise ValueError(f"factor {factor}: expected a number above 0")
+        robot = self._simulator().robot
+        number = _body_of(robot.mj_model, body)
+        self._log_intervention(f"scale the mass of {body} by {factor:g}")
+        self._masses.append((number, factor))
+        _scale_mass(robot.mj_model, number, factor)
 
     # --- topics
 
@@ -521,6 +537,8 @@ class StackTrial:
         data, scheduler = steps.robot.mj_data, self._lockstep.scheduler
         steps.before_step.append(lambda: self._apply_pushes(data))
         name = steps.robot.get_fully_qualified_name()
+        for number, factor in self._masses:  # a robot that restarts reads its model again
+            _scale_mass(steps.robot.mj_model, number, factor)
         states = self._states
         if states is None:
             states = self._states = StateLog(name, steps.robot.mj_model)
@@ -581,6 +599,23 @@ class StackTrial:
             for end in node.publishes
             if end.topic not in listened and end.topic not in self._lockstep.topics.by_name
         }
+
+
+def _body_of(model: Any, name: str) -> int:
+    names = [model.body(number).name for number in range(model.nbody)]
+    if name not in names:
+        raise LookupError(
+            f"the model has no body `{name}`: {did_you_mean(name, names) or ', '.join(names)}"
+        )
+    return names.index(name)
+
+
+def _scale_mass(model: Any, body: int, factor: float) -> None:
+    import mujoco  # only a stack with a simulator has it
+
+    model.body_mass[body] *= factor
+    model.body_inertia[body] *= factor
+    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def _list(vector: Vector) -> str:

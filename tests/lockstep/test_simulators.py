@@ -15,6 +15,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DUMMY = EXAMPLES / "dummy" / "dummy_new.yaml"
 ARM = EXAMPLES / "arm" / "arm.yaml"
+CARTPOLE = EXAMPLES / "cartpole" / "cartpole.yaml"
 ROBOT = "/obelisk_robot_0"
 
 Start = Callable[..., StackTrial]
@@ -109,3 +110,26 @@ def test_the_noise_of_sensors_has_the_seed(start_config: Start) -> None:
     readings = [np.array([m.joint_pos for m in run["/arm/encoders"].messages]) for run in runs]
     assert (readings[0] == readings[1]).all()
     assert (readings[0] != readings[2]).any()
+
+
+def test_a_heavier_body_accelerates_less_also_after_a_restart(start_config: Start) -> None:
+    masses = []
+    for factor in (1.0, 4.0):
+        trial = start_config(CARTPOLE, without=("control",))
+        trial.scale_mass("cart", factor)
+        masses.append(trial.nodes[ROBOT].mj_model.body_mass[1])
+        trial.push("cart", [10.0, 0.0, 0.0], duration=0.05)
+        masses.append(1.0 / trial.run(0.05).qvel[-1][0])
+        trial.restart("robot")
+        trial.run(0.01)
+        masses.append(trial.nodes[ROBOT].mj_model.body_mass[1])
+    nominal, heavy = np.array(masses).reshape(2, 3)
+    assert heavy / nominal == pytest.approx([4.0, 3.7, 4.0], abs=0.5)
+
+
+def test_only_bodies_of_the_model_have_a_mass(start_config: Start) -> None:
+    trial = start_config(CARTPOLE)
+    with pytest.raises(LookupError, match="pole"):
+        trial.scale_mass("pol", 2.0)
+    with pytest.raises(ValueError, match="above 0"):
+        trial.scale_mass("pole", 0.0)
