@@ -51,6 +51,7 @@ SLOW = {
     "docs/how-to/comparing-runs.md",
     "docs/how-to/doctor.md",
     "docs/how-to/looking-into-a-stack.md",
+    "docs/how-to/own-model.md",
     "docs/how-to/own-robot.md",
     "docs/how-to/recording.md",
     "docs/how-to/running.md",

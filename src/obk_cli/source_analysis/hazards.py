@@ -85,7 +85,7 @@ _GPU = ("torch", "jax", "cupy", "tensorflow", "pycuda", "warp")
 _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
     **dict.fromkeys(
         _THREADS,
-        ("OBK601", "`{}` runs code beside the callbacks, in real time", "do the work in a timer"),
+        ("OBK601", "`{}` runs code beside the callbacks", "do the work in a timer"),
     ),
     **dict.fromkeys(
         _OUTSIDE,

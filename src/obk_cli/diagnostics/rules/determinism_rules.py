@@ -11,8 +11,8 @@ RULES: tuple[Rule, ...] = (
         title="a node starts its own thread, process or event loop",
         cause="A lock-step run calls all callbacks on one thread, in simulated time. Anything "
         "else that a node starts runs in real time, so its effects occur at a different "
-        "simulated time in each run. The `run_simulator` thread of a simulated robot is in "
-        "lock-step; threads that it starts are not.",
+        "simulated time in each run. Threads are in lock-step only if they wait by `time.sleep`, "
+        "a `queue.Queue`, an event or a condition, as `run_simulator` of a simulated robot does.",
         fix="Do the work in a timer, or in `run_simulator`. If results do not depend on when the "
         "thread runs, silence the finding.",
     ),
