@@ -19,7 +19,6 @@ from rclpy.parameter import Parameter as RosParameter
 from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameter import Parameter
-from obelisk_py.core.utils.ros import spin_obelisk
 from obelisk_spec.policy_network import Network, NetworkError
 from obelisk_spec.policy_terms import COMMAND, PREVIOUS_ACTION, TERMS, observation_size
 from obelisk_spec.suggestions import did_you_mean
@@ -225,12 +224,3 @@ def _check_width(what: str, expected: int, found: int | None) -> None:
         raise ObeliskConfigError(
             f"the network's {what} has {found} numbers, the parameters describe {expected}"
         )
-
-
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    spin_obelisk(args, OnnxPolicy)
-
-
-if __name__ == "__main__":
-    main()
