@@ -20,7 +20,6 @@ __all__ = [
     "FIRST_OUTPUT",
     "GATE_VARIABLE",
     "LOCAL_TRANSPORT_OFF",
-    "LOCAL_TRANSPORT_ON",
     "LOCAL_TRANSPORT_VARIABLE",
     "REJECTION",
     "REPORT_PERIOD_S",
@@ -104,10 +103,9 @@ robot; a program creates its node once it gets a shared lock. The lock ends with
 LOCAL_TRANSPORT_VARIABLE: Final = "OBK_LOCAL_TRANSPORT"
 """The environment variable that names the folder of the local transport's sockets to processes.
 
-The user sets it to `LOCAL_TRANSPORT_ON`; otherwise all messages go through DDS, and the launcher
-names `LOCAL_TRANSPORT_OFF`.
+The launcher sets it. With `LOCAL_TRANSPORT_OFF`, which a user sets for the launcher as well, all
+messages between processes go through DDS.
 """
-LOCAL_TRANSPORT_ON: Final = "on"
 LOCAL_TRANSPORT_OFF: Final = "off"
 SOCKETS_FOLDER: Final = "sockets"
 """The folder of the sockets, in the folder of the run."""

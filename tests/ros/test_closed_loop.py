@@ -66,7 +66,11 @@ def obk_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def folder(tmp_path: Path, repository: Path) -> Path:
     """The dummy stack with tests that fail."""
-    shutil.copytree(repository / "examples" / "dummy", tmp_path / "dummy")
+    shutil.copytree(
+        repository / "examples" / "dummy",
+        tmp_path / "dummy",
+        ignore=shutil.ignore_patterns("build"),
+    )
     tests = tmp_path / "dummy" / "tests"
     shutil.rmtree(tests)  # the example has tests of its own
     tests.mkdir()

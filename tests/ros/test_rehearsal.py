@@ -10,6 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_VARIABLE
 from obk_cli.cli.rehearse import OBK as OBK_MODULE
 from obk_cli.cli.rehearse import QUIETLY, rehearsal_text
 from obk_cli.compiler import Options, compile_config
@@ -77,9 +78,11 @@ def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path
     assert not marked()
 
 
+@pytest.mark.parametrize("transport", ["on", pytest.param("off", marks=pytest.mark.slow)])
 def test_where_the_rule_is_restart_the_node_is_brought_back_and_no_other_is_touched(
-    tmp_path: Path,
+    transport: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, transport)
     verdicts = rehearsed(
         tmp_path, "restart", ["delay", "freeze", "kill"], nodes=["/obelisk_robot_0"]
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from obelisk_spec.local_transport.folder import SocketFolder
-from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_ON, LOCAL_TRANSPORT_VARIABLE
+from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 from obk_cli.doctor.finding import GIB, MIB, Fact, Finding, bytes_text, note, ok, warning
 from obk_cli.files import explain_os_error
 from obk_cli.runs.folder import runs_folder
@@ -107,7 +107,7 @@ class TransportFacts:
     """The local transport between the nodes of a run."""
 
     is_on: bool
-    """Whether the user has turned it on."""
+    """Whether the user has left it on."""
     folder: str
     """Where runs, and so their sockets, are."""
     fault: str
@@ -119,7 +119,7 @@ def judge_transport(facts: TransportFacts) -> Iterator[Finding]:
     if not facts.is_on:
         yield ok(
             "messages between processes go through DDS "
-            f"({LOCAL_TRANSPORT_VARIABLE}={LOCAL_TRANSPORT_ON} tries local sockets)"
+            f"({LOCAL_TRANSPORT_VARIABLE}={LOCAL_TRANSPORT_OFF})"
         )
     elif facts.fault:
         yield warning(
@@ -141,7 +141,7 @@ def probe_transport(environment: Mapping[str, str]) -> TransportFacts:
     runs = runs_folder(environment)
     place = next(folder for folder in (runs, *runs.parents) if folder.is_dir())
     return TransportFacts(
-        is_on=environment.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_ON,
+        is_on=environment.get(LOCAL_TRANSPORT_VARIABLE) != LOCAL_TRANSPORT_OFF,
         folder=str(runs),
         fault=_socket_fault(place),
     )

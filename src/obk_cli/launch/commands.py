@@ -20,7 +20,6 @@ from obelisk_spec.runtime_protocol import (
     CLOCK_VARIABLE,
     GATE_VARIABLE,
     LOCAL_TRANSPORT_OFF,
-    LOCAL_TRANSPORT_ON,
     LOCAL_TRANSPORT_VARIABLE,
     SOCKETS_FOLDER,
     ClockDescriptors,
@@ -355,10 +354,10 @@ def socket_folder(
 ) -> Iterator[Mapping[str, str]]:
     """The variable that names a new folder for the sockets of a run; removed when left.
 
-    None is named unless the user has turned the local transport on, and the run has a folder:
-    messages then go through DDS.
+    None is named if the user has turned the local transport off, or if the run has no folder: all
+    messages between processes then go through DDS.
     """
-    if folder is None or environment.get(LOCAL_TRANSPORT_VARIABLE) != LOCAL_TRANSPORT_ON:
+    if folder is None or environment.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF:
         yield {LOCAL_TRANSPORT_VARIABLE: LOCAL_TRANSPORT_OFF}
         return
     sockets = folder / SOCKETS_FOLDER

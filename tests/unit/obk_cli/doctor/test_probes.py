@@ -178,7 +178,7 @@ def test_a_workspaces_packages_are_reported_with_what_is_wrong_with_them(tmp_pat
 
 
 def test_sockets_are_tried_where_runs_are_and_nothing_is_left(tmp_path: Path) -> None:
-    facts = probe_transport({"OBK_HOME": str(tmp_path), "OBK_LOCAL_TRANSPORT": "on"})
+    facts = probe_transport({"OBK_HOME": str(tmp_path)})
     assert (facts.is_on, facts.fault) == (True, "")
     assert not list(tmp_path.iterdir())
-    assert not probe_transport({"OBK_HOME": str(tmp_path)}).is_on
+    assert not probe_transport({"OBK_HOME": str(tmp_path), "OBK_LOCAL_TRANSPORT": "off"}).is_on
