@@ -49,7 +49,7 @@ COMMANDS = (
     "node info control_0",
     "param list control_0",
     "param get control_0 use_sim_time",
-    "param set control_0 use_sim_time false",
+    "param set control_0 use_sim_time true",
     "param dump control_0",
     "service list",
     "service call obelisk_robot_0/get_state",

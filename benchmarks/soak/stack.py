@@ -122,7 +122,7 @@ class Stack:
         self.wait_for("a stack that is active", self.is_active)
 
     def stop(self) -> None:
-        """Bring it down, as Ctrl-C does; a stack that ended in order says so."""
+        """Bring it down, as Ctrl-C does; a stack that stopped cleanly says so."""
         assert self.launcher is not None
         if (code := self._end(self.launcher)) != 0:
             self.blame(f"the launcher ended with {code}")

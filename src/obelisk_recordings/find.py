@@ -93,7 +93,7 @@ def find_recording(parent: Path | None, name: str | None) -> Path:
         raise RecordingError(f"the run `{name}` was not recorded", help=how)
     names = dict.fromkeys(config_of(folder) for folder in folders)
     raise RecordingError(
-        f"there is no file and no run called `{name}`", help=did_you_mean(name, names) or how
+        f"no file or run is called `{name}`", help=did_you_mean(name, names) or how
     )
 
 

@@ -406,7 +406,7 @@ def until_interrupted(command: str) -> str:
         lines = []
         for line in process.stdout:
             lines.append(line)
-            if line == "Ctrl-C ends\n":
+            if line == "Ctrl-C stops the server\n":
                 process.send_signal(signal.SIGINT)
     return f"{''.join(lines)}[exit code {process.returncode}]\n"
 

@@ -137,4 +137,4 @@ def test_a_run_reports_afterwards_what_it_was_and_how_it_ended(home: Path) -> No
     assert (run["exit_code"], run["cause"]) == (0, "")
     assert run["ended"] >= begin
     assert not (folder / "control.sock").exists()
-    assert obk("logs").stdout.splitlines()[-1] == "ended in order"
+    assert obk("logs").stdout.splitlines()[-1] == "stopped cleanly"

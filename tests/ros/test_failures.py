@@ -118,7 +118,7 @@ def test_a_launcher_started_with_sigint_ignored_ends_at_sigint_all_the_same() ->
         eventually(lambda: "s] active" in process.stdout.readline(), "a stack that is active")
         process.send_signal(signal.SIGINT)
         assert process.wait(DEADLINE_S) == 0
-        assert process.stdout.read().splitlines()[-1] == "ended in order"
+        assert process.stdout.read().splitlines()[-1] == "stopped cleanly"
     assert not marked()
 
 
@@ -135,5 +135,5 @@ def test_a_launch_that_replaces_another_ends_it_in_order_and_takes_its_place(
         assert second.returncode == 0, second.stdout + second.stderr
         assert first.process.wait(DEADLINE_S) == 0
     assert "stopping (replaced)" in first.text
-    assert first.lines[-1] == "ended in order"
+    assert first.lines[-1] == "stopped cleanly"
     assert not first.left_over()

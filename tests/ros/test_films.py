@@ -29,7 +29,7 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
     result = obk("launch", DUMMY, *words, "--duration", "3", "--color", "never")
     assert result.returncode == 0, result.stdout + result.stderr
     lines = result.stdout.splitlines()
-    assert lines[-1] == "ended in order"
+    assert lines[-1] == "stopped cleanly"
     (reported,) = (line for line in lines if line.startswith("video: "))
     assert reported.startswith(f"video: {path}, ")
     with av.open(path) as film:

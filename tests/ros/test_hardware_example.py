@@ -177,7 +177,7 @@ def test_the_demo_runs_to_its_end(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "ended in order" in done.stdout
+    assert "stopped cleanly" in done.stdout
     assert "device: off after " in done.stdout
     assert not marked()
 

@@ -61,7 +61,7 @@ def test_bytes_that_are_no_message_end_neither_robot_nor_stack() -> None:
             rclpy.try_shutdown()
         eventually(lambda: set(states().values()) == {"active"}, "three active nodes")
     assert "Traceback" not in run.text
-    assert "ended in order" in run.lines
+    assert "stopped cleanly" in run.lines
 
 
 FOREIGN = """
@@ -104,7 +104,7 @@ def test_a_publisher_outside_is_accepted_on_an_external_topic(tmp_path: Path) ->
     finally:
         rclpy.try_shutdown()
     assert "--allow-foreign" not in run.text
-    assert "ended in order" in run.lines
+    assert "stopped cleanly" in run.lines
 
 
 def test_ends_that_do_not_fit_are_reported_and_no_callback_gets_their_messages() -> None:
@@ -129,7 +129,7 @@ def test_ends_that_do_not_fit_are_reported_and_no_callback_gets_their_messages()
         eventually(lambda: set(states().values()) == {"active"}, "three active nodes")
     assert "Traceback" not in run.text
     assert "dropped a message" not in run.text
-    assert "ended in order" in run.lines
+    assert "stopped cleanly" in run.lines
 
 
 def test_a_simulation_that_diverges_ends_the_stack_with_time_joint_and_body(

@@ -79,7 +79,7 @@ def counts(path: Path, *wanted: str) -> dict[str, int]:
 def test_a_recorded_launch_has_every_message_to_the_last() -> None:
     result = obk("launch", EXAMPLE, "--record", "--duration", "2", "--color", "never")
     assert result.returncode == 0, result.stdout + result.stderr
-    assert result.stdout.splitlines()[-1] == "ended in order"
+    assert result.stdout.splitlines()[-1] == "stopped cleanly"
     run = only_run()
     for folder in (run, run.parent):
         assert folder.stat().st_mode & 0o077 == 0  # what was recorded and said is its owner's
@@ -153,7 +153,7 @@ def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
         recorder.kill()
         run.wait_for_line("warning: the recorder has ended: the process was ended by SIGKILL")
     assert run.process.returncode == 0, run.text
-    assert "ended in order" in run.lines
+    assert "stopped cleanly" in run.lines
     assert not run.left_over()
     bag = reported(recording)
     assert bag["count"] > 20

@@ -64,7 +64,7 @@ def test_both_spellings_come_up_and_end_in_order(config: str) -> None:
         "estimation_0: activate",
         "control_0: activate",
     ]
-    assert lines[-1] == "ended in order"
+    assert lines[-1] == "stopped cleanly"
 
 
 def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
@@ -109,7 +109,7 @@ def test_a_signal_to_the_launcher_ends_the_stack_in_order(number: int) -> None:
         run.process.send_signal(number)
         run.process.wait(DEADLINE_S)
     assert run.process.returncode == 0, run.text
-    assert "ended in order" in run.lines
+    assert "stopped cleanly" in run.lines
     assert not run.left_over()
 
 
@@ -170,7 +170,7 @@ def test_a_node_that_fails_to_configure_is_shown_with_its_own_words(tmp_path: Pa
     assert result.returncode == 1, result.stdout
     assert "estimation_0: configure FAILED" in result.stdout
     assert "`ObkImu`" in result.stdout
-    assert "ended in order" not in result.stdout
+    assert "stopped cleanly" not in result.stdout
 
 
 def broken(folder: Path) -> Path:
@@ -275,7 +275,7 @@ def test_output_that_no_one_reads_holds_up_neither_the_stack_nor_its_end(tmp_pat
         assert process.wait(DEADLINE_S) == 0
     os.close(read_fd)
     (log,) = events.glob("*/launch.log")
-    assert log.read_text().splitlines()[-1] == "ended in order"
+    assert log.read_text().splitlines()[-1] == "stopped cleanly"
 
 
 @pytest.mark.slow
@@ -326,7 +326,7 @@ def test_without_a_log_folder_and_the_rmw_that_is_asked_for_the_stack_runs_and_s
     assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in result.stderr
     warnings = [line for line in result.stdout.splitlines() if line.startswith("warning: no log")]
     assert len(warnings) == 1
-    assert "ended in order" in result.stdout
+    assert "stopped cleanly" in result.stdout
 
 
 def test_a_fault_in_a_transition_asked_for_elsewhere_leaves_the_stack_up(tmp_path: Path) -> None:

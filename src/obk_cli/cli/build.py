@@ -176,7 +176,7 @@ def command(
 
 
 class _DefinitionsWrongError(CommandFailedError):
-    """Message definitions are wrong; holds the problems as values."""
+    """Message invalid message definitions; holds the problems as values."""
 
     def __init__(self, message: str, problems: Sequence[DefinitionProblem]) -> None:
         super().__init__(message)
@@ -203,7 +203,7 @@ def _as_command_error(*, colour: bool) -> Iterator[None]:
         print(report_problems(error.problems, colour=colour), end="\n\n", file=sys.stderr)
         count = len(error.problems)
         summary = (
-            "a message definition is wrong" if count == 1 else f"{count} definitions are wrong"
+            "invalid message definition" if count == 1 else f"{count} invalid message definitions"
         )
         raise _DefinitionsWrongError(f"{summary}; nothing was built", error.problems) from error
     except CommandError as error:

@@ -119,7 +119,7 @@ def _check(stack: str, root: Path, *, is_torque: bool = False) -> tuple[PackageS
     packages = fault or check_stack(stack, owner_of=owner_of, is_torque=is_torque)
     if isinstance(packages, Problem):
         raise MisuseError(
-            f"the folder's name is the stack's: {packages.sentence}", help=packages.help
+            f"the folder's name becomes the stack's name: {packages.sentence}", help=packages.help
         )
     return packages
 
@@ -153,7 +153,7 @@ def _describe_text(
     *,
     dry_run: bool,
 ) -> str:
-    verb = "would make" if dry_run else "made"
+    verb = "would create" if dry_run else "created"
     lines = [
         f"{verb} the workspace `{stack}` in {short(root)}/",
         *file_lines(decisions),

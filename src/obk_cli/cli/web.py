@@ -66,9 +66,9 @@ def command(
             lambda: server.is_ending,
         )
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"
-        print(f"the stack is shown at {url}\nCtrl-C ends", flush=True)
+        print(f"serving the stack at {url}\nCtrl-C stops the server", flush=True)
         if run is not None and not is_there:
-            print(f"no stack `{run}` runs on this host yet: the page waits for it", flush=True)
+            print(f"no stack `{run}` is running here yet; the page waits for it", flush=True)
         feed.start()
         if open_:
             folder = temporary.enter_context(TemporaryDirectory(prefix="obk_web_"))

@@ -216,7 +216,7 @@ def _choose(
     found = tuple(dict.fromkeys((*seen, *search.expected)))
     if not found:
         raise CommandFailedError(
-            f"there is no life-cycle node in the ROS domain {environment.domain}",
+            f"no life-cycle node was found in the ROS domain {environment.domain}",
             help=search.if_none,
         )
     if not search.names:

@@ -86,7 +86,7 @@ class GraphTarget:
         live = live_folders(runs_folder(self.environment.variables)).values()
         others = [f"{run.name} in {run.domain}" for run in live if run.domain != self.domain]
         return CommandFailedError(
-            f"no stack runs in the ROS domain {self.domain}, and no other node was found in it",
+            f"no stack is running in the ROS domain {self.domain}, and no other node was found",
             help=(
                 f"running in other domains: {', '.join(others)}; select one with `--domain`"
                 if others

@@ -184,7 +184,7 @@ class LaunchReport:
 
     def _ended(self, event: Ended) -> Iterator[str]:
         if not event.cause:
-            yield self._paint(_GREEN, "ended in order")
+            yield self._paint(_GREEN, "stopped cleanly")
             return
         yield self._paint(_RED, f"failed: {plain(event.cause)}")
         if event.origin:

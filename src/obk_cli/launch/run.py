@@ -292,7 +292,7 @@ def _requesting_end(
     inbox: "SimpleQueue[InputEvent]", duration_s: float | None
 ) -> Callable[[], None]:
     def request() -> None:
-        inbox.put(StopRequested(reason=f"{duration_s:g} simulated s are over"))
+        inbox.put(StopRequested(reason=f"after {duration_s:g} s of simulated time"))
 
     return request
 

@@ -144,7 +144,7 @@ class Supervisor:
         if self._bring_up(until):
             self._keep_up(None if duration_s is None else self._context.loop.now() + duration_s)
             if self._run.may_go_on:
-                self._run.stop(f"{duration_s:g} s are over")
+                self._run.stop(f"after {duration_s:g} s")
         self._bring_down()
         if not self._run.failures:
             self._judge_rejections()

@@ -91,7 +91,7 @@ def describe_text(outcome: NewFiles) -> str:
 
     Of a dry run the diff too.
     """
-    verb = "would make" if outcome.dry_run else "made"
+    verb = "would create" if outcome.dry_run else "created"
     return "\n".join(
         [
             f"{verb} {_subject(outcome.spec)} in {outcome.folder}/",

@@ -206,21 +206,21 @@ def _shape_fault(name: str) -> str | None:
     if not name:
         return "is empty"
     if len(name) > LONGEST_NAME:
-        return f"has {len(name)} characters; at most {LONGEST_NAME} were expected"
+        return f"has {len(name)} characters; expected at most {LONGEST_NAME}"
     if not _SNAKE_CASE.fullmatch(name):
         return (
-            "is not lower snake case; small letters, digits and single `_` were expected, "
-            "a letter first"
+            "is not lower snake case: expected a letter, then lower-case letters, digits and "
+            "single `_`"
         )
     fault = package_name_fault(name) or node_name_fault(name)
-    return f"is refused by ROS: {fault}" if fault else None
+    return f"is not valid in ROS: {fault}" if fault else None
 
 
 def _use_fault(name: str, owner_of: Callable[[str], str | None]) -> str | None:
     if keyword.iskeyword(name):
-        return "is a keyword of Python"
+        return "is a Python keyword"
     if name in _OTHER_USE:
-        return "stands for something else in workspaces and packages"
+        return "has another meaning in workspaces and packages"
     owner = owner_of(name)
     return f"is taken: it is {owner}" if owner else None
 

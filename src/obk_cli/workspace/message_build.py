@@ -263,7 +263,7 @@ def choose(
     for name in names:
         if name not in known:
             raise MisuseError(
-                f"there is no message package `{name}` in {survey.workspace}",
+                f"no message package is called `{name}` in {survey.workspace}",
                 help=did_you_mean(name, known) or "`obk new msgs my_msgs` makes one",
             )
     chosen = set(names or known)

@@ -181,7 +181,7 @@ def parse_varied(text: str) -> Varied:
         listed = tuple(value.strip() for value in values.split(","))
         if len(listed) < 2 or not all(listed):
             raise MisuseError(
-                f"`--vary {text}`: `{values}` is no range and no list",
+                f"`--vary {text}`: `{values}` is neither a range nor a list",
                 help="write `PATH=50..200` or `PATH=1,2,5`",
             )
         return Varied(path=path, values=listed)

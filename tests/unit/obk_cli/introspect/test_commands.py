@@ -83,7 +83,7 @@ def test_stacks_in_several_domains_leave_it_to_the_user(home: Path) -> None:
     graph_target = target_of(environment(home), None)
     assert graph_target.domain == 0
     no_nodes_error = graph_target.no_nodes_error()
-    assert no_nodes_error.message.startswith("no stack runs in the ROS domain 0")
+    assert no_nodes_error.message.startswith("no stack is running in the ROS domain 0")
     assert no_nodes_error.help is not None
     assert {"arm in 7", "leg in 8"} <= set(
         no_nodes_error.help.removeprefix("running in other domains: ").partition(";")[0].split(", ")
@@ -107,7 +107,7 @@ def test_a_stack_to_watch_that_does_not_run_is_reported_with_those_that_do(home:
     assert no_nodes_error.message == "no stack `amr` is running in the ROS domain 7"
     assert no_nodes_error.help == "did you mean `arm`?"
     elsewhere = StackSelector(environment=environment(home), domain=8, run="arm").no_nodes_error()
-    assert elsewhere.message.startswith("no stack runs in the ROS domain 8")
+    assert elsewhere.message.startswith("no stack is running in the ROS domain 8")
 
 
 def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:

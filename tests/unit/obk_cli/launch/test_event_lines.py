@@ -98,7 +98,7 @@ def test_the_first_cause_comes_first_then_its_origin_then_the_count_of_what_foll
         "failed: a died",
         "  1 more failure after it",
     ]
-    assert lines_of(Ended(exit_code=0, cause="")) == ["ended in order"]
+    assert lines_of(Ended(exit_code=0, cause="")) == ["stopped cleanly"]
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
     said = obk_init("my_robot")
-    assert said.startswith("made the workspace `my_robot` in my_robot/\n")
+    assert said.startswith("created the workspace `my_robot` in my_robot/\n")
     made = set(tree(here / "my_robot"))
     assert {
         ".github/workflows/check.yaml",
@@ -150,7 +150,7 @@ def test_the_result_as_json() -> None:
 def test_a_folder_whose_name_no_stack_can_have_is_misuse(here: Path, tree: Tree, name: str) -> None:
     fault = refused(name)
     assert isinstance(fault, MisuseError)
-    assert fault.message.startswith("the folder's name is the stack's: the name `")
+    assert fault.message.startswith("the folder's name becomes the stack's name: the name `")
     assert tree(here) == {}
 
 

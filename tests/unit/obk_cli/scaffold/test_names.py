@@ -54,7 +54,7 @@ def test_a_path_is_refused_as_a_path(name: str) -> None:
 def test_a_keyword_is_refused(name: str) -> None:
     problem = check_name(name, kind="controller", owner_of=no_owner)
     assert problem is not None
-    assert problem.sentence == f"the name `{name}` is a keyword of Python"
+    assert problem.sentence == f"the name `{name}` is a Python keyword"
     assert problem.help == f"try `{name}_controller`"
 
 
@@ -62,7 +62,7 @@ def test_a_keyword_is_refused(name: str) -> None:
 def test_a_name_that_workspaces_have_for_something_else_is_refused(name: str) -> None:
     problem = check_name(name, kind="controller", owner_of=no_owner)
     assert problem is not None
-    assert problem.sentence.endswith("stands for something else in workspaces and packages")
+    assert problem.sentence.endswith("has another meaning in workspaces and packages")
     assert problem.help == f"try `{name}_controller`"
 
 
@@ -75,7 +75,7 @@ def test_a_name_in_use_is_refused_with_its_owner() -> None:
 def test_a_name_that_is_too_long_is_refused() -> None:
     problem = check_name("a" * (LONGEST_NAME + 1), kind="controller", owner_of=no_owner)
     assert problem is not None
-    assert "has 41 characters; at most 40 were expected" in problem.sentence
+    assert "has 41 characters; expected at most 40" in problem.sentence
 
 
 @given(st.text(max_size=60))

@@ -30,7 +30,7 @@ def test_a_package_goes_into_src_of_the_workspace(
 ) -> None:
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
     said = obk_new("controller", "foo")
-    assert said.startswith("made the controller `foo`, package `foo`, in src/foo/\n")
+    assert said.startswith("created the controller `foo`, package `foo`, in src/foo/\n")
     assert said.endswith(
         "next:\n  python -m pytest src/foo/test/test_foo.py\n  obk launch CONFIG\n"
     )
@@ -107,7 +107,7 @@ def test_the_launcher_finds_the_executable_in_the_sources(workspace: Path) -> No
 
 def test_a_dry_run_shows_the_tree_and_makes_nothing(workspace: Path, tree: Tree) -> None:
     said = obk_new("controller", "foo", "--dry-run")
-    assert said.startswith("would make the controller `foo`")
+    assert said.startswith("would create the controller `foo`")
     assert "  create    foo/foo.py\n" in said
     assert tree(workspace) == {}
 
@@ -246,7 +246,7 @@ def test_a_dry_run_shows_what_is_in_the_way_and_fails(workspace: Path, tree: Tre
 
 def test_a_message_package_is_one_that_the_builder_takes(workspace: Path) -> None:
     said = obk_new("msgs", "my_msgs", "--srv")
-    assert said.startswith("made the message package `my_msgs` in src/my_msgs/\n")
+    assert said.startswith("created the message package `my_msgs` in src/my_msgs/\n")
     (package,) = discover([workspace / "src"])
     assert package.name == "my_msgs"
     assert {interface.file for interface in package.interfaces} == {

@@ -62,7 +62,7 @@ def test_a_config_joins_the_nodes_of_the_workspace(workspace: Path) -> None:
     )
     obk_new("sensor", "my_imu")
     assert obk_new("config", "stack").startswith(
-        "made the config `stack` in ./\n  create    stack.yaml\n\n"
+        "created the config `stack` in ./\n  create    stack.yaml\n\n"
     )
     outcome = compile_config("stack.yaml", Options(variables={}, working_folder=workspace))
     assert outcome.config is not None

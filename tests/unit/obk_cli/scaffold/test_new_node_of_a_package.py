@@ -26,7 +26,7 @@ def test_inside_a_package_a_node_is_added(
     before = tree(workspace / "src/foo")
     monkeypatch.chdir(workspace / "src/foo")
     said = obk_new("estimator", "second", "--sensor-msg", "ObkImu")
-    assert said.startswith("made the estimator `second`, package `foo`, in ./\n")
+    assert said.startswith("created the estimator `second`, package `foo`, in ./\n")
     after = tree(workspace / "src/foo")
     changed = {path for path in after if after[path] != before.get(path)}
     assert changed == {

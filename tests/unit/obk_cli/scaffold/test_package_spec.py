@@ -35,11 +35,10 @@ def test_every_wrong_answer_is_reported_at_once() -> None:
     )
     problems = check_request(request, owner_of=no_owner)
     assert isinstance(problems, tuple)
-    assert [p.sentence.partition(";")[0] for p in problems] == [
-        "the name `Foo` is not lower snake case",
-        "--ctrl-msg: there is no message type `PositionSetpont`",
-        "--est-msg: there is no message type `x/y`",
-    ]
+    name, ctrl, est = [problem.sentence for problem in problems]
+    assert "`Foo`" in name
+    assert ctrl.startswith("--ctrl-msg: ")
+    assert est.startswith("--est-msg: ")
     assert problems[1].help is not None
     assert problems[1].help.startswith("did you mean `PositionSetpoint`?")
 

@@ -137,7 +137,7 @@ def test_a_name_takes_along_what_it_needs_and_what_is_compiled_against_it(worksp
 def test_a_name_that_is_no_package_is_reported_with_near_ones(workspace: Path) -> None:
     with pytest.raises(MisuseError) as refused:
         choose(survey_workspace(workspace, ()), ["c_mgs"], present=())
-    assert refused.value.message == f"there is no message package `c_mgs` in {workspace}"
+    assert refused.value.message == f"no message package is called `c_mgs` in {workspace}"
     assert (refused.value.help or "").startswith("did you mean `c_msgs`")
 
 
