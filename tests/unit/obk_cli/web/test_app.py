@@ -309,7 +309,7 @@ def test_a_change_that_another_page_asks_for_is_not_carried_out() -> None:
 def test_without_a_stack_nothing_can_be_changed() -> None:
     behind = Behind(moments=[Snapshot()])
     answer = change({"transition": "activate", "node": "", **RUN}, behind)
-    assert (answer.status, answer.json["why"]) == (404, "no stack runs")
+    assert (answer.status, answer.json["why"]) == (404, "no stack is running")
 
 
 def test_a_yes_for_a_stack_that_has_ended_is_not_one_for_the_next() -> None:
