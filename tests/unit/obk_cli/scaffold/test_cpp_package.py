@@ -130,7 +130,7 @@ def text_of(files: dict[PurePosixPath, RenderedFile], path: str) -> str:
 
 
 def includes_of(files: dict[PurePosixPath, RenderedFile]) -> set[str]:
-    code = (f.content.decode() for f in files.values() if f.path.suffix in (".h", ".cpp"))
+    code = (f.content.decode() for f in files.values() if f.path.suffix == ".cpp")
     return {name for text in code for name in re.findall(r'#include "([^"]+)"', text)}
 
 
@@ -179,8 +179,7 @@ def test_the_names_agree_over_all_files(
     assert f"install(TARGETS {name} DESTINATION lib/${{PROJECT_NAME}})" in cmake
     for header in includes_of(files):
         top = header.split("/")[0]
-        own = PurePosixPath("include", header) in files
-        assert own or header.startswith("obelisk_") or top in depends, header
+        assert header.startswith("obelisk_") or top in depends, header
 
 
 @pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
@@ -194,9 +193,9 @@ def test_every_bracket_is_closed(
 
 
 def test_the_entry_is_as_obelisk_has_it(package: Package) -> None:
-    main = text_of(package("controller", "foo", language="cpp"), "src/main.cpp")
-    assert "obelisk::utils::SpinObelisk<foo::FooController, " in main
-    assert 'argc, argv, "foo");' in main
+    source = text_of(package("controller", "foo", language="cpp"), "src/foo.cpp")
+    assert "obelisk::utils::SpinObelisk<foo::FooController, " in source
+    assert 'argc, argv, "foo");' in source
 
 
 def test_an_estimator_reads_a_message_that_the_library_s_users_have(package: Package) -> None:
@@ -254,12 +253,11 @@ def test_a_compiler_takes_it(
     if COMPILER is None:  # what can be checked without one stands above
         return
     files = package(kind, name, language="cpp", release=release, **typed)
-    code = "".join(f.content.decode() for f in files.values() if f.path.suffix == ".h")
-    code += "".join(f.content.decode() for f in files.values() if f.path.suffix == ".cpp")
+    code = "".join(f.content.decode() for f in files.values() if f.path.suffix == ".cpp")
     messages = (header for header in includes_of(files) if "/msg/" in header)
     write(tmp_path / "messages", {header: message_stand_in(header, code) for header in messages})
     write(tmp_path / "package", {str(file.path): file.content for file in files.values()})
-    folders = (tmp_path / "package/include", tmp_path / "messages", stand_ins[release])
+    folders = (tmp_path / "messages", stand_ins[release])
     for source in (tmp_path / "package/src").iterdir():
         places = [option for folder in folders for option in ("-I", str(folder))]
         options = (*OPTIONS, "-Werror", "-fsyntax-only", *places, "-include", "standard.h")

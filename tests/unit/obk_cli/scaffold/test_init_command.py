@@ -264,6 +264,9 @@ def test_the_tests_of_the_workspace_pass_and_it_launches_at_once(
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
     obk_init("my_robot")
+    node_test = here / "my_robot/src/my_robot_controller/test/test_my_robot_controller.py"
+    with node_test.open("a") as file:
+        file.write("\n\nfrom my_robot_controller.my_robot_controller import main\n")
     run(here / "my_robot", "pytest", "-q", "-p", "no:cacheprovider")
     done = subprocess.run(
         [sys.executable, "-c", OBK, "launch", "my_robot.yaml", "--duration", "1"],
