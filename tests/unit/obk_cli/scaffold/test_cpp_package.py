@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from obelisk_spec.parameter_notes import parse_notes
 from obk_cli.scaffold.message_code import cpp_header
 from obk_cli.scaffold.package_spec import MessageType
 from obk_cli.scaffold.templates import RenderedFile
@@ -50,6 +51,9 @@ public:
     explicit ObeliskNode(const std::string&) {}
     virtual ~ObeliskNode() = default;
     std::shared_ptr<rclcpp::Clock> get_clock() { return std::make_shared<rclcpp::Clock>(); }
+    template <typename T, typename D>
+    T declare_parameter(const std::string&, const T& value, const D&) { return value; }
+    rclcpp::Parameter get_parameter(const std::string&) { return {}; }
 protected:
     template <typename T> std::shared_ptr<Publisher<T>> GetPublisher(const std::string&) {
         return std::make_shared<Publisher<T>>();
@@ -69,7 +73,12 @@ STAND_INS = {
     "rclcpp/rclcpp.hpp": """\
 #pragma once
 namespace rclcpp {
-struct Time { double seconds() const { return 0.0; } };
+struct Duration { double seconds() const { return 0.0; } };
+struct Time {
+    double seconds() const { return 0.0; }
+    Duration operator-(const Time&) const { return {}; }
+};
+struct Parameter { double as_double() const { return 0.0; } };
 struct Clock { Time now() { return {}; } };
 namespace executors { struct MultiThreadedExecutor {}; }
 }
@@ -114,6 +123,8 @@ template <typename N, typename E> void SpinObelisk(int, char**, const std::strin
 """,
 }
 FIELDS = {
+    "ParameterDescriptor": "std::string description, additional_constraints; "
+    "struct Range { double from_value, to_value; }; std::vector<Range> floating_point_range;",
     "PositionSetpoint": "Header header; std::vector<double> u_mujoco, q_des;",
     "PDFeedForward": "Header header; std::vector<double> u_mujoco;",
     "VelocityCommand": "Header header; double v_x, v_y, w_z;",
@@ -196,6 +207,18 @@ def test_the_entry_is_as_obelisk_has_it(package: Package) -> None:
     source = text_of(package("controller", "foo", language="cpp"), "src/foo.cpp")
     assert "obelisk::utils::SpinObelisk<foo::FooController, " in source
     assert 'argc, argv, "foo");' in source
+
+
+@pytest.mark.parametrize(("kind", "name"), [("controller", "amplitude"), ("estimator", "max_age")])
+def test_a_parameter_is_declared_once_and_read_in_each_callback(
+    package: Package, kind: str, name: str
+) -> None:
+    source = text_of(package(kind, "foo", language="cpp"), "src/foo.cpp")
+    declared, _, rest = source.partition("protected:")
+    assert declared.count(f'this->declare_parameter("{name}"') == 1
+    assert rest.count(f'this->get_parameter("{name}").as_double()') == 1
+    (notes,) = re.findall(r'additional_constraints =\s+"(.*)"', declared)
+    assert parse_notes(notes).is_live
 
 
 def test_an_estimator_reads_a_message_that_the_library_s_users_have(package: Package) -> None:
