@@ -33,6 +33,8 @@ class InstallSource:
     """`git+URL@COMMIT`."""
     archive: str = ""
     """URL of a wheel or a source distribution; a local file is `file:///...`."""
+    messages: str = ""
+    """URL of the archive of the compiled messages; empty: they have none of their own."""
 
     def pip_install(self, *extras: str) -> str:
         """Return a command for a POSIX shell that installs obk with these extras."""
@@ -48,10 +50,13 @@ class InstallSource:
             tool = f"{self.folder}{options}"
             return (*editable, tool, *([f"{self.folder / 'interfaces'}"] if has_ros else ()))
         if self.archive:
+            tool = f"{TOOL}{options} @ {self.archive}"
+            if has_ros and self.messages:
+                return (tool, f"{MESSAGES} @ {self.messages}")
             local = _local_path(self.archive)
             # The messages are released beside the tool, and need it to be built.
             find = ["--find-links", str(local.parent)] if local and has_ros else []
-            return (*find, f"{TOOL}{options} @ {self.archive}")
+            return (*find, tool)
         return (f"{TOOL}{options}",)
 
     def for_other_machines(self) -> "InstallSource":
@@ -71,7 +76,8 @@ class InstallSource:
     @property
     def is_local(self) -> bool:
         """Whether only this machine has it."""
-        return self.folder is not None or self.archive.startswith("file:")
+        places = (self.archive, self.messages, self.git.removeprefix("git+"))
+        return self.folder is not None or any(place.startswith("file:") for place in places)
 
 
 def install_command(*extras: str) -> str:
@@ -81,8 +87,13 @@ def install_command(*extras: str) -> str:
 
 def read_install_source() -> InstallSource:
     """Return where the running obk was installed from."""
+    source = _recorded(TOOL)
+    return replace(source, messages=_recorded(MESSAGES).archive) if source.archive else source
+
+
+def _recorded(distribution: str) -> InstallSource:
     try:
-        text = importlib.metadata.distribution(TOOL).read_text("direct_url.json")
+        text = importlib.metadata.distribution(distribution).read_text("direct_url.json")
     except importlib.metadata.PackageNotFoundError:
         text = None
     return parse_direct_url(json.loads(text)) if text else InstallSource()

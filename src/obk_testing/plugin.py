@@ -30,6 +30,8 @@ from obelisk_py.core.lockstep.interception import intercepted  # noqa: E402
 from obelisk_py.core.lockstep.scheduler import LockstepError  # noqa: E402
 from obk_cli.errors import CommandFailedError  # noqa: E402
 from obk_cli.plan.plan import Plan  # noqa: E402
+from obk_cli.workspace.overlay import import_from, overlay_prefixes  # noqa: E402
+from obk_cli.workspace.package_index import PackageIndex  # noqa: E402
 from obk_testing.kept_trials import (  # noqa: E402
     account_of,
     failure_reason,
@@ -174,8 +176,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Put simulated time in place."""
+    """Put simulated time in place, and let tests import the workspace's modules and messages."""
     _seeds(config)  # a wrong option ends the run here
+    _import_from_workspace(config.rootpath)
     # lark, which ROS's message packages import, still uses it.
     config.addinivalue_line(
         "filterwarnings",
@@ -192,6 +195,12 @@ def pytest_configure(config: pytest.Config) -> None:
     limit_s = config.getoption("time_limit")
     if limit_s is not None:
         config.pluginmanager.register(_TimeLimit(session.begin_s + limit_s), "obk_time_limit")
+
+
+def _import_from_workspace(folder: Path) -> None:
+    packages = PackageIndex.around(folder, folder, os.environ)
+    sys.path[:0] = [str(path) for path in packages.source_packages.values()]
+    import_from(overlay_prefixes(packages.workspaces))
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

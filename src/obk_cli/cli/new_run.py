@@ -19,6 +19,7 @@ from obk_cli.cli.new_target import (
     find_model,
     find_root,
     find_target,
+    has_test_settings,
     read_package_texts,
     require_suitable_package,
 )
@@ -308,8 +309,7 @@ def _compose(
     target: TargetFolder,
     stack: TestedStack | None,
 ) -> Composition:
-    layers = layers_of(spec)
-    templates = library.read(layers)
+    templates = library.read(layers_of(spec, has_settings=has_test_settings(root)))
     if spec.kind == "config":
         return compose_config(spec, templates, root)
     if target.package is None:

@@ -34,6 +34,7 @@ __all__ = [
     "find_model",
     "find_root",
     "find_target",
+    "has_test_settings",
     "read_package_texts",
     "require_suitable_package",
 ]
@@ -162,6 +163,20 @@ def require_suitable_package(target: TargetFolder, request: PackageRequest) -> N
             f"the package `{identity.name}` in this folder has no module `{module}`",
             help=f"create that file, or {_ELSEWHERE}",
         )
+
+
+_SETTINGS = ("pyproject.toml", "pytest.ini")
+_PLUGIN = "obk_testing.plugin"
+
+
+def has_test_settings(root: Path) -> bool:
+    """Whether the workspace around a package has settings with which its tests run.
+
+    Raises:
+        CommandFailedError: they are not UTF-8.
+    """
+    workspace = find_workspace(root.parent)
+    return any(_PLUGIN in read_text(workspace / name) for name in _SETTINGS)
 
 
 def read_package_texts(root: Path) -> PackageTexts:

@@ -14,8 +14,10 @@ from obk_cli.scaffold.kinds import (
     HOLD_LAYER,
     LONGEST_NAME,
     MODEL_LAYER,
+    NODE_KINDS,
     PACKAGE_OF_WORKSPACE_LAYERS,
     SERVICE_LAYER,
+    SETTINGS_LAYER,
     WORKSPACE_LAYER,
     Kind,
     Problem,
@@ -58,11 +60,17 @@ class Composition:
     edits: tuple[RenderedFile, ...] = ()
 
 
-def layers_of(spec: PackageSpec) -> tuple[str, ...]:
-    """The template folders that are to be read."""
+def layers_of(spec: PackageSpec, *, has_settings: bool = True) -> tuple[str, ...]:
+    """The template folders that are to be read.
+
+    `has_settings`: whether a folder above the package has settings for its tests and linters.
+    """
     recipe = recipe_of(spec.kind, spec.language)
     assert recipe is not None, "the spec has been checked"
-    return (*recipe.layers, SERVICE_LAYER) if spec.with_service else recipe.layers
+    service = (SERVICE_LAYER,) if spec.with_service else ()
+    is_python = spec.kind in NODE_KINDS and spec.language == "py"
+    settings = (SETTINGS_LAYER,) if is_python and not has_settings else ()
+    return (*recipe.layers, *service, *settings)
 
 
 def compose_package(
@@ -187,7 +195,7 @@ def compose_workspace(
         "is_local_source": source.is_local,
         **of_model,
     }
-    layers = [WORKSPACE_LAYER, MODEL_LAYER if robot else ARM_LAYER]
+    layers = [WORKSPACE_LAYER, SETTINGS_LAYER, MODEL_LAYER if robot else ARM_LAYER]
     files = [*render_templates(library.read(layers), variables)]
     for spec in packages:
         over = (HOLD_LAYER,) if robot and spec.kind == "controller" else ()

@@ -80,7 +80,7 @@ class NewFiles:
             return (f"colcon build --packages-select {spec.package}",)
         test = PurePath(self.folder, "test", f"test_{spec.node}.py")
         stack = self.added.config if self.added else "CONFIG"
-        # A new package loads the plugin by its pytest.ini; an existing one has its own.
+        # A new package or its workspace has settings that load the plugin; an existing one may not.
         is_new = all(decision.action is not Action.EDIT for decision in self.decisions)
         pytest = "python -m pytest" if is_new else "python -m pytest -p obk_testing.plugin"
         return (f"{self.programs}{pytest} {test}", f"{self.programs}obk launch {stack}")

@@ -23,6 +23,7 @@ __all__ = [
     "RECIPES",
     "SECTIONS",
     "SERVICE_LAYER",
+    "SETTINGS_LAYER",
     "WORKSPACE_LAYER",
     "Kind",
     "Language",
@@ -114,6 +115,9 @@ SECTIONS: Final = {
 SERVICE_LAYER: Final = "msgs_srv"
 """On top of `msgs` where a service is asked for."""
 
+SETTINGS_LAYER: Final = "settings"
+"""Of pytest, ruff and mypy: in a workspace, and in a Python package that is in none."""
+
 WORKSPACE_LAYER: Final = "workspace"
 """What `obk init` makes around its packages."""
 
@@ -124,8 +128,8 @@ MODEL_LAYER: Final = "workspace_model"
 """The stack around a given model."""
 
 PACKAGE_OF_WORKSPACE_LAYERS: Final[dict[Kind, tuple[str, ...]]] = {
-    "controller": ("package_py", "controller_py", "workspace_package", "workspace_controller"),
-    "estimator": ("package_py", "estimator_py", "workspace_package"),
+    "controller": ("package_py", "controller_py", "workspace_controller"),
+    "estimator": ("package_py", "estimator_py"),
 }
 """What its packages are made of."""
 
@@ -134,6 +138,7 @@ HOLD_LAYER: Final = "hold_controller"
 
 WORKSPACE_LAYERS: Final = (
     WORKSPACE_LAYER,
+    SETTINGS_LAYER,
     ARM_LAYER,
     MODEL_LAYER,
     *dict.fromkeys(layer for layers in PACKAGE_OF_WORKSPACE_LAYERS.values() for layer in layers),

@@ -238,7 +238,9 @@ _CPP_STAMP = "msg.header.stamp = this->get_clock()->now();"
 _CPP_STAMP_OF_SENSOR = "msg.header.stamp = sensor_msg_->header.stamp;"
 _CPP_UNKNOWN = ("// The other fields of msg are yours to fill.",)
 _CPP_TIME = "const double time_s = this->get_clock()->now().seconds();"
-_CPP_VELOCITY = (_CPP_TIME, "msg.v_x = std::sin(time_s);  // [m/s] your control law goes here")
+_CPP_AMPLITUDE = 'const double amplitude = this->get_parameter("amplitude").as_double();'
+_CPP_SINE = "amplitude * std::sin(time_s)"
+_CPP_VELOCITY = f"msg.v_x = {_CPP_SINE};  // [m/s] your control law goes here"
 _CPP_ESTIMATE = {
     (
         "obelisk_estimator_msgs/msg/EstimatedState",
@@ -268,10 +270,12 @@ def cpp_header(message: MessageType) -> str:
 def cpp_control(ctrl: MessageType, controls: int = 1) -> tuple[str, ...]:
     """How `ComputeControl` fills its message; `controls` are the model's actuators."""
     if is_position_control(ctrl):
-        law = f"msg.u_mujoco.assign({controls}, std::sin(time_s));  // your control law goes here"
-        return _cpp_stamped(ctrl, (_CPP_TIME, law))
-    is_velocity = ctrl.full == "obelisk_control_msgs/msg/VelocityCommand"
-    return _cpp_stamped(ctrl, _CPP_VELOCITY if is_velocity else _CPP_UNKNOWN)
+        law = f"msg.u_mujoco.assign({controls}, {_CPP_SINE});  // your control law goes here"
+    elif ctrl.full == "obelisk_control_msgs/msg/VelocityCommand":
+        law = _CPP_VELOCITY
+    else:
+        return _cpp_stamped(ctrl, _CPP_UNKNOWN)
+    return _cpp_stamped(ctrl, (_CPP_TIME, _CPP_AMPLITUDE, law))
 
 
 def cpp_estimate(est: MessageType, sensor: MessageType) -> tuple[str, ...]:

@@ -3,6 +3,8 @@
 Pure: facts of the model in; sensor groups, MJCF text and values of templates out.
 """
 
+import json
+import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.sensors import SENSOR_GROUPS
 from obelisk_spec.suggestions import with_number
+from obelisk_spec.yaml_core import core_scalar
 from obk_cli.scaffold.message_code import LINE_LENGTH
 
 __all__ = [
@@ -236,15 +239,17 @@ def model_variables(robot: RobotModel) -> dict[str, object]:
     hold = robot.hold
     return {
         "model_path": robot.path,
+        "model_path_yaml": _yaml(robot.path),
         "period": f"{robot.period_s:g}",
         "groups": tuple(_group_variables(group) for group in robot.groups),
         "keyframe": hold.keyframe,
+        "keyframe_yaml": _yaml(hold.keyframe),
         "is_torque": hold.is_torque,
         "ctrl_msg": "PDFeedForward" if hold.is_torque else "PositionSetpoint",
         "has_feedback": hold.has_feedback,
         "unit": _unit(hold.actuators),
         "controls": len(hold.actuators),
-        "joints": _python_tuple([f'"{a.joint}"' for a in hold.actuators], indent=0),
+        "joints": _python_tuple([_quoted(a.joint) for a in hold.actuators], indent=0),
         "lists": {name: _lists(hold, name) for name in ("pose", "setpoint", "kp", "kd")},
         "has_driven": bool(_poses(hold.actuators)),
         "test_pose": _python_tuple(
@@ -259,10 +264,24 @@ def _group_variables(group: ModelSensors) -> dict[str, object]:
     return {
         "topic": group.topic,
         "message": group.message,
-        "sensors": dict(group.sensors),
+        "sensors": {_yaml(name): kind for name, kind in group.sensors.items()},
         "is_read": group.message == "ObkJointEncoders",
         "ignored": ", ".join(group.ignored),
     }
+
+
+_PLAIN = re.compile(r"[A-Za-z_][\w./-]*", re.ASCII)
+
+
+def _yaml(text: str) -> str:
+    """A text as YAML writes it; MuJoCo allows any character in a name."""
+    is_plain = _PLAIN.fullmatch(text) and core_scalar(text) == text
+    return text if is_plain else _quoted(text)
+
+
+def _quoted(text: str) -> str:
+    """A text in the quotes of YAML and of Python."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _lists(hold: Hold, name: str) -> dict[str, str]:

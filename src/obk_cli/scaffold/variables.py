@@ -112,8 +112,7 @@ def config_snippet(spec: PackageSpec, topics: str = TOPICS_TO_FILL_IN) -> str:
 
 def _parameter_lines(spec: PackageSpec) -> tuple[str, ...]:
     """The parameters that the generated node declares."""
-    is_python_controller = spec.kind == "controller" and spec.language == "py"
-    if is_python_controller and control_code(spec.ctrl).uses_math:
+    if spec.kind == "controller" and control_code(spec.ctrl).uses_math:
         return ("  params:", "    amplitude: 1.0")
     return ()
 
@@ -159,8 +158,10 @@ def template_variables(
 
 def dependencies(spec: PackageSpec) -> tuple[str, ...]:
     """The ROS packages that the node needs, sorted."""
-    client = "rclpy" if spec.language == "py" else "rclcpp"
-    return tuple(sorted({client, *(message.package for message in spec.messages)}))
+    client = {"rclpy"} if spec.language == "py" else {"rclcpp"}
+    if spec.language == "cpp" and _has_parameter(spec):
+        client.add("rcl_interfaces")
+    return tuple(sorted({*client, *(message.package for message in spec.messages)}))
 
 
 def entry_point(spec: PackageSpec) -> str:
@@ -205,10 +206,16 @@ def _node_variables(spec: PackageSpec, topics: str) -> dict[str, object]:
             "est": cpp_type(spec.est),
             "sensor": cpp_type(spec.sensor),
         },
-        "cpp_headers": tuple(sorted({cpp_header(message) for message in spec.messages})),
+        "cpp_headers": _cpp_headers(spec),
         "cpp_control": cpp_control(spec.ctrl, spec.controls),
         "cpp_estimate": cpp_estimate(spec.est, spec.sensor),
     }
+
+
+def _cpp_headers(spec: PackageSpec) -> tuple[str, ...]:
+    descriptor = (MessageType(package="rcl_interfaces", name="ParameterDescriptor"),)
+    messages = (*spec.messages, *(descriptor if _has_parameter(spec) else ()))
+    return tuple(sorted({cpp_header(message) for message in messages}))
 
 
 def _import_variables(spec: PackageSpec) -> dict[str, object]:

@@ -5,9 +5,11 @@ workspace. The copy, with what the model lacks, is read once more before it is h
 """
 
 import os
+import shlex
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path, PurePosixPath
 from typing import Any
 from xml.etree import ElementTree
@@ -21,6 +23,7 @@ from obk_cli.scaffold.robot_model import RobotModel, sensor_groups, supplement
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.workspace.hold import find_hold
 from obk_cli.workspace.model_reader import import_mujoco, mjcf_files, read_model_bounded
+from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["ModelCopy", "copy_model"]
 
@@ -29,6 +32,8 @@ _FOLDER = PurePosixPath("model")
 _ASSETS = "assets"
 """The folder of the meshes of a URDF, below the model's."""
 _USUAL_PERIOD_S = 0.002
+_XACRO = "ros.org/wiki/xacro"
+"""In the namespace of xacro's elements."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,10 +56,13 @@ def copy_model(path: Path, stack: str) -> ModelCopy:
     """
     require_extra("mujoco", "sim")
     root = _parsed(path)
+    _refuse_xacro(path, root)
     with tempfile.TemporaryDirectory(prefix="obk-model-") as name:
         folder = Path(name)
-        is_urdf = root is not None and root.tag == "robot"
-        files, main = _from_urdf(path, root, folder) if is_urdf and root else _from_mjcf(path)
+        if root is not None and root.tag == "robot":
+            files, main = _from_urdf(path, root, folder)
+        else:
+            files, main = _from_mjcf(path)
         _write(folder, files)
         more = supplement(_read(folder / main, shown=_copy_of(path)).facts, main.name)
         if more is not None:
@@ -89,6 +97,14 @@ def _parsed(path: Path) -> ElementTree.Element | None:
         return None
 
 
+def _refuse_xacro(path: Path, root: ElementTree.Element | None) -> None:
+    if root is not None and any(_XACRO in element.tag for element in root.iter()):
+        raise CommandFailedError(
+            f"{path} is a xacro file, from which a URDF is made first",
+            help=f"xacro {shlex.quote(str(path))} > {path.name.partition('.')[0]}.urdf",
+        )
+
+
 def _copy_of(path: Path) -> str:
     return f"the copy of {path}"
 
@@ -98,23 +114,33 @@ def _read(path: Path, *, shown: str) -> ModelRead:
     fault = read if isinstance(read, ModelFault) else read.fault
     if fault is not None:
         place = f"{shown}:{fault.line}" if fault.line else shown
+        message = fault.message.replace(f"{path.absolute().parent}{os.sep}", "")
         raise CommandFailedError(
-            f"{place}: MuJoCo cannot read it as a model: {fault.message}",
-            help="an MJCF file (`<mujoco>`) or a URDF file (`<robot>`) was expected",
+            f"{place}: MuJoCo cannot read it as a model: {message}",
+            help=_help_for(fault.message, path),
         )
     assert isinstance(read, ModelRead)
-    _require_files(read.missing_files, shown, path.parent)
+    _require_files(read.missing_files, shown, f"from {path.parent}")
     return read
 
 
-def _require_files(missing: Sequence[str], shown: str, folder: Path) -> None:
+def _help_for(message: str, path: Path) -> str | None:
+    if "decoder" in message:
+        return "MuJoCo reads meshes in STL, OBJ and MSH, and textures in PNG: convert the file"
+    root = _parsed(path)
+    if root is not None and root.tag in ("mujoco", "robot"):
+        return None
+    return "an MJCF file (`<mujoco>`) or a URDF file (`<robot>`) was expected"
+
+
+def _require_files(missing: Sequence[str], shown: str, where: str) -> None:
     if not missing:
         return
     is_one = len(missing) == 1
     raise CommandFailedError(
         f"{shown}: {'a file' if is_one else f'{len(missing)} files'} of the model "
         f"{'is' if is_one else 'are'} missing: {list_names(missing, most=3)}",
-        help=f"they were looked for from {folder}; meshes of a clone may need `git lfs pull`",
+        help=f"they were looked for {where}; meshes of a clone may need `git lfs pull`",
     )
 
 
@@ -158,17 +184,23 @@ def _from_urdf(path: Path, root: ElementTree.Element, folder: Path) -> tuple[Fil
     compiler.set("meshdir", _ASSETS)
     compiler.set("strippath", "true")
     named = dict.fromkeys(mesh.get("filename", "") for mesh in root.iter("mesh"))
-    meshes = {name: _mesh_file(name, path, written_folder) for name in named}
+    packages = _packages_around(path)
+    meshes = {name: _mesh_file(name, path, written_folder, packages) for name in named}
+    copies = _copy_names(named)
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", copies[mesh.get("filename", "")])
     assets = {
-        PurePosixPath(_ASSETS, Path(name).name): _bytes(file)
-        for name, file in meshes.items()
-        if file
+        PurePosixPath(_ASSETS, copies[name]): _bytes(file) for name, file in meshes.items() if file
     }
     source = folder / path.name
     _write(folder, {**assets, PurePosixPath(path.name): ElementTree.tostring(root)})
     lost = [name for name in named if meshes[name] is None]
     wanted = {Path(file).name for file in _missing(source)}
-    _require_files([name for name in lost if Path(name).name in wanted], str(path), path.parent)
+    _require_files(
+        [name for name in lost if copies[name] in wanted],
+        str(path),
+        f"from {path.parent}, packages around it and on AMENT_PREFIX_PATH",
+    )
     read = _read(source, shown=str(path))
     used = {PurePosixPath(relative) for relative, _ in read.referenced_files}
     spec: Any = import_mujoco().MjSpec.from_file(str(source))
@@ -181,13 +213,30 @@ def _missing(path: Path) -> tuple[str, ...]:
     return read.missing_files if isinstance(read, ModelRead) else ()
 
 
-def _mesh_file(name: str, path: Path, folder: str) -> Path | None:
+def _copy_names(meshes: Iterable[str]) -> dict[str, str]:
+    """A mesh as the URDF names it -> its name in one folder, where meshes of packages meet."""
+    copies: dict[str, str] = {}
+    for name in meshes:
+        stem, suffix = Path(name).stem, Path(name).suffix
+        free = chain([f"{stem}{suffix}"], (f"{stem}_{number}{suffix}" for number in count(2)))
+        copies[name] = next(one for one in free if one not in copies.values())
+    return copies
+
+
+def _packages_around(path: Path) -> PackageIndex:
+    parents = path.resolve().parents
+    own = next((parent for parent in parents if (parent / "package.xml").is_file()), parents[0])
+    return PackageIndex.around(own, own, os.environ)
+
+
+def _mesh_file(name: str, path: Path, folder: str, packages: PackageIndex) -> Path | None:
     """The file of a URDF's mesh: in the package that it names, or from the URDF's folder."""
     scheme, _, rest = name.rpartition("://")
     if scheme == "package":
         package, _, rest = rest.partition("/")
         around = (parent for parent in path.resolve().parents if _is_package(parent, package))
-        places = tuple(parent / rest for parent in around)
+        share = packages.find_package_share(package)
+        places = tuple(parent / rest for parent in (*around, *([share] if share else [])))
     else:
         places = (path.parent / folder / Path(rest).name, path.parent / rest)
     return next((place for place in places if place.is_file()), None)

@@ -1,8 +1,11 @@
 """The command that installs obk from where the running one came from."""
 
+import importlib.metadata
+import json
 import shlex
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from packaging.requirements import Requirement
@@ -62,6 +65,29 @@ def test_the_messages_are_found_beside_a_wheel() -> None:
     assert find == ["--find-links", "/dist"]
     assert Requirement(requirement).url == wheel
     assert len(installed(source, "sim")) == 1
+
+
+@pytest.mark.parametrize("place", ["https://dist.invalid", "file:///dist"])
+def test_messages_of_an_archive_are_installed_from_theirs(
+    monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    urls = {"obelisk-cli": f"{place}/tool.whl", "obelisk-interfaces": f"{place}/messages.tar.gz"}
+    monkeypatch.setattr(
+        importlib.metadata,
+        "distribution",
+        lambda name: SimpleNamespace(
+            read_text=lambda _: json.dumps({"url": urls[name], "archive_info": {}})
+        ),
+    )
+    source = read_install_source()
+    requirements = map(Requirement, installed(source, "ros"))
+    assert {each.name: each.url for each in requirements} == urls
+    assert source.is_local == place.startswith("file:")
+
+
+def test_a_git_repository_of_this_machine_is_local() -> None:
+    record = {"url": "file:///clone", "vcs_info": {"vcs": "git", "commit_id": COMMIT}}
+    assert parse_direct_url(record).is_local
 
 
 def test_without_a_record_it_came_from_an_index() -> None:

@@ -29,8 +29,9 @@ def make_spec() -> Callable[..., PackageSpec]:
 
 @pytest.fixture
 def templates() -> Callable[[PackageSpec], tuple[Template, ...]]:
-    """The project's own templates for a spec."""
-    return lambda spec: TemplateLibrary(own=resource_folder("templates")).read(layers_of(spec))
+    """The project's own templates for a spec of a package that is in no workspace."""
+    library = TemplateLibrary(own=resource_folder("templates"))
+    return lambda spec: library.read(layers_of(spec, has_settings=False))
 
 
 @pytest.fixture

@@ -72,9 +72,9 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     printed_by(app, "controller", "foo")
     root = tmp_path / "foo"
-    (root / "README.md").write_text("mine\n")
-    (root / "setup.cfg").write_text("mine too\n")
-    (root / "ruff.toml").unlink()
+    (root / "package.xml").write_text("mine\n")
+    (root / "setup.py").write_text("mine too\n")
+    (root / "pyproject.toml").unlink()
     return root
 
 
@@ -92,11 +92,11 @@ def test_one_is_kept_and_one_is_replaced(root: Path, dialogue: Dialogue) -> None
     dialogue.answer("k")
     dialogue.answer("r")
     assert dialogue.end() == 0
-    assert (root / "README.md").read_text() == "mine\n"
-    assert "install_scripts" in (root / "setup.cfg").read_text()
-    assert (root / "ruff.toml").is_file()
-    assert b"keep      README.md" in dialogue.seen
-    assert b"replace   setup.cfg" in dialogue.seen
+    assert (root / "package.xml").read_text() == "mine\n"
+    assert "console_scripts" in (root / "setup.py").read_text()
+    assert (root / "pyproject.toml").is_file()
+    assert b"keep      package.xml" in dialogue.seen
+    assert b"replace   setup.py" in dialogue.seen
 
 
 def test_the_difference_is_shown_and_the_question_comes_again(
@@ -107,7 +107,7 @@ def test_the_difference_is_shown_and_the_question_comes_again(
     dialogue.answer("k")
     dialogue.answer("k")
     assert dialogue.end() == 0
-    assert b"-mine\r\n+# foo\r\n" in dialogue.seen
+    assert b"-mine\r\n+<?xml" in dialogue.seen
     assert b"expected k, r, d or q" in dialogue.seen
 
 
@@ -122,8 +122,8 @@ def test_whoever_leaves_leaves_everything_as_it_was(
     dialogue.answer("r")
     dialogue.answer(key)
     assert dialogue.end() == code
-    assert (root / "README.md").read_text() == "mine\n"
-    assert not (root / "ruff.toml").exists()
+    assert (root / "package.xml").read_text() == "mine\n"
+    assert not (root / "pyproject.toml").exists()
     assert b"Traceback" not in dialogue.seen
 
 

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from obelisk_spec.parameter_notes import parse_notes
 from obk_cli.scaffold.message_code import cpp_header
 from obk_cli.scaffold.package_spec import MessageType
 from obk_cli.scaffold.templates import RenderedFile
@@ -50,6 +51,9 @@ public:
     explicit ObeliskNode(const std::string&) {}
     virtual ~ObeliskNode() = default;
     std::shared_ptr<rclcpp::Clock> get_clock() { return std::make_shared<rclcpp::Clock>(); }
+    template <typename T, typename D>
+    T declare_parameter(const std::string&, const T& value, const D&) { return value; }
+    rclcpp::Parameter get_parameter(const std::string&) { return {}; }
 protected:
     template <typename T> std::shared_ptr<Publisher<T>> GetPublisher(const std::string&) {
         return std::make_shared<Publisher<T>>();
@@ -69,7 +73,12 @@ STAND_INS = {
     "rclcpp/rclcpp.hpp": """\
 #pragma once
 namespace rclcpp {
-struct Time { double seconds() const { return 0.0; } };
+struct Duration { double seconds() const { return 0.0; } };
+struct Time {
+    double seconds() const { return 0.0; }
+    Duration operator-(const Time&) const { return {}; }
+};
+struct Parameter { double as_double() const { return 0.0; } };
 struct Clock { Time now() { return {}; } };
 namespace executors { struct MultiThreadedExecutor {}; }
 }
@@ -114,6 +123,8 @@ template <typename N, typename E> void SpinObelisk(int, char**, const std::strin
 """,
 }
 FIELDS = {
+    "ParameterDescriptor": "std::string description, additional_constraints; "
+    "struct Range { double from_value, to_value; }; std::vector<Range> floating_point_range;",
     "PositionSetpoint": "Header header; std::vector<double> u_mujoco, q_des;",
     "PDFeedForward": "Header header; std::vector<double> u_mujoco;",
     "VelocityCommand": "Header header; double v_x, v_y, w_z;",
@@ -130,7 +141,7 @@ def text_of(files: dict[PurePosixPath, RenderedFile], path: str) -> str:
 
 
 def includes_of(files: dict[PurePosixPath, RenderedFile]) -> set[str]:
-    code = (f.content.decode() for f in files.values() if f.path.suffix in (".h", ".cpp"))
+    code = (f.content.decode() for f in files.values() if f.path.suffix == ".cpp")
     return {name for text in code for name in re.findall(r'#include "([^"]+)"', text)}
 
 
@@ -179,8 +190,7 @@ def test_the_names_agree_over_all_files(
     assert f"install(TARGETS {name} DESTINATION lib/${{PROJECT_NAME}})" in cmake
     for header in includes_of(files):
         top = header.split("/")[0]
-        own = PurePosixPath("include", header) in files
-        assert own or header.startswith("obelisk_") or top in depends, header
+        assert header.startswith("obelisk_") or top in depends, header
 
 
 @pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
@@ -194,9 +204,21 @@ def test_every_bracket_is_closed(
 
 
 def test_the_entry_is_as_obelisk_has_it(package: Package) -> None:
-    main = text_of(package("controller", "foo", language="cpp"), "src/main.cpp")
-    assert "obelisk::utils::SpinObelisk<foo::FooController, " in main
-    assert 'argc, argv, "foo");' in main
+    source = text_of(package("controller", "foo", language="cpp"), "src/foo.cpp")
+    assert "obelisk::utils::SpinObelisk<foo::FooController, " in source
+    assert 'argc, argv, "foo");' in source
+
+
+@pytest.mark.parametrize(("kind", "name"), [("controller", "amplitude"), ("estimator", "max_age")])
+def test_a_parameter_is_declared_once_and_read_in_each_callback(
+    package: Package, kind: str, name: str
+) -> None:
+    source = text_of(package(kind, "foo", language="cpp"), "src/foo.cpp")
+    declared, _, rest = source.partition("protected:")
+    assert declared.count(f'this->declare_parameter("{name}"') == 1
+    assert rest.count(f'this->get_parameter("{name}").as_double()') == 1
+    (notes,) = re.findall(r'additional_constraints =\s+"(.*)"', declared)
+    assert parse_notes(notes).is_live
 
 
 def test_an_estimator_reads_a_message_that_the_library_s_users_have(package: Package) -> None:
@@ -254,12 +276,11 @@ def test_a_compiler_takes_it(
     if COMPILER is None:  # what can be checked without one stands above
         return
     files = package(kind, name, language="cpp", release=release, **typed)
-    code = "".join(f.content.decode() for f in files.values() if f.path.suffix == ".h")
-    code += "".join(f.content.decode() for f in files.values() if f.path.suffix == ".cpp")
+    code = "".join(f.content.decode() for f in files.values() if f.path.suffix == ".cpp")
     messages = (header for header in includes_of(files) if "/msg/" in header)
     write(tmp_path / "messages", {header: message_stand_in(header, code) for header in messages})
     write(tmp_path / "package", {str(file.path): file.content for file in files.values()})
-    folders = (tmp_path / "package/include", tmp_path / "messages", stand_ins[release])
+    folders = (tmp_path / "messages", stand_ins[release])
     for source in (tmp_path / "package/src").iterdir():
         places = [option for folder in folders for option in ("-I", str(folder))]
         options = (*OPTIONS, "-Werror", "-fsyntax-only", *places, "-include", "standard.h")

@@ -93,7 +93,7 @@ def test_they_pass_mypy_by_their_own_rules(
             node.write("    node.get_logger().info('here')\n")
         roots.append(root)
     # The rules of a package name it, and are otherwise the same.
-    rules = {(root / "mypy.ini").read_text().replace(root.name, "foo") for root in roots}
+    rules = {(root / "pyproject.toml").read_text().replace(root.name, "foo") for root in roots}
     assert len(rules) == 1
     packages = [word for root in roots for word in ("--package", root.name)]
     run(

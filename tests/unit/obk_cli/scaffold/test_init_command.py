@@ -14,6 +14,7 @@ import typer
 from obk_cli.cli.init import command
 from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.install_source import InstallSource
 
 from .new_command import printed_by, refused_by
 
@@ -90,6 +91,28 @@ def test_its_config_is_valid_without_a_finding(here: Path) -> None:
     # The simulator's package is there only where the tool is installed.
     assert [fault for fault in found if "`obelisk_sim_py`" not in fault] == []
     assert outcome.config is not None
+
+
+@pytest.mark.parametrize(
+    ("source", "is_local"),
+    [
+        (InstallSource(git="git+https://git.invalid/obelisk.git@0123abc"), False),
+        (InstallSource(archive="file:///dist/obelisk_cli-0.1.0-py3-none-any.whl"), True),
+    ],
+)
+def test_every_file_installs_obk_from_where_it_came(
+    here: Path, tree: Tree, monkeypatch: pytest.MonkeyPatch, source: InstallSource, is_local: bool
+) -> None:
+    monkeypatch.setattr("obk_cli.cli.init.read_install_source", lambda: source)
+    obk_init("my_robot")
+    texts = {path: text.decode() for path, text in tree(here / "my_robot").items()}
+    install = source.pip_install("ros", "sim", "test")
+    places = {path for path, text in texts.items() if "obelisk-cli" in text}
+    assert places == {"README.md", ".github/workflows/check.yaml"}
+    for path in places:
+        assert texts[path].count("obelisk-cli") == install.count("obelisk-cli") == 1
+        assert install in texts[path]
+        assert ("only on the machine" in texts[path]) == is_local
 
 
 def test_the_same_again_changes_nothing(here: Path, tree: Tree) -> None:
@@ -264,6 +287,9 @@ def test_the_tests_of_the_workspace_pass_and_it_launches_at_once(
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
     obk_init("my_robot")
+    node_test = here / "my_robot/src/my_robot_controller/test/test_my_robot_controller.py"
+    with node_test.open("a") as file:
+        file.write("\n\nfrom my_robot_controller.my_robot_controller import main\n")
     run(here / "my_robot", "pytest", "-q", "-p", "no:cacheprovider")
     done = subprocess.run(
         [sys.executable, "-c", OBK, "launch", "my_robot.yaml", "--duration", "1"],

@@ -1,6 +1,7 @@
 """`obk init --model`: a workspace around a robot's model."""
 
 import json
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -93,6 +94,30 @@ def test_a_urdf_becomes_mjcf_with_motors_encoders_and_its_meshes(here: Path) -> 
     assert '<jointvel name="swing_vel" joint="swing"/>' in added
 
 
+def test_meshes_of_one_name_come_from_the_packages_around(here: Path) -> None:
+    urdf = package_with_urdf(here / "robots/pendulum")
+    collision = '<geometry><mesh filename="package://pendulum/meshes/rod.stl"/></geometry>'
+    other = collision.replace("package://pendulum", "package://hand")
+    urdf.write_text(PENDULUM_URDF.replace(collision, f"{other}</collision><collision>{collision}"))
+    package_with_urdf(here / "robots/hand")
+    (here / "robots/hand/package.xml").write_text("<package><name>hand</name></package>")
+    larger = TETRAHEDRON.replace(struct.pack("<f", 0.02), struct.pack("<f", 0.03))
+    (here / "robots/hand/meshes/rod.stl").write_bytes(larger)
+    obk_init("robot", "--model", str(urdf))
+    assets = here / "robot/model/assets"
+    assert {path.read_bytes() for path in assets.iterdir()} == {TETRAHEDRON, larger}
+    assert findings("robot/robot.yaml") == []
+
+
+def test_names_of_a_model_may_have_any_character(here: Path) -> None:
+    text = CART.replace('"turning"', '"a: [b] # &quot;c&quot;"')
+    for attribute in ("name", "joint"):
+        text = text.replace(f'{attribute}="slide"', f'{attribute}="\'&quot;1"')
+    (here / "given.xml").write_text(text)
+    obk_init("robot", "--model", "given.xml")
+    assert findings("robot/robot.yaml") == []
+
+
 def test_only_missing_encoders_are_added_and_names_stay_unique(here: Path) -> None:
     sensors = '<sensor><jointpos name="at" joint="hinge"/><gyro name="hinge_vel" site="imu"/>'
     (here / "given.xml").write_text(CART.replace("<sensor>", sensors))
@@ -139,6 +164,7 @@ def test_the_same_again_changes_nothing(here: Path, tree: Tree) -> None:
     assert tree(here) == before
 
 
+XACRO = '<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:property name="a" value="1"/></robot>'
 UNSTABLE = MIXED.replace('kv="0.2"', 'kv="1e6"')
 
 
@@ -153,6 +179,7 @@ UNSTABLE = MIXED.replace('kv="0.2"', 'kv="1e6"')
         (BOX.replace("../meshes", "/meshes"), "missing: `/meshes/box.stl`"),
         (UNSTABLE, "cannot be simulated: it diverges"),
         (PENDULUM_URDF, "missing: `package://pendulum/meshes/rod.stl`"),
+        (XACRO, "is a xacro file"),
     ],
 )
 def test_what_cannot_be_a_robot_is_refused_and_nothing_is_made(

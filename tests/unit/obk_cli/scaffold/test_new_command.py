@@ -130,7 +130,7 @@ def test_a_changed_file_is_never_lost_without_force(workspace: Path, tree: Tree)
     obk_new("controller", "foo")
     mine = workspace / "src/foo/foo/foo.py"
     mine.write_text("mine")
-    (workspace / "src/foo/README.md").unlink()
+    (workspace / "src/foo/package.xml").unlink()
     before = tree(workspace)
     fault = refused("controller", "foo")
     assert isinstance(fault, CommandFailedError)
@@ -235,11 +235,11 @@ def test_a_dry_run_shows_a_diff_that_patch_takes(
 
 def test_a_dry_run_shows_what_is_in_the_way_and_fails(workspace: Path, tree: Tree) -> None:
     obk_new("controller", "foo")
-    (workspace / "src/foo/README.md").write_text("mine\n")
+    (workspace / "src/foo/package.xml").write_text("mine\n")
     before = tree(workspace)
     result = CliRunner().invoke(app, ["controller", "foo", "--dry-run"])
     assert isinstance(result.exception, CommandFailedError)
-    assert "  conflict  README.md\n" in result.stdout
+    assert "  conflict  package.xml\n" in result.stdout
     assert "-mine\n" in result.stdout
     assert tree(workspace) == before
 
@@ -266,3 +266,15 @@ def test_without_srv_a_message_package_has_no_service(workspace: Path) -> None:
 @pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor", "msgs", "config"])
 def test_every_kind_shows_an_example(kind: str) -> None:
     assert f"Example: obk new {kind} my_" in obk_new(kind, "--help")
+
+
+@pytest.mark.parametrize("file", ["pyproject.toml", "pytest.ini"])
+def test_settings_stand_once_in_a_workspace_that_has_them(
+    workspace: Path, tree: Tree, file: str
+) -> None:
+    obk_new("controller", "alone")
+    (workspace / file).write_text("addopts = '-p obk_testing.plugin'\n")
+    obk_new("controller", "among_others")
+    made = tree(workspace / "src")
+    assert "alone/pyproject.toml" in made
+    assert "among_others/pyproject.toml" not in made

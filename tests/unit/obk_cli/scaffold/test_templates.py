@@ -28,22 +28,17 @@ def render_one(name: str, content: str, **variables: object) -> RenderedFile:
 def test_a_package_has_what_ament_python_asks_for(package: Package, kind: str) -> None:
     files = package(kind, "foo")
     assert {str(path) for path in files} == {
-        "README.md",
-        "conftest.py",
         "foo/__init__.py",
         "foo/foo.py",
         "package.xml",
+        "pyproject.toml",
         "resource/foo",
-        "mypy.ini",
-        "pytest.ini",
-        "ruff.toml",
-        "setup.cfg",
         "setup.py",
         "test/foo.yaml",
         "test/test_foo.py",
     }
     assert "<build_type>ament_python</build_type>" in text_of(files, "package.xml")
-    assert "install_scripts=$base/lib/foo" in text_of(files, "setup.cfg")
+    assert '"install_scripts": "$base/lib/" + package_name' in text_of(files, "setup.py")
     assert '"foo = foo.foo:main",' in text_of(files, "setup.py")
     assert text_of(files, "resource/foo") == ""
     assert all(file.mode == 0o644 for file in files.values())

@@ -35,11 +35,11 @@ def mine(tmp_path: Path) -> Path:
 
 
 def test_they_are_layered_over_the_tools_own(workspace: Path, mine: Path) -> None:
-    (mine / "package_py" / "ruff.toml").write_text("line-length = 79\n")
+    (mine / "package_py" / "setup.py").write_text("# mine\n")
     obk_new("controller", "foo", "--templates", str(mine))
     root = workspace / "src/foo"
     assert (root / "LICENSE").read_text() == "Licence of foo\n"
-    assert (root / "ruff.toml").read_text() == "line-length = 79\n"
+    assert (root / "setup.py").read_text() == "# mine\n"
     assert (root / "foo/foo.py").is_file()
 
 
