@@ -233,5 +233,5 @@ def test_parameters_are_tuned_by_sliders_and_fields_and_reset() -> None:
         # A list has a field; what another terminal sets is shown too.
         gains = page.get_by_label("control_0 kd", exact=True)
         assert page.get_by_label("control_0 kd slider").count() == 0
-        obk("param", "set", "control_0", "kd", "[6, 6, 6, 6, 6, 6]")
+        obk("param", "set", "control", "kd", "[6, 6, 6, 6, 6, 6]")
         seen(lambda: gains.input_value().startswith("[6.0, "), "the value of another terminal")
