@@ -51,7 +51,8 @@ TopicArgument = Annotated[
     str, typer.Argument(help="Topic name, or the end of it.", autocompletion=complete_topics)
 ]
 NodeArgument = Annotated[
-    str, typer.Argument(help="Node name, full or short.", autocompletion=complete_nodes)
+    str,
+    typer.Argument(help="Node name, full or short, or a section.", autocompletion=complete_nodes),
 ]
 RunArgument = Annotated[
     str,

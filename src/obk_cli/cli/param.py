@@ -52,7 +52,7 @@ app = typer.Typer(
 
 @app.callback(epilog="Example: obk param get robot_0 use_sim_time")
 def _root() -> None:
-    """Show and set parameters of running nodes. Short node names work too: control_0."""
+    """Show and set parameters of running nodes, by name (control_0) or by section (control)."""
 
 
 @app.command("list", epilog="Example: obk param list control_0")
@@ -60,7 +60,8 @@ def list_(
     node: Annotated[
         str | None,
         typer.Argument(
-            help="Node name, full or short. Default: all nodes.", autocompletion=complete_nodes
+            help="Node name, full or short, or a section. Default: all nodes.",
+            autocompletion=complete_nodes,
         ),
     ] = None,
     domain: DomainOption = None,

@@ -1,6 +1,7 @@
 """Find the topic, node or service that a name means in a ROS graph.
 
-A name may be full or the end of one. A run's plan helps to find it early.
+A name may be full or the end of one; of a node, also its section. A run's plan helps to find it
+early.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from obelisk_spec.suggestions import did_you_mean, list_names, near_names
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.graph import TopicInfo
+from obk_cli.runs.registry import section_of
 
 if TYPE_CHECKING:
     from obk_cli.introspect.graph_source import GraphSource
@@ -21,6 +23,7 @@ __all__ = [
     "find_service",
     "find_topic",
     "matching_names",
+    "matching_nodes",
     "resolve_one",
     "settle",
     "the_type",
@@ -48,6 +51,12 @@ def matching_names(name: str, known: Iterable[str]) -> tuple[str, ...]:
     return tuple(one for one in every if one.endswith((f"/{name}", f"/obelisk_{name}")))
 
 
+def matching_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    """The known nodes that a name may stand for, or those of the section of that name."""
+    every = tuple(known)
+    return matching_names(name, every) or tuple(one for one in every if section_of(one) == name)
+
+
 def resolve_one(kind: Kind, name: str, known: Collection[str], domain: int) -> str:
     """The one full name that is meant.
 
@@ -60,7 +69,7 @@ def resolve_one(kind: Kind, name: str, known: Collection[str], domain: int) -> s
     Raises:
         CommandFailedError: there is none, or there are several.
     """
-    fitting = matching_names(name, known)
+    fitting = _matching(kind)(name, known)
     if len(fitting) > 1:
         raise CommandFailedError(
             f"`{name}` is ambiguous", help=f"choose one of {list_names(fitting)}"
@@ -71,6 +80,10 @@ def resolve_one(kind: Kind, name: str, known: Collection[str], domain: int) -> s
             help=_near(name, sorted(known)),
         )
     return fitting[0]
+
+
+def _matching(kind: Kind) -> Callable[[str, Iterable[str]], tuple[str, ...]]:
+    return matching_nodes if kind == "node" else matching_names
 
 
 def _near(name: str, known: Collection[str]) -> str | None:
@@ -203,15 +216,16 @@ def _find(
     timeout_s: float,
     there: Callable[[], Collection[str]],
 ) -> str:
-    likely = matching_names(name, planned) or ((name,) if name.startswith("/") else ())
+    matching = _matching(kind)
+    likely = matching(name, planned) or ((name,) if name.startswith("/") else ())
     _require_nodes(source, target, timeout_s)
     if len(likely) != 1:
         settle(source, target, timeout_s)
-        likely = matching_names(name, there())
+        likely = matching(name, there())
     if not likely:
         # The nodes that are known to run were waited for; it may be one that is not.
         source.rest(min(target.no_nodes_s, FOREIGN_NODES_S))
-        likely = matching_names(name, there())
+        likely = matching(name, there())
     if len(likely) == 1:
         full = likely[0]
         if source.wait_for(lambda: is_there(full) or None, timeout_s):

@@ -4,7 +4,7 @@ import pytest
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.publishing import robots_commanded_by
-from obk_cli.introspect.resolve import matching_names, resolve_one
+from obk_cli.introspect.resolve import matching_names, matching_nodes, resolve_one
 from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.ros.graph import (
     End,
@@ -171,3 +171,31 @@ def test_a_topic_needs_dds_for_a_subscription_without_a_socket_and_for_late_join
     assert list(ends_that_need_dds(topic("transient_local", inside), sockets)) == [
         "/s offers transient_local"
     ]
+
+
+NODES = ("/arm/obelisk_control_0", "/obelisk_robot_0", "/obelisk_robot_1", "/estimation", "/talker")
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("control", ("/arm/obelisk_control_0",)),
+        ("robot", ("/obelisk_robot_0", "/obelisk_robot_1")),
+        ("robot_1", ("/obelisk_robot_1",)),
+        ("estimation", ("/estimation",)),
+        ("/control", ()),
+        ("sensing", ()),
+    ],
+)
+def test_a_section_means_its_nodes(name: str, expected: tuple[str, ...]) -> None:
+    assert matching_nodes(name, NODES) == expected
+
+
+def test_a_section_of_several_nodes_is_ambiguous_and_a_misspelt_one_suggests_its_node() -> None:
+    with pytest.raises(CommandFailedError, match="`robot` is ambiguous") as ambiguous:
+        resolve_one("node", "robot", NODES, 0)
+    assert "`/obelisk_robot_0`" in (ambiguous.value.help or "")
+    assert "`/obelisk_robot_1`" in (ambiguous.value.help or "")
+    with pytest.raises(CommandFailedError, match="no node `contrl`") as unknown:
+        resolve_one("node", "contrl", NODES, 0)
+    assert "`/arm/obelisk_control_0`" in (unknown.value.help or "")
