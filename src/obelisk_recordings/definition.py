@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import RecordingError
 
 __all__ = ["PRIMITIVES", "Field", "MessageDefinition", "parse_definition"]
 

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.definition import PRIMITIVES, Field, MessageDefinition
-from obelisk_recordings.errors import RecordingError
 
 __all__ = ["HEAD_BYTES", "Bytes", "Column", "MessageLayout", "layout_of"]
 

@@ -29,8 +29,7 @@ from obelisk_py.core.lockstep.scheduler import (
     ScheduledNode,
     TimingModel,
 )
-from obelisk_py.core.lockstep.simulator import StepEvents
-from obelisk_py.core.lockstep.surroundings import LockstepRun
+from obelisk_py.core.lockstep.surroundings import LockstepRun, StepEvents
 from obelisk_py.core.lockstep.topics import Topic
 from obelisk_py.core.messages import message_name
 from obelisk_py.core.robot import ObeliskSimRobot

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.policy_terms import TERMS, observation_size
+from obelisk_spec.policy import TERMS, observation_size
 from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import ModelRead, PolicyFault, PolicyRead

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mcap_ros2.writer import Writer
 
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.run import RecordedRun, open_run, topic_named
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.record.plot import FieldName, PlotPart, draw, parse_field, plot_parts

@@ -30,7 +30,7 @@ from obelisk_py.core.command_watchdog import LastingRejection
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.messages import optional_message
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
-from obelisk_py.core.parameters import Getter
+from obelisk_py.core.parameter_rules import Getter
 from obelisk_py.core.rate_monitor import REPORT_RATES, TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.sim.mujoco.control import ControlInbox, WhenStale, make_inbox
