@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from obelisk_recordings.bag import Bag, RecordingError
 from obelisk_recordings.chunks import TopicMessages, joined, messages_in_parts
-from obelisk_recordings.definition import MessageDefinition, parse_definition
 from obelisk_recordings.find import find_recording, folder_of_runs
+from obelisk_recordings.layout import MessageDefinition, parse_definition
 from obelisk_recordings.summary import read_attachments, read_bag
 from obelisk_recordings.topic import RecordedTopic
 from obelisk_spec.suggestions import did_you_mean, list_names

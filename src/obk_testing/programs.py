@@ -34,7 +34,7 @@ from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
 from obelisk_spec.values import ParameterValue
 from obk_cli.compiler import Options, compile_config
 from obk_cli.config.environment import Environment
-from obk_cli.config.hardware import refuse_hardware
+from obk_cli.config.model import refuse_hardware
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import find_executables, is_composable, ros_arguments

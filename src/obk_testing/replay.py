@@ -20,7 +20,7 @@ from obelisk_py.core.lockstep.interception import intercepted
 from obelisk_py.core.lockstep.scheduler import NS_PER_S, LockstepError
 from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.chunks import RecordedMessage, messages_in_order
-from obelisk_recordings.definition import MessageDefinition, parse_definition
+from obelisk_recordings.layout import MessageDefinition, parse_definition
 from obelisk_recordings.run import RecordedRun, open_run
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError
 from obk_cli.record.recorder import installed_definition, schema_text

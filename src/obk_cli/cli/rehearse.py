@@ -24,7 +24,7 @@ from obk_cli.cli.config_options import (
 )
 from obk_cli.cli.options import FormatOption, require_choice, wants_json
 from obk_cli.compiler import compile_config
-from obk_cli.config.hardware import refuse_hardware
+from obk_cli.config.model import refuse_hardware
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.faultinject.expectations import FAULTS, Case, Fault, make_cases
 from obk_cli.faultinject.verdict import Verdict

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from obk_cli.emit.dot import emit_dot
 from obk_cli.emit.graph import graph_of
+from obk_cli.emit.graphviz import emit_dot, emit_svg
 from obk_cli.emit.json import emit_graph_json, emit_plan
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.params import emit_params
-from obk_cli.emit.svg import emit_svg
 from obk_cli.plan.plan import Plan
 
 __all__ = ["FORMS", "Form"]

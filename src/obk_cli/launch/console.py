@@ -18,9 +18,8 @@ from typing import Final, Protocol, Self
 
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import ObkError
-from obk_cli.launch.event_lines import JsonReport, LaunchReport
+from obk_cli.launch.event_lines import Journal, JsonReport, LaunchReport
 from obk_cli.launch.events import OutputEvent, OutputLine
-from obk_cli.launch.journal import Journal
 from obk_cli.launch.process_groups import Unit
 from obk_cli.plan.plan import Plan
 from obk_cli.terminal import plain

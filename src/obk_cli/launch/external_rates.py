@@ -17,8 +17,8 @@ from obelisk_spec.runtime_protocol import TOLERANCE, USE_SIM_TIME, Rate
 from obk_cli.clock import monotonic_s
 from obk_cli.launch.events import OutputEvent, RatesReported, RatesUnreported
 from obk_cli.plan.plan import Process, Promise
+from obk_cli.ros.meters import RosMeter, TopicRate
 from obk_cli.ros.participant import RosParticipant
-from obk_cli.ros.rate_meter import RosMeter, TopicRate
 from obk_cli.ros.simulated_clock import SimulatedClock, follow_clock
 from obk_cli.ros.types import raw_type
 

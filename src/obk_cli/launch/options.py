@@ -223,8 +223,7 @@ def _settings(path: Path, arguments: RenderArguments) -> VideoSettings:
 
 
 def _check_camera(model: str, camera: str) -> None:
-    from obk_cli.workspace.model_cache import cache_folder, read_model_once
-    from obk_cli.workspace.model_reader import has_mujoco
+    from obk_cli.workspace.model_reader import cache_folder, has_mujoco, read_model_once
 
     if not has_mujoco():
         return

@@ -28,7 +28,7 @@ from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.parameters import Tuner, parameter_data
 from obk_cli.monitor.table import monitor_data
-from obk_cli.process.interrupt import until_interrupt
+from obk_cli.process.signals import until_interrupt
 from obk_cli.ros.types import fields_of, short_type
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, change_data

@@ -6,11 +6,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from obk_cli.emit.dot import emit_dot
 from obk_cli.emit.graph import graph_of
+from obk_cli.emit.graphviz import emit_dot, emit_svg
 from obk_cli.emit.json import emit_graph_json
 from obk_cli.emit.mermaid import emit_mermaid
-from obk_cli.emit.svg import emit_svg
 from obk_cli.emit.terminal import emit_terminal
 from obk_cli.errors import CommandFailedError
 from obk_cli.install_source import install_command
@@ -86,7 +85,7 @@ def test_without_graphviz_a_picture_names_the_extra(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_graphviz_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("obk_cli.emit.svg.emit_dot", lambda *_, **__: "digraph {")
+    monkeypatch.setattr("obk_cli.emit.graphviz.emit_dot", lambda *_, **__: "digraph {")
     with pytest.raises(CommandFailedError, match="Graphviz"):
         emit_svg(GRAPH)
 

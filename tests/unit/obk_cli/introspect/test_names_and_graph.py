@@ -17,7 +17,7 @@ from obk_cli.ros.graph import (
     special_services,
     visible,
 )
-from obk_cli.ros.latency import stamp_getter
+from obk_cli.ros.meters import stamp_getter
 from obk_cli.ros.raw_subscription import OfferedQos
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

@@ -23,7 +23,7 @@ from obk_cli.launch.events import (
 )
 from obk_cli.launch.external_rates import external_rate
 from obk_cli.plan.plan import Origin, Plan, Promise
-from obk_cli.ros.rate_meter import TopicRate
+from obk_cli.ros.meters import TopicRate
 from obk_cli.runs.protocol import StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, rates

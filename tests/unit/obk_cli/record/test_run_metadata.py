@@ -10,8 +10,15 @@ from pathlib import Path
 
 from obk_cli.emit.json import emit_plan
 from obk_cli.plan.plan import Endpoint, Plan, PlannedSensorGroup
-from obk_cli.record.recorder_job import RecorderJob, RecordRequest, job_from_json, job_to_json
-from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
+from obk_cli.record.recorder_job import (
+    RecorderJob,
+    RecordRequest,
+    RunMetadata,
+    file_name,
+    job_from_json,
+    job_to_json,
+    run_metadata_of,
+)
 from obk_cli.runs.folder import plan_of_run, topics_of_run
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
