@@ -24,7 +24,7 @@ from obelisk_py.core.intra_process import MessageBuffer
 from obelisk_py.core.local_sender import LocalSender, SubscriptionEndpoint
 from obelisk_py.core.serialization.codec import codec_for
 from obelisk_spec.local_transport.dds_reader import Sample
-from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.local_transport.sockets import SocketFolder
 
 PUBLISHER = bytes(range(16))
 DEPTH = 10_000

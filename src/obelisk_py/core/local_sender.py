@@ -30,14 +30,15 @@ from rclpy.logging import get_logger
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from obelisk_spec.local_transport.dds_reader import GID_BYTES, participant_of, publisher_gid
-from obelisk_spec.local_transport.folder import SocketFolder, peer_process
-from obelisk_spec.local_transport.packets import (
+from obelisk_spec.local_transport.sockets import (
     CONFIRMATION,
     LARGEST_MESSAGE,
     Greeting,
+    SocketFolder,
     new_page,
     packed_number,
     packed_stamp,
+    peer_process,
 )
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 

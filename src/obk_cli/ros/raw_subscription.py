@@ -16,9 +16,8 @@ from functools import partial
 from typing import Any, Final
 
 from obelisk_spec.local_transport.dds_reader import DdsReader, Sample
-from obelisk_spec.local_transport.folder import SocketFolder
 from obelisk_spec.local_transport.inbox import Connection, PublisherInbox
-from obelisk_spec.local_transport.packets import STAMP_BYTES, stamp_of
+from obelisk_spec.local_transport.sockets import STAMP_BYTES, SocketFolder, stamp_of
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 from obelisk_spec.suggestions import with_number
 from obk_cli.errors import CommandFailedError

@@ -19,8 +19,8 @@ from obelisk_py.core.executor.worker import ReadyCallback, Worker
 from obelisk_py.core.intra_process import MessageBuffer
 from obelisk_py.core.local_sender import socket_folder, subscriptions_of
 from obelisk_spec.local_transport.dds_reader import DdsReader, participant_of, publisher_gid
-from obelisk_spec.local_transport.folder import SocketFolder
 from obelisk_spec.local_transport.inbox import Connection, PublisherInbox
+from obelisk_spec.local_transport.sockets import SocketFolder
 
 __all__ = ["LocalReceiver", "open_receiver"]
 

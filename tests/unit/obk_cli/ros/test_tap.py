@@ -7,8 +7,7 @@ from unittest.mock import MagicMock
 import pytest
 
 from obelisk_spec.local_transport.dds_reader import Sample
-from obelisk_spec.local_transport.folder import SocketFolder
-from obelisk_spec.local_transport.packets import Greeting, packed_stamp
+from obelisk_spec.local_transport.sockets import Greeting, SocketFolder, packed_stamp
 from obk_cli.ros import raw_subscription
 from obk_cli.ros.raw_subscription import DropCounter, Tap
 

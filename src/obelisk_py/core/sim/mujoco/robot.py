@@ -53,8 +53,8 @@ from obelisk_py.core.sim.mujoco.sim_config import (
 )
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
+from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import Stepper, StepReport, TimedOutput
-from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.processes import (
     PARAMETERS,
     requested_viewers,
