@@ -64,7 +64,7 @@ def replay(request: ReplayRequest) -> Iterator[str]:
     shift_ns = 0 if run.is_lockstep else _first_ns(run, request.inputs)
     stack = load_stack(Path(request.config), request.overrides, without=request.without)
     try:
-        names = {node.process.full_name for node in stack.nodes}
+        names = {node.planned.full_name for node in stack.nodes}
         schedule, notes = _schedule(run, names)
         yield from notes
         seed = int(run.metadata.get("obelisk", {}).get("seed", "0")) if run.is_lockstep else 0

@@ -119,7 +119,7 @@ def _faults(text: str) -> tuple[Fault, ...]:
 
 def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
     """Full names of the chosen nodes."""
-    known = [process.full_name for process in plan.processes]
+    known = [node.full_name for node in plan.nodes]
     selected: set[str] = set()
     for name in names:
         found = select_nodes(name, known)
@@ -134,7 +134,7 @@ def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
 
 def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
     """The processes that a launch makes of the plan."""
-    devices = {process.device for process in plan.processes}
+    devices = {node.device for node in plan.nodes}
     if not is_composed:
         return units_of(plan, devices=devices)
 
@@ -143,7 +143,7 @@ def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
 
     folder = Path(config).resolve().parent
     packages = PackageIndex.around(folder, Path.cwd(), dict(os.environ))
-    together = composable(plan.processes, find_executables(plan.processes, packages))
+    together = composable(plan.nodes, find_executables(plan.nodes, packages))
     return units_of(plan, devices=devices, together=together)
 
 

@@ -28,7 +28,7 @@ class Form:
 FORMS: Final[Mapping[str, Form]] = MappingProxyType(
     {
         "plan": Form(emit_plan, ".plan.json"),
-        "params": Form(lambda plan: emit_params(plan.processes), ".params.yaml"),
+        "params": Form(lambda plan: emit_params(plan.nodes), ".params.yaml"),
         "launch": Form(emit_launch_file, ".launch.py"),
         "mermaid": Form(lambda plan: emit_mermaid(graph_of(plan)), ".mmd"),
         "dot": Form(lambda plan: emit_dot(graph_of(plan)), ".dot"),

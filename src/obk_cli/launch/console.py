@@ -386,7 +386,7 @@ class Console:
         """The formatter for a run; starts a status area if the screen takes one."""
         if self._json is not None:
             return self._json
-        names = (node.full_name for node in plan.processes)
+        names = (node.full_name for node in plan.nodes)
         report = LaunchReport(names, colour=self._colour, quiet=self._quiet)
         if not self._takes_status:
             return report

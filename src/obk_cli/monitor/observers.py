@@ -60,7 +60,7 @@ class LocalObserver:
         self._factors = RealtimeFactors(simulated, self._ask_factor)
         for node in simulated:
             self._watch.watch_realtime_factor(rtf_topic(node))
-        if any(process.parameters.get(USE_SIM_TIME) for process in self._plan.processes):
+        if any(process.parameters.get(USE_SIM_TIME) for process in self._plan.nodes):
             self._watch.watch_clock()
         if simulated:
             self._watch.watch_parameter_events(self._factors.take_event)

@@ -105,6 +105,6 @@ def live_picture(plan: Plan) -> str:
     The page then has no panel for it: everything else on it still works.
     """
     try:
-        return emit_svg(graph_of(plan), is_live=True) if plan.processes else ""
+        return emit_svg(graph_of(plan), is_live=True) if plan.nodes else ""
     except CommandFailedError:
         return ""

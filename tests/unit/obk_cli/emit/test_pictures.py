@@ -133,7 +133,7 @@ def test_the_json_graph_names_each_edge() -> None:
 def test_any_letter_gives_a_picture(letter: str) -> None:
     end = Endpoint(topic=f"/t{letter}", msg_type=f"a/msg/T{letter}")
     strange = node("robot", publishes=(end,), package=f"p{letter}", device=f"d{letter}")
-    graph = graph_of(Plan(name=f"n{letter}", processes=(strange,)))
+    graph = graph_of(Plan(name=f"n{letter}", nodes=(strange,)))
     ElementTree.fromstring(emit_svg(graph).encode())
     for text in (emit_mermaid(graph), emit_dot(graph), emit_terminal(graph)):
         assert not re.search("[\x00-\x09\x0b-\x1f]", text)
@@ -148,7 +148,7 @@ def test_any_letter_gives_a_picture(letter: str) -> None:
 
 
 def test_a_plan_without_topics_has_pictures() -> None:
-    graph = graph_of(Plan(name="x", processes=(node("robot"),)))
+    graph = graph_of(Plan(name="x", nodes=(node("robot"),)))
     ElementTree.fromstring(emit_svg(graph))
     assert "obelisk_robot_0" in emit_terminal(graph)
 
@@ -156,7 +156,7 @@ def test_a_plan_without_topics_has_pictures() -> None:
 def test_the_drawing_for_the_terminal_word_for_word() -> None:
     plan = Plan(
         name="arm",
-        processes=(
+        nodes=(
             node("robot", says=("/q",), hears=("/u",)),
             node("control", says=("/u", "/debug"), hears=("/q",)),
         ),
