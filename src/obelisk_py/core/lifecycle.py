@@ -36,7 +36,7 @@ from obelisk_py.core.faults import (
     guard_service,
     wrong_answer,
 )
-from obelisk_py.core.parameter import LiveParameters
+from obelisk_py.core.live_parameters import LiveParameters
 from obelisk_py.core.parameter_rules import (
     SETTING_SERVICES,
     GuardedCheck,

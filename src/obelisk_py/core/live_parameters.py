@@ -1,0 +1,223 @@
+"""`LiveParameters`: puts new values of a node's `Parameter`s in effect between two callbacks.
+
+A callback notes that it runs, and a change waits until none does. Then all values that wait are set
+at once, and `on_parameters` is called before the next callback. A node whose executor has several
+threads may never be without a callback. So a callback that starts while a change waits waits,
+for no longer than it took itself the last time: a fast loop is never held up by a slow callback.
+"""
+
+import functools
+import inspect
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from rclpy.parameter import Parameter as RosParameter
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.parameter import Parameter, parameters_of
+
+__all__ = ["IN_EFFECT", "LiveParameters"]
+
+IN_EFFECT: Final = "in effect"
+STORED: Final = "stored; takes effect at the next configure"
+WAITS: Final = "accepted; takes effect when no callback of the node is running"
+"""Reasons that the node gives for a success, word for word, for tools to show."""
+_CONFIGURED: Final = ("inactive", "active")
+
+
+class LiveParameters:
+    """The values of a node's parameters, and the callbacks that use them."""
+
+    def __init__(self, node: Any) -> None:
+        """Take the parameters of the node's class; `declare` sets the first values.
+
+        Args:
+            node: a `GuardedLifecycleNode`, which rclpy may not have made yet.
+        """
+        self._node = node
+        self._declared: dict[str, Parameter[Any]] = parameters_of(type(node))
+        self._running: dict[object, float] = {}
+        """The callbacks that run, and since when if that is measured [s]. The keys are thread
+        identifiers, and an object for each coroutine: while it is suspended, others run."""
+        self._changing = threading.Condition(threading.RLock())
+        # Read without the lock: a callback notes that it runs before it reads this, and a change is
+        # noted here before it is checked what runs.
+        self._is_waiting = False
+        self._is_applying = False
+        self._waiting: dict[str, Any] = {}
+        self._for_configure: dict[str, Any] = {}
+
+    def declare(self) -> None:
+        """Declare the ROS parameters, and give the attributes the values of the config.
+
+        Raises:
+            ObeliskConfigError: the config's value is of another type or beyond the limits.
+        """
+        node = self._node
+        for name, parameter in self._declared.items():
+            first = default = parameter.to_ros()
+            given = node._parameter_overrides.get(name)
+            if given is not None:
+                first = node._parameter_overrides[name] = parameter.fit(given)
+                fault = parameter.fault(first)
+                if fault is not None:
+                    raise ObeliskConfigError(fault)
+            declared = node.declare_parameter(name, default.value, parameter.descriptor(first))
+            vars(node)[name] = parameter.value(declared)
+        if self._declared:
+            node.add_post_set_parameters_callback(self._note)
+
+    def fitted(self, message: Any) -> Any:
+        """A requested parameter as its type has it: an integer is a number for a float."""
+        parameter = self._declared.get(message.name)
+        if parameter is None:
+            return message
+        return parameter.fit(RosParameter.from_parameter_msg(message)).to_parameter_msg()
+
+    def fault(self, requested: RosParameter) -> str | None:
+        """Why a requested value is invalid; None if it is valid, or not of these parameters."""
+        parameter = self._declared.get(requested.name)
+        return None if parameter is None else parameter.fault(requested)
+
+    def effect(self, name: str) -> str:
+        """Whether the newest value of a parameter is in use; empty if it is none of these."""
+        if name not in self._declared:
+            return ""
+        with self._changing:
+            if name in self._for_configure:
+                return STORED
+            return WAITS if name in self._waiting else IN_EFFECT
+
+    def configure(self) -> None:
+        """Use the values that were stored for this configure."""
+        with self._changing:
+            vars(self._node).update(self._for_configure)
+            self._for_configure.clear()
+
+    def around(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Wrap a callback: values change before or after it, not while it runs."""
+        if not self._declared:
+            return callback
+        running, thread_id = self._running, threading.get_ident
+        took_s = [0.0]
+
+        @functools.wraps(callback)
+        async def wait(*args: Any) -> Any:
+            key = object()
+            running[key] = 0.0
+            if self._is_waiting:
+                self._give_way(key, took_s[0])
+            try:
+                return await callback(*args)
+            finally:
+                since_s = running.pop(key)
+                if self._is_waiting:
+                    self._end(since_s, took_s)
+
+        @functools.wraps(callback)
+        def call(*args: Any) -> Any:
+            key = thread_id()
+            if key in running:  # within another callback
+                return callback(*args)
+            running[key] = 0.0
+            if self._is_waiting:
+                self._give_way(key, took_s[0])
+            try:
+                return callback(*args)
+            finally:
+                since_s = running.pop(key)
+                if self._is_waiting:
+                    self._end(since_s, took_s)
+
+        return wait if inspect.iscoroutinefunction(callback) else call
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """While entered, no value changes; those that wait then change together."""
+        key = threading.get_ident()
+        if not self._declared or key in self._running:
+            yield
+            return
+        self._running[key] = 0.0
+        if self._is_waiting:
+            self._give_way(key, 0.0)
+        try:
+            yield
+        finally:
+            since_s = self._running.pop(key)
+            if self._is_waiting:
+                self._end(since_s, [0.0])
+
+    def _note(self, parameters: Iterable[RosParameter]) -> None:
+        """Take values that rclpy has accepted."""
+        with self._changing:
+            for given in parameters:
+                parameter = self._declared.get(given.name)
+                if parameter is None:
+                    continue
+                value = parameter.value(given)
+                if parameter.notes.is_live:
+                    self._waiting[given.name] = value
+                    self._is_waiting = True
+                elif value != vars(self._node)[given.name]:
+                    self._for_configure[given.name] = value
+                else:
+                    self._for_configure.pop(given.name, None)
+
+    def _give_way(self, key: object, longest_s: float) -> None:
+        """Let a change happen before a callback that has noted that it runs.
+
+        Args:
+            key: of the callback in `_running`.
+            longest_s: do not wait for other callbacks beyond this [s].
+        """
+        with self._changing:
+            del self._running[key]
+            end_s = time.monotonic() + longest_s
+            self._apply()
+            # A coroutine may need this very thread to go on, so no callback waits for one.
+            while any(isinstance(other, int) for other in self._running):
+                left_s = end_s - time.monotonic()
+                if not self._is_waiting or left_s <= 0:
+                    break
+                self._changing.wait(left_s)
+                self._apply()
+            self._running[key] = time.monotonic()
+
+    def _end(self, since_s: float, took_s: list[float]) -> None:
+        """Let a change happen after a callback, and note how long that took."""
+        if since_s:
+            took_s[0] = time.monotonic() - since_s
+        with self._changing:
+            self._apply()
+            self._changing.notify_all()
+
+    def _apply(self) -> None:
+        """Put what waits in effect, unless a callback runs; the caller holds the lock."""
+        if self._running or self._is_applying:
+            return
+        self._is_applying = True
+        try:
+            while self._waiting:
+                values, self._waiting = self._waiting, {}
+                present = vars(self._node)
+                changed = {n: value for n, value in values.items() if value != present[n]}
+                present.update(changed)
+                if changed:
+                    self._report(frozenset(changed))
+        finally:
+            self._is_waiting = bool(self._waiting)
+            self._is_applying = False
+            self._changing.notify_all()
+
+    def _report(self, changed: frozenset[str]) -> None:
+        node = self._node
+        if node.state_label not in _CONFIGURED or node.is_failing():
+            return
+        try:
+            node.on_parameters(changed)
+        except Exception as error:
+            node.fail(error, "on_parameters")
