@@ -24,8 +24,8 @@ import psutil
 
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_times import MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import Stepper, TimedOutput
-from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.video import video_outputs
 from obelisk_spec.video import VideoSettings, read_video
 

@@ -47,8 +47,8 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
 from obelisk_py.core.sim.mujoco.outputs import OutputContext, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, MonotonicClock, Pace
 from obelisk_py.core.sim.mujoco.stepper import Stepper
-from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace
 from obelisk_spec.components import format_setting
 from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.ros.environment import free_domain

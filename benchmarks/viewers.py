@@ -29,8 +29,8 @@ import psutil
 
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_times import MonotonicClock, Pace
 from obelisk_py.core.sim.mujoco.stepper import Stepper
-from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace
 from obelisk_py.core.sim.mujoco.viewers.processes import ViewerRequest, viewer_outputs
 
 Result = dict[str, Any]

@@ -39,7 +39,7 @@ from rich.text import Text
 from obk_cli.compiler import Options, compile_config, compile_source
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.emit.graph import graph_of
-from obk_cli.emit.svg import emit_svg
+from obk_cli.emit.graphviz import emit_svg
 from obk_cli.report import report_text, summary
 
 __all__ = ["PICTURES", "generated_files", "main", "terminal", "without_fonts"]

@@ -1,13 +1,25 @@
-"""A recording as a value; needs no library: `summary` reads it."""
+"""A recording as a value, and the error of one that cannot be read; needs no library."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-__all__ = ["DROPS", "Bag", "BagTopic"]
+__all__ = ["DROPS", "Bag", "BagTopic", "RecordingError"]
+
 
 DROPS: Final = "obelisk_drops"
 """The metadata record with the number of dropped messages by topic."""
+
+
+class RecordingError(LookupError):
+    """A recording cannot be read, or has no such topic or field; the message is for the user."""
+
+    exit_code = 1
+
+    def __init__(self, message: str, *, help: str | None = None) -> None:
+        super().__init__(f"{message}: {help}" if help else message)
+        self.message = message
+        self.help = help
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

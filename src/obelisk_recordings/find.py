@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import RecordingError
 from obelisk_spec.suggestions import did_you_mean
 
 __all__ = ["RECORDING", "config_of", "find_recording", "folder_of_runs", "run_folders"]

@@ -7,11 +7,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from obelisk_recordings.bag import Bag
+from obelisk_recordings.bag import Bag, RecordingError
 from obelisk_recordings.chunks import TopicMessages, joined, messages_in_parts
-from obelisk_recordings.definition import MessageDefinition, parse_definition
-from obelisk_recordings.errors import RecordingError
 from obelisk_recordings.find import find_recording, folder_of_runs
+from obelisk_recordings.layout import MessageDefinition, parse_definition
 from obelisk_recordings.summary import read_attachments, read_bag
 from obelisk_recordings.topic import RecordedTopic
 from obelisk_spec.suggestions import did_you_mean, list_names

@@ -18,8 +18,7 @@ from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
-from obelisk_recordings.bag import DROPS, Bag, BagTopic
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import DROPS, Bag, BagTopic, RecordingError
 
 __all__ = [
     "LONGEST_RECORD",

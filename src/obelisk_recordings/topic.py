@@ -8,10 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.chunks import TopicMessages
-from obelisk_recordings.definition import parse_definition
-from obelisk_recordings.errors import RecordingError
-from obelisk_recordings.layout import Bytes, MessageLayout, layout_of
+from obelisk_recordings.layout import Bytes, MessageLayout, layout_of, parse_definition
 from obelisk_spec.suggestions import did_you_mean, list_names
 
 __all__ = ["Array", "MessageTable", "RecordedField", "RecordedSignal", "RecordedTopic"]

@@ -18,16 +18,19 @@ from typing import Literal, TypeAlias
 from obk_interfaces.definition import check_package
 from obk_interfaces.errors import CommandError, DefinitionError, DependencyError
 from obk_interfaces.generate import generate
-from obk_interfaces.libraries import SharedLibrary, libraries_of, object_of, write_units
 from obk_interfaces.package import InterfacePackage, PackageTree, order_by_dependency
 from obk_interfaces.prefix import Prefixes, assemble, find_ros_prefix, install_into, is_installed
 from obk_interfaces.toolchain import (
+    SharedLibrary,
     Toolchain,
     compile_command,
     find_toolchain,
     include_flags,
+    libraries_of,
     library_path,
     link_command,
+    object_of,
+    write_units,
 )
 
 __all__ = [

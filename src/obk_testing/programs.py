@@ -34,11 +34,11 @@ from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
 from obelisk_spec.values import ParameterValue
 from obk_cli.compiler import Options, compile_config
 from obk_cli.config.environment import Environment
-from obk_cli.config.hardware import refuse_hardware
+from obk_cli.config.model import refuse_hardware
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import find_executables, is_composable, ros_arguments
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.report import report_text
 from obk_cli.workspace.package_index import PackageIndex
 from obk_testing.module_generators import ModuleGenerators
@@ -106,7 +106,7 @@ def compile_stack(
         may_be_unclear=True,
         left_out=left_out,
     )
-    nodes = tuple(each for each in outcome.plan.processes if each.full_name not in left_out)
+    nodes = tuple(each for each in outcome.plan.nodes if each.full_name not in left_out)
     packages = PackageIndex.around(config.parent, Path.cwd(), dict(os.environ))
     unclear = frozenset(
         robot.full_name
@@ -115,7 +115,7 @@ def compile_stack(
     )
     return CompiledStack(
         config=config,
-        plan=replace(outcome.plan, processes=nodes),
+        plan=replace(outcome.plan, nodes=nodes),
         packages=packages,
         environment=outcome.environment,
         unclear_robots=unclear,
@@ -126,15 +126,15 @@ def _full_names(plan: Plan, names: Iterable[str]) -> set[str]:
     return {find_node(plan, name).full_name for name in names}
 
 
-def find_node(plan: Plan, name: str) -> Process:
+def find_node(plan: Plan, name: str) -> PlannedNode:
     """The node of a full name, a node name, or a section that has only one node.
 
     Raises:
         LookupError: there is none, or more than one.
     """
-    found = [each for each in plan.processes if name in (each.full_name, each.node, each.section)]
+    found = [each for each in plan.nodes if name in (each.full_name, each.node, each.section)]
     if len(found) != 1:
-        names = ", ".join(f"{each.full_name} ({each.section})" for each in plan.processes)
+        names = ", ".join(f"{each.full_name} ({each.section})" for each in plan.nodes)
         reason = "more than one node is" if found else "no node is"
         raise LookupError(f"{reason} called `{name}`; there are {names}")
     return found[0]
@@ -144,7 +144,7 @@ def find_node(plan: Plan, name: str) -> Process:
 class LoadedNode:
     """A node that can be made."""
 
-    process: Process
+    planned: PlannedNode
     program: Program
     request: SpinRequest
 
@@ -155,12 +155,12 @@ class LoadedNode:
         with self.program.command_line(), node_arguments(arguments):
             return self.request.make()
 
-    def with_parameters(self, process: Process, old: str, new: str) -> "LoadedNode":
+    def with_parameters(self, planned: PlannedNode, old: str, new: str) -> "LoadedNode":
         """The same program with another file of parameters."""
         program, request = self.program, self.request
         return replace(
             self,
-            process=process,
+            planned=planned,
             program=replace(program, arguments=_replaced(program.arguments, old, new)),
             request=replace(request, args=_replaced(request.args, old, new)),
         )
@@ -311,12 +311,12 @@ class LoadedStack:
         other.plan = plan
         other._is_variant = True
         other._folder = Path(tempfile.mkdtemp(dir=self._folder))
-        processes = {process.full_name: process for process in plan.processes}
+        nodes = {node.full_name: node for node in plan.nodes}
         other.nodes = [
             node.with_parameters(
-                processes[node.process.full_name],
-                str(self._folder / params_file_name(node.process)),
-                str(_write_parameters(processes[node.process.full_name], other._folder)),
+                nodes[node.planned.full_name],
+                str(self._folder / params_file_name(node.planned)),
+                str(_write_parameters(nodes[node.planned.full_name], other._folder)),
             )
             for node in self.nodes
         ]
@@ -327,8 +327,8 @@ class LoadedStack:
         if self._is_variant:
             shutil.rmtree(self._folder)
 
-    def _programs(self, compiled: CompiledStack) -> list[tuple[Process, Program]]:
-        nodes = compiled.plan.processes
+    def _programs(self, compiled: CompiledStack) -> list[tuple[PlannedNode, Program]]:
+        nodes = compiled.plan.nodes
         executables = find_executables(nodes, compiled.packages)
         for node in nodes:
             if not is_composable(replace(node, env={}), executables[node.full_name]):
@@ -360,7 +360,7 @@ class LoadedStack:
                 programs.append((node, program))
         return programs
 
-    def _run_all(self, programs: list[tuple[Process, Program]]) -> None:
+    def _run_all(self, programs: list[tuple[PlannedNode, Program]]) -> None:
         try:
             with repeatable_import():
                 self._run(programs)
@@ -368,18 +368,18 @@ class LoadedStack:
             self._error = error
         self._ready.set()
 
-    def _run(self, programs: list[tuple[Process, Program]]) -> None:
+    def _run(self, programs: list[tuple[PlannedNode, Program]]) -> None:
         """Run the first program and, within its call of `spin_obelisk`, the others."""
         if not programs:
             self._ready.set()
             self._over.wait()
             return
-        (process, program), *others = programs
+        (node, program), *others = programs
         before = len(self.nodes)
 
         def take(request: SpinRequest) -> int:
             if len(self.nodes) == before:
-                self.nodes.append(LoadedNode(process=process, program=program, request=request))
+                self.nodes.append(LoadedNode(planned=node, program=program, request=request))
                 self._run(others)
             return 0
 
@@ -390,17 +390,17 @@ class LoadedStack:
             pass
         if len(self.nodes) == before:
             raise CommandFailedError(
-                f"{process.full_name}: {program} ended without a call of spin_obelisk"
+                f"{node.full_name}: {program} ended without a call of spin_obelisk"
             )
 
 
-def _write_parameters(node: Process, folder: Path) -> Path:
+def _write_parameters(node: PlannedNode, folder: Path) -> Path:
     path = folder / params_file_name(node)
     path.write_text(emit_params((_for_tests(node),)), encoding="utf-8")
     return path
 
 
-def _for_tests(node: Process) -> Process:
+def _for_tests(node: PlannedNode) -> PlannedNode:
     if not node.model:
         return node
     parameters: Mapping[str, ParameterValue] = {**node.parameters, **_NOT_FOR_TESTS}
@@ -468,5 +468,5 @@ class LoadedStacks:
 
 
 def _without_parameters(plan: Plan) -> Plan:
-    nodes = tuple(replace(node, parameters={}) for node in plan.processes)
-    return replace(plan, processes=nodes)
+    nodes = tuple(replace(node, parameters={}) for node in plan.nodes)
+    return replace(plan, nodes=nodes)

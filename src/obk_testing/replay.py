@@ -18,9 +18,9 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 
 from obelisk_py.core.lockstep.interception import intercepted
 from obelisk_py.core.lockstep.scheduler import NS_PER_S, LockstepError
+from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.chunks import RecordedMessage, messages_in_order
-from obelisk_recordings.definition import MessageDefinition, parse_definition
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.layout import MessageDefinition, parse_definition
 from obelisk_recordings.run import RecordedRun, open_run
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError
 from obk_cli.record.recorder import installed_definition, schema_text
@@ -64,7 +64,7 @@ def replay(request: ReplayRequest) -> Iterator[str]:
     shift_ns = 0 if run.is_lockstep else _first_ns(run, request.inputs)
     stack = load_stack(Path(request.config), request.overrides, without=request.without)
     try:
-        names = {node.process.full_name for node in stack.nodes}
+        names = {node.planned.full_name for node in stack.nodes}
         schedule, notes = _schedule(run, names)
         yield from notes
         seed = int(run.metadata.get("obelisk", {}).get("seed", "0")) if run.is_lockstep else 0

@@ -16,7 +16,7 @@ import numpy as np
 from obelisk_py.core.lockstep.interception import LogEntry
 from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.lockstep.topics import Topic
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import RecordingError
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.plan.plan import Plan
 from obk_testing.topic_log import Array, TopicLog

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.runs.folder import config_of, run_folders, runs_folder
 
 __all__ = ["MEASURED", "Activation", "BringUp", "Schedule", "bring_up_times", "read_activations"]
@@ -187,7 +187,7 @@ def _newest_bring_up(plan: Plan, runs: Path) -> dict[str, float]:
 
 
 def _nodes(plan: Plan) -> set[str]:
-    return {node.full_name for node in plan.processes}
+    return {node.full_name for node in plan.nodes}
 
 
 def _after_first_step(plan: Plan, found: Mapping[str, Activation]) -> dict[str, float]:
@@ -197,23 +197,23 @@ def _after_first_step(plan: Plan, found: Mapping[str, Activation]) -> dict[str, 
     launcher had their answer. The simulator steps from within its activation on, so its first step
     is half of that time earlier, give or take as much.
     """
-    simulators = [found[node.full_name] for node in plan.processes if node.model]
+    simulators = [found[node.full_name] for node in plan.nodes if node.model]
     if simulators:
         begin_s = simulators[0].answered_s - simulators[0].took_s / 2
     else:
         begin_s = min(activation.answered_s for activation in found.values())
 
-    def start_s(node: Process) -> float:
+    def start_s(node: PlannedNode) -> float:
         activation = found[node.full_name]
         if activation.simulated_s is not None:
             return activation.simulated_s + _idle_s(node, activation)
         # To the microsecond: times since 1970 have no more digits.
         return round(max(0.0, activation.answered_s - begin_s), 6)
 
-    return {node.full_name: 0.0 if node.model else start_s(node) for node in plan.processes}
+    return {node.full_name: 0.0 if node.model else start_s(node) for node in plan.nodes}
 
 
-def _idle_s(node: Process, activation: Activation) -> float:
+def _idle_s(node: PlannedNode, activation: Activation) -> float:
     """For how long a node that was active published nothing, in whole periods of its timer [s].
 
     Its first inputs were late, as connections between processes are made then.

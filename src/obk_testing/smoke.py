@@ -50,7 +50,7 @@ def test_smoke(
     factor = DURATION_S / trial.wall_s if trial.wall_s else float("inf")
     describe_check(
         f"{DURATION_S:g} s of {given_plan.name} at {factor:.1f}x: "
-        f"{len(given_plan.processes)} nodes, {count} topics, {len(promised)} at their rates, "
+        f"{len(given_plan.nodes)} nodes, {count} topics, {len(promised)} at their rates, "
         "no fault, twice the same bits",
     )
 
@@ -58,7 +58,7 @@ def test_smoke(
 def promised_rates(plan: Plan) -> dict[str, float]:
     """Topic -> rate that the config promises for all its publishers together [Hz]."""
     rates: defaultdict[str, list[float | None]] = defaultdict(list)
-    for node in plan.processes:
+    for node in plan.nodes:
         for end in node.publishes:
             drawn = (end.msg_type or "").rpartition("/")[2] in _DRAWN
             rates[end.topic].append(None if drawn else end.rate_hz)

@@ -29,8 +29,7 @@ from obelisk_py.core.lockstep.scheduler import (
     ScheduledNode,
     TimingModel,
 )
-from obelisk_py.core.lockstep.simulator import StepEvents
-from obelisk_py.core.lockstep.surroundings import LockstepRun
+from obelisk_py.core.lockstep.surroundings import LockstepRun, StepEvents
 from obelisk_py.core.lockstep.topics import Topic
 from obelisk_py.core.messages import message_name
 from obelisk_py.core.robot import ObeliskSimRobot
@@ -98,7 +97,7 @@ class StackTrial:
         self.stack = stack
         self.seed = seed
         # Simulators are active at time 0, so that a test can act on them at once.
-        names = [node.process.full_name for node in stack.nodes if not node.process.model]
+        names = [node.planned.full_name for node in stack.nodes if not node.planned.model]
         self.schedule = Schedule.varied(seed, names) if schedule is None else schedule
         self.nodes: dict[str, Any] = {}
         """The node objects by full name."""
@@ -125,18 +124,18 @@ class StackTrial:
             is_recorded=lambda topic: recorded is None or topic in recorded,
             on_simulator=self._observe,
         )
-        for process in stack.plan.processes:
-            if process.env:
+        for node in stack.plan.nodes:
+            if node.env:
                 self._lockstep.scheduler.note(
-                    ("env", process.full_name),
-                    f"{process.full_name} is without its environment variables "
-                    f"({', '.join(process.env)}): all nodes share this process",
+                    ("env", node.full_name),
+                    f"{node.full_name} is without its environment variables "
+                    f"({', '.join(node.env)}): all nodes share this process",
                 )
         self._compute_s = self._by_full_name(self.schedule.compute)
         self._start_s = self._by_full_name(self.schedule.bring_up)
         self._parameters = {n: dict(p) for n, p in self._by_full_name(parameters or {}).items()}
         if keyframe is not None:
-            simulators = [node for node in stack.plan.processes if node.model]
+            simulators = [node for node in stack.plan.nodes if node.model]
             for node in simulators:
                 self._parameters.setdefault(node.full_name, {})[_KEYFRAME] = keyframe
         stack.generators.begin_trial(seed)
@@ -487,12 +486,12 @@ class StackTrial:
             self._lockstep.scheduler.check()
 
     def _make(self, loaded: LoadedNode) -> None:
-        name = loaded.process.full_name
+        name = loaded.planned.full_name
         compute_s = self._compute_s.get(name, 0.0)
         node = self.nodes[name] = self._lockstep.make_node(name, loaded.make, compute_s)
         if name in self.stack.unclear_robots and not isinstance(node, ObeliskSimRobot):
             raise LockstepError(
-                f"{loaded.process.origin}: the robot {name} ({type(node).__name__}) is no "
+                f"{loaded.planned.origin}: the robot {name} ({type(node).__name__}) is no "
                 "simulator that obk knows, and a test never opens hardware. If it is simulated, "
                 "write `is_simulated: true`"
             )
@@ -501,7 +500,7 @@ class StackTrial:
 
     def _remake(self, name: str) -> None:
         _destroy(self._lockstep, self._lockstep.nodes[name], self.nodes.pop(name))
-        self._make(next(node for node in self.stack.nodes if node.process.full_name == name))
+        self._make(next(node for node in self.stack.nodes if node.planned.full_name == name))
         self._try_transition(name, "configure")
         self._try_transition(name, "activate")
 
@@ -591,11 +590,11 @@ class StackTrial:
 
     def _unpublished(self) -> dict[str, str]:
         """Why topics of the plan have no messages."""
-        listened = {end.topic for node in self.stack.plan.processes for end in node.subscribes}
+        listened = {end.topic for node in self.stack.plan.nodes for end in node.subscribes}
         return {
             end.topic: f"{end.topic} has no message: no node subscribes, so {node.full_name} does "
             f"not publish it. Pass `watch=['{end.topic}']` to the stack"
-            for node in self.stack.plan.processes
+            for node in self.stack.plan.nodes
             for end in node.publishes
             if end.topic not in listened and end.topic not in self._lockstep.topics.by_name
         }

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.zoo.control.policy import OnnxPolicy
-from obelisk_spec.policy_network import Network
+from obelisk_spec.policy import Network
 
 from .world import World
 

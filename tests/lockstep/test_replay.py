@@ -26,7 +26,7 @@ Start = Callable[..., StackTrial]
 
 
 def request_for(trial: StackTrial, node: str, recording: Path) -> ReplayRequest:
-    processes = {one.full_name: one for one in trial.stack.plan.processes}
+    processes = {one.full_name: one for one in trial.stack.plan.nodes}
     recorded = {one.topic for one in open_run(recording).bag.topics if one.count}
     published = {end.topic for end in processes[node].publishes}
     subscribed = {end.topic for end in processes[node].subscribes}

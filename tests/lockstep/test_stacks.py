@@ -21,7 +21,7 @@ from obelisk_py.core.lockstep.scheduler import LockstepError
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch import commands
 from obk_cli.launch.commands import Command
-from obk_cli.plan.plan import Process
+from obk_cli.plan.plan import PlannedNode
 from obk_testing import programs
 from obk_testing.programs import load_stack
 from obk_testing.trial import Schedule, StackTrial
@@ -149,7 +149,7 @@ def test_a_robot_that_is_no_simulator_is_refused_unless_the_config_says_it_is(
 def test_a_node_that_cannot_be_in_lockstep_is_named_with_what_to_do(
     start: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def is_composable(process: Process, command: Command) -> bool:
+    def is_composable(process: PlannedNode, command: Command) -> bool:
         return process.section != "control" and commands.is_composable(process, command)
 
     monkeypatch.setattr(programs, "is_composable", is_composable)

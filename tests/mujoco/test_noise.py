@@ -11,8 +11,8 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.outputs import OutputContext, outputs_of
 from obelisk_py.core.sim.mujoco.sim_config import typed_block
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_times import MonotonicClock
 from obelisk_py.core.sim.mujoco.stepper import Stepper
-from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
 from obelisk_spec.sensors import NOISY_FIELDS
 
 pytestmark = pytest.mark.mujoco

@@ -8,8 +8,8 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
 from obelisk_py.core.sim.mujoco.outputs import OutputContext, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_times import MonotonicClock
 from obelisk_py.core.sim.mujoco.stepper import Stepper
-from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
 from obelisk_spec.components import format_setting
 from obelisk_spec.yaml_core import load_yaml_core
 

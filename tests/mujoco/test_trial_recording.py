@@ -42,7 +42,7 @@ def trial(step: float = 0.1) -> TrialResult:
     return TrialResult(
         facts=TrialFacts(
             config=Path("stack.yaml"),
-            plan=Plan(name="stack", processes=()),
+            plan=Plan(name="stack", nodes=()),
             seed=3,
             interventions=(Intervention(t=0.001, duration=float("inf"), text="drop /x"),),
         ),

@@ -9,8 +9,8 @@ import pytest
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_times import MonotonicClock
 from obelisk_py.core.sim.mujoco.stepper import Stepper
-from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
 from obelisk_py.core.sim.mujoco.viewers import processes
 from obelisk_py.core.sim.mujoco.viewers.processes import (
     PARAMETERS,

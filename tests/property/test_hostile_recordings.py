@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.run import open_run
 from obelisk_recordings.summary import read_bag
 from obk_cli.cli.bag import bag_data, bag_text

@@ -15,7 +15,7 @@ from obk_cli.cli import lifecycle, logs, ps
 from obk_cli.errors import ObkError
 from obk_cli.monitor.expected_topics import planned_topics
 from obk_cli.process.identity import boot_id, this_process
-from obk_cli.record.recording import run_metadata_of
+from obk_cli.record.recorder_job import run_metadata_of
 from obk_cli.runs.folder import RUN_FILE, Run, plan_of_run, read_runs, topics_of_run
 from obk_cli.runs.protocol import (
     ChangeAnswer,

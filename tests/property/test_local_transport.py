@@ -17,15 +17,14 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition,
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Int64
 
+from obelisk_py.core import local_sender as sender_module
 from obelisk_py.core.executor.local_receiver import LocalReceiver
 from obelisk_py.core.executor.worker import Worker
 from obelisk_py.core.intra_process import MessageBuffer
+from obelisk_py.core.local_sender import LocalSender, SubscriptionEndpoint
 from obelisk_py.core.serialization.codec import codec_for
-from obelisk_py.core.transport import sender as sender_module
-from obelisk_py.core.transport.dds_endpoints import SubscriptionEndpoint
-from obelisk_py.core.transport.sender import LocalSender
 from obelisk_spec.local_transport.dds_reader import Sample
-from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.local_transport.sockets import SocketFolder
 
 PUBLISHER = bytes(range(16))
 DEPTH = 10_000

@@ -35,8 +35,8 @@ def plan_of(path: Path, text: str) -> dict[str, object]:
     assert not outcome.diagnostics
     assert outcome.plan is not None
     plan = asdict(outcome.plan)
-    for process in plan["processes"]:
-        for made in (process, *process["promises"]):
+    for node in plan["nodes"]:
+        for made in (node, *node["promises"]):
             del made["origin"]
     return plan
 

@@ -10,7 +10,7 @@ import pytest
 from obk_cli.compiler import Options, compile_config
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.params import emit_params
-from obk_cli.plan.plan import Origin, Plan, Process
+from obk_cli.plan.plan import Origin, Plan, PlannedNode
 
 READ = """
 import json, sys, rclpy
@@ -23,7 +23,7 @@ rclpy.shutdown()
 """
 
 
-def read_by_ros(path: Path, process: Process) -> dict[str, object]:
+def read_by_ros(path: Path, process: PlannedNode) -> dict[str, object]:
     done = subprocess.run(
         [sys.executable, "-c", READ, str(path), process.node, *process.parameters],
         capture_output=True,
@@ -44,8 +44,8 @@ def test_each_node_of_the_example_reads_its_own_from_the_common_file(
     plan = compile_config(str(repository / "examples/dummy/dummy.yaml"), options).plan
     assert plan is not None
     path = tmp_path / "dummy.params.yaml"
-    path.write_text(emit_params(plan.processes), encoding="utf-8")
-    for process in plan.processes:
+    path.write_text(emit_params(plan.nodes), encoding="utf-8")
+    for process in plan.nodes:
         assert read_by_ros(path, process) == process.parameters
 
 
@@ -53,7 +53,7 @@ def test_each_node_of_the_example_reads_its_own_from_the_common_file(
 def test_the_launch_files_parameters_are_read_alike(tmp_path: Path) -> None:
     origin = Origin(path="f", line=1, column=1)
     joystick, robot = (
-        Process(
+        PlannedNode(
             node=name,
             namespace="/",
             section="robot",
@@ -65,7 +65,7 @@ def test_the_launch_files_parameters_are_read_alike(tmp_path: Path) -> None:
         )
         for name, parameters in (("joystick", {}), ("arm", {"quotes": "a'''b\"\\\n"}))
     )
-    text = emit_launch_file(Plan(name="arm", processes=(joystick, robot)))
+    text = emit_launch_file(Plan(name="arm", nodes=(joystick, robot)))
     names: dict[str, str] = {}
     start = text.index("PARAMETERS = ")
     exec(text[start : text.index("def ", start)], names)  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ import pytest
 
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obk_cli.compiler import Options, compile_config
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.workspace.environment import MachineEnvironment
 
 from ..documents import (  # noqa: TID252 - shared by folders of tests
@@ -152,17 +152,16 @@ def variants_differ_in_the_robot(folder: Path) -> None:
     simulated, hardware = (
         plan_of(folder / "my_robot" / f"{name}.yaml") for name in ("my_robot", "hardware")
     )
-    (robot,) = (node for node in hardware.processes if node.section == "robot")
+    (robot,) = (node for node in hardware.nodes if node.section == "robot")
     assert (robot.node, robot.package) == ("obelisk_robot_arm", "my_hardware")
     assert not {"ic_keyframe", "mujoco_setting"} & robot.parameters.keys()
     others = [
-        [on_wall_time(n) for n in p.processes if n.section != "robot"]
-        for p in (simulated, hardware)
+        [on_wall_time(n) for n in p.nodes if n.section != "robot"] for p in (simulated, hardware)
     ]
     assert others[0] == others[1]
 
 
-def on_wall_time(process: Process) -> Process:
+def on_wall_time(process: PlannedNode) -> PlannedNode:
     """Return the process without the parameter that a simulated stack gives to all of its nodes."""
     parameters = {k: v for k, v in process.parameters.items() if k != USE_SIM_TIME}
     return replace(process, parameters=parameters)

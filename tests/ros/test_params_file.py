@@ -9,7 +9,7 @@ import pytest
 
 from obelisk_spec.values import ParameterValue
 from obk_cli.emit.params import emit_params
-from obk_cli.plan.plan import Origin, Process
+from obk_cli.plan.plan import Origin, PlannedNode
 
 NODE = """
 import json, sys, rclpy
@@ -53,8 +53,8 @@ def read_by_ros(path: Path, names: list[str]) -> dict[str, object]:
     return values
 
 
-def process(parameters: dict[str, ParameterValue]) -> Process:
-    return Process(
+def process(parameters: dict[str, ParameterValue]) -> PlannedNode:
+    return PlannedNode(
         node="arm",
         namespace="/left",
         section="robot",

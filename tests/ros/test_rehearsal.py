@@ -34,8 +34,8 @@ def units(*, together: bool = False) -> tuple[Unit, ...]:
     options = Options(variables=dict(os.environ), working_folder=DUMMY.parent)
     plan = compile_config(str(DUMMY), options).plan
     assert plan is not None
-    shared = [node.full_name for node in plan.processes] if together else []
-    return units_of(plan, devices={node.device for node in plan.processes}, together=shared)
+    shared = [node.full_name for node in plan.nodes] if together else []
+    return units_of(plan, devices={node.device for node in plan.nodes}, together=shared)
 
 
 def rehearsed(

@@ -16,7 +16,7 @@ from obelisk_spec.sensors import SENSOR_GROUPS
 from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.configedit.migrate import migrate_source
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.plan.plan import Process
+from obk_cli.plan.plan import PlannedNode
 from obk_cli.report import report_text
 from obk_cli.workspace.environment import MachineEnvironment
 
@@ -152,11 +152,11 @@ def test_a_config_has_the_nodes_of_its_launch_file(folder: Path) -> None:
     (launch_file,), (config,) = listings(page, "python"), listings(page, "yaml")
     outcome = compile_text(config, folder)
     assert outcome.plan is not None
-    compiled = {process.node: process for process in outcome.plan.processes}
+    compiled = {process.node: process for process in outcome.plan.nodes}
     launched = nodes_of(launch_file)
     assert compiled.keys() == launched.keys()
     for name, node in launched.items():
-        process: Process = compiled[name]
+        process: PlannedNode = compiled[name]
         assert (process.package, process.executable) == (node["package"], node["executable"])
         assert dict(process.env) == node.get("additional_env", {})
         assert (process.on_crash == "restart") == node.get("respawn", False)
@@ -189,7 +189,7 @@ def test_variables_hold_a_period(folder: Path) -> None:
     )
     assert plain is not None
     assert named is not None
-    assert [p.parameters for p in named.processes] == [p.parameters for p in plain.processes]
+    assert [p.parameters for p in named.nodes] == [p.parameters for p in plain.nodes]
 
 
 @pytest.mark.parametrize("spelling", ["key", "seed"])
@@ -199,7 +199,7 @@ def test_the_watched_config_compiles_in_either_spelling(folder: Path, spelling: 
     outcome = compile_text(text, folder)
     assert report_text(outcome.diagnostics, colour=False) == ""
     assert outcome.plan is not None
-    (robot,) = (process for process in outcome.plan.processes if process.section == "robot")
+    (robot,) = (process for process in outcome.plan.nodes if process.section == "robot")
     assert "max_age_sec:0.1,stale_action:damp" in str(robot.parameters["sub_ctrl_setting"])
 
 
@@ -233,7 +233,7 @@ def test_the_true_state_is_wired_as_the_page_has_it(folder: Path) -> None:
     robot = yaml.safe_load(text)["robot"]
     outcome = compile_text(yaml.safe_dump(whole({"robot": robot})), folder)
     assert outcome.plan is not None, report_text(outcome.diagnostics, colour=False)
-    (process,) = (one for one in outcome.plan.processes if one.section == "robot")
+    (process,) = (one for one in outcome.plan.nodes if one.section == "robot")
     (publisher,), (timer,) = robot["publishers"], robot["timers"]
     assert publisher["topic"] in str(process.parameters["pub_true_sim_state_setting"])
     assert str(timer["timer_period_sec"]) in str(process.parameters["timer_true_sim_state_setting"])

@@ -44,10 +44,9 @@ from rclpy.qos import (
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from obelisk_py.core.local_sender import LocalSender, socket_folder
 from obelisk_py.core.messages import message_name
 from obelisk_py.core.serialization.codec import Codec, codec_for
-from obelisk_py.core.transport.sender import LocalSender
-from obelisk_py.core.transport.socket_folder import socket_folder
 
 __all__ = [
     "IntraProcessPublisher",

@@ -37,7 +37,7 @@ from obelisk_py.core.faults import (
     wrong_answer,
 )
 from obelisk_py.core.live_parameters import LiveParameters
-from obelisk_py.core.parameters import (
+from obelisk_py.core.parameter_rules import (
     SETTING_SERVICES,
     GuardedCheck,
     ParameterRules,

@@ -31,7 +31,7 @@ from obelisk_py.core.components import (
     spellings,
 )
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError, ObeliskMsgError
-from obelisk_py.core.parameters import Getter
+from obelisk_py.core.parameter_rules import Getter
 from obelisk_py.core.rate_monitor import RateMonitoredNode
 from obelisk_py.core.settings import (
     NodeSettings,

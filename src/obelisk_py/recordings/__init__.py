@@ -1,6 +1,6 @@
 """Read recordings as numpy arrays, without ROS: `open_run("dummy")["/robot/est"].q_joints`."""
 
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.run import RecordedRun, open_run
 from obelisk_recordings.topic import RecordedField, RecordedSignal, RecordedTopic
 

@@ -12,14 +12,15 @@ from contextlib import suppress
 from socket import SHUT_RDWR, recv_fds, socket
 from typing import Final
 
-from obelisk_spec.local_transport.folder import SocketFolder, peer_process
-from obelisk_spec.local_transport.packets import (
+from obelisk_spec.local_transport.sockets import (
     CONFIRMATION,
     LARGEST_PACKET,
     NUMBER_BYTES,
     STAMP_BYTES,
+    SocketFolder,
     greeting_of,
     number_of,
+    peer_process,
     received_page,
     stamp_of,
 )

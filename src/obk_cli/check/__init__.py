@@ -11,6 +11,7 @@ from obk_cli.check.loop import (
     check_outliers,
     check_periods,
     check_timers,
+    check_watchdogs,
 )
 from obk_cli.check.messages import check_message_types, check_replaced_messages
 from obk_cli.check.nodes import (
@@ -20,8 +21,7 @@ from obk_cli.check.nodes import (
     check_required_sections,
 )
 from obk_cli.check.packages import check_executables, check_files, check_manifests
-from obk_cli.check.policy import check_policies
-from obk_cli.check.simulation import check_controls, check_models, check_sim_blocks
+from obk_cli.check.simulation import check_controls, check_models, check_policies, check_sim_blocks
 from obk_cli.check.style import check_defaults, check_homes
 from obk_cli.check.topics import (
     check_dangling,
@@ -30,7 +30,6 @@ from obk_cli.check.topics import (
     check_sensor_topics,
     check_types,
 )
-from obk_cli.check.watchdog import check_watchdogs
 from obk_cli.config.environment import Environment
 from obk_cli.config.model import Stack
 from obk_cli.config.topology import Topology

@@ -86,7 +86,7 @@ class ConfigEdit:
         simulated = [robot.is_simulated for robot in outcome.config.section("robot")]
         if outcome.plan is None or any(each and not each.value for each in simulated):
             return None
-        config, nodes = Path(self.added.source.path).resolve(), outcome.plan.processes
+        config, nodes = Path(self.added.source.path).resolve(), outcome.plan.nodes
         packages = PackageIndex.around(config.parent, Path.cwd(), os.environ)
         try:
             executables = find_executables(nodes, packages)

@@ -16,7 +16,7 @@ from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.plan.plan import Plan
-from obk_cli.process.interrupt import accept_interrupt
+from obk_cli.process.signals import accept_interrupt
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.terminal import visible
 from obk_cli.workspace.message_build import (

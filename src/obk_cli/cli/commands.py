@@ -19,10 +19,10 @@ import typer
 from click.shell_completion import CompletionItem
 from typer.core import TyperCommand, TyperGroup
 
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import RecordingError
 from obelisk_spec.suggestions import ask_for, did_you_mean
 from obk_cli.errors import EXIT_FAILED, MisuseError, ObkError
-from obk_cli.process.interrupt import is_interrupted
+from obk_cli.process.signals import is_interrupted
 
 __all__ = ["GROUPS", "VERBS", "root_command", "run"]
 

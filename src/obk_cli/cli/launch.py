@@ -249,7 +249,7 @@ def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[
 
     Such a program may be started early: it waits at the gate before it creates its node.
     """
-    programs = {(node.package, node.executable) for node in plan.processes}
+    programs = {(node.package, node.executable) for node in plan.nodes}
     return frozenset(
         program
         for program in programs
@@ -275,7 +275,7 @@ def _limits(timeout_s: float, hang_s: float) -> Limits:
 
 
 def _check_devices(plan: Plan, device: str | None, lead: str | None) -> None:
-    devices = tuple(dict.fromkeys(node.device for node in plan.processes))
+    devices = tuple(dict.fromkeys(node.device for node in plan.nodes))
     for option, name in (("--device", device), ("--lead", lead)):
         if name is not None:
             require_choice(option, name, devices)
@@ -302,5 +302,5 @@ def _with_log_level(plan: Plan, level: str | None) -> Plan:
     if level is None:
         return plan
     require_choice("--log-level", level, LOG_LEVELS)
-    nodes = (replace(node, log_level=node.log_level or level) for node in plan.processes)
-    return replace(plan, processes=tuple(nodes))
+    nodes = (replace(node, log_level=node.log_level or level) for node in plan.nodes)
+    return replace(plan, nodes=tuple(nodes))

@@ -12,7 +12,7 @@ from obk_cli.cli.complete import complete_kept_runs
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import explain_os_error
-from obk_cli.process.interrupt import until_interrupt
+from obk_cli.process.signals import until_interrupt
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.logs import find_log, follow_lines, read_lines
 from obk_cli.terminal import only_colour, plain

@@ -12,7 +12,7 @@ __all__ = ["main"]
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run `obk` and end the process with its exit code."""
     try:
-        from obk_cli.process.interrupt import insist_on_interrupt
+        from obk_cli.process.signals import insist_on_interrupt
 
         with insist_on_interrupt():
             from obk_cli.cli.commands import run

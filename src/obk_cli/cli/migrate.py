@@ -14,7 +14,7 @@ from obk_cli.cli.edited_files import (
     write_edited,
 )
 from obk_cli.configedit.migrate import Migrated, migrate_source
-from obk_cli.configedit.shape import Spelling
+from obk_cli.configedit.spelling import Spelling
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.files import STANDARD_INPUT

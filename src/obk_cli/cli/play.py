@@ -26,7 +26,7 @@ from obk_cli.runs.folder import runs_folder
 
 if TYPE_CHECKING:
     from obelisk_recordings.run import RecordedRun
-    from obk_cli.plan.plan import Plan, Process
+    from obk_cli.plan.plan import Plan, PlannedNode
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -144,7 +144,7 @@ def _replay(
     published = {end.topic for node in chosen for end in node.publishes}
     inputs = [*_inputs(run, chosen, published, named)]
     outputs = sorted(published)
-    without = [node.full_name for node in plan.processes if node not in chosen]
+    without = [node.full_name for node in plan.nodes if node not in chosen]
     request = {
         "config": str(Path(config).resolve()),
         "overrides": overrides or [],
@@ -166,7 +166,7 @@ def _replay(
     return 0
 
 
-def _chosen(plan: "Plan", names: Sequence[str]) -> "Iterator[Process]":
+def _chosen(plan: "Plan", names: Sequence[str]) -> "Iterator[PlannedNode]":
     """The nodes of these names, node names or sections.
 
     Raises:
@@ -174,22 +174,22 @@ def _chosen(plan: "Plan", names: Sequence[str]) -> "Iterator[Process]":
     """
     from obelisk_spec.suggestions import did_you_mean, list_names
 
-    known = {word for one in plan.processes for word in (one.full_name, one.node, one.section)}
+    known = {word for one in plan.nodes for word in (one.full_name, one.node, one.section)}
     for name in names:
         if name not in known:
             raise MisuseError(
                 f"`--nodes {name}`: no node has that name or section",
                 help=did_you_mean(name, known)
-                or f"there are {list_names([one.node for one in plan.processes])}",
+                or f"there are {list_names([one.node for one in plan.nodes])}",
             )
-    for one in plan.processes:
+    for one in plan.nodes:
         if {one.full_name, one.node, one.section} & set(names):
             yield one
 
 
 def _inputs(
     run: "RecordedRun",
-    nodes: "Sequence[Process]",
+    nodes: "Sequence[PlannedNode]",
     published: Collection[str],
     named: Sequence[str],
 ) -> Iterator[str]:

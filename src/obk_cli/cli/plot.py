@@ -61,8 +61,7 @@ def command(
     require_extra("matplotlib", "plot")
 
     from obelisk_recordings.run import open_run
-    from obk_cli.record.plot import draw, parse_field, plot_parts
-    from obk_cli.record.plot_page import write_page
+    from obk_cli.record.plot import draw, parse_field, plot_parts, write_page
 
     recordings, texts = _runs_and_fields(words)
     names = [parse_field(text) for text in texts]

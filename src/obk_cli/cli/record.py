@@ -12,8 +12,13 @@ from obk_cli.cli.options import require_positive
 from obk_cli.clock import local_time
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect.target import with_run_types
-from obk_cli.record.recorder_job import RecorderJob, RecordRequest
-from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
+from obk_cli.record.recorder_job import (
+    RecorderJob,
+    RecordRequest,
+    RunMetadata,
+    file_name,
+    run_metadata_of,
+)
 from obk_cli.ros.environment import ros_environment
 from obk_cli.runs.folder import runs_folder, topics_of_run
 from obk_cli.runs.registry import select_runs

@@ -24,7 +24,7 @@ from obk_cli.cli.config_options import (
 )
 from obk_cli.cli.options import FormatOption, require_choice, wants_json
 from obk_cli.compiler import compile_config
-from obk_cli.config.hardware import refuse_hardware
+from obk_cli.config.model import refuse_hardware
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.faultinject.expectations import FAULTS, Case, Fault, make_cases
 from obk_cli.faultinject.verdict import Verdict
@@ -119,7 +119,7 @@ def _faults(text: str) -> tuple[Fault, ...]:
 
 def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
     """Full names of the chosen nodes."""
-    known = [process.full_name for process in plan.processes]
+    known = [node.full_name for node in plan.nodes]
     selected: set[str] = set()
     for name in names:
         found = select_nodes(name, known)
@@ -134,7 +134,7 @@ def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
 
 def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
     """The processes that a launch makes of the plan."""
-    devices = {process.device for process in plan.processes}
+    devices = {node.device for node in plan.nodes}
     if not is_composed:
         return units_of(plan, devices=devices)
 
@@ -143,7 +143,7 @@ def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
 
     folder = Path(config).resolve().parent
     packages = PackageIndex.around(folder, Path.cwd(), dict(os.environ))
-    together = composable(plan.processes, find_executables(plan.processes, packages))
+    together = composable(plan.nodes, find_executables(plan.nodes, packages))
     return units_of(plan, devices=devices, together=together)
 
 

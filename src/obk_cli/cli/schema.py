@@ -9,7 +9,7 @@ import typer
 
 from obk_cli.config.tree import TreeMap
 from obk_cli.config.yaml_parser import decode_source, parse_source
-from obk_cli.configedit.shape import components_of, devices_of, sections_of
+from obk_cli.configedit.spelling import components_of, devices_of, sections_of
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import resource_folder, unwritable, write_text

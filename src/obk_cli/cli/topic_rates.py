@@ -22,15 +22,13 @@ from obk_cli.cli.options import (
     with_types,
 )
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.latency import Delay
-from obk_cli.ros.rate_meter import TopicRate
+from obk_cli.ros.meters import Delay, TopicRate
 
 __all__ = ["delay_text", "rate_text"]
 
 if TYPE_CHECKING:
     from obk_cli.introspect.target import GraphTarget
-    from obk_cli.ros.latency import Delay
-    from obk_cli.ros.rate_meter import TopicRate
+    from obk_cli.ros.meters import Delay, TopicRate
 
 
 HZ_EXAMPLE = "Example: obk topic hz est ctrl --duration 5"
@@ -92,8 +90,8 @@ def _measure_rates(
 ) -> "Mapping[str, TopicRate]":
     """Measure rates; without a duration, report them each second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
+    from obk_cli.ros.meters import RosMeter
     from obk_cli.ros.participant import open_participant
-    from obk_cli.ros.rate_meter import RosMeter
     from obk_cli.ros.types import raw_type
 
     with open_participant(target.environment, target.modules(topics)) as participant:
@@ -149,7 +147,7 @@ def _measure_delay(
 ) -> "tuple[str, Delay | None, int]":
     """Measure delays; without a duration, report them each second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
-    from obk_cli.ros.latency import DelayMeter, is_of_other_clock, stamp_getter
+    from obk_cli.ros.meters import DelayMeter, is_of_other_clock, stamp_getter
     from obk_cli.ros.participant import open_participant
     from obk_cli.ros.raw_subscription import arrived
     from obk_cli.ros.simulated_clock import SimulatedClock, subscribe_to_clock

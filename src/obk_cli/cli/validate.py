@@ -33,7 +33,7 @@ from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
 from obk_cli.files import STANDARD_INPUT, read_bytes
-from obk_cli.process.interrupt import until_interrupt
+from obk_cli.process.signals import until_interrupt
 from obk_cli.report import report_github, report_json, report_sarif, report_text, summary
 from obk_cli.workspace.config_files import configs_that_include
 from obk_cli.workspace.environment import MachineEnvironment

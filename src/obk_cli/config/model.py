@@ -3,7 +3,7 @@
 Made by reading a tree; holds what the user wrote, defaults not filled in.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -18,6 +18,7 @@ from obelisk_spec.components import (
 from obelisk_spec.values import ParameterValue
 from obk_cli.config.tree import TreeMap, plain_value
 from obk_cli.diagnostics.source import Span
+from obk_cli.errors import CommandFailedError
 
 __all__ = [
     "COMPONENT_LISTS",
@@ -46,7 +47,9 @@ __all__ = [
     "Sim",
     "Spanned",
     "Stack",
+    "refuse_hardware",
 ]
+
 
 T = TypeVar("T")
 
@@ -378,3 +381,37 @@ class Stack:
     def section(self, section: str) -> Iterator[Node]:
         """The nodes of one section."""
         return (node for node in self.nodes if node.section == section)
+
+
+def refuse_hardware(
+    stack: Stack,
+    why: str,
+    help: str,
+    *,
+    may_be_unclear: bool = False,
+    left_out: Collection[str] = (),
+) -> None:
+    """Reject a stack with a robot that is not simulated.
+
+    Args:
+        stack: the config.
+        why: why hardware is rejected, the end of the error's sentence.
+        help: what the user can do.
+        may_be_unclear: accept a robot without `is_simulated` and without a `sim` block.
+        left_out: full names of nodes that do not run.
+
+    Raises:
+        CommandFailedError: it has a robot that is hardware.
+    """
+    for robot in stack.section("robot"):
+        said = robot.is_simulated
+        if robot.full_name in left_out or robot.runs_simulation:
+            continue
+        if may_be_unclear if said is None else said.value:
+            continue
+        span = said.span if said else robot.span
+        raise CommandFailedError(
+            f"{span.path}:{span.line}:{span.column}: the robot {robot.full_name} is hardware, "
+            f"and {why}",
+            help=help,
+        )

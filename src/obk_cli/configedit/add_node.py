@@ -38,7 +38,7 @@ from obk_cli.configedit.block_editor import (
 )
 from obk_cli.configedit.new_node import NewNode, Rejected
 from obk_cli.configedit.report import AddedNode, moved, notes_of
-from obk_cli.configedit.shape import devices_of
+from obk_cli.configedit.spelling import devices_of
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.edits import Edit, apply_edits
 from obk_cli.diagnostics.source import SourceFile, Span

@@ -168,12 +168,12 @@ def plan_without_places(outcome: Outcome) -> Plan | None:
     nowhere = Origin(path="", line=0, column=0)
     return replace(
         plan,
-        processes=tuple(
+        nodes=tuple(
             replace(
-                process,
+                node,
                 origin=nowhere,
-                promises=tuple(replace(rate, origin=nowhere) for rate in process.promises),
+                promises=tuple(replace(rate, origin=nowhere) for rate in node.promises),
             )
-            for process in plan.processes
+            for node in plan.nodes
         ),
     )

@@ -19,7 +19,7 @@ from obk_cli.config.model import COMPONENT_LISTS, NODE_SECTIONS, Node, Stack
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.configedit.new_node import Rejected, identity_of
-from obk_cli.configedit.shape import devices_of, sections_of
+from obk_cli.configedit.spelling import devices_of, sections_of
 from obk_cli.diagnostics.edits import Edit, Offsets
 from obk_cli.diagnostics.source import SourceFile, Span, indent_of, line_end_of
 

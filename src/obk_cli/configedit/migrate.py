@@ -14,7 +14,7 @@ from obk_cli.config.fixes import is_flow, remove_entry, respell
 from obk_cli.config.model import ONE_DEVICE
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, kind_of
 from obk_cli.config.yaml_parser import parse_source
-from obk_cli.configedit.shape import (
+from obk_cli.configedit.spelling import (
     Spelling,
     components_of,
     devices_of,

@@ -187,10 +187,10 @@ def _reader(options: Options, texts: Mapping[Path, str]) -> Callable[[str], byte
 def _with_value(plan: Plan, saved: SavedParameter) -> Plan:
     return replace(
         plan,
-        processes=tuple(
-            replace(process, parameters={**process.parameters, saved.name: saved.after})
-            if process.full_name == saved.node
-            else process
-            for process in plan.processes
+        nodes=tuple(
+            replace(node, parameters={**node.parameters, saved.name: saved.after})
+            if node.full_name == saved.node
+            else node
+            for node in plan.nodes
         ),
     )

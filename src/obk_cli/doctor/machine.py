@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.local_transport.sockets import SocketFolder
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 from obk_cli.doctor.finding import GIB, MIB, Fact, Finding, bytes_text, note, ok, warning
 from obk_cli.files import explain_os_error
 from obk_cli.runs.folder import runs_folder
-from obk_cli.workspace.model_cache import cache_folder
+from obk_cli.workspace.model_reader import cache_folder
 
 __all__ = [
     "CpuFacts",

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from obk_cli.emit.dot import emit_dot
 from obk_cli.emit.graph import graph_of
+from obk_cli.emit.graphviz import emit_dot, emit_svg
 from obk_cli.emit.json import emit_graph_json, emit_plan
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.params import emit_params
-from obk_cli.emit.svg import emit_svg
 from obk_cli.plan.plan import Plan
 
 __all__ = ["FORMS", "Form"]
@@ -29,7 +28,7 @@ class Form:
 FORMS: Final[Mapping[str, Form]] = MappingProxyType(
     {
         "plan": Form(emit_plan, ".plan.json"),
-        "params": Form(lambda plan: emit_params(plan.processes), ".params.yaml"),
+        "params": Form(lambda plan: emit_params(plan.nodes), ".params.yaml"),
         "launch": Form(emit_launch_file, ".launch.py"),
         "mermaid": Form(lambda plan: emit_mermaid(graph_of(plan)), ".mmd"),
         "dot": Form(lambda plan: emit_dot(graph_of(plan)), ".dot"),

@@ -11,7 +11,7 @@ from typing import Final
 
 from obelisk_spec.components import TIERS
 from obelisk_spec.suggestions import with_number
-from obk_cli.plan.plan import Endpoint, Plan, PlannedSensorGroup, Process
+from obk_cli.plan.plan import Endpoint, Plan, PlannedNode, PlannedSensorGroup
 from obk_cli.terminal import printable
 
 __all__ = ["SECTION_COLOURS", "Colour", "Graph", "GraphNode", "GraphTopic", "graph_of"]
@@ -134,31 +134,31 @@ class _End:
 
 def graph_of(plan: Plan) -> Graph:
     """The graph of a plan."""
-    processes = sorted(plan.processes, key=lambda process: TIERS.index(process.section))
+    nodes = sorted(plan.nodes, key=lambda node: TIERS.index(node.section))
     ends: dict[str, list[_End]] = {}
-    for process in processes:
-        for is_published, endpoints in ((True, process.publishes), (False, process.subscribes)):
+    for node in nodes:
+        for is_published, endpoints in ((True, node.publishes), (False, node.subscribes)):
             for endpoint in endpoints:
-                end = _End(process.full_name, is_published, endpoint)
+                end = _End(node.full_name, is_published, endpoint)
                 ends.setdefault(endpoint.topic, []).append(end)
     groups: dict[str, list[PlannedSensorGroup]] = {}
-    for group in (group for process in processes for group in process.sensor_groups):
+    for group in (group for node in nodes for group in node.sensor_groups):
         groups.setdefault(group.topic, []).append(group)
     return Graph(
         name=plan.name,
-        nodes=tuple(_node(process) for process in processes),
+        nodes=tuple(_node(node) for node in nodes),
         topics=tuple(_topic(name, own, groups.get(name, [])) for name, own in ends.items()),
     )
 
 
-def _node(process: Process) -> GraphNode:
+def _node(node: PlannedNode) -> GraphNode:
     return GraphNode(
-        name=process.full_name,
-        section=process.section,
-        device=process.device,
-        package=process.package,
-        executable=process.executable,
-        model=process.model,
+        name=node.full_name,
+        section=node.section,
+        device=node.device,
+        package=node.package,
+        executable=node.executable,
+        model=node.model,
     )
 
 

@@ -17,7 +17,9 @@ __all__ = ["emit_graph_json", "emit_plan"]
 
 def emit_plan(plan: Plan) -> str:
     """The text of a plan: `name`, `processes` in the order of the config, `external_topics`."""
-    return _json_text(asdict(plan))
+    values = asdict(plan).items()
+    # The key of the JSON is older than the field, and stable.
+    return _json_text({"processes" if key == "nodes" else key: value for key, value in values})
 
 
 def emit_graph_json(graph: Graph) -> str:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 
 from obk_cli.emit.params import emit_params
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 
 __all__ = ["emit_launch_file"]
 
@@ -98,10 +98,10 @@ def step_handlers(change, nodes, then):
 
 def emit_launch_file(plan: Plan) -> str:
     """The text of the launch file."""
-    has_others = any(not process.has_lifecycle for process in plan.processes)
+    has_others = any(not node.has_lifecycle for node in plan.nodes)
     name = re.sub(r"\W", "_", plan.name)
     # In a parameter file all text stands in double quotes, where a quote may go by its number.
-    parameters = emit_params(plan.processes).replace("'''", r"''\x27")
+    parameters = emit_params(plan.nodes).replace("'''", r"''\x27")
     return "".join(
         (
             _HEAD % (", Node" if has_others else ""),
@@ -122,32 +122,32 @@ def _description(plan: Plan) -> Iterator[str]:
         section = tier[0].section
         (names if tier[0].has_lifecycle else others).append(section)
         yield f"    {section} = ["
-        for process in tier:
-            yield from _node(process)
+        for node in tier:
+            yield from _node(node)
         yield "    ]"
     yield f"    nodes = [{', '.join(f'*{name}' for name in (*names, *others))}]"
     yield f"    return LaunchDescription([*nodes, *bring_up([{', '.join(names)}])])"
 
 
-def _node(process: Process) -> Iterator[str]:
-    yield f"        {'LifecycleNode' if process.has_lifecycle else 'Node'}("
+def _node(node: PlannedNode) -> Iterator[str]:
+    yield f"        {'LifecycleNode' if node.has_lifecycle else 'Node'}("
     arguments = {
-        "package": _text(process.package),
-        "executable": _text(process.executable),
-        "name": _text(process.node),
-        "namespace": _text(process.namespace),
+        "package": _text(node.package),
+        "executable": _text(node.executable),
+        "name": _text(node.node),
+        "namespace": _text(node.namespace),
         "parameters": "[parameters]",
     }
-    if process.remappings:
-        pairs = (f"({_text(source)}, {_text(target)})" for source, target in process.remappings)
+    if node.remappings:
+        pairs = (f"({_text(source)}, {_text(target)})" for source, target in node.remappings)
         arguments["remappings"] = f"[{', '.join(pairs)}]"
-    if process.log_level:
-        arguments["ros_arguments"] = f'["--log-level", {_text(process.log_level)}]'
-    if process.env:
-        pairs = (f"{_text(name)}: {_text(value)}" for name, value in process.env.items())
+    if node.log_level:
+        arguments["ros_arguments"] = f'["--log-level", {_text(node.log_level)}]'
+    if node.env:
+        pairs = (f"{_text(name)}: {_text(value)}" for name, value in node.env.items())
         arguments["additional_env"] = f"{{{', '.join(pairs)}}}"
     arguments["output"] = '"screen"'
-    arguments["on_exit"] = f"Shutdown(reason={_text(f'{process.full_name} ended')})"
+    arguments["on_exit"] = f"Shutdown(reason={_text(f'{node.full_name} ended')})"
     yield from (f"            {name}={value}," for name, value in arguments.items())
     yield "        ),"
 

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING
 from obelisk_spec.values import ParameterValue
 
 if TYPE_CHECKING:
-    from obk_cli.plan.plan import Process
+    from obk_cli.plan.plan import PlannedNode
 
 __all__ = ["emit_node_params", "emit_params", "emit_value", "params_file_name"]
 
 _UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
 
 
-def emit_params(processes: "Iterable[Process]") -> str:
-    """The text of one parameter file for these processes, keyed by the nodes' full names."""
-    return "".join(emit_node_params(process.full_name, process.parameters) for process in processes)
+def emit_params(nodes: "Iterable[PlannedNode]") -> str:
+    """The text of one parameter file for these nodes, keyed by the nodes' full names."""
+    return "".join(emit_node_params(node.full_name, node.parameters) for node in nodes)
 
 
 def emit_node_params(full_name: str, parameters: Mapping[str, ParameterValue]) -> str:
@@ -29,9 +29,9 @@ def emit_node_params(full_name: str, parameters: Mapping[str, ParameterValue]) -
     return "".join(_node_lines(full_name, parameters))
 
 
-def params_file_name(process: "Process") -> str:
-    """A file name of the process's own, `obelisk_control_0.yaml`."""
-    return f"{process.full_name.strip('/').replace('/', '.')}.yaml"
+def params_file_name(node: "PlannedNode") -> str:
+    """A file name of the node's own, `obelisk_control_0.yaml`."""
+    return f"{node.full_name.strip('/').replace('/', '.')}.yaml"
 
 
 def _node_lines(full_name: str, parameters: Mapping[str, ParameterValue]) -> Iterator[str]:

@@ -12,9 +12,8 @@ from typing import Final
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.faultinject.verdict import TimedEvent, parse_event
 from obk_cli.process.child_process import BoundChild
-from obk_cli.runs.control_client import ask_status
 from obk_cli.runs.orphans import end_orphans, find_orphans
-from obk_cli.runs.protocol import StackStatus
+from obk_cli.runs.protocol import StackStatus, ask_status
 from obk_cli.runs.registry import live_folders
 
 __all__ = ["LaunchedStack"]

@@ -6,10 +6,12 @@ Ends every process that it started.
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
+
+import psutil
 
 from obk_cli.clock import local_time, wall_s
 from obk_cli.errors import CommandFailedError
@@ -24,16 +26,18 @@ from obk_cli.faultinject.verdict import (
     verdict_of,
 )
 from obk_cli.launch.events import AnswersAgain, Ended, Phase
-from obk_cli.process.signals import freeze, kill, thaw
 from obk_cli.runs.folder import make_run_folder, run_folders
 from obk_cli.runs.lifecycle import ACTIVE
 from obk_cli.runs.registry import live_folders
 
 __all__ = [
     "LaunchSettings",
+    "freeze",
+    "kill",
     "make_rehearsal_folder",
     "refuse_running",
     "run_cases",
+    "thaw",
 ]
 
 UP_S: Final = 60.0
@@ -234,3 +238,30 @@ def make_rehearsal_folder(parent: Path, name: str) -> Path:
         if not live_folders(old / "runs"):
             shutil.rmtree(old, ignore_errors=True)
     return home
+
+
+def kill(pid: int) -> None:
+    """End a process as the kernel does when memory runs out; not those that it started."""
+    with suppress(psutil.Error):
+        psutil.Process(pid).kill()
+
+
+def freeze(pid: int) -> None:
+    """Stop a process and all that it started: a program behind a script freezes with it."""
+    for process in _family(pid):
+        with suppress(psutil.Error):
+            process.suspend()
+
+
+def thaw(pid: int) -> None:
+    """Resume a frozen process and all that it started."""
+    for process in _family(pid):
+        with suppress(psutil.Error):
+            process.resume()
+
+
+def _family(pid: int) -> Iterator[psutil.Process]:
+    with suppress(psutil.Error):
+        process = psutil.Process(pid)
+        yield process
+        yield from process.children(recursive=True)

@@ -42,8 +42,7 @@ from obk_cli.ros.parameters import (
     SetAnswer,
 )
 from obk_cli.ros.participant import RosParticipant
-from obk_cli.runs.control_client import ANSWER_S, ask_graph
-from obk_cli.runs.protocol import Fault, decode, encode
+from obk_cli.runs.protocol import ANSWER_S, Fault, ask_graph, decode, encode
 
 __all__ = [
     "GraphService",

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Final
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.runs.control_client import ask_change
 from obk_cli.runs.folder import Run, runs_folder
 from obk_cli.runs.lifecycle import TRANSITIONS
-from obk_cli.runs.protocol import ChangeAnswer, Member, NodeStatus, Result
+from obk_cli.runs.protocol import ChangeAnswer, Member, NodeStatus, Result, ask_change
 from obk_cli.runs.registry import (
     NO_ANSWER,
     NodeSelection,

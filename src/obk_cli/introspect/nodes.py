@@ -16,8 +16,7 @@ from obk_cli.ros.graph import (
     incompatible_ends,
     special_services,
 )
-from obk_cli.runs.control_client import ask_status
-from obk_cli.runs.protocol import NodeStatus
+from obk_cli.runs.protocol import NodeStatus, ask_status
 from obk_cli.runs.registry import status_text
 from obk_cli.terminal import plain
 

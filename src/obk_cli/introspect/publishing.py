@@ -144,10 +144,10 @@ def robots_commanded_by(topic: TopicInfo, plans: Iterable[Plan]) -> tuple[str, .
         plans: of the stacks that are known to run.
     """
     planned = (
-        process.full_name
+        node.full_name
         for plan in plans
-        for process in plan.processes
-        if process.section == "robot" and any(end.topic == topic.name for end in process.subscribes)
+        for node in plan.nodes
+        if node.section == "robot" and any(end.topic == topic.name for end in node.subscribes)
     )
     # A stack of another host is known by its nodes' names only.
     named = (end.node for end in topic.subscriptions if "/obelisk_robot_" in end.node)

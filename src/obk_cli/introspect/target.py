@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.local_transport.folder import SocketFolder
+from obelisk_spec.local_transport.sockets import SocketFolder
 from obelisk_spec.runtime_protocol import (
     LOCAL_TRANSPORT_OFF,
     LOCAL_TRANSPORT_VARIABLE,

@@ -33,7 +33,7 @@ from obk_cli.files import STATE_MODE, write_text
 from obk_cli.launch.options import is_only_clock
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = [
@@ -68,12 +68,12 @@ Executables = Mapping[str, Command]
 class _Node:
     """One node on its way to a command."""
 
-    process: Process
+    planned: PlannedNode
     command: Command
     params: Path
 
 
-def find_executables(nodes: Iterable[Process], packages: PackageIndex) -> Executables:
+def find_executables(nodes: Iterable[PlannedNode], packages: PackageIndex) -> Executables:
     """The programs of nodes.
 
     Raises:
@@ -82,7 +82,7 @@ def find_executables(nodes: Iterable[Process], packages: PackageIndex) -> Execut
     return {node.full_name: _executable(node, packages) for node in nodes}
 
 
-def composable(nodes: Iterable[Process], executables: Executables) -> frozenset[str]:
+def composable(nodes: Iterable[PlannedNode], executables: Executables) -> frozenset[str]:
     """Full names of the nodes that can share a process."""
     return frozenset(
         node.full_name for node in nodes if is_composable(node, executables[node.full_name])
@@ -110,7 +110,7 @@ def unit_commands(
     for unit in units:
         nodes = [
             _Node(
-                process=node,
+                planned=node,
                 command=executables[node.full_name],
                 params=_write_params(node, folder),
             )
@@ -123,35 +123,34 @@ def unit_commands(
     return commands
 
 
-def _executable(process: Process, packages: PackageIndex) -> Command:
-    found = packages.find_executable(process.package, process.executable)
+def _executable(node: PlannedNode, packages: PackageIndex) -> Command:
+    found = packages.find_executable(node.package, node.executable)
     if isinstance(found, ExecutableMissing):
         if not found.package_found:
-            message = f"{process.origin}: package `{process.package}` is not found"
+            message = f"{node.origin}: package `{node.package}` is not found"
             raise CommandFailedError(message, help=found.looked)
         raise CommandFailedError(
-            f"{process.origin}: package `{process.package}` has no executable "
-            f"`{process.executable}`",
-            help=did_you_mean(process.executable, found.available) or "it has none at all",
+            f"{node.origin}: package `{node.package}` has no executable `{node.executable}`",
+            help=did_you_mean(node.executable, found.available) or "it has none at all",
         )
     for folder in found.python_path:
         if os.pathsep in str(folder):
             raise CommandFailedError(
-                f"{process.origin}: package `{process.package}` is in `{folder}`, and no folder "
+                f"{node.origin}: package `{node.package}` is in `{folder}`, and no folder "
                 "on PYTHONPATH can have a colon in its name",
                 help="rename the folder",
             )
     return found
 
 
-def _write_params(node: Process, folder: Path) -> Path:
+def _write_params(node: PlannedNode, folder: Path) -> Path:
     path = folder / "params" / params_file_name(node)
     write_text(path, emit_params((node,)), mode=STATE_MODE)
     return path
 
 
 def _alone(node: _Node, environment: Mapping[str, str]) -> NodeCommand:
-    options = tuple(ros_arguments(node.process, node.params))
+    options = tuple(ros_arguments(node.planned, node.params))
     program = _in_python(node.command)
     return NodeCommand(
         arguments=(*node.command.arguments, *options),
@@ -173,9 +172,9 @@ def _shared(nodes: Iterable[_Node], folder: Path, environment: Mapping[str, str]
     return composed_command(
         [
             ComposedNode(
-                node=node.process.full_name,
+                node=node.planned.full_name,
                 command=node.command,
-                ros_arguments=tuple(ros_arguments(node.process, node.params)),
+                ros_arguments=tuple(ros_arguments(node.planned, node.params)),
             )
             for node in nodes
         ],
@@ -184,20 +183,20 @@ def _shared(nodes: Iterable[_Node], folder: Path, environment: Mapping[str, str]
     )
 
 
-def ros_arguments(process: Process, params: Path) -> Iterator[str]:
+def ros_arguments(node: PlannedNode, params: Path) -> Iterator[str]:
     """The arguments of a node's program: name, namespace, remappings, parameters, log level."""
-    yield from ("--ros-args", "-r", f"__node:={process.node}")
-    if process.namespace not in ("", "/"):
-        yield from ("-r", f"__ns:={process.namespace}")
-    for source, target in process.remappings:
+    yield from ("--ros-args", "-r", f"__node:={node.node}")
+    if node.namespace not in ("", "/"):
+        yield from ("-r", f"__ns:={node.namespace}")
+    for source, target in node.remappings:
         yield from ("-r", f"{source}:={target}")
     yield from ("--params-file", str(params))
-    if process.log_level:
-        yield from ("--log-level", process.log_level)
+    if node.log_level:
+        yield from ("--log-level", node.log_level)
 
 
 def _environment(node: _Node, variables: Mapping[str, str]) -> dict[str, str]:
-    merged = {**variables, **node.process.env}
+    merged = {**variables, **node.planned.env}
     if node.command.python_path:
         inherited = merged.get("PYTHONPATH")
         parts = [*map(str, node.command.python_path), *([inherited] if inherited else [])]
@@ -216,13 +215,13 @@ class ComposedNode:
     """`--ros-args ...`, as a process of its own would be given."""
 
 
-def is_composable(process: Process, command: Command) -> bool:
+def is_composable(node: PlannedNode, command: Command) -> bool:
     """Whether a node can share a process with others.
 
     It can if it is Python that this interpreter runs, has a life cycle, and sets no environment
     variables.
     """
-    return process.has_lifecycle and not process.env and command.is_of_this_python
+    return node.has_lifecycle and not node.env and command.is_of_this_python
 
 
 def composed_command(
@@ -292,7 +291,7 @@ def early_units(
         gated: package and executable of those whose node the run-time library makes.
     """
 
-    def waits(node: Process) -> bool:
+    def waits(node: PlannedNode) -> bool:
         # The library of another Python may know of no gate.
         is_own = is_composable(node, executables[node.full_name])
         return is_own and (node.package, node.executable) in gated

@@ -95,18 +95,18 @@ def watching_publishers(
 
 def control_topics(plan: Plan) -> tuple[str, ...]:
     """The topics that the robots of a plan subscribe to, and nodes outside do not publish."""
-    robots = (node for node in plan.processes if node.section == "robot")
+    robots = (node for node in plan.nodes if node.section == "robot")
     topics = dict.fromkeys(end.topic for robot in robots for end in robot.subscribes)
     return tuple(topic for topic in topics if topic not in plan.external_topics)
 
 
 def has_hardware(plan: Plan) -> bool:
     """Whether a robot of a plan is not simulated."""
-    return any(node.section == "robot" and node.model is None for node in plan.processes)
+    return any(node.section == "robot" and node.model is None for node in plan.nodes)
 
 
 def _names(plan: Plan) -> tuple[str, ...]:
-    return tuple(node.full_name for node in plan.processes)
+    return tuple(node.full_name for node in plan.nodes)
 
 
 def watching_types(
@@ -137,7 +137,7 @@ def watching_types(
 
 def _types_of(plan: Plan) -> Mapping[str, str]:
     """Topic -> full type; topics whose type only the code knows are left out."""
-    ends = (end for node in plan.processes for end in (*node.publishes, *node.subscribes))
+    ends = (end for node in plan.nodes for end in (*node.publishes, *node.subscribes))
     return {end.topic: end.msg_type for end in ends if end.msg_type is not None}
 
 

@@ -18,9 +18,8 @@ from typing import Final, Protocol, Self
 
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import ObkError
-from obk_cli.launch.event_lines import JsonReport, LaunchReport
+from obk_cli.launch.event_lines import Journal, JsonReport, LaunchReport
 from obk_cli.launch.events import OutputEvent, OutputLine
-from obk_cli.launch.journal import Journal
 from obk_cli.launch.process_groups import Unit
 from obk_cli.plan.plan import Plan
 from obk_cli.terminal import plain
@@ -387,7 +386,7 @@ class Console:
         """The formatter for a run; starts a status area if the screen takes one."""
         if self._json is not None:
             return self._json
-        names = (node.full_name for node in plan.processes)
+        names = (node.full_name for node in plan.nodes)
         report = LaunchReport(names, colour=self._colour, quiet=self._quiet)
         if not self._takes_status:
             return report

@@ -16,9 +16,9 @@ from typing import Final
 from obelisk_spec.runtime_protocol import TOLERANCE, USE_SIM_TIME, Rate
 from obk_cli.clock import monotonic_s
 from obk_cli.launch.events import OutputEvent, RatesReported, RatesUnreported
-from obk_cli.plan.plan import Process, Promise
+from obk_cli.plan.plan import PlannedNode, Promise
+from obk_cli.ros.meters import RosMeter, TopicRate
 from obk_cli.ros.participant import RosParticipant
-from obk_cli.ros.rate_meter import RosMeter, TopicRate
 from obk_cli.ros.simulated_clock import SimulatedClock, follow_clock
 from obk_cli.ros.types import raw_type
 
@@ -43,18 +43,18 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
     def __init__(
         self,
         participant: RosParticipant,
-        processes: Iterable[Process],
+        nodes: Iterable[PlannedNode],
         report: Callable[[RatesReported], None],
     ) -> None:
         """Measure nothing yet.
 
         Args:
             participant: subscribes to the topics.
-            processes: the nodes that run here.
+            nodes: the nodes that run here.
             report: takes the rates of a node, once a second, from the thread.
         """
         self._participant = participant
-        self._processes = {process.full_name: process for process in processes}
+        self._nodes = {node.full_name: node for node in nodes}
         self._report = report
         self._added: SimpleQueue[str] = SimpleQueue()
         self._end = threading.Event()
@@ -86,10 +86,10 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
         reported_s, epoch = monotonic_s(), self._clock.epoch
         while not self._end.is_set():
             while (node := self._next_added()) is not None:
-                if is_on_simulated_time(self._processes[node]):
+                if is_on_simulated_time(self._nodes[node]):
                     follow_clock(meter, self._clock)
-                since[node] = self._now_s(self._processes[node])
-                self._subscribe(meter, self._processes[node])
+                since[node] = self._now_s(self._nodes[node])
+                self._subscribe(meter, self._nodes[node])
             meter.turn()
             if self._clock.epoch != epoch:
                 epoch = self._clock.epoch
@@ -98,42 +98,42 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
                 continue
             reported_s = monotonic_s()
             for node, since_s in since.items():
-                now_s = self._now_s(self._processes[node])
+                now_s = self._now_s(self._nodes[node])
                 if since_s is None:
                     since[node] = now_s
                 elif now_s is not None:
-                    self._report_node(meter, self._processes[node], now_s - since_s)
+                    self._report_node(meter, self._nodes[node], now_s - since_s)
         meter.close()
 
     def _start_again(self, meter: RosMeter, nodes: Iterable[str]) -> dict[str, None]:
         """Measure nodes on simulated time from now on, as it was set back; returns which."""
-        restarted = [node for node in nodes if is_on_simulated_time(self._processes[node])]
+        restarted = [node for node in nodes if is_on_simulated_time(self._nodes[node])]
         for node in restarted:
             subscribed = meter.rates().keys()
-            for topic in {promise.topic for promise in self._processes[node].promises}:
+            for topic in {promise.topic for promise in self._nodes[node].promises}:
                 if topic is not None and topic in subscribed:
                     meter.drop(topic)
-            self._subscribe(meter, self._processes[node])
+            self._subscribe(meter, self._nodes[node])
         return dict.fromkeys(restarted)
 
-    def _now_s(self, process: Process) -> float | None:
+    def _now_s(self, node: PlannedNode) -> float | None:
         """The time in which a node keeps its rates [s]; None: not known yet."""
-        if not is_on_simulated_time(process):
+        if not is_on_simulated_time(node):
             return monotonic_s()
         now_ns = self._clock.at(time.time_ns())
         return None if now_ns is None else now_ns * _S
 
-    def _report_node(self, meter: RosMeter, process: Process, measured_s: float) -> None:
+    def _report_node(self, meter: RosMeter, node: PlannedNode, measured_s: float) -> None:
         """Report the rates whose window has passed; without messages they are 0 Hz."""
-        self._subscribe(meter, process)
+        self._subscribe(meter, node)
         seen = meter.rates()
         rates = tuple(
             external_rate(promise, seen.get(promise.topic, NO_MESSAGES))
-            for promise in process.promises
+            for promise in node.promises
             if promise.topic is not None and measured_s > window_s(promise)
         )
         if rates:
-            self._report(RatesReported(node=process.full_name, rates=rates, is_external=True))
+            self._report(RatesReported(node=node.full_name, rates=rates, is_external=True))
 
     def _next_added(self) -> str | None:
         try:
@@ -141,10 +141,10 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
         except Empty:
             return None
 
-    def _subscribe(self, meter: RosMeter, process: Process) -> None:
+    def _subscribe(self, meter: RosMeter, node: PlannedNode) -> None:
         """Subscribe to the topics that are published by now."""
         subscribed = meter.rates().keys()
-        for promise in process.promises:
+        for promise in node.promises:
             if promise.topic is None or promise.topic in subscribed:
                 continue
             seen = self._participant.topic(promise.topic)
@@ -157,13 +157,13 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
                     python_type,
                     window_s=window,
                     is_light=True,
-                    clock=self._clock.at if is_on_simulated_time(process) else None,
+                    clock=self._clock.at if is_on_simulated_time(node) else None,
                 )
 
 
-def is_on_simulated_time(process: Process) -> bool:
+def is_on_simulated_time(node: PlannedNode) -> bool:
     """Return whether the timers of a node follow `/clock`."""
-    return bool(process.parameters.get(USE_SIM_TIME))
+    return bool(node.parameters.get(USE_SIM_TIME))
 
 
 def window_s(promise: Promise) -> float:

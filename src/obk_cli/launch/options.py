@@ -19,7 +19,7 @@ from obk_cli.launch.event_loop import Limits
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.transitions import Until
 from obk_cli.optional_deps import require_extra, require_ros
-from obk_cli.plan.plan import OnCrash, Plan, Process
+from obk_cli.plan.plan import OnCrash, Plan, PlannedNode
 from obk_cli.process.shared_memory import require_shared_memory
 from obk_cli.record.recorder_job import RecordRequest
 
@@ -106,9 +106,9 @@ def with_simulator_parameters(
     meant = _require_simulated_robots(plan, share, option)
     return replace(
         plan,
-        processes=tuple(
+        nodes=tuple(
             replace(node, parameters={**node.parameters, **parameters}) if node in meant else node
-            for node in plan.processes
+            for node in plan.nodes
         ),
     )
 
@@ -120,7 +120,7 @@ def require_simulated_time(plan: Plan, share: Share, option: str) -> None:
         MisuseError: no simulated robot runs here, or the stack runs on the wall clock.
     """
     _require_simulated_robots(plan, share, option)
-    if not is_only_clock(plan, [node for node in plan.processes if node.device in share.devices]):
+    if not is_only_clock(plan, [node for node in plan.nodes if node.device in share.devices]):
         raise MisuseError(
             f"`{option}`: `{plan.name}` does not run in simulated time",
             help=f"a stack with one robot of `{SIMULATOR}` does unless it sets `use_sim_time: "
@@ -128,13 +128,13 @@ def require_simulated_time(plan: Plan, share: Share, option: str) -> None:
         )
 
 
-def is_only_clock(plan: Plan, here: Collection[Process]) -> bool:
+def is_only_clock(plan: Plan, here: Collection[PlannedNode]) -> bool:
     """Whether our simulator, among the nodes that run here, is the only clock of the stack."""
-    clocks = [node for node in plan.processes if node.model and node.parameters.get(USE_SIM_TIME)]
+    clocks = [node for node in plan.nodes if node.model and node.parameters.get(USE_SIM_TIME)]
     return len(clocks) == 1 and clocks[0].package == SIMULATOR and clocks[0] in here
 
 
-def _require_simulated_robots(plan: Plan, share: Share, option: str) -> tuple[Process, ...]:
+def _require_simulated_robots(plan: Plan, share: Share, option: str) -> tuple[PlannedNode, ...]:
     robots = simulated_robots(plan, share)
     if not robots:
         where = f"on {', '.join(sorted(share.devices))}" if share.is_part else f"in `{plan.name}`"
@@ -145,9 +145,9 @@ def _require_simulated_robots(plan: Plan, share: Share, option: str) -> tuple[Pr
     return robots
 
 
-def simulated_robots(plan: Plan, share: Share) -> tuple[Process, ...]:
+def simulated_robots(plan: Plan, share: Share) -> tuple[PlannedNode, ...]:
     """The simulated robots of a plan that run here."""
-    here = (node for node in plan.processes if node.device in share.devices)
+    here = (node for node in plan.nodes if node.device in share.devices)
     return tuple(node for node in here if node.model is not None)
 
 
@@ -223,8 +223,7 @@ def _settings(path: Path, arguments: RenderArguments) -> VideoSettings:
 
 
 def _check_camera(model: str, camera: str) -> None:
-    from obk_cli.workspace.model_cache import cache_folder, read_model_once
-    from obk_cli.workspace.model_reader import has_mujoco
+    from obk_cli.workspace.model_reader import cache_folder, has_mujoco, read_model_once
 
     if not has_mujoco():
         return

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from obk_cli.plan.plan import OnCrash, Plan, Process
+from obk_cli.plan.plan import OnCrash, Plan, PlannedNode
 
 __all__ = ["Share", "Unit", "devices_of", "rule_of", "share_of", "units_of"]
 
@@ -29,7 +29,7 @@ class Unit:
 
     name: str
     """The node's full name; of nodes in one process, the stack's name with `composed`."""
-    nodes: tuple[Process, ...]
+    nodes: tuple[PlannedNode, ...]
 
     @property
     def node_names(self) -> tuple[str, ...]:
@@ -39,7 +39,7 @@ class Unit:
 
 def devices_of(plan: Plan) -> tuple[str, ...]:
     """The devices of a stack, in the order of the config."""
-    return tuple(dict.fromkeys(node.device for node in plan.processes))
+    return tuple(dict.fromkeys(node.device for node in plan.nodes))
 
 
 def share_of(plan: Plan, device: str | None, lead: str | None = None) -> Share:
@@ -53,7 +53,7 @@ def share_of(plan: Plan, device: str | None, lead: str | None = None) -> Share:
     devices = devices_of(plan)
     if device is None or devices == (device,):
         return Share(devices=frozenset(devices), is_part=False)
-    with_control = [node.device for node in plan.processes if node.section == "control"]
+    with_control = [node.device for node in plan.nodes if node.section == "control"]
     leader = lead or next(iter(with_control), devices[0])
     return Share(devices=frozenset({device}), is_part=True, leads=leader == device)
 
@@ -68,14 +68,14 @@ def units_of(
         devices: those whose nodes run here.
         together: full names of the nodes that share one process.
     """
-    here = [node for node in plan.processes if node.device in devices]
+    here = [node for node in plan.nodes if node.device in devices]
     shared = tuple(node for node in here if node.full_name in together)
     alone = (node for node in here if node.full_name not in together)
     units = tuple(Unit(name=node.full_name, nodes=(node,)) for node in alone)
     return (*([Unit(name=f"/{plan.name}/composed", nodes=shared)] if shared else ()), *units)
 
 
-def rule_of(nodes: Iterable[Process], on_crash: OnCrash) -> OnCrash:
+def rule_of(nodes: Iterable[PlannedNode], on_crash: OnCrash) -> OnCrash:
     """The rule for a process that crashes: the strictest rule of its nodes.
 
     Args:

@@ -21,8 +21,13 @@ from obk_cli.launch.options import simulated_robots
 from obk_cli.launch.process_groups import Share, Unit
 from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
 from obk_cli.plan.plan import Plan
-from obk_cli.record.recorder_job import BEGUN, RecorderJob, RecordRequest, job_to_json
-from obk_cli.record.recording import run_metadata_of
+from obk_cli.record.recorder_job import (
+    BEGUN,
+    RecorderJob,
+    RecordRequest,
+    job_to_json,
+    run_metadata_of,
+)
 from obk_cli.runs.folder import topics_of_run
 
 __all__ = ["UNIT", "Recorder", "VideoReports"]

@@ -199,7 +199,7 @@ def _units(
     plan: Plan, packages: PackageIndex, options: LaunchOptions
 ) -> tuple[Executables, tuple[Unit, ...]]:
     """The programs of the nodes that run here, and the processes that they run in."""
-    here = [node for node in plan.processes if node.device in options.share.devices]
+    here = [node for node in plan.nodes if node.device in options.share.devices]
     executables = find_executables(here, packages)
     together = composable(here, executables) if options.is_composed else frozenset[str]()
     return executables, units_of(plan, devices=options.share.devices, together=together)

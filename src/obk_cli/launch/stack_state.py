@@ -11,7 +11,7 @@ from typing import Final, Literal
 from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.process_groups import Unit, rule_of
 from obk_cli.launch.transitions import UNKNOWN
-from obk_cli.plan.plan import OnCrash, Plan, Process
+from obk_cli.plan.plan import OnCrash, Plan, PlannedNode
 from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED
 from obk_cli.runs.protocol import NodeStatus
 
@@ -132,7 +132,7 @@ class StackState:
         self.unit_of: Final = {
             node: unit.name for unit in self.units.values() for node in unit.node_names
         }
-        self.nodes: Final[dict[str, Process]] = {p.full_name: p for p in plan.processes}
+        self.nodes: Final[dict[str, PlannedNode]] = {p.full_name: p for p in plan.nodes}
         self.with_lifecycle: Final = frozenset(
             name
             for name, p in self.nodes.items()
@@ -207,7 +207,7 @@ class StackState:
         """The rule for a process that crashes."""
         return rule_of(self.members(unit), self._on_crash)
 
-    def members(self, unit: str) -> tuple[Process, ...]:
+    def members(self, unit: str) -> tuple[PlannedNode, ...]:
         """The nodes in a process; a node of another device by its own name."""
         return self.units[unit].nodes if unit in self.units else (self.nodes[unit],)
 
@@ -266,9 +266,9 @@ class StackState:
 
     def status(self) -> tuple[NodeStatus, ...]:
         """Every node, in the order of the plan."""
-        return tuple(self._status(node) for node in self.plan.processes)
+        return tuple(self._status(node) for node in self.plan.nodes)
 
-    def _status(self, node: Process) -> NodeStatus:
+    def _status(self, node: PlannedNode) -> NodeStatus:
         name = node.full_name
         unit = self.unit_of.get(name, name)
         return NodeStatus(

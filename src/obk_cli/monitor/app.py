@@ -22,8 +22,7 @@ from obk_cli.errors import ObkError
 from obk_cli.introspect.tuning import TunableParameter
 from obk_cli.launch.event_lines import short_name
 from obk_cli.monitor.model import StackView, Views
-from obk_cli.monitor.parameter_table import ParameterRow, ParameterTable
-from obk_cli.monitor.parameters import Tuner, field_text
+from obk_cli.monitor.parameters import ParameterRow, ParameterTable, Tuner, field_text
 from obk_cli.monitor.table import (
     TableLine,
     age_line,

@@ -7,7 +7,7 @@ from typing import Final
 
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obk_cli.errors import CommandFailedError
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.ros.parameters import NodeParameter
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE
 from obk_cli.runs.protocol import NodeStatus
@@ -104,25 +104,25 @@ def planned_topics(
             its time, which is one fault: that of its rate `steps`.
     """
     factors = {
-        name: _reached(_factor_of(process, 0.0, factors), measured.get(name))
-        for process in plan.processes
-        if process.model and (name := process.full_name)
+        name: _reached(_factor_of(node, 0.0, factors), measured.get(name))
+        for node in plan.nodes
+        if node.model and (name := node.full_name)
     }
     clock = _clock_factor(plan, factors)
     kinds: dict[str, str | None] = {}
     expected: defaultdict[str, list[float | None]] = defaultdict(list)
     publishers: defaultdict[str, dict[str, None]] = defaultdict(dict)
     sources: defaultdict[str, dict[str, None]] = defaultdict(dict)
-    for process in plan.processes:
-        factor = _factor_of(process, clock, factors)
-        for end in process.subscribes:
+    for node in plan.nodes:
+        factor = _factor_of(node, clock, factors)
+        for end in node.subscribes:
             kinds[end.topic] = kinds.get(end.topic) or end.msg_type
-        for end in process.publishes:
+        for end in node.publishes:
             kinds[end.topic] = kinds.get(end.topic) or end.msg_type
             expected[end.topic].append(_in_wall_time(end.rate_hz, factor))
-            publishers[end.topic][process.full_name] = None
-            if process.section not in _MEASURING:
-                sources[end.topic].update(dict.fromkeys(one.topic for one in process.subscribes))
+            publishers[end.topic][node.full_name] = None
+            if node.section not in _MEASURING:
+                sources[end.topic].update(dict.fromkeys(one.topic for one in node.subscribes))
     found = (
         PlannedTopic(
             name=name,
@@ -138,24 +138,24 @@ def planned_topics(
 
 def simulated_robots(plan: Plan) -> tuple[str, ...]:
     """Full names of the robots of a plan that are simulated."""
-    return tuple(process.full_name for process in plan.processes if process.model)
+    return tuple(node.full_name for node in plan.nodes if node.model)
 
 
 def _clock_factor(plan: Plan, factors: Mapping[str, float]) -> float:
     """The speed of `/clock`; 0 if unknown: no robot is simulated, or several differ."""
-    simulated = (process for process in plan.processes if process.model)
-    factors_found = {_factor_of(process, 0.0, factors) for process in simulated}
+    simulated = (node for node in plan.nodes if node.model)
+    factors_found = {_factor_of(node, 0.0, factors) for node in simulated}
     return factors_found.pop() if len(factors_found) == 1 else 0.0
 
 
-def _factor_of(process: Process, clock: float, factors: Mapping[str, float]) -> float:
+def _factor_of(node: PlannedNode, clock: float, factors: Mapping[str, float]) -> float:
     """How fast the time passes in which a node keeps its rates, over wall time; 0: not known."""
-    if process.model:
-        planned = process.parameters.get(REALTIME_FACTOR, 1.0)
+    if node.model:
+        planned = node.parameters.get(REALTIME_FACTOR, 1.0)
         # A robot rejects what is no number; its factor is unknown then.
         own = float(planned) if isinstance(planned, int | float) else 0.0
-        return factors.get(process.full_name, own)
-    return clock if process.parameters.get(USE_SIM_TIME) else 1.0
+        return factors.get(node.full_name, own)
+    return clock if node.parameters.get(USE_SIM_TIME) else 1.0
 
 
 def _reached(planned: float, measured: float | None) -> float:

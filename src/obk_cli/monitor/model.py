@@ -6,7 +6,7 @@ from typing import Protocol
 
 from obelisk_spec.runtime_protocol import STEPS, TOLERANCE
 from obelisk_spec.runtime_protocol import Rate as Promised
-from obk_cli.ros.rate_meter import TopicRate
+from obk_cli.ros.meters import TopicRate
 
 __all__ = ["MessageAge", "NodeView", "ProcessLoad", "StackView", "TopicView", "Views"]
 

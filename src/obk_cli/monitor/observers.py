@@ -26,11 +26,10 @@ from obk_cli.ros.parameters import NodeParameter
 from obk_cli.ros.participant import OBSERVER_NODE, RosParticipant
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import find_type
-from obk_cli.runs.control_client import ask_status
 from obk_cli.runs.folder import Run, plan_of_run, read_run
 from obk_cli.runs.lifecycle import ACTIVE
 from obk_cli.runs.logs import LAUNCH_LOG, last_lines
-from obk_cli.runs.protocol import NodeStatus, StackStatus
+from obk_cli.runs.protocol import NodeStatus, StackStatus, ask_status
 from obk_cli.runs.registry import in_tier_order, is_alive, section_of
 
 __all__ = ["LocalObserver", "OwnCpuUse", "ProcessLoads", "RemoteObserver"]
@@ -61,7 +60,7 @@ class LocalObserver:
         self._factors = RealtimeFactors(simulated, self._ask_factor)
         for node in simulated:
             self._watch.watch_realtime_factor(rtf_topic(node))
-        if any(process.parameters.get(USE_SIM_TIME) for process in self._plan.processes):
+        if any(process.parameters.get(USE_SIM_TIME) for process in self._plan.nodes):
             self._watch.watch_clock()
         if simulated:
             self._watch.watch_parameter_events(self._factors.take_event)

@@ -16,9 +16,8 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.expected_topics import PlannedTopic
 from obk_cli.monitor.model import MessageAge, TopicView
 from obk_cli.ros.graph import TopicInfo
-from obk_cli.ros.latency import HEADER, is_of_other_clock
+from obk_cli.ros.meters import HEADER, RosMeter, TopicRate, Watch, is_of_other_clock
 from obk_cli.ros.participant import RosParticipant
-from obk_cli.ros.rate_meter import RosMeter, TopicRate, Watch
 from obk_cli.ros.simulated_clock import SimulatedClock, follow_clock
 from obk_cli.ros.types import fields_of, find_type, raw_type, short_type
 

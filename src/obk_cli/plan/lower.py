@@ -39,7 +39,15 @@ from obk_cli.config.topology import (
 )
 from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.source import Span
-from obk_cli.plan.plan import Endpoint, OnCrash, Origin, Plan, PlannedSensorGroup, Process, Promise
+from obk_cli.plan.plan import (
+    Endpoint,
+    OnCrash,
+    Origin,
+    Plan,
+    PlannedNode,
+    PlannedSensorGroup,
+    Promise,
+)
 
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 
@@ -51,30 +59,30 @@ _SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", 
 
 
 def lower_stack(stack: Stack) -> Plan:
-    """The processes of a stack, in the order of the config."""
+    """The nodes of a stack, in the order of the config."""
     joysticks = (_lower_joystick(joystick) for joystick in stack.joysticks if joystick.on)
-    processes = (*(_lower_node(node) for node in stack.nodes), *joysticks)
+    nodes = (*(_lower_node(node) for node in stack.nodes), *joysticks)
     if stack.is_on_simulated_time:
-        processes = tuple(_on_simulated_time(process) for process in processes)
+        nodes = tuple(_on_simulated_time(node) for node in nodes)
     return Plan(
         name=stack.name.value if stack.name else DEFAULT_STACK_NAME,
-        processes=processes,
+        nodes=nodes,
         external_topics=tuple(t.name for t in stack.external_topics if t.may_be("published")),
     )
 
 
-def _on_simulated_time(process: Process) -> Process:
-    parameters = dict(process.parameters)
+def _on_simulated_time(node: PlannedNode) -> PlannedNode:
+    parameters = dict(node.parameters)
     parameters.setdefault(USE_SIM_TIME, True)
-    return replace(process, parameters=parameters)
+    return replace(node, parameters=parameters)
 
 
-def _lower_node(node: Node) -> Process:
+def _lower_node(node: Node) -> PlannedNode:
     assert node.pkg is not None  # required keys: a config without them did not pass
     assert node.executable is not None
     ends = tuple(node_ends(node))
     models = (_path(s.model, s.model.written.value) for s in node.sims if s.model is not None)
-    return Process(
+    return PlannedNode(
         node=node.node_name,
         namespace=node.ros_namespace,
         section=node.section,
@@ -253,10 +261,10 @@ def _sim_setting(sim: Sim) -> Mapping[str, object]:
     return block
 
 
-def _lower_joystick(joystick: Joystick) -> Process:
+def _lower_joystick(joystick: Joystick) -> PlannedNode:
     ends = tuple(joystick_ends(joystick))
     topics = ((JOYSTICK_TOPIC, joystick.pub_topic), (FEEDBACK_TOPIC, joystick.sub_topic))
-    return Process(
+    return PlannedNode(
         node=JOYSTICK_NODE,
         namespace="/",
         section="joystick",

@@ -1,4 +1,4 @@
-"""The intermediate form: which processes run, with which parameters, in which order they come up.
+"""The intermediate form: which nodes run, with which parameters, in which order they come up.
 
 What comes out of `lower`, and all that a back end or the launcher needs to know of a config.
 Holds no YAML and no ROS types.
@@ -18,8 +18,8 @@ __all__ = [
     "Origin",
     "ParameterValue",
     "Plan",
+    "PlannedNode",
     "PlannedSensorGroup",
-    "Process",
     "Promise",
 ]
 
@@ -55,7 +55,7 @@ class PlannedSensorGroup:
     """What a simulator reads from its model and publishes on one topic."""
 
     topic: str
-    """Absolute; one of the process's own publishing ends."""
+    """Absolute; one of the node's own publishing ends."""
     kind: str
     """The group's `msg_type` as the config has it, `ObkImu`."""
     sensors: Mapping[str, str] = field(default_factory=dict)
@@ -79,8 +79,8 @@ class Promise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Process:
-    """One node and the process that runs it."""
+class PlannedNode:
+    """A node, and how its process is started."""
 
     node: str
     """Node name without its namespace, `obelisk_control_0`."""
@@ -117,12 +117,12 @@ class Plan:
     """A whole stack."""
 
     name: str
-    processes: tuple[Process, ...]
+    nodes: tuple[PlannedNode, ...]
     external_topics: tuple[str, ...] = ()
     """Topics that nodes outside the stack publish."""
 
     @property
-    def tiers(self) -> tuple[tuple[Process, ...], ...]:
-        """The processes in bring-up order, a tuple for each tier that has any."""
-        tiers = (tuple(p for p in self.processes if p.section == section) for section in TIERS)
+    def tiers(self) -> tuple[tuple[PlannedNode, ...], ...]:
+        """The nodes in bring-up order, a tuple for each tier that has any."""
+        tiers = (tuple(node for node in self.nodes if node.section == section) for section in TIERS)
         return tuple(tier for tier in tiers if tier)

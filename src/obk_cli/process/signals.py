@@ -1,16 +1,98 @@
-"""Handle the signals that end a program, and signal processes for fault injection."""
+"""Handle the signals that end a program; Ctrl-C ends a command even if a library drops it.
+
+Python drops an exception that is raised in a callback of C code, such as the one that
+removes the lock of an import; extensions turn it into errors of their own. Ctrl-C is also handled
+in a program that was started with SIGINT ignored, as shells start programs in the background.
+"""
 
 import signal
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from types import FrameType
-from typing import Final
+from typing import Final, NoReturn
 
-import psutil
+__all__ = [
+    "accept_interrupt",
+    "handle_end_signals",
+    "insist_on_interrupt",
+    "is_interrupted",
+    "until_interrupt",
+]
 
-__all__ = ["freeze", "handle_end_signals", "kill", "thaw"]
 
+_REPEAT_S: Final = 0.1
+"""Period at which a lost KeyboardInterrupt is raised again [s]."""
 _END_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def insist_on_interrupt() -> Iterator[None]:
+    """While entered, Ctrl-C ends the block by KeyboardInterrupt; only from the main thread.
+
+    The interrupt is raised again until it leaves the block or is accepted, but not while it is
+    being handled: cleanup is never cut short.
+
+    Raises:
+        KeyboardInterrupt: also in place of an error that a library made of it.
+    """
+    report = sys.unraisablehook
+
+    def report_others(dropped: "sys.UnraisableHookArgs") -> None:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            report(dropped)
+
+    sys.unraisablehook = report_others
+    before = signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    except Exception as error:
+        if is_interrupted():
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        accept_interrupt()
+        signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = report
+
+
+@contextmanager
+def until_interrupt() -> Iterator[None]:
+    """Run a block to its end or to Ctrl-C, which is its normal end."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        accept_interrupt()
+
+
+def accept_interrupt() -> None:
+    """Do not raise the interrupt again; for commands that handle Ctrl-C themselves."""
+    if is_interrupted():
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def is_interrupted() -> bool:
+    """Whether Ctrl-C was pressed and not accepted yet."""
+    return signal.getitimer(signal.ITIMER_REAL)[1] > 0.0
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> NoReturn:
+    signal.signal(signal.SIGALRM, _interrupt_again)
+    signal.setitimer(signal.ITIMER_REAL, _REPEAT_S, _REPEAT_S)
+    raise KeyboardInterrupt
+
+
+def _interrupt_again(_number: int, _frame: FrameType | None) -> None:
+    if not _is_being_handled():
+        raise KeyboardInterrupt
+
+
+def _is_being_handled() -> bool:
+    """Whether an `except` or `finally` block is running that KeyboardInterrupt led to."""
+    error = sys.exception()
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 @contextmanager
@@ -35,30 +117,3 @@ def handle_end_signals(on_signal: Callable[[signal.Signals], None]) -> Iterator[
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def kill(pid: int) -> None:
-    """End a process as the kernel does when memory runs out; not those that it started."""
-    with suppress(psutil.Error):
-        psutil.Process(pid).kill()
-
-
-def freeze(pid: int) -> None:
-    """Stop a process and all that it started: a program behind a script freezes with it."""
-    for process in _family(pid):
-        with suppress(psutil.Error):
-            process.suspend()
-
-
-def thaw(pid: int) -> None:
-    """Resume a frozen process and all that it started."""
-    for process in _family(pid):
-        with suppress(psutil.Error):
-            process.resume()
-
-
-def _family(pid: int) -> Iterator[psutil.Process]:
-    with suppress(psutil.Error):
-        process = psutil.Process(pid)
-        yield process
-        yield from process.children(recursive=True)

@@ -1,12 +1,17 @@
 """Plot fields of recorded runs, such as `/arm/joints.position[0]`, as PNG, SVG or a page.
 
-`plot_parts` reads the numbers; `draw` writes a picture with matplotlib, `page.write_page` one file
-for the browser.
+`plot_parts` reads the numbers; `draw` writes a picture with matplotlib, `write_page` one file for
+the browser, with zoom, a cursor and no network. `page/uPlot.iife.min.js` draws that: version 1.6.32
+of uPlot, unchanged, under the MIT licence in `page/uPlot.LICENSE`.
 """
 
+import base64
+import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from html import escape
+from importlib.resources import files
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
@@ -28,13 +33,18 @@ __all__ = [
     "PlotLine",
     "PlotPart",
     "draw",
+    "packed_line",
     "parse_field",
     "plot_parts",
+    "write_page",
 ]
+
 
 Floats = NDArray[np.float64]
 MOST_LINES: Final = 32
 """Of one field: more cannot be distinguished in a picture."""
+MOST_POINTS: Final = 100_000
+"""Of a line; of a longer one the page has the extremes of so many spans."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -298,3 +308,91 @@ def _fit(axis: Any, part: PlotPart, xlim: tuple[float, float]) -> None:
 def _shown(part: PlotPart, xlim: tuple[float, float]) -> Iterator[Floats]:
     for line in part.lines:
         yield line.values[(line.times_s >= xlim[0]) & (line.times_s <= xlim[1])]
+
+
+def write_page(
+    parts: Sequence[PlotPart],
+    title: str,
+    path: Path,
+    xlim: tuple[float, float] | None = None,
+) -> None:
+    """Write the page, whole or not at all.
+
+    Args:
+        parts: what to draw, one below the other.
+        title: above all.
+        path: of the file.
+        xlim: which times are shown first [s]; None: all.
+
+    Raises:
+        CommandFailedError: the file cannot be written.
+    """
+    data = {
+        "parts": [
+            {"label": part.label, "lines": [_line(line) for line in part.lines]} for part in parts
+        ],
+        "xlim": xlim,
+    }
+    texts = {
+        "TITLE": escape(title),
+        "STYLE": _asset("uPlot.min.css") + _asset("plot.css"),
+        "DATA": json.dumps(data).replace("<", "\\u003c"),
+        "LICENCE": _asset("uPlot.LICENSE"),
+        "LIBRARY": _asset("uPlot.iife.min.js"),
+        "SCRIPT": _asset("plot.js"),
+    }
+    page = _asset("plot.html")
+    for name, text in texts.items():
+        page = page.replace(f"@{name}@", text)
+    try:
+        write_bytes(path, page.encode())
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def _asset(name: str) -> str:
+    return files("obk_cli.record").joinpath("page", name).read_text(encoding="utf-8")
+
+
+def packed_line(
+    times: Sequence[Floats], values: Sequence[Floats], most: int = MOST_POINTS
+) -> dict[str, str]:
+    """`times` and `values` of a line for a page, as base64 of 64-bit floats.
+
+    Args:
+        times: in parts, each of shape `(n,)`.
+        values: in parts of the same lengths.
+        most: how many points the page gets at most.
+    """
+    few_times, few_values = _thinned(np.concatenate(times), np.concatenate(values), most)
+    return {"times": _packed(few_times), "values": _packed(few_values)}
+
+
+def _line(line: PlotLine) -> dict[str, Any]:
+    return {
+        "label": line.label,
+        "run": line.run,
+        "colour": line.colour,
+        "points": len(line.times_s),
+        **packed_line([line.times_s], [line.values]),
+    }
+
+
+def _packed(numbers: Floats) -> str:
+    return base64.b64encode(np.ascontiguousarray(numbers, "<f8").tobytes()).decode()
+
+
+def _thinned(times: Floats, values: Floats, most: int) -> tuple[Floats, Floats]:
+    """A line of at most `most` points: the least and the greatest value of each span of points."""
+    if len(times) <= most:
+        return times, values
+    size = -(-len(times) // (most // 2))
+    count = -(-len(times) // size)
+    padded = np.full(count * size, np.nan)
+    padded[: len(values)] = values
+    spans = padded.reshape(count, size)
+    least = np.where(np.isnan(spans), np.inf, spans).argmin(axis=1)
+    greatest = np.where(np.isnan(spans), -np.inf, spans).argmax(axis=1)
+    begins = np.arange(count) * size
+    kept = np.unique(np.concatenate([begins + least, begins + greatest]))
+    return times[kept], values[kept]

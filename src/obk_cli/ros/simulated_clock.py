@@ -10,8 +10,8 @@ from collections import deque
 from typing import Final
 
 from obelisk_spec.runtime_protocol import CLOCK_TOPIC
+from obk_cli.ros.meters import RosMeter
 from obk_cli.ros.participant import RosParticipant
-from obk_cli.ros.rate_meter import RosMeter
 from obk_cli.ros.raw_subscription import RawSubscription
 from obk_cli.ros.types import find_type
 

@@ -16,7 +16,7 @@ import msgspec
 
 from obelisk_recordings.find import config_of, folder_of_runs, run_folders
 from obk_cli.errors import CommandFailedError
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 
 __all__ = [
     "Run",
@@ -192,8 +192,8 @@ _Scalar = bool | int | float | str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _KeptProcess(Process):
-    """A process whose parameters are of a type that can be checked: one kind of list, not four."""
+class _KeptNode(PlannedNode):
+    """A node whose parameters are of a type that can be checked: one kind of list, not four."""
 
     parameters: Mapping[str, _Scalar | tuple[_Scalar, ...]] = field(  # type: ignore[assignment]
         default_factory=dict
@@ -201,15 +201,16 @@ class _KeptProcess(Process):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _KeptPlan(Plan):
-    processes: tuple[_KeptProcess, ...]
+class _KeptPlan:
+    name: str
+    processes: tuple[_KeptNode, ...]
 
 
 def topics_of_run(folder: Path) -> Mapping[str, str | None]:
     """The topics of a run's plan with the types that it knows, read from what the run keeps."""
     found: dict[str, str | None] = {}
-    for process in plan_of_run(folder).processes:
-        for end in (*process.publishes, *process.subscribes):
+    for node in plan_of_run(folder).nodes:
+        for end in (*node.publishes, *node.subscribes):
             found[end.topic] = found.get(end.topic) or end.msg_type
     return found
 
@@ -222,9 +223,9 @@ def plan_of_run(folder: Path) -> Plan:
     try:
         kept = msgspec.convert(read_record(folder).get("plan"), _KeptPlan)
     except (ValueError, RecursionError):
-        return Plan(name="", processes=())
-    return Plan(name=kept.name, processes=tuple(map(_process, kept.processes)))
+        return Plan(name="", nodes=())
+    return Plan(name=kept.name, nodes=tuple(map(_node, kept.processes)))
 
 
-def _process(kept: _KeptProcess) -> Process:
-    return Process(**{field.name: getattr(kept, field.name) for field in fields(kept)})
+def _node(kept: _KeptNode) -> PlannedNode:
+    return PlannedNode(**{field.name: getattr(kept, field.name) for field in fields(kept)})

@@ -12,10 +12,9 @@ from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import is_untrusted, is_within_untrusted
 from obk_cli.process.identity import boot_id, is_process, signal_process, wait_for_ends
-from obk_cli.runs.control_client import ANSWER_S, ask_status, ask_stop
 from obk_cli.runs.folder import Run, read_run, run_folders
 from obk_cli.runs.orphans import end_orphans, find_orphans
-from obk_cli.runs.protocol import NodeStatus, StackStatus
+from obk_cli.runs.protocol import ANSWER_S, NodeStatus, StackStatus, ask_status, ask_stop
 
 __all__ = [
     "NO_ANSWER",

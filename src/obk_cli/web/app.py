@@ -29,7 +29,7 @@ from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.parameters import Tuner, parameter_data
 from obk_cli.monitor.table import monitor_data
-from obk_cli.process.interrupt import until_interrupt
+from obk_cli.process.signals import until_interrupt
 from obk_cli.ros.types import fields_of, short_type
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, change_data
@@ -267,7 +267,9 @@ class PageApi:
                 409, f"the stack of {run or 'another host'} is not what runs now"
             )
         if view is None or (node and node not in {one.node for one in view.nodes}):
-            return _error_response(404, f"there is no node {node}" if view else "no stack is running")
+            return _error_response(
+                404, f"no node {node}" if view else "no stack is running"
+            )
         try:
             answer = await run_in_threadpool(
                 self._change, view, transition, (node,) if node else ()
@@ -295,7 +297,9 @@ class PageApi:
             return _error_response(400, SETTING)
         view = self._snapshot().view
         if view is None or node not in {one.node for one in view.nodes}:
-            return _error_response(404, f"there is no node {node}" if view else "no stack is running")
+            return _error_response(
+                404, f"no node {node}" if view else "no stack is running"
+            )
         if view.run != run:
             return _error_response(
                 409, f"the stack of {run or 'another host'} is not what runs now"

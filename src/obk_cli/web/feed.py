@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.emit.graph import graph_of
-from obk_cli.emit.svg import emit_svg
+from obk_cli.emit.graphviz import emit_svg
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.model import StackView, Views
 from obk_cli.plan.plan import Plan
@@ -105,6 +105,6 @@ def live_picture(plan: Plan) -> str:
     The page then has no panel for it: everything else on it still works.
     """
     try:
-        return emit_svg(graph_of(plan), is_live=True) if plan.processes else ""
+        return emit_svg(graph_of(plan), is_live=True) if plan.nodes else ""
     except CommandFailedError:
         return ""

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from obelisk_spec.policy_network import Network, NetworkError, has_onnxruntime
+from obelisk_spec.policy import Network, NetworkError, has_onnxruntime
 from obk_cli.config.environment import (
     CodeFault,
     Command,
@@ -18,8 +18,14 @@ from obk_cli.config.environment import (
 )
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile, Span
-from obk_cli.workspace.model_cache import cache_folder, read_model_once
-from obk_cli.workspace.model_reader import MjcfElement, has_mujoco, mjcf_elements, mjcf_files
+from obk_cli.workspace.model_reader import (
+    MjcfElement,
+    cache_folder,
+    has_mujoco,
+    mjcf_elements,
+    mjcf_files,
+    read_model_once,
+)
 from obk_cli.workspace.node_sources import NodeSources
 from obk_cli.workspace.package_index import PackageIndex, is_native
 

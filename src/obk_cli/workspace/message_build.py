@@ -150,9 +150,9 @@ def needed_packages(plan: Plan, packages: PackageIndex) -> frozenset[str]:
 
     A package names another one in its manifest, or by an import of its messages.
     """
-    ends = (end for node in plan.processes for end in (*node.publishes, *node.subscribes))
+    ends = (end for node in plan.nodes for end in (*node.publishes, *node.subscribes))
     todo = [end.msg_type.partition("/")[0] for end in ends if end.msg_type]
-    todo += [node.package for node in plan.processes]
+    todo += [node.package for node in plan.nodes]
     needed: set[str] = set()
     while todo:
         name = todo.pop()

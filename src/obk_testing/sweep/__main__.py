@@ -214,14 +214,14 @@ def _inputs(compiled: CompiledStack, tests: Sequence[str]) -> Iterator[Path]:
     for name in tests:
         yield Path(name)
         yield from (folder / "conftest.py" for folder in Path(name).parents)
-    for process in compiled.plan.processes:
-        for value in process.parameters.values():
+    for node in compiled.plan.nodes:
+        for value in node.parameters.values():
             if isinstance(value, str) and value.startswith("/"):  # such as `params_path`
                 yield Path(value)
-        if (source := compiled.packages.source_packages.get(process.package)) is not None:
+        if (source := compiled.packages.source_packages.get(node.package)) is not None:
             yield from _files(source, _CODE)
-        if process.model:
-            yield from _files(Path(process.model).parent, _MODELS)
+        if node.model:
+            yield from _files(Path(node.model).parent, _MODELS)
 
 
 def _files(folder: Path, kinds: Collection[str]) -> Iterator[Path]:

@@ -118,7 +118,7 @@ def test_the_parameters_of_a_node_are_those_that_the_compiler_writes() -> None:
     plan = compile_config(str(path), options).plan
     assert plan is not None
     config = load_config_file(path)
-    for process in plan.processes:
+    for process in plan.nodes:
         node = config["onboard"][process.section]
         found = get_parameters_dict(node[0] if isinstance(node, list) else node)
         # Whose time a node takes is decided for the whole stack.

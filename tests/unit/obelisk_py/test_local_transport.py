@@ -13,21 +13,19 @@ import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Int64
 
+from obelisk_py.core import local_sender as sender_module
 from obelisk_py.core.executor.local_receiver import LocalReceiver
 from obelisk_py.core.executor.worker import Worker
 from obelisk_py.core.intra_process import MessageBuffer
+from obelisk_py.core.local_sender import LocalSender, Peer, SubscriptionEndpoint, socket_folder
 from obelisk_py.core.serialization.codec import codec_for
-from obelisk_py.core.transport import sender as sender_module
-from obelisk_py.core.transport.dds_endpoints import SubscriptionEndpoint
-from obelisk_py.core.transport.sender import LocalSender, Peer
-from obelisk_py.core.transport.socket_folder import socket_folder
-from obelisk_spec.local_transport import folder as folder_module
+from obelisk_spec.local_transport import sockets as sockets_module
 from obelisk_spec.local_transport.dds_reader import Sample
-from obelisk_spec.local_transport.folder import SocketFolder
-from obelisk_spec.local_transport.packets import (
+from obelisk_spec.local_transport.sockets import (
     CONFIRMATION,
     LARGEST_MESSAGE,
     Greeting,
+    SocketFolder,
     greeting_of,
     number_of,
     packed_number,
@@ -122,7 +120,7 @@ def test_what_a_killed_process_leaves_is_no_socket(folder: SocketFolder, path: P
 def test_the_other_end_has_to_be_of_the_same_user(
     folder: SocketFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(folder_module, "peer_process", lambda _connection: None)
+    monkeypatch.setattr(sockets_module, "peer_process", lambda _connection: None)
     with folder.listen(gid(1), DEPTH):
         assert folder.connect(gid(1), DEPTH) is None
 

@@ -1,11 +1,11 @@
 """Nodes of plans, for tests that compile no config."""
 
-from obk_cli.plan.plan import Origin, Process
+from obk_cli.plan.plan import Origin, PlannedNode
 
 __all__ = ["node"]
 
 
-def node(name: str, section: str = "control", **others: object) -> Process:
+def node(name: str, section: str = "control", **others: object) -> PlannedNode:
     """A node at the top of the graph, but for the fields that are given."""
     fields: dict[str, object] = {
         "node": name,
@@ -16,4 +16,4 @@ def node(name: str, section: str = "control", **others: object) -> Process:
         "executable": "e",
         "origin": Origin(path="c.yaml", line=1, column=1),
     }
-    return Process(**{**fields, **others})  # type: ignore[arg-type]
+    return PlannedNode(**{**fields, **others})  # type: ignore[arg-type]

@@ -63,7 +63,7 @@ def test_it_is_read_with_its_places(text: str) -> None:
 
 @SPELLINGS
 def test_the_robot_gets_it_with_its_subscriber_and_in_all_settings(text: str) -> None:
-    (robot,) = lower(text).processes
+    (robot,) = lower(text).nodes
     own = parse_component_setting(str(robot.parameters["sub_ctrl_setting"]))
     (entry,) = parse_mapping(str(robot.parameters["obelisk_settings"]))["subscribers"]  # type: ignore[misc]
     assert (own["max_age_sec"], own["stale_action"]) == (0.1, "hold")
@@ -71,14 +71,14 @@ def test_the_robot_gets_it_with_its_subscriber_and_in_all_settings(text: str) ->
 
 
 def test_both_spellings_come_to_the_same_plan() -> None:
-    older, newer = (lower(text).processes[0].parameters for text in (OLDER, NEWER))
+    older, newer = (lower(text).nodes[0].parameters for text in (OLDER, NEWER))
     assert older == newer
 
 
 def test_a_parameter_file_and_a_launch_file_hold_it() -> None:
     plan = lower(NEWER)
     setting = "max_age_sec: 0.1, stale_action: hold"
-    assert setting in emit_params(plan.processes)
+    assert setting in emit_params(plan.nodes)
     assert setting in emit_launch_file(plan)
 
 

@@ -63,14 +63,14 @@ def test_a_sound_config_has_a_plan() -> None:
     outcome = compile_text(SOUND)
     assert outcome.diagnostics == ()
     assert outcome.plan is not None
-    assert [p.section for p in outcome.plan.processes] == ["control", "estimation", "robot"]
+    assert [p.section for p in outcome.plan.nodes] == ["control", "estimation", "robot"]
 
 
 def test_programs_whose_source_says_what_they_spin_are_known() -> None:
     outcome = compile_config(str(DUMMY), options(DUMMY.parent))
     assert outcome.plan is not None
     gated = gated_executables(outcome.plan, outcome.environment)
-    assert gated == {(node.package, node.executable) for node in outcome.plan.processes}
+    assert gated == {(node.package, node.executable) for node in outcome.plan.nodes}
 
 
 def test_compiling_twice_gives_equal_plans() -> None:
@@ -141,7 +141,7 @@ def test_overrides_come_last() -> None:
     outcome = compile_text(SOUND, overrides=("control[0].name=mpc", "config=other"))
     assert outcome.plan is not None
     assert outcome.plan.name == "other"
-    assert outcome.plan.processes[0].node == "obelisk_control_mpc"
+    assert outcome.plan.nodes[0].node == "obelisk_control_mpc"
 
 
 def test_independent_faults_are_all_found_in_one_run() -> None:

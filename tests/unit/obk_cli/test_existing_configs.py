@@ -10,7 +10,7 @@ import pytest
 from obelisk_spec.components import parse_component_setting
 from obk_cli.cli.main import main
 from obk_cli.compiler import Options, Outcome, compile_config
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.workspace.config_files import configs_that_include
 
 CONFIG = """\
@@ -49,9 +49,9 @@ def found(outcome: Outcome) -> list[str]:
     return [f"{finding.severity} {finding.code}" for finding in outcome.diagnostics]
 
 
-def process(outcome: Outcome, section: str) -> Process:
+def process(outcome: Outcome, section: str) -> PlannedNode:
     assert isinstance(outcome.plan, Plan)
-    (one,) = (process for process in outcome.plan.processes if process.section == section)
+    (one,) = (process for process in outcome.plan.nodes if process.section == section)
     return one
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from obk_interfaces import BuildToolError, Interface, InterfacePackage
-from obk_interfaces.libraries import libraries_of, object_of, write_units
 from obk_interfaces.package import PackageTree
 from obk_interfaces.prefix import Prefixes, site_packages_in
 from obk_interfaces.toolchain import (
@@ -14,7 +13,10 @@ from obk_interfaces.toolchain import (
     compile_command,
     find_compilers,
     find_python_headers,
+    libraries_of,
     link_command,
+    object_of,
+    write_units,
 )
 
 TOOLS = Toolchain(cc=("cc",), cxx=("c++",), includes=())

@@ -16,7 +16,7 @@ from obk_cli.plan.plan import Plan
 from obk_testing.result import StateLog, TrialFacts, TrialResult
 from obk_testing.topic_log import TopicLog
 
-PLAN = Plan(name="stack", processes=())
+PLAN = Plan(name="stack", nodes=())
 MS = 1_000_000
 
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.plan.plan import Origin, Plan, Process, Promise
+from obk_cli.plan.plan import Origin, Plan, PlannedNode, Promise
 from obk_testing.schedule import Schedule, bring_up_times
 
 BEGIN_S = 1_795_000_000.0
 
 
-def process(name: str, model: str | None = None) -> Process:
-    return Process(
+def process(name: str, model: str | None = None) -> PlannedNode:
+    return PlannedNode(
         node=name,
         namespace="/",
         section=name,
@@ -26,7 +26,7 @@ def process(name: str, model: str | None = None) -> Process:
     )
 
 
-PLAN = Plan(name="walker", processes=(process("control"), process("robot", "model/walker.xml")))
+PLAN = Plan(name="walker", nodes=(process("control"), process("robot", "model/walker.xml")))
 
 
 def write_run(folder: Path, **activated_ms: float) -> Path:
@@ -91,8 +91,8 @@ def test_a_node_without_inputs_begins_with_the_tick_before_its_first_message(
     origin = Origin(path="walker.yaml", line=1, column=1)
     ticks = Promise(name="timer_ctrl", period_s=0.004, origin=origin, topic="/ctrl")
     other = Promise(name="timer_log", period_s=1.0, origin=origin)
-    control, robot = PLAN.processes
-    plan = replace(PLAN, processes=(replace(control, promises=(ticks, other)), robot))
+    control, robot = PLAN.nodes
+    plan = replace(PLAN, nodes=(replace(control, promises=(ticks, other)), robot))
     assert bring_up_times(run, plan)["/control"] == pytest.approx(start_s, abs=1e-9)
 
 

@@ -76,4 +76,4 @@ def test_rates_of_all_publishers_count_and_pictures_do_not() -> None:
         Endpoint(topic="/c", msg_type="std_msgs/msg/Float64"),
     )
     one, two = (node(name, publishes=ends) for name in ("one", "two"))
-    assert promised_rates(Plan(name="stack", processes=(one, two))) == {"/a": 200.0}
+    assert promised_rates(Plan(name="stack", nodes=(one, two))) == {"/a": 200.0}

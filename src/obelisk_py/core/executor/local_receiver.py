@@ -17,11 +17,10 @@ from rclpy.subscription import Subscription
 from obelisk_py.core.executor.rcl_listeners import arm_timer, open_timer
 from obelisk_py.core.executor.worker import ReadyCallback, Worker
 from obelisk_py.core.intra_process import MessageBuffer
-from obelisk_py.core.transport.dds_endpoints import subscriptions_of
-from obelisk_py.core.transport.socket_folder import socket_folder
+from obelisk_py.core.local_sender import socket_folder, subscriptions_of
 from obelisk_spec.local_transport.dds_reader import DdsReader, participant_of, publisher_gid
-from obelisk_spec.local_transport.folder import SocketFolder
 from obelisk_spec.local_transport.inbox import Connection, PublisherInbox
+from obelisk_spec.local_transport.sockets import SocketFolder
 
 __all__ = ["LocalReceiver", "open_receiver"]
 

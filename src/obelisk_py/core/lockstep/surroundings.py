@@ -1,4 +1,4 @@
-"""The surroundings of nodes in lock-step, and the run that they are in."""
+"""The surroundings of nodes in lock-step, the run that they are in, and its simulators."""
 
 import random
 import threading
@@ -17,26 +17,26 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 
 from obelisk_py.core.lockstep.actions import ActionTable, lockstep_actions
-from obelisk_py.core.lockstep.clock import make_clock
 from obelisk_py.core.lockstep.entities import (
     LockstepRate,
     LockstepTimer,
     LockstepWatchdog,
     ServiceTable,
     adopt_client,
+    make_clock,
 )
 from obelisk_py.core.lockstep.guest_thread import GuestThread
 from obelisk_py.core.lockstep.interception import Interception, run_in_progress
 from obelisk_py.core.lockstep.scheduler import (
     MESSAGE,
     NS_PER_S,
+    STEP,
     LockstepError,
     ScheduledNode,
     Scheduler,
     TimingModel,
     user_place,
 )
-from obelisk_py.core.lockstep.simulator import StepEvents
 from obelisk_py.core.lockstep.tasks import LockstepExecutor
 from obelisk_py.core.lockstep.topics import (
     LockstepLifecyclePublisher,
@@ -47,9 +47,53 @@ from obelisk_py.core.lockstep.topics import (
 from obelisk_py.core.shared_clock import is_of_time_source
 from obelisk_py.core.surroundings import SteppedRobot, Surroundings, Watchdog, new_nodes_are_in
 
-__all__ = ["LockstepRun", "LockstepSurroundings"]
+__all__ = ["LockstepRun", "LockstepSurroundings", "StepEvents"]
+
 
 _UNSUPPORTED_EVENTS: Final = ("DEADLINE", "LIVELINESS", "MATCHED", "MESSAGE_LOST")
+
+
+class StepEvents(threading.Thread):
+    """Takes the steps of a robot; stands in for its stepping thread, and is never started."""
+
+    def __init__(self, scheduler: Scheduler, node: ScheduledNode, robot: SteppedRobot) -> None:
+        """Make one that does not step yet."""
+        super().__init__(name="simulator", daemon=True)
+        self.robot: Any = robot
+        self.before_step: list[Callable[[], None]] = []
+        """Called before each step, such as what applies a force."""
+        self.after_step: list[Callable[[], None]] = []
+        self._scheduler = scheduler
+        self._node = node
+        self._guarded = node.node.guarded(self._step)
+        self._is_stopped = False
+
+    def start(self) -> None:
+        """Take the first step after its time from now."""
+        self._push()
+
+    def is_alive(self) -> bool:
+        """False: it stops at once."""
+        return False
+
+    def join(self, timeout: float | None = None) -> None:
+        """Take no further step."""
+        del timeout
+        self._is_stopped = True
+
+    def _push(self) -> None:
+        due_ns = self._scheduler.now_ns + self.robot.next_step_ns()
+        self._scheduler.push(due_ns, STEP, self._node, self._guarded)
+
+    def _step(self) -> None:
+        if self._is_stopped:
+            return
+        for call in self.before_step:
+            call()
+        self.robot.step_once()
+        for call in self.after_step:
+            call()
+        self._push()
 
 
 class LockstepRun:

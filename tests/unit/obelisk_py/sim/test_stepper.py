@@ -3,8 +3,8 @@
 import pytest
 
 from obelisk_py.core.rate_monitor import TickCounter, late_ns_of
+from obelisk_py.core.sim.mujoco.step_times import Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import Stepper, TimedOutput
-from obelisk_py.core.sim.mujoco.stepping import Pace, SampleTimes
 
 MS = 1_000_000
 

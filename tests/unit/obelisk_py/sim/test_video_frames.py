@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obelisk_py.core.sim.mujoco.stepping import SampleTimes
+from obelisk_py.core.sim.mujoco.step_times import SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.video_process import FrameCounter
 
 

@@ -38,7 +38,7 @@ def test_a_message_of_the_workspace_is_known_before_it_is_built(workspace: Path)
     outcome = compile_with(workspace, "arm_msgs/Reach")
     assert reported(outcome) == []
     assert outcome.plan is not None
-    ends = [end for process in outcome.plan.processes for end in process.publishes]
+    ends = [end for process in outcome.plan.nodes for end in process.publishes]
     assert "arm_msgs/msg/Reach" in [end.msg_type for end in ends]
 
 

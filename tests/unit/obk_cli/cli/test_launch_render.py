@@ -9,7 +9,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.launch import options
 from obk_cli.launch.options import RenderArguments, with_render
 from obk_cli.launch.process_groups import share_of
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
@@ -82,12 +82,12 @@ def test_a_file_that_is_there(capsys, folder) -> None:
     assert (folder / "out.mp4").read_text() == "mine"
 
 
-def robot(name: str) -> Process:
+def robot(name: str) -> PlannedNode:
     return node(name, "robot", model="arm.xml")
 
 
-def filmed(*robots: Process, **words):
-    plan = Plan(name="s", processes=robots)
+def filmed(*robots: PlannedNode, **words):
+    plan = Plan(name="s", nodes=robots)
     given = {"camera": None, "size": None, "rate_hz": None, **words}
     return with_render(plan, share_of(plan, None), RenderArguments(**given))
 
@@ -108,7 +108,7 @@ def test_a_library_that_is_missing(monkeypatch) -> None:
 
 def test_the_robot_gets_the_film_with_its_whole_path(monkeypatch, folder) -> None:
     monkeypatch.setattr(options, "require_extra", lambda *_: None)
-    (one,) = filmed(robot("a"), path=Path("out.gif"), size="320x240", rate_hz=10).processes
+    (one,) = filmed(robot("a"), path=Path("out.gif"), size="320x240", rate_hz=10).nodes
     assert one.parameters == {
         "render": str(folder / "out.gif"),
         "render_camera": "",
@@ -118,6 +118,6 @@ def test_the_robot_gets_the_film_with_its_whole_path(monkeypatch, folder) -> Non
 
 
 def test_without_a_film_the_plan_is_as_it_was() -> None:
-    plan = Plan(name="s", processes=(robot("a"),))
+    plan = Plan(name="s", nodes=(robot("a"),))
     words = RenderArguments(path=None, camera=None, size=None, rate_hz=None)
     assert with_render(plan, share_of(plan, None), words) is plan

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.compiler import Options, compile_config
-from obk_cli.config.hardware import refuse_hardware
-from obk_cli.config.model import Stack
+from obk_cli.config.model import Stack, refuse_hardware
 from obk_cli.errors import CommandFailedError
 
 DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.configedit.migrate import Migrated, migrate_source
-from obk_cli.configedit.shape import Spelling
+from obk_cli.configedit.spelling import Spelling
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.report import report_text
 

@@ -1,6 +1,6 @@
 """Plans to emit, made up."""
 
-from obk_cli.plan.plan import Endpoint, Plan, PlannedSensorGroup, Process
+from obk_cli.plan.plan import Endpoint, Plan, PlannedNode, PlannedSensorGroup
 
 from .. import plans  # noqa: TID252 - shared by folders of tests
 
@@ -14,7 +14,7 @@ def node(
     says: tuple[str, ...] = (),
     hears: tuple[str, ...] = (),
     **others: object,
-) -> Process:
+) -> PlannedNode:
     """A process of a section that publishes and subscribes to topics."""
     settings: dict[str, object] = {
         "package": "demo",
@@ -30,7 +30,7 @@ def loop() -> Plan:
     """A control loop of four nodes on two devices, in no good order, and a joystick."""
     return Plan(
         name='arm <"&">',
-        processes=(
+        nodes=(
             node("control", says=("/ctrl",), hears=("/est", "/joy"), device="offboard"),
             node("robot", "a", says=("/q",), hears=("/ctrl",), parameters={"text": "it's '''"}),
             node("estimation", says=("/est",), hears=("/q", "/imu")),

@@ -9,7 +9,7 @@ from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.emit.json import emit_plan
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.files import write_text
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
@@ -24,7 +24,7 @@ VALUES = (
 )
 
 
-def process(**parameters: object) -> Process:
+def process(**parameters: object) -> PlannedNode:
     return node("obelisk_control_0", namespace="/left", parameters=parameters)
 
 
@@ -56,7 +56,7 @@ def test_another_reader_reads_what_was_meant(parameters: dict[str, object]) -> N
 
 
 def test_a_plan_is_json() -> None:
-    plan = json.loads(emit_plan(Plan(name="arm", processes=(process(a=(1, 2)),))))
+    plan = json.loads(emit_plan(Plan(name="arm", nodes=(process(a=(1, 2)),))))
     assert plan["name"] == "arm"
     assert plan["processes"][0]["parameters"] == {"a": [1, 2]}
     assert plan["processes"][0]["origin"] == {"path": "c.yaml", "line": 1, "column": 1}

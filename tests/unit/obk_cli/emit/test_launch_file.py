@@ -75,7 +75,7 @@ def test_the_nodes_get_the_parameters_that_params_writes(
     (path,) = {path for node in world.nodes for path in node.parameters}
     assert Path(path).parent == tmp_path
     written = load_yaml_core(Path(path).read_text(encoding="utf-8"))
-    assert written == load_yaml_core(emit_params(plan.processes))
+    assert written == load_yaml_core(emit_params(plan.nodes))
     assert written["/obelisk_robot_a"]["ros__parameters"] == {"text": "it's '''"}
 
 
@@ -84,7 +84,7 @@ def test_no_text_of_the_users_becomes_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     robot = node("robot", parameters={"x": name}, env={"X": name}, executable=name)
-    text = emit_launch_file(Plan(name=name, processes=(robot,)))
+    text = emit_launch_file(Plan(name=name, nodes=(robot,)))
     (started,) = run_launch_file(text, tmp_path, monkeypatch).nodes
     assert (started.executable, started.additional_env) == (name, {"X": name})
     (path,) = map(Path, started.parameters)

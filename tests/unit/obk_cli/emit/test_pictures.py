@@ -6,11 +6,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from obk_cli.emit.dot import emit_dot
 from obk_cli.emit.graph import graph_of
+from obk_cli.emit.graphviz import emit_dot, emit_svg
 from obk_cli.emit.json import emit_graph_json
 from obk_cli.emit.mermaid import emit_mermaid
-from obk_cli.emit.svg import emit_svg
 from obk_cli.emit.terminal import emit_terminal
 from obk_cli.errors import CommandFailedError
 from obk_cli.install_source import install_command
@@ -86,7 +85,7 @@ def test_without_graphviz_a_picture_names_the_extra(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_graphviz_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("obk_cli.emit.svg.emit_dot", lambda *_, **__: "digraph {")
+    monkeypatch.setattr("obk_cli.emit.graphviz.emit_dot", lambda *_, **__: "digraph {")
     with pytest.raises(CommandFailedError, match="Graphviz"):
         emit_svg(GRAPH)
 
@@ -134,7 +133,7 @@ def test_the_json_graph_names_each_edge() -> None:
 def test_any_letter_gives_a_picture(letter: str) -> None:
     end = Endpoint(topic=f"/t{letter}", msg_type=f"a/msg/T{letter}")
     strange = node("robot", publishes=(end,), package=f"p{letter}", device=f"d{letter}")
-    graph = graph_of(Plan(name=f"n{letter}", processes=(strange,)))
+    graph = graph_of(Plan(name=f"n{letter}", nodes=(strange,)))
     ElementTree.fromstring(emit_svg(graph).encode())
     for text in (emit_mermaid(graph), emit_dot(graph), emit_terminal(graph)):
         assert not re.search("[\x00-\x09\x0b-\x1f]", text)
@@ -149,7 +148,7 @@ def test_any_letter_gives_a_picture(letter: str) -> None:
 
 
 def test_a_plan_without_topics_has_pictures() -> None:
-    graph = graph_of(Plan(name="x", processes=(node("robot"),)))
+    graph = graph_of(Plan(name="x", nodes=(node("robot"),)))
     ElementTree.fromstring(emit_svg(graph))
     assert "obelisk_robot_0" in emit_terminal(graph)
 
@@ -157,7 +156,7 @@ def test_a_plan_without_topics_has_pictures() -> None:
 def test_the_drawing_for_the_terminal_word_for_word() -> None:
     plan = Plan(
         name="arm",
-        processes=(
+        nodes=(
             node("robot", says=("/q",), hears=("/u",)),
             node("control", says=("/u", "/debug"), hears=("/q",)),
         ),

@@ -10,13 +10,13 @@ import pytest
 
 from obk_cli.emit.json import emit_plan
 from obk_cli.files import resource_folder
-from obk_cli.plan.plan import Endpoint, Origin, Plan, PlannedSensorGroup, Process, Promise
+from obk_cli.plan.plan import Endpoint, Origin, Plan, PlannedNode, PlannedSensorGroup, Promise
 
 from .plans import loop, node
 
 SCHEMA: dict[str, Any] = json.loads((resource_folder("schema") / "plan.schema.json").read_text())
 DEFINITIONS = {
-    "process": Process,
+    "process": PlannedNode,
     "endpoint": Endpoint,
     "origin": Origin,
     "promise": Promise,
@@ -64,7 +64,7 @@ def test_an_emitted_plan_keeps_to_the_schema() -> None:
         "names": ("a",),
         "count": 3,
     }
-    plan = Plan(name="x", processes=(*loop().processes, node("viz", parameters=strange)))
+    plan = Plan(name="x", nodes=(*loop().nodes, node("viz", parameters=strange)))
     text = emit_plan(plan).encode()
     assert faults(json.loads(text)) == []
     assert json.loads(text)["processes"][-1]["parameters"] == {

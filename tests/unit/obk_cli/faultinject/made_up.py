@@ -6,7 +6,7 @@ from obk_cli.faultinject.expectations import Case, Fault, expectation_of
 from obk_cli.faultinject.verdict import Observation, TimedEvent
 from obk_cli.launch.events import OutputEvent
 from obk_cli.launch.process_groups import Unit
-from obk_cli.plan.plan import OnCrash, Process
+from obk_cli.plan.plan import OnCrash, PlannedNode
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
@@ -16,7 +16,9 @@ NODES = (CONTROLLER, ESTIMATOR, ROBOT)
 INJECTED_S = 1000.0
 
 
-def process(name: str, on_crash: OnCrash | None = None, *, has_lifecycle: bool = True) -> Process:
+def process(
+    name: str, on_crash: OnCrash | None = None, *, has_lifecycle: bool = True
+) -> PlannedNode:
     section = name.split("_")[1]
     return node(name.strip("/"), section, on_crash=on_crash, has_lifecycle=has_lifecycle)
 

@@ -1,9 +1,12 @@
 """What a rehearsal does around its cases, with launchers that are no stacks."""
 
 import os
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 
 from obk_cli.clock import local_time
@@ -11,14 +14,18 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.faultinject.launched_stack import LaunchedStack
 from obk_cli.faultinject.runner import (
     LaunchSettings,
+    freeze,
+    kill,
     make_rehearsal_folder,
     refuse_running,
     run_cases,
+    thaw,
 )
 from obk_cli.launch.run_lock import claim_run
 from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run
 
+from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 from .made_up import case
 
 
@@ -71,3 +78,27 @@ def test_where_no_logs_can_be_kept_nothing_is_rehearsed(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(CommandFailedError, match="logs of a rehearsal"):
         make_rehearsal_folder(tmp_path / "file", "s")
+
+
+def stopped(*processes: psutil.Process) -> int:
+    """How many of them are."""
+    return sum(process.status() == psutil.STATUS_STOPPED for process in processes)
+
+
+def test_a_process_freezes_with_what_it_started_thaws_and_dies() -> None:
+    with subprocess.Popen(["sh", "-c", "sleep 60 & wait"], start_new_session=True) as shell:
+        family = psutil.Process(shell.pid)
+        eventually(family.children, "the grandchild")
+        (grandchild,) = family.children()
+        both = (family, grandchild)
+        try:
+            freeze(shell.pid)
+            eventually(lambda: stopped(*both) == 2, "that both are frozen")
+            thaw(shell.pid)
+            eventually(lambda: stopped(*both) == 0, "that both run")
+        finally:
+            kill(shell.pid)
+            grandchild.kill()
+        assert shell.wait(DEADLINE_S) == -signal.SIGKILL
+        for stroke in (freeze, thaw, kill):
+            stroke(shell.pid)  # gone already

@@ -13,6 +13,7 @@ from obk_cli.faultinject.verdict import (
     parse_event,
     verdict_of,
 )
+from obk_cli.launch.event_lines import event_record
 from obk_cli.launch.events import (
     AnswersAgain,
     Ended,
@@ -23,7 +24,6 @@ from obk_cli.launch.events import (
     Restarted,
     Restarting,
 )
-from obk_cli.launch.journal import event_record
 from obk_cli.plan.plan import OnCrash
 
 from .made_up import CONTROLLER, ESTIMATOR, ROBOT, case, events, observation, status

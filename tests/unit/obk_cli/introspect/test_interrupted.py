@@ -9,13 +9,12 @@ import pytest
 
 from obk_cli.cli.topic_rates import _measure_delay, _measure_rates
 from obk_cli.introspect import resolve
-from obk_cli.ros import latency
+from obk_cli.ros import meters
 from obk_cli.ros import participant as ros_look
-from obk_cli.ros import rate_meter as ros_meter
 from obk_cli.ros import raw_subscription as ros_listen
 from obk_cli.ros import types as ros_types
 from obk_cli.ros.graph import TopicInfo
-from obk_cli.ros.rate_meter import TopicRate
+from obk_cli.ros.meters import TopicRate
 
 PLACE: Final[Any] = SimpleNamespace(environment=None, modules=lambda _: ())
 MS: Final = 1_000_000
@@ -48,7 +47,7 @@ def _topic(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_rate_since_the_last_report_is_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(ros_meter, "RosMeter", Interrupted)
+    monkeypatch.setattr(meters, "RosMeter", Interrupted)
     for duration_s in (None, 60.0):
         with pytest.raises(KeyboardInterrupt):
             _measure_rates(PLACE, ["est"], 10.0, duration_s, 5.0, is_json=False)
@@ -63,7 +62,7 @@ def test_the_delay_since_the_last_report_is_reported(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(ros_listen, "arrived", arrived)
-    monkeypatch.setattr(latency, "stamp_getter", lambda *_: lambda message: message)
+    monkeypatch.setattr(meters, "stamp_getter", lambda *_: lambda message: message)
     with pytest.raises(KeyboardInterrupt):
         _measure_delay(PLACE, "est", 10, None, 5.0, is_json=False)
     assert capsys.readouterr().out.startswith("mean 2.000 ms ")

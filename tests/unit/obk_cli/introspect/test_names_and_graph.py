@@ -17,7 +17,7 @@ from obk_cli.ros.graph import (
     special_services,
     visible,
 )
-from obk_cli.ros.latency import stamp_getter
+from obk_cli.ros.meters import stamp_getter
 from obk_cli.ros.raw_subscription import OfferedQos
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
@@ -106,7 +106,7 @@ def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
 
 def test_robots_that_listen_to_a_topic_are_known_by_plan_or_by_name() -> None:
     hears = {"subscribes": (Endpoint(topic="/c", msg_type=None),)}
-    plan = Plan(name="arm", processes=(node("arm", "robot", **hears), node("k", **hears)))
+    plan = Plan(name="arm", nodes=(node("arm", "robot", **hears), node("k", **hears)))
     topic = TopicInfo(
         name="/c",
         msg_types=(),

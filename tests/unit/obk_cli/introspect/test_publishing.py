@@ -137,7 +137,7 @@ def test_the_robots_of_every_stack_here_count_before_they_subscribe(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     robot = node("r", "robot", subscribes=(Endpoint(topic="/arm/state", msg_type=None),))
-    plans = {"a": Plan(name="a", processes=()), "b": Plan(name="b", processes=(robot,))}
+    plans = {"a": Plan(name="a", nodes=()), "b": Plan(name="b", nodes=(robot,))}
     monkeypatch.setattr("obk_cli.introspect.target.plan_of_run", lambda folder: plans[folder.name])
     topic = Look().topic("/arm/state")
     refuse_robot_commands(topic, place("a"))

@@ -21,14 +21,14 @@ from obk_cli.launch.console import Output
 from obk_cli.launch.event_lines import LaunchReport
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.run import _commands
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.workspace.package_index import PackageIndex
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 from .shown import Shown
 
 CONTROLLER = node("obelisk_control_0", parameters={"a": 1}, env={"GAIN": "2"}, log_level="debug")
-PLAN = Plan(name="s", processes=(CONTROLLER,))
+PLAN = Plan(name="s", nodes=(CONTROLLER,))
 UNITS = units_of(PLAN, devices={"onboard"})
 COMMAND = Command(arguments=("run",), python_path=(Path("/src"),), found_in="here", module="m")
 EXECUTABLES = {CONTROLLER.full_name: COMMAND}
@@ -184,5 +184,5 @@ def test_python_nodes_of_this_environment_share_a_process() -> None:
     ],
     ids=["environment", "no life cycle", "not Python", "another Python"],
 )
-def test_others_do_not(process: Process, command: Command) -> None:
+def test_others_do_not(process: PlannedNode, command: Command) -> None:
     assert not is_composable(process, command)

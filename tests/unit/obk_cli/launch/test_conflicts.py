@@ -35,7 +35,7 @@ ROBOT = node(
     subscribes=(Endpoint(topic="/ctrl", msg_type=None),),
     model="m.xml",
 )
-PLAN = Plan(name="s", processes=(ROBOT,))
+PLAN = Plan(name="s", nodes=(ROBOT,))
 
 
 class Graph:
@@ -95,7 +95,7 @@ def test_a_publisher_of_an_external_topic_is_accepted() -> None:
 
 
 def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
-    real = Plan(name="s", processes=(replace(ROBOT, model=None),))
+    real = Plan(name="s", nodes=(replace(ROBOT, model=None),))
     assert has_hardware(real)
     assert not has_hardware(PLAN)
     graph = Graph()
@@ -174,7 +174,7 @@ def test_the_robots_topics_are_those_it_listens_to() -> None:
 CONTROL, STRING = "obelisk_control_msgs/msg/PositionSetpoint", "std_msgs/msg/String"
 TYPES_PLAN = Plan(
     name="s",
-    processes=(
+    nodes=(
         node(
             "obelisk_robot_0",
             "robot",

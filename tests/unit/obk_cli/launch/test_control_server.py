@@ -14,8 +14,14 @@ import pytest
 from obk_cli.launch import control_server
 from obk_cli.launch.control_server import serve_control
 from obk_cli.launch.events import ChangeRequested, InputEvent, StatusRequested, StopRequested
-from obk_cli.runs.control_client import ask_change, ask_status, ask_stop
-from obk_cli.runs.protocol import ChangeAnswer, Member, StackStatus
+from obk_cli.runs.protocol import (
+    ChangeAnswer,
+    Member,
+    StackStatus,
+    ask_change,
+    ask_status,
+    ask_stop,
+)
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 

@@ -10,7 +10,7 @@ from obk_cli.config.environment import Command
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import early_units, gate_path, gate_variables, held_at_gate
 from obk_cli.launch.process_groups import Unit, units_of
-from obk_cli.plan.plan import Plan, Process
+from obk_cli.plan.plan import Plan, PlannedNode
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
@@ -19,9 +19,9 @@ def command(program: str = sys.executable) -> Command:
     return Command(arguments=(program,), found_in="here", module="m")
 
 
-def early(*nodes: Process, program: str = sys.executable, together: bool = False) -> list[str]:
+def early(*nodes: PlannedNode, program: str = sys.executable, together: bool = False) -> list[str]:
     names = [node.full_name for node in nodes]
-    plan = Plan(name="s", processes=nodes)
+    plan = Plan(name="s", nodes=nodes)
     units = units_of(plan, devices={"onboard"}, together=names if together else [])
     executables = dict.fromkeys(names, command(program))
     return [unit.name for unit in early_units(units, executables, {("p", "e")})]
@@ -36,7 +36,7 @@ def test_a_program_whose_node_the_library_makes_is_early() -> None:
     [node("a", env={"A": "1"}), node("a", has_lifecycle=False)],
     ids=["env", "no life cycle"],
 )
-def test_what_may_be_of_another_library_is_not(late: Process) -> None:
+def test_what_may_be_of_another_library_is_not(late: PlannedNode) -> None:
     assert not early(late)
     assert not early(node("a"), program="/usr/bin/python3")
 
@@ -76,7 +76,7 @@ def is_closed(folder: Path) -> bool:
 
 
 def test_where_there_can_be_no_gate_nothing_is_early(tmp_path: Path) -> None:
-    units = units_of(Plan(name="s", processes=(node("a"),)), devices={"onboard"})
+    units = units_of(Plan(name="s", nodes=(node("a"),)), devices={"onboard"})
     started = Started(tmp_path)
     gate_path(tmp_path).mkdir()
     for folder in (None, tmp_path):

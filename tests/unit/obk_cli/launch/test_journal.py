@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
+from obk_cli.launch.event_lines import Journal, event_record
 from obk_cli.launch.events import OUTPUT_EVENTS, Phase, StackStateChanged
-from obk_cli.launch.journal import Journal, event_record
 
 FULL_DISK = Path("/dev/full")
 

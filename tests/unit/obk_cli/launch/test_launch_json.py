@@ -3,9 +3,8 @@
 import json
 from pathlib import Path
 
-from obk_cli.launch.event_lines import JsonReport
+from obk_cli.launch.event_lines import Journal, JsonReport
 from obk_cli.launch.events import Ended, Phase, ProcessEnded
-from obk_cli.launch.journal import Journal
 
 
 def test_a_line_is_the_record_of_the_journal(tmp_path: Path) -> None:

@@ -163,7 +163,7 @@ def test_the_last_words_of_a_dead_process_do_not_bring_its_node_to_life() -> Non
 def test_the_only_node_failing_for_good_is_no_end_in_order() -> None:
     end = StateSeen(node=ROBOT, state="finalized")
     failed = Failed(node=ROBOT, fault="compute: boom")
-    world = World(plan=Plan(name="s", processes=(process("robot"),)))
+    world = World(plan=Plan(name="s", nodes=(process("robot"),)))
     world.later.extend([end, failed])
     ended = world.run(duration_s=None)
     assert ended.exit_code == 1
@@ -284,7 +284,7 @@ def test_a_stop_does_not_wait_for_the_end_of_a_process_that_was_to_be_restarted(
 
 def test_a_node_of_another_launch_that_was_started_again_is_where_it_says() -> None:
     answers: list[ChangeAnswer] = []
-    two = Plan(name="s", processes=(process("control", device="offboard"), process("robot")))
+    two = Plan(name="s", nodes=(process("control", device="offboard"), process("robot")))
     world = World(plan=two, devices=frozenset({"offboard"}), on_crash="restart")
 
     def ends() -> None:
@@ -321,7 +321,7 @@ def test_a_node_that_failed_and_is_ignored_does_not_keep_the_others_from_a_chang
 def test_the_end_of_a_shared_process_is_blamed_on_the_node_that_its_last_words_name() -> None:
     two = Plan(
         name="s",
-        processes=tuple(
+        nodes=tuple(
             replace(process(section), origin=Origin(path="c.yaml", line=line, column=1))
             for line, section in enumerate(("control", "robot"), 1)
         ),

@@ -7,7 +7,7 @@ from .world import process
 
 PLAN = Plan(
     name="s",
-    processes=(process("robot"), process("control", device="pc"), process("viz", device="pc")),
+    nodes=(process("robot"), process("control", device="pc"), process("viz", device="pc")),
 )
 
 
@@ -23,7 +23,7 @@ def test_the_device_with_the_controller_leads() -> None:
 
 
 def test_without_a_controller_the_first_device_leads() -> None:
-    plan = Plan(name="s", processes=(process("robot"), process("viz", device="pc")))
+    plan = Plan(name="s", nodes=(process("robot"), process("viz", device="pc")))
     assert share_of(plan, "onboard").leads
     assert not share_of(plan, "pc").leads
 
@@ -34,7 +34,7 @@ def test_another_device_may_be_reported_to_lead() -> None:
 
 
 def test_a_stack_of_one_device_is_whole_on_it() -> None:
-    one = Plan(name="s", processes=(process("robot"),))
+    one = Plan(name="s", nodes=(process("robot"),))
     assert devices_of(one) == ("onboard",)
     assert not share_of(one, "onboard").is_part
 

@@ -23,7 +23,7 @@ from obk_cli.launch.events import (
 )
 from obk_cli.launch.external_rates import external_rate
 from obk_cli.plan.plan import Origin, Plan, Promise
-from obk_cli.ros.rate_meter import TopicRate
+from obk_cli.ros.meters import TopicRate
 from obk_cli.runs.protocol import StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, rates
@@ -31,8 +31,8 @@ from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, rates
 PERIOD = Promise(name="timer", period_s=0.01, origin=Origin(path="c.yaml", line=7, column=21))
 PROMISED = replace(
     PLAN,
-    processes=tuple(
-        replace(p, promises=(PERIOD,)) if p.section == "control" else p for p in PLAN.processes
+    nodes=tuple(
+        replace(p, promises=(PERIOD,)) if p.section == "control" else p for p in PLAN.nodes
     ),
 )
 OFF, BROKEN = rates(CONTROLLER, 80, "off"), rates(CONTROLLER, 50, "broken")
@@ -121,9 +121,9 @@ def test_one_late_report_breaks_nothing() -> None:
 def with_topic(topic: str | None) -> Plan:
     return replace(
         PROMISED,
-        processes=tuple(
+        nodes=tuple(
             replace(p, promises=tuple(replace(one, topic=topic) for one in p.promises))
-            for p in PROMISED.processes
+            for p in PROMISED.nodes
         ),
     )
 

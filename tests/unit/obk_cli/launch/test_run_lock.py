@@ -251,7 +251,7 @@ def test_a_claim_that_is_held_is_not_waited_for_without_end(
     claim_run(tmp_path, RUN, NOW)
 
 
-PLAN: Final = Plan(name="s", processes=(node("a"),))
+PLAN: Final = Plan(name="s", nodes=(node("a"),))
 OPTIONS: Final = LaunchOptions(
     config="c.yaml", folder=Path(), share=Share(devices=frozenset({"onboard"}), is_part=False)
 )

@@ -77,8 +77,8 @@ def test_without_a_duration_nothing_is_counted(clock: ClockDescriptors) -> None:
 
 
 def test_a_stack_on_the_wall_clock_has_no_simulated_seconds() -> None:
-    hardware = Plan(name="s", processes=(node("robot", "robot"),))
-    on_wall_clock = Plan(name="s", processes=(node("robot", "robot", model="arm.xml"),))
+    hardware = Plan(name="s", nodes=(node("robot", "robot"),))
+    on_wall_clock = Plan(name="s", nodes=(node("robot", "robot", model="arm.xml"),))
     for plan in (hardware, on_wall_clock):
         with pytest.raises(MisuseError, match="--sim-duration"):
             require_simulated_time(plan, share_of(plan, None), "--sim-duration")

@@ -30,12 +30,12 @@ from obk_cli.terminal import plain
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 CONTROL, ROBOT = "/obelisk_control_0", "/obelisk_robot_0"
-EMPTY = Plan(name="dummy", processes=())
+EMPTY = Plan(name="dummy", nodes=())
 
 
 PLAN = Plan(
     name="dummy",
-    processes=(
+    nodes=(
         node("joystick", "joystick", has_lifecycle=False),
         node("obelisk_control_0"),
         node("obelisk_robot_0", "robot"),
@@ -43,7 +43,7 @@ PLAN = Plan(
 )
 MANY = Plan(
     name="many",
-    processes=tuple(
+    nodes=tuple(
         node(f"obelisk_{section}_{n}", section)
         for section in ("robot", "sensing", "control")
         for n in range(10)
@@ -73,7 +73,7 @@ def shown(status: StackStatus, width: int = 80, height: int = 24) -> list[str]:
 
 
 def started(plan: Plan = PLAN) -> tuple[OutputEvent, ...]:
-    return tuple(ProcessStarted(process=p.full_name, pid=n) for n, p in enumerate(plan.processes))
+    return tuple(ProcessStarted(process=p.full_name, pid=n) for n, p in enumerate(plan.nodes))
 
 
 def test_the_bring_up_shows_how_many_nodes_are_how_far() -> None:
@@ -194,7 +194,7 @@ def test_rolling_back_is_an_episode() -> None:
 
 def test_more_nodes_than_there_is_room_for_are_summed_up_and_the_sick_ones_named() -> None:
     steady = Phase(name="active", seconds=1)
-    names = [p.full_name for p in MANY.processes]
+    names = [p.full_name for p in MANY.nodes]
     up = [ended(name, "activate") for name in names]
     sick = (Hung(node=names[13], seconds=2), ProcessEnded(process=names[29], code=1))
     status = status_after(*started(MANY), *up, steady, *sick, plan=MANY)
@@ -212,7 +212,7 @@ def test_more_nodes_than_there_is_room_for_are_summed_up_and_the_sick_ones_named
 
 
 def test_no_size_is_too_small_and_no_name_too_long() -> None:
-    long = Plan(name="长" * 30, processes=(node("长" * 50), *MANY.processes))
+    long = Plan(name="长" * 30, nodes=(node("长" * 50), *MANY.nodes))
     for plan in (EMPTY, PLAN, long):
         for phase in ("starting", "ready", "active", "stopping"):
             status = status_after(Phase(name=phase, seconds=1), plan=plan)

@@ -110,7 +110,7 @@ def test_a_refused_activate_takes_its_tier_back_and_fails_with_the_nodes_own_wor
 
 
 def test_nodes_of_a_tier_that_did_make_a_failed_step_are_rolled_back() -> None:
-    two = Plan(name="s", processes=(*PLAN.processes, process("robot", 1)))
+    two = Plan(name="s", nodes=(*PLAN.nodes, process("robot", 1)))
     world = World(refuses={("/obelisk_robot_1", "configure"): "no"}, plan=two)
     world.run()
     assert "rolling back" in world.phases
@@ -308,7 +308,7 @@ JOY = replace(process("joystick"), node="obelisk_joystick", has_lifecycle=False)
 
 
 def test_a_process_without_a_life_cycle_is_only_started_watched_and_signalled() -> None:
-    world = World(plan=Plan(name="s", processes=(*PLAN.processes, JOY)))
+    world = World(plan=Plan(name="s", nodes=(*PLAN.nodes, JOY)))
     ended = world.run()
     assert ended == Ended(exit_code=0, cause="")
     assert not world.transitions_of(JOY.full_name)
@@ -317,12 +317,12 @@ def test_a_process_without_a_life_cycle_is_only_started_watched_and_signalled() 
 
 def test_the_death_of_a_process_without_a_life_cycle_takes_the_stack_down() -> None:
     died = ProcessEnded(process=JOY.full_name, code=1)
-    world = World(plan=Plan(name="s", processes=(*PLAN.processes, JOY)), later=deque([died]))
+    world = World(plan=Plan(name="s", nodes=(*PLAN.nodes, JOY)), later=deque([died]))
     assert world.run(duration_s=None).cause == f"{JOY.full_name}: the process exited with code 1"
 
 
 def test_a_process_that_knows_nothing_of_sigint_ends_in_order_by_it() -> None:
-    world = World(plan=Plan(name="s", processes=(JOY,)), deaf_to={(JOY.full_name, signal.SIGINT)})
+    world = World(plan=Plan(name="s", nodes=(JOY,)), deaf_to={(JOY.full_name, signal.SIGINT)})
     world.later.append(ProcessEnded(process=JOY.full_name, code=-signal.SIGINT))
     world.later.appendleft(StopRequested(reason="SIGTERM"))
     assert world.run(duration_s=None).exit_code == 0

@@ -304,7 +304,7 @@ def test_nodes_that_hang_in_one_process_are_gone_on_without_once() -> None:
     assert len(world.of(AnswersAgain)) == 3
 
 
-TWO = Plan(name="s", processes=(process("control", device="offboard"), process("robot")))
+TWO = Plan(name="s", nodes=(process("control", device="offboard"), process("robot")))
 
 
 def test_a_lead_waits_for_other_devices_and_takes_their_nodes_along() -> None:

@@ -30,7 +30,7 @@ MADE_TEXT, LOST_TEXT = str(MADE.video), str(LOST.video)
 def shown(*events: OutputEvent, robot: object = ROBOT) -> list[str]:
     """The lines of a run with these events."""
     notes: list[str] = []
-    plan = Plan(name="s", processes=(robot,))  # type: ignore[arg-type]
+    plan = Plan(name="s", nodes=(robot,))  # type: ignore[arg-type]
     films = VideoReports(plan, share_of(plan, None), notes.append)
     for event in events:
         films.on_event(event)

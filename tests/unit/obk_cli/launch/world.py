@@ -25,7 +25,7 @@ from obk_cli.launch.events import (
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.transitions import Until
-from obk_cli.plan.plan import OnCrash, Plan, Process
+from obk_cli.plan.plan import OnCrash, Plan, PlannedNode
 from obk_cli.runs.lifecycle import TRANSITIONS
 
 from .. import plans  # noqa: TID252 - shared by folders of tests
@@ -33,7 +33,7 @@ from .. import plans  # noqa: TID252 - shared by folders of tests
 ROBOT, ESTIMATOR, CONTROLLER = "/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0"
 
 
-def process(section: str, index: int = 0, device: str = "onboard") -> Process:
+def process(section: str, index: int = 0, device: str = "onboard") -> PlannedNode:
     return plans.node(f"obelisk_{section}_{index}", section, device=device)
 
 
@@ -53,7 +53,7 @@ def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesRe
     return RatesReported(node=node, rates=(rate,))
 
 
-PLAN = Plan(name="s", processes=tuple(map(process, ("control", "estimation", "robot"))))
+PLAN = Plan(name="s", nodes=tuple(map(process, ("control", "estimation", "robot"))))
 
 
 @dataclass

@@ -5,7 +5,7 @@ from typing import Final
 
 from obelisk_spec.runtime_protocol import Rate as Promised
 from obk_cli.monitor.model import MessageAge, NodeView, ProcessLoad, StackView, TopicView
-from obk_cli.ros.rate_meter import TopicRate
+from obk_cli.ros.meters import TopicRate
 
 __all__ = ["BROKEN", "COMPOSED", "ELSEWHERE", "HEALTHY", "node", "topic"]
 

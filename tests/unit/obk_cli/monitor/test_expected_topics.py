@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import pytest
 
 from obk_cli.monitor.expected_topics import PlannedTopic, planned_topics, simulated_robots
-from obk_cli.plan.plan import Endpoint, Plan, Process
+from obk_cli.plan.plan import Endpoint, Plan, PlannedNode
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
@@ -20,13 +20,13 @@ def process(
     publishes: Iterable[Endpoint],
     subscribes: Iterable[Endpoint],
     **more: object,
-) -> Process:
+) -> PlannedNode:
     ends = {"publishes": tuple(publishes), "subscribes": tuple(subscribes)}
     return node(name, section, namespace="/arm", **ends, **more)
 
 
-def plan_of(*processes: Process) -> Plan:
-    return Plan(name="arm", processes=processes)
+def plan_of(*processes: PlannedNode) -> Plan:
+    return Plan(name="arm", nodes=processes)
 
 
 def test_topics_stand_along_the_way_of_data_with_what_they_promise() -> None:

@@ -63,7 +63,7 @@ def lower(folder: Path) -> Plan:
 
 
 def test_a_node_becomes_a_process(tmp_path: Path) -> None:
-    robot, control, joystick = lower(tmp_path).processes
+    robot, control, joystick = lower(tmp_path).nodes
     assert robot.full_name == "/left/obelisk_robot_0"
     assert (robot.package, robot.executable, robot.log_level) == ("demo", "sim", "debug")
     assert robot.remappings == (("/state", "/arm/state"),)
@@ -80,7 +80,7 @@ def test_the_plan_brings_the_robot_up_first(tmp_path: Path) -> None:
 
 
 def test_a_component_is_emitted_under_its_parameter_and_in_the_settings(tmp_path: Path) -> None:
-    _, control, _ = lower(tmp_path).processes
+    _, control, _ = lower(tmp_path).nodes
     own = control.parameters["sub_q_setting"]
     assert own == "key:sub_q,topic:/q,msg_type:JointEncoders,history_depth:5"
     entry = {**parse_component_setting(str(own)), "ros_parameter": "sub_q_setting"}
@@ -90,7 +90,7 @@ def test_a_component_is_emitted_under_its_parameter_and_in_the_settings(tmp_path
 def test_settings_that_flat_text_cannot_hold_are_flow_text() -> None:
     ends = "{key: sub_q, topic: /q, qos: {reliability: best_effort}}"
     text = f"robot:\n  pkg: a\n  executable: b\n  subscribers: [{ends}]\n"
-    (process,) = lower_text(text).processes
+    (process,) = lower_text(text).nodes
     assert parse_mapping(str(process.parameters["sub_q_setting"])) == {
         "key": "sub_q",
         "topic": "/q",
@@ -102,18 +102,18 @@ def test_settings_that_flat_text_cannot_hold_are_flow_text() -> None:
 def test_a_whole_depth_is_written_without_a_fraction() -> None:
     ends = "{key: sub_q, topic: /q, history_depth: 10.0}"
     text = f"robot:\n  pkg: a\n  executable: b\n  subscribers: [{ends}]\n"
-    (process,) = lower_text(text).processes
+    (process,) = lower_text(text).nodes
     assert process.parameters["sub_q_setting"] == "key:sub_q,topic:/q,history_depth:10"
 
 
 def test_callback_groups_have_a_parameter_of_their_own(tmp_path: Path) -> None:
-    robot, control, _ = lower(tmp_path).processes
+    robot, control, _ = lower(tmp_path).nodes
     assert robot.parameters["callback_group_settings"] == "fast:ReentrantCallbackGroup"
     assert "callback_group_settings" not in control.parameters
 
 
 def test_a_component_with_only_a_key_gets_its_parameter_and_defaults(tmp_path: Path) -> None:
-    robot, *_ = lower(tmp_path).processes
+    robot, *_ = lower(tmp_path).nodes
     setting = {
         "key": "pub_true_sim_state",
         "ros_parameter": "pub_true_sim_state_setting",
@@ -130,7 +130,7 @@ def test_a_component_with_only_a_key_gets_its_parameter_and_defaults(tmp_path: P
 def test_components_that_share_a_key_have_no_parameter_of_their_own() -> None:
     ends = [f"{{key: state, topic: /{topic}}}" for topic in ("in", "out")]
     text = f"subscribers: [{ends[0]}]\n  publishers: [{ends[1]}]"
-    (process,) = lower_text(f"robot:\n  pkg: a\n  executable: b\n  {text}\n").processes
+    (process,) = lower_text(f"robot:\n  pkg: a\n  executable: b\n  {text}\n").nodes
     assert set(process.parameters) == {"obelisk_settings"}
 
 
@@ -138,7 +138,7 @@ def test_timers_and_sensor_groups_are_promises_with_the_places_of_their_periods(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "arm.xml").touch()
-    robot, control, _ = lower(tmp_path).processes
+    robot, control, _ = lower(tmp_path).nodes
     assert [(p.name, p.period_s, str(p.origin)) for p in robot.promises] == [
         ("timer_true_sim_state", 0.01, "arm.yaml:15:71"),
         ("/q", 0.002, "arm.yaml:20:25"),
@@ -148,7 +148,7 @@ def test_timers_and_sensor_groups_are_promises_with_the_places_of_their_periods(
 
 def test_a_simulator_reports_what_it_reads_from_its_model(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").touch()
-    robot, control, joystick = lower(tmp_path).processes
+    robot, control, joystick = lower(tmp_path).nodes
     assert robot.model == str(tmp_path / "arm.xml")
     assert robot.sensor_groups == (
         PlannedSensorGroup(topic="/q", kind="JointEncoders", sensors={"a": "jointpos"}),
@@ -162,22 +162,22 @@ def test_a_real_robot_reads_no_model() -> None:
         "robot:\n  pkg: a\n  executable: b\n  is_simulated: false\n"
         "  sim: {model_xml_path: x.xml, sensor_settings: "
         "[{topic: /q, dt: 0.1, msg_type: Imu, sensor_names: {a: gyro}}]}\n"
-    ).processes
+    ).nodes
     assert (process.model, process.sensor_groups) == (None, ())
 
 
 def test_user_parameters_are_dotted_and_lists_of_one_type(tmp_path: Path) -> None:
-    robot, *_ = lower(tmp_path).processes
+    robot, *_ = lower(tmp_path).nodes
     assert robot.parameters["ic_keyframe"] == "home"
     assert robot.parameters["gains"] == (1.0, 2.5)
 
 
 def test_files_that_are_there_get_their_whole_path(tmp_path: Path) -> None:
-    robot, *_ = lower(tmp_path).processes
+    robot, *_ = lower(tmp_path).nodes
     assert robot.parameters["params_path"] == "gains.txt"
     for name in ("arm.xml", "gains.txt"):
         (tmp_path / name).touch()
-    robot, *_ = lower(tmp_path).processes
+    robot, *_ = lower(tmp_path).nodes
     assert robot.parameters["params_path"] == str(tmp_path / "gains.txt")
     block = parse_mapping(str(robot.parameters["mujoco_setting"]))
     assert block["model_xml_path"] == str(tmp_path / "arm.xml")
@@ -185,7 +185,7 @@ def test_files_that_are_there_get_their_whole_path(tmp_path: Path) -> None:
 
 
 def test_ends_have_types_and_rates(tmp_path: Path) -> None:
-    robot, control, joystick = lower(tmp_path).processes
+    robot, control, joystick = lower(tmp_path).nodes
     assert robot.publishes == (
         Endpoint(
             topic="/left/state", msg_type="obelisk_sensor_msgs/msg/TrueSimState", rate_hz=100.0
@@ -213,8 +213,8 @@ def test_each_joystick_has_its_own_topics() -> None:
     plan = lower_text(
         "a: {joystick: {pub_topic: /a}}\nb: {joystick: {pub_topic: /b, sub_topic: /c}}\n"
     )
-    assert [[end.topic for end in p.publishes] for p in plan.processes] == [["/a"], ["/b"]]
-    heard = [[end.topic for end in p.subscribes] for p in plan.processes]
+    assert [[end.topic for end in p.publishes] for p in plan.nodes] == [["/a"], ["/b"]]
+    heard = [[end.topic for end in p.subscribes] for p in plan.nodes]
     assert heard == [["/joy/set_feedback"], ["/c"]]
 
 
@@ -224,14 +224,14 @@ def test_environment_variables_get_what_variables_come_to() -> None:
     text = f"robot:\n  pkg: a\n  executable: b\n  {env}"
     outcome = compile_source(SourceFile.of("<text>", text), options)
     assert outcome.config is not None
-    (process,) = lower_stack(outcome.config).processes
+    (process,) = lower_stack(outcome.config).nodes
     assert process.env == {"A": "007", "B": "1.10", "C": "true"}
 
 
 def test_a_pattern_that_is_none_is_left_to_the_checks() -> None:
     group = "{topic: /s, dt: 0.1, msg_type: Unknown, scan_config: {pattern: lidar}}"
     sim = f"sim: {{model_xml_path: m.xml, sensor_settings: [{group}]}}"
-    (robot,) = lower_text(f"robot: {{pkg: a, executable: b, {sim}}}").processes
+    (robot,) = lower_text(f"robot: {{pkg: a, executable: b, {sim}}}").nodes
     assert [group.rays for group in robot.sensor_groups] == [None]
 
 
@@ -246,7 +246,7 @@ joystick: {device_id: 1}
 
 
 def times(text: str) -> list[object]:
-    return [process.parameters.get("use_sim_time") for process in lower_text(text).processes]
+    return [process.parameters.get("use_sim_time") for process in lower_text(text).nodes]
 
 
 def test_all_nodes_of_a_simulated_stack_use_simulated_time() -> None:

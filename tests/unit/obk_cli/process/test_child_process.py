@@ -12,7 +12,6 @@ import pytest
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.process.child_process import BoundChild, run_in_foreground
-from obk_cli.process.signals import freeze, kill, thaw
 from obk_cli.ros.environment import free_domain
 
 from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
@@ -94,30 +93,6 @@ def test_a_child_does_not_outlive_a_starter_that_is_killed(tmp_path: Path) -> No
         assert is_there(pid)
         starter.kill()
         eventually(lambda: not is_there(pid), "the end of the child")
-
-
-def stopped(*processes: psutil.Process) -> int:
-    """How many of them are."""
-    return sum(process.status() == psutil.STATUS_STOPPED for process in processes)
-
-
-def test_a_process_freezes_with_what_it_started_thaws_and_dies() -> None:
-    with subprocess.Popen(["sh", "-c", "sleep 60 & wait"], start_new_session=True) as shell:
-        family = psutil.Process(shell.pid)
-        eventually(family.children, "the grandchild")
-        (grandchild,) = family.children()
-        both = (family, grandchild)
-        try:
-            freeze(shell.pid)
-            eventually(lambda: stopped(*both) == 2, "that both are frozen")
-            thaw(shell.pid)
-            eventually(lambda: stopped(*both) == 0, "that both run")
-        finally:
-            kill(shell.pid)
-            grandchild.kill()
-        assert shell.wait(DEADLINE_S) == -signal.SIGKILL
-        for stroke in (freeze, thaw, kill):
-            stroke(shell.pid)  # gone already
 
 
 def test_two_that_ask_at_once_get_two_domains() -> None:

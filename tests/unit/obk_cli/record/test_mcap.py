@@ -13,8 +13,7 @@ import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from obelisk_recordings.bag import DROPS, BagTopic
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import DROPS, BagTopic, RecordingError
 from obelisk_recordings.run import open_run
 from obelisk_recordings.summary import read_bag
 from obk_cli.cli.bag import bag_text

@@ -8,11 +8,19 @@ import numpy as np
 import pytest
 from mcap_ros2.writer import Writer
 
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.run import RecordedRun, open_run, topic_named
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.record.plot import FieldName, PlotPart, draw, parse_field, plot_parts
-from obk_cli.record.plot_page import MOST_POINTS, _thinned, write_page
+from obk_cli.record.plot import (
+    MOST_POINTS,
+    FieldName,
+    PlotPart,
+    _thinned,
+    draw,
+    parse_field,
+    plot_parts,
+    write_page,
+)
 
 from ....browser import opened  # noqa: TID252 - shared by folders of tests
 

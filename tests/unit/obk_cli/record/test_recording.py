@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from obelisk_recordings.errors import RecordingError
+from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.find import RECORDING, find_recording
 
 

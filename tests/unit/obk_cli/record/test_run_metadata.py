@@ -10,8 +10,15 @@ from pathlib import Path
 
 from obk_cli.emit.json import emit_plan
 from obk_cli.plan.plan import Endpoint, Plan, PlannedSensorGroup
-from obk_cli.record.recorder_job import RecorderJob, RecordRequest, job_from_json, job_to_json
-from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
+from obk_cli.record.recorder_job import (
+    RecorderJob,
+    RecordRequest,
+    RunMetadata,
+    file_name,
+    job_from_json,
+    job_to_json,
+    run_metadata_of,
+)
 from obk_cli.runs.folder import plan_of_run, topics_of_run
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
@@ -89,16 +96,16 @@ def test_the_plan_of_a_run_is_read_back(tmp_path: Path) -> None:
         sensor_groups=(PlannedSensorGroup(topic="/q", kind="Q", sensors={"j": "jointpos"}),),
     )
     every = replace(robot, parameters={**robot.parameters, "bounds": (0.0, inf)}, env={"A": "1"})
-    plan = Plan(name="arm", processes=(every,))
+    plan = Plan(name="arm", nodes=(every,))
     record = {"plan": json.loads(emit_plan(plan))}
     (tmp_path / "run.json").write_text(json.dumps(record), encoding="utf-8")
     kept = replace(every, parameters={**robot.parameters, "bounds": (0.0, ".inf")})
-    assert plan_of_run(tmp_path) == Plan(name="arm", processes=(kept,))
+    assert plan_of_run(tmp_path) == Plan(name="arm", nodes=(kept,))
 
 
 def test_a_folder_without_a_run_reports_nothing(tmp_path: Path) -> None:
     assert topics_of_run(tmp_path) == {}
-    assert plan_of_run(tmp_path).processes == ()
+    assert plan_of_run(tmp_path).nodes == ()
     assert run_metadata_of(tmp_path) == RunMetadata(
         metadata={"obelisk": {"run": tmp_path.name}, "obelisk_versions": {}}
     )

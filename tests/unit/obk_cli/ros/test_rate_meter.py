@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from obk_cli.ros.rate_meter import RosMeter
+from obk_cli.ros.meters import RosMeter
 
 S = 1_000_000_000
 
@@ -44,7 +44,7 @@ class Look:
 
 @pytest.fixture
 def look(monkeypatch: pytest.MonkeyPatch) -> Look:
-    monkeypatch.setattr("obk_cli.ros.rate_meter.time.time_ns", lambda: 100 * S)
+    monkeypatch.setattr("obk_cli.ros.meters.time.time_ns", lambda: 100 * S)
     return Look()
 
 

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from obk_cli.cli.topic_rates import delay_text, rate_text
-from obk_cli.ros.latency import DelayMeter
-from obk_cli.ros.rate_meter import MOST_KEPT, Meter, TopicRate
+from obk_cli.ros.meters import MOST_KEPT, DelayMeter, Meter, TopicRate
 
 MS = 1_000_000
 BEGIN = 1_700_000_000 * 1_000 * MS

@@ -7,11 +7,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from obelisk_spec.local_transport.dds_reader import Sample
-from obelisk_spec.local_transport.folder import SocketFolder
-from obelisk_spec.local_transport.packets import Greeting, packed_stamp
-from obk_cli.ros import tap as tap_module
-from obk_cli.ros.raw_subscription import DropCounter
-from obk_cli.ros.tap import Tap
+from obelisk_spec.local_transport.sockets import Greeting, SocketFolder, packed_stamp
+from obk_cli.ros import raw_subscription
+from obk_cli.ros.raw_subscription import DropCounter, Tap
 
 GID = bytes(16)
 PUBLISHER = bytes(range(16))
@@ -23,7 +21,7 @@ def test_packets_that_others_got_before_a_publisher_connects_are_no_gap(
 ) -> None:
     dds = deque(Sample(b"", PUBLISHER, number, 0, 0) for number in (1, 2))
     reader = MagicMock(take=lambda: dds.popleft() if dds else None)
-    monkeypatch.setattr(tap_module, "DdsReader", lambda _handle: reader)
+    monkeypatch.setattr(raw_subscription, "DdsReader", lambda _handle: reader)
     tmp_path.chmod(0o700)
     folder = SocketFolder(str(tmp_path))
     tap, drops = Tap(folder, GID, None, DEPTH), DropCounter()

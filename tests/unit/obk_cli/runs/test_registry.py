@@ -14,8 +14,8 @@ from obk_cli.launch.control_server import serve_control
 from obk_cli.launch.events import StopRequested
 from obk_cli.process.identity import start_s
 from obk_cli.runs import registry
-from obk_cli.runs.control_client import ANSWER_S
 from obk_cli.runs.folder import Run, write_run
+from obk_cli.runs.protocol import ANSWER_S
 from obk_cli.runs.registry import end_launcher
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests

@@ -5,8 +5,8 @@ import pytest
 
 from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.optional_deps import distribution_version
-from obk_cli.workspace import model_cache
-from obk_cli.workspace.model_cache import cache_folder, read_model_once
+from obk_cli.workspace import model_reader
+from obk_cli.workspace.model_reader import cache_folder, read_model_once
 
 pytestmark = pytest.mark.mujoco
 
@@ -27,7 +27,7 @@ def test_a_model_is_read_once_and_then_known(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = read_model_once(path, tmp_path)
-    monkeypatch.setattr(model_cache, "read_model_bounded", never)
+    monkeypatch.setattr(model_reader, "read_model_bounded", never)
     assert read_model_once(path, tmp_path) == first
 
 
@@ -105,7 +105,7 @@ def test_a_model_that_attaches_others_is_not_kept(tmp_path: Path) -> None:
 
 
 def test_entries_do_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_cache, "_MOST_ENTRIES", 1)
+    monkeypatch.setattr(model_reader, "_MOST_ENTRIES", 1)
     for name in ("arm.xml", "coarse.xml", "meshless.xml"):
         read_model_once(MODELS / name, tmp_path)
     assert len(list(tmp_path.iterdir())) == 1

@@ -32,7 +32,7 @@ from obelisk_py.core.sim.mujoco.actuators import (
     has_gains,
     out_of_limits,
 )
-from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
+from obelisk_py.core.sim.mujoco.step_times import NS_PER_S
 
 __all__ = [
     "CONTROL_FIELDS",

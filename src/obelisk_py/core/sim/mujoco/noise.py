@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.kind import set_quaternion
 from obelisk_py.core.sim.mujoco.sensors.raycast import POINT_FIELDS
-from obelisk_py.core.sim.mujoco.stepping import whole_steps
+from obelisk_py.core.sim.mujoco.step_times import whole_steps
 from obelisk_spec.sensors import NOISY_FIELDS, FieldKind
 
 __all__ = [

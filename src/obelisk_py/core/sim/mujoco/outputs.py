@@ -27,8 +27,8 @@ from obelisk_py.core.sim.mujoco.noise import DelayLine, Dropout, NoiseGenerator,
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSource
 from obelisk_py.core.sim.mujoco.sim_config import SensorGroupConfig, SimConfig
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import TimedOutput
-from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, SampleTimes
 from obelisk_spec.runtime_protocol import CLOCK_TOPIC
 
 __all__ = [

@@ -30,7 +30,7 @@ from obelisk_py.core.command_watchdog import LastingRejection
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.messages import optional_message
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
-from obelisk_py.core.parameters import Getter
+from obelisk_py.core.parameter_rules import Getter
 from obelisk_py.core.rate_monitor import REPORT_RATES, TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.sim.mujoco.control import ControlInbox, WhenStale, make_inbox
@@ -53,8 +53,8 @@ from obelisk_py.core.sim.mujoco.sim_config import (
 )
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
+from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import Stepper, StepReport, TimedOutput
-from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.processes import (
     PARAMETERS,
     requested_viewers,

@@ -11,7 +11,7 @@ import mujoco
 
 from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.sim.mujoco.control import ControlInbox, ControlWriter, WhenStale
-from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, StepTime
+from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, StepTime
 
 __all__ = ["DivergenceError", "Simulation", "StepWarnings"]
 

@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 from obelisk_py.core.rate_monitor import TickCounter
 from obelisk_py.core.sim.mujoco.simulation import Simulation
-from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace
+from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, Clock, Pace
 
 __all__ = ["StepReport", "Stepper", "TimeOutput", "TimedOutput", "Times"]
 

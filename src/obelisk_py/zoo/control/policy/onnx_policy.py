@@ -19,8 +19,14 @@ from rclpy.parameter import Parameter as RosParameter
 from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameter import Parameter
-from obelisk_spec.policy_network import Network, NetworkError
-from obelisk_spec.policy_terms import COMMAND, PREVIOUS_ACTION, TERMS, observation_size
+from obelisk_spec.policy import (
+    COMMAND,
+    PREVIOUS_ACTION,
+    TERMS,
+    Network,
+    NetworkError,
+    observation_size,
+)
 from obelisk_spec.suggestions import did_you_mean
 
 __all__ = ["ActionKind", "OnnxPolicy"]

@@ -22,8 +22,8 @@ import numpy as np
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_times import SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import TimedOutput
-from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
     EXIT_REPORTED,
     Notify,

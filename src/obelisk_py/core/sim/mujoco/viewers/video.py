@@ -20,8 +20,8 @@ from rclpy.node import Node
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.cameras import picture_size
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_times import SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import TimedOutput
-from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.processes import ViewerProcess
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity, VideoJob
 from obelisk_spec.runtime_protocol import DIAGNOSTICS_TOPIC, rate_name

@@ -1,11 +1,19 @@
-"""The publisher's side: which subscriptions have a socket, and packets to them.
+"""Local transport, the publisher's side: which subscriptions have a socket, and packets to them.
+
+Each subscription that the library's executor runs listens on a Unix socket in the private folder of
+the run, which is named after the subscription's GID; see `executor.local_receiver`. Packets and
+sockets, which the tools use too, are in `obelisk_spec.local_transport`.
 
 A publisher bypasses DDS only while each subscription that DDS has matched with it is a buffer of
 its own process or has a connection here. That is established by GIDs each time that the count of
 DDS or a connection changes; in between, comparing the count is enough, because a subscription
 closes its socket before it leaves DDS.
+
+A thread sends what waits for a full socket once its subscription reads again. It is started when
+that happens for the first time, so publishers need no executor and the usual case no thread.
 """
 
+import functools
 import os
 import select
 import threading
@@ -13,26 +21,39 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from socket import send_fds, socket
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import get_logger
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from obelisk_py.core.transport.dds_endpoints import SubscriptionEndpoint, subscriptions_of
-from obelisk_py.core.transport.flusher import flusher_of
-from obelisk_spec.local_transport.dds_reader import participant_of, publisher_gid
-from obelisk_spec.local_transport.folder import SocketFolder, peer_process
-from obelisk_spec.local_transport.packets import (
+from obelisk_spec.local_transport.dds_reader import GID_BYTES, participant_of, publisher_gid
+from obelisk_spec.local_transport.sockets import (
     CONFIRMATION,
     LARGEST_MESSAGE,
     Greeting,
+    SocketFolder,
     new_page,
     packed_number,
     packed_stamp,
+    peer_process,
 )
+from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 
-__all__ = ["LocalSender", "Peer"]
+__all__ = [
+    "Flusher",
+    "LocalSender",
+    "Peer",
+    "SubscriptionEndpoint",
+    "flusher_of",
+    "socket_folder",
+    "subscriptions_of",
+]
 
+
+_LOGGER: Final = "local_transport"
 _LINGER_S: Final = 0.2
 """How long the end of a publisher waits for a subscription that does not read [s]."""
 
@@ -45,6 +66,101 @@ drops that one, the count may stay the same because another one was matched mean
 
 _READY_PERIOD_S: Final = 0.01
 """How often a publisher looks for the confirmation of a new connection [s]."""
+
+
+def socket_folder() -> SocketFolder | None:
+    """The folder of this process's run; None: no local transport."""
+    path = os.environ.get(LOCAL_TRANSPORT_VARIABLE, LOCAL_TRANSPORT_OFF)
+    return None if path == LOCAL_TRANSPORT_OFF else _opened(path)
+
+
+@functools.cache
+def _opened(path: str) -> SocketFolder | None:
+    try:
+        return SocketFolder(path)
+    except FileNotFoundError:  # a late restart: the run has ended
+        return None
+    except OSError as error:
+        get_logger(_LOGGER).warning(f"no local transport, messages go through DDS: {error}")
+        return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubscriptionEndpoint:
+    """A subscription in the ROS graph."""
+
+    gid: bytes
+    node: tuple[str, str]
+    """Name and namespace."""
+    type_name: str
+    is_reliable: bool
+    is_volatile: bool
+
+
+def subscriptions_of(node_handle: Any, topic: str) -> list[SubscriptionEndpoint]:
+    """The subscriptions of a topic that the node's context has discovered, its own too.
+
+    A subscription is listed before DDS counts it as matched with a publisher.
+
+    Args:
+        node_handle: of rclpy.
+        topic: its full name.
+    """
+    with node_handle:
+        found = rclpy_implementation.rclpy_get_subscriptions_info_by_topic(
+            node_handle, topic, False
+        )
+    return [
+        SubscriptionEndpoint(
+            gid=bytes(info["endpoint_gid"][:GID_BYTES]),
+            node=(info["node_name"], info["node_namespace"]),
+            type_name=info["topic_type"],
+            is_reliable=info["qos_profile"]["reliability"] == ReliabilityPolicy.RELIABLE,
+            is_volatile=info["qos_profile"]["durability"] == DurabilityPolicy.VOLATILE,
+        )
+        for info in found
+    ]
+
+
+class _Waiting(Protocol):
+    def fileno(self) -> int: ...
+
+    def flush(self) -> bool:
+        """Send; true if something is left."""
+
+
+class Flusher:
+    """The thread, and the connections that it waits for."""
+
+    def __init__(self) -> None:
+        """Start the thread."""
+        self._epoll = select.epoll()
+        self._waiting: dict[int, _Waiting] = {}
+        threading.Thread(target=self._run, name="local transport", daemon=True).start()
+
+    def watch(self, connection: _Waiting) -> None:
+        """Flush a connection when its socket takes packets again; from any thread."""
+        fd = connection.fileno()
+        self._waiting[fd] = connection
+        flags = select.EPOLLOUT | select.EPOLLONESHOT
+        try:
+            self._epoll.register(fd, flags)
+        except FileExistsError:
+            self._epoll.modify(fd, flags)
+
+    def _run(self) -> None:
+        while True:
+            for fd, _ in self._epoll.poll():
+                connection = self._waiting.pop(fd, None)
+                if connection is not None and connection.flush():
+                    with suppress(OSError, ValueError):  # closed meanwhile
+                        self.watch(connection)
+
+
+@functools.cache
+def flusher_of(_process: int) -> Flusher:
+    """The flusher of this process; a forked process has one of its own."""
+    return Flusher()
 
 
 class Peer:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obelisk_py.core.sim.mujoco import stepping
-from obelisk_py.core.sim.mujoco.stepping import (
+from obelisk_py.core.sim.mujoco import step_times
+from obelisk_py.core.sim.mujoco.step_times import (
     MonotonicClock,
     Pace,
     SampleTimes,
@@ -166,7 +166,7 @@ def test_the_clock_sleeps_and_does_not_spin_in_parts_after_which_it_can_be_stopp
         now_ns += round(seconds * 1_000 * MS)
 
     fake = SimpleNamespace(monotonic_ns=lambda: now_ns, sleep=sleep)
-    monkeypatch.setattr(stepping, "time", fake)
+    monkeypatch.setattr(step_times, "time", fake)
     assert MonotonicClock().sleep_until_ns(120 * MS, lambda: False) == 120 * MS
     assert slept_s == pytest.approx([0.05, 0.05, 0.02])
     assert MonotonicClock().sleep_until_ns(500 * MS, lambda: now_ns > 150 * MS) == 170 * MS
