@@ -72,7 +72,7 @@ def shown_in_document() -> list[str]:
 
 def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
     chromium()
-    with launched(EXAMPLE) as run, served(command=shown_in_document()) as url:
+    with launched(EXAMPLE, "--record") as run, served(command=shown_in_document()) as url:
         asked: list[str] = []
         with opened("about:blank", width=1280, height=800) as page:
             page.on("request", lambda request: asked.append(request.url))
@@ -90,6 +90,13 @@ def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
             seen(lambda: re.search(rate, page.locator(live).text_content()), "a rate in the graph")
             seen(lambda: page.locator("canvas").evaluate(DRAWN) > 50, "a line")
             assert "q_joints[0]" in text(page, ".legend")
+            page.get_by_role("button", name="Whole run").click()
+            seen(lambda: page.get_by_role("button", name="Resume").count(), "the recording")
+            shown = page.locator(".chart").get_attribute("aria-label") or ""
+            begin, end = map(float, re.findall(r"-?[\d.]+", shown))
+            assert 0.0 < begin < end
+            assert not page.locator(".plot .fault").is_visible()
+            page.get_by_role("button", name="Resume").click()
 
             node = page.locator('#nodes tr[data-key="/obelisk_control_0"]')
             node.get_by_role("button", name="deactivate").click()

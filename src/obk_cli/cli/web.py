@@ -51,18 +51,21 @@ def command(
     from obk_cli.web.app import HOST, TOKEN, PageApi, WebServer, make_app, take_port
     from obk_cli.web.auth import new_token
     from obk_cli.web.feed import Feed
+    from obk_cli.web.history import recorded_fields
     from obk_cli.web.plots import Plots
 
     with take_port(port) as listener, ExitStack() as temporary:
         number, token = listener.getsockname()[1], new_token()
         server, plots = WebServer(), Plots()
+        runs = runs_folder(os.environ)
         follower = StackFollower(target, with_types, PERIOD_S, on_turn=plots.turn)
-        feed = Feed(follower, runs_folder(os.environ), server.end)
+        feed = Feed(follower, runs, server.end)
         site = PageApi(
             lambda: feed.snapshot,
             plots,
+            lambda view, requests: recorded_fields(view, runs, requests),
             target.change,
-            StackParameters(runs_folder(os.environ)),
+            StackParameters(runs),
             lambda: server.is_ending,
         )
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from obk_cli.files import unwritable, write_bytes
 from obk_cli.record.plot import PlotLine, PlotPart
 
-__all__ = ["write_page"]
+__all__ = ["packed_line", "write_page"]
 
 MOST_POINTS: Final = 100_000
 """Of a line; of a longer one the page has the extremes of so many spans."""
@@ -69,15 +69,27 @@ def _asset(name: str) -> str:
     return files("obk_cli.record").joinpath("page", name).read_text(encoding="utf-8")
 
 
+def packed_line(
+    times: Sequence[Floats], values: Sequence[Floats], most: int = MOST_POINTS
+) -> dict[str, str]:
+    """`times` and `values` of a line for a page, as base64 of 64-bit floats.
+
+    Args:
+        times: in parts, each of shape `(n,)`.
+        values: in parts of the same lengths.
+        most: how many points the page gets at most.
+    """
+    few_times, few_values = _thinned(np.concatenate(times), np.concatenate(values), most)
+    return {"times": _packed(few_times), "values": _packed(few_values)}
+
+
 def _line(line: PlotLine) -> dict[str, Any]:
-    times, values = _thinned(line.times_s, line.values)
     return {
         "label": line.label,
         "run": line.run,
         "colour": line.colour,
         "points": len(line.times_s),
-        "times": _packed(times),
-        "values": _packed(values),
+        **packed_line([line.times_s], [line.values]),
     }
 
 
@@ -85,11 +97,11 @@ def _packed(numbers: Floats) -> str:
     return base64.b64encode(np.ascontiguousarray(numbers, "<f8").tobytes()).decode()
 
 
-def _thinned(times: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """A line of at most `MOST_POINTS`: the least and the greatest value of each span of points."""
-    if len(times) <= MOST_POINTS:
+def _thinned(times: Floats, values: Floats, most: int) -> tuple[Floats, Floats]:
+    """A line of at most `most` points: the least and the greatest value of each span of points."""
+    if len(times) <= most:
         return times, values
-    size = -(-len(times) // (MOST_POINTS // 2))
+    size = -(-len(times) // (most // 2))
     count = -(-len(times) // size)
     padded = np.full(count * size, np.nan)
     padded[: len(values)] = values

@@ -6,7 +6,7 @@ transitions wait in their own threads.
 
 import asyncio
 import socket
-from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -20,6 +20,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+import obk_cli.record
 import obk_cli.web
 from obk_cli.clock import wall_s
 from obk_cli.errors import CommandFailedError, ObkError
@@ -118,6 +119,7 @@ def view_data(view: StackView) -> dict[str, Any]:
     data = monitor_data(view)
     del data["lines"]
     data["transitions"] = possible_transitions(view.state)
+    data["started_s"] = wall_s() - view.uptime_s
     data["nodes"] = [
         {**node, "transitions": possible_transitions(node["state"])} for node in data["nodes"]
     ]
@@ -150,6 +152,8 @@ MOST_CURVES: Final = 12
 CHANGE: Final = 'expected {"transition": "activate", "node": "/name", "run": "name_of_its_folder"}'
 SETTING: Final = 'expected {"node": "/name", "name": "kp", "value": "2.5", "run": "its_folder"}'
 PAGE: Final = Path(obk_cli.web.__file__).with_name("page")
+LIBRARY: Final = Path(obk_cli.record.__file__).with_name("page")
+"""The folder of uPlot, which `obk plot --html` uses too."""
 KINDS: Final = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -157,6 +161,14 @@ KINDS: Final = {
     ".svg": "image/svg+xml",
 }
 
+FILES: Final[Mapping[str, Path]] = {
+    **{path.name: path for path in PAGE.iterdir() if path.suffix in KINDS},
+    **{name: LIBRARY / name for name in ("uPlot.iife.min.js", "uPlot.min.css")},
+}
+"""What the page consists of, by the last part of its URL."""
+
+History = Callable[[StackView, Sequence[FieldRequest]], list[dict[str, Any]]]
+"""Reads fields over the whole run of a view's stack, as `recorded_fields` returns them."""
 Change = Callable[[StackView, str, tuple[str, ...]], ChangeAnswer]
 """Takes nodes, by full names, of a view's stack through a transition; without any the stack."""
 
@@ -180,6 +192,7 @@ class PageApi:
         self,
         snapshot: Callable[[], Snapshot],
         fields: FieldSource,
+        history: History,
         change: Change,
         tuner: Tuner,
         is_ending: Callable[[], bool],
@@ -189,12 +202,14 @@ class PageApi:
         Args:
             snapshot: returns the newest snapshot.
             fields: the fields that pages draw.
+            history: reads fields from the recording of a run.
             change: carries transitions out.
             tuner: reads and sets parameters.
             is_ending: whether the streams are to end.
         """
         self._snapshot = snapshot
         self._fields = fields
+        self._history = history
         self._change = change
         self._tuner = tuner
         self._is_ending = is_ending
@@ -219,13 +234,23 @@ class PageApi:
 
     async def events(self, request: Request) -> Response:
         """What changes, until the page is closed; `curve=TOPIC FIELD` asks for a field's values."""
-        data = [text.partition(" ") for text in request.query_params.getlist("curve")]
-        requests = [
-            FieldRequest(topic=topic, field=field) for topic, _, field in dict.fromkeys(data)
-        ]
+        requests = _field_requests(request)
         if len(requests) > MOST_CURVES:
             return _error_response(400, f"more than {MOST_CURVES} curves")
         return StreamingResponse(self._events(requests), media_type="text/event-stream")
+
+    async def history(self, request: Request) -> Response:
+        """Fields over the whole run, from its recording; `curve=TOPIC FIELD` as for `events`."""
+        requests, view = _field_requests(request), self._snapshot().view
+        if len(requests) > MOST_CURVES:
+            return _error_response(400, f"more than {MOST_CURVES} curves")
+        if view is None:
+            return _error_response(404, "no stack runs")
+        try:
+            curves = await run_in_threadpool(self._history, view, requests)
+        except ObkError as error:
+            return _error_response(404, _sentence(error))
+        return JSONResponse({"run": view.run, "curves": curves})
 
     async def change(self, request: Request) -> Response:
         """A transition of a node or, without one, of the stack."""
@@ -324,17 +349,17 @@ def make_app(site: PageApi, *, token: str, port: int) -> ASGIApp:
     cookie = f"obk_{port}"
 
     def page(_: Request) -> Response:
-        answer = _file("index.html")
+        answer = _file(PAGE / "index.html")
         answer.set_cookie(cookie, token, httponly=True, samesite="strict")
         return answer
 
-    files = [path.name for path in PAGE.iterdir() if path.suffix in KINDS]
     routes = [
         Route("/", page),
-        *(Route(f"/{name}", lambda _, name=name: _file(name)) for name in files),
+        *(Route(f"/{name}", lambda _, path=path: _file(path)) for name, path in FILES.items()),
         Route("/graph", site.graph),
         Route("/fields", site.fields),
         Route("/events", site.events),
+        Route("/history", site.history),
         Route("/change", site.change, methods=["POST"]),
         Route("/parameters", site.parameters),
         Route("/parameter", site.set_parameter, methods=["POST"]),
@@ -393,8 +418,12 @@ def _changes(shown: Snapshot | None, snapshot: Snapshot) -> list[str]:
     return changes
 
 
-def _file(name: str) -> Response:
-    path = PAGE / name
+def _field_requests(request: Request) -> list[FieldRequest]:
+    data = [text.partition(" ") for text in request.query_params.getlist("curve")]
+    return [FieldRequest(topic=topic, field=field) for topic, _, field in dict.fromkeys(data)]
+
+
+def _file(path: Path) -> Response:
     return Response(path.read_bytes(), media_type=KINDS[path.suffix])
 
 

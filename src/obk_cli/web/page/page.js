@@ -4,7 +4,9 @@ import { byId, element, keep, setText } from "./dom.js";
 import { MISSING, clock, commonSpace, milliseconds, rate, shortNode } from "./format.js";
 import { showGraph } from "./graph.js";
 import { showParameters } from "./parameters.js";
-import { beginCurves, setCurves, showPlots, takeSamples, wantedCurves } from "./plots.js";
+import {
+  MOST_CURVES, beginCurves, refreshStill, setPlots, showPlots, showRun, takeSamples, wantedCurves, wantedPlots,
+} from "./plots.js";
 
 // What moves the robot, and what cannot be taken back, is asked about.
 const QUESTIONS = {
@@ -50,6 +52,7 @@ function showView(shown) {
   document.title = `${shown.name || "obk"}: ${standing(shown)}`;
   setText(byId("name"), shown.name || "launched elsewhere");
   showState(byId("state"), standing(shown), shown.is_waiting);
+  showRun(shown.run, shown.started_s);
   showFacts(shown);
   const actions = shown.is_waiting ? [] : shown.transitions;
   showButtons(byId("stack-buttons"), actions, "", `the whole stack ${shown.name}`);
@@ -245,21 +248,31 @@ async function offerFields(topic) {
   list.replaceChildren(...fields.map((field) => element("option", { value: field })));
 }
 
-function setPlots(curves) {
-  setCurves(curves);
-  showPlots((curve) => setPlots(wantedCurves().filter((one) => one !== curve)));
+function changePlots(plots) {
+  setPlots(plots);
+  showPlots((place, curve) => changePlots(
+    wantedPlots().map((curves, at) => (at === place ? curves.filter((one) => one !== curve) : curves))));
   connect();
+  refreshStill();
 }
 
 byId("plot-topic").addEventListener("change", () => offerFields(byId("plot-topic").value));
 byId("plot-form").addEventListener("submit", (event) => {
   event.preventDefault();
   const [topic, field] = [byId("plot-topic").value, byId("plot-field").value.trim()];
+  if (!topic || !field) return;
   const curve = `${topic} ${field}`;
-  if (!topic || !field || wantedCurves().includes(curve)) return;
+  if (!wantedCurves().includes(curve) && wantedCurves().length >= MOST_CURVES) {
+    notice(`At most ${MOST_CURVES} fields are plotted; remove one first.`);
+    return;
+  }
   byId("plot-field").value = "";
-  setPlots([...wantedCurves(), curve]);
+  const plots = wantedPlots();
+  const target = plots[byId("plot-target").value];
+  if (!target) plots.push([curve]);
+  else if (!target.includes(curve)) target.push(curve);
+  changePlots(plots);
 });
-window.addEventListener("hashchange", () => setPlots(wantedCurves()));
+window.addEventListener("hashchange", () => changePlots(wantedPlots()));
 // The token is a cookie by now, and need not be seen or kept in the history; what is plotted stays.
-setPlots(wantedCurves());
+changePlots(wantedPlots());

@@ -227,7 +227,7 @@ def test_a_long_line_keeps_its_extremes_in_the_page() -> None:
     times = np.arange(1_000_003) * 1e-3
     values = np.sin(times)
     values[[123_456, 1_000_002]] = (7.0, -5.0)
-    few_times, few_values = _thinned(times, values)
+    few_times, few_values = _thinned(times, values, MOST_POINTS)
     assert len(few_times) <= MOST_POINTS
     assert (np.diff(few_times) > 0.0).all()
     assert (few_values.max(), few_values.min()) == (7.0, -5.0)

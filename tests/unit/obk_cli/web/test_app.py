@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -24,7 +24,7 @@ from ..monitor.stacks import BROKEN, HEALTHY  # noqa: TID252 - shared by folders
 
 pytest.importorskip("starlette", reason="starlette is in the `web` extra")
 
-from obk_cli.web.app import PAGE, PageApi, make_app
+from obk_cli.web.app import FILES, PageApi, make_app
 
 TOKEN = new_token()
 PORT = 8420
@@ -101,6 +101,11 @@ class Behind:
             name=name, before=KP.value, after=after, unit="N m/rad", effect="in effect"
         )
 
+    def history(self, view: StackView, requests: Sequence[FieldRequest]) -> list[dict[str, Any]]:
+        if not requests:
+            raise CommandFailedError("not recorded", help="record it")
+        return [{"curve": f"{one.topic} {one.field}"} for one in requests]
+
     @contextmanager
     def subscribed(self, wishes: list[FieldRequest]) -> Iterator[None]:
         self.is_wanted = True
@@ -127,7 +132,7 @@ def asked(
 ) -> Answer:
     """A request with the headers of the page itself, but for those given."""
     behind = behind or Behind()
-    site = PageApi(behind.snapshot, behind, behind.change, behind, behind.is_ending)
+    site = PageApi(behind.snapshot, behind, behind.history, behind.change, behind, behind.is_ending)
     app = make_app(site, token=TOKEN, port=PORT)
     page = {"host": HOST, "origin": f"http://{HOST}", "cookie": f"obk_{PORT}={TOKEN}"}
     reported = {**page, **(headers or {})}
@@ -167,7 +172,7 @@ def change(body: object, behind: Behind, **headers: str) -> Answer:
     return asked("/change", method="POST", body=data, behind=behind, headers=headers)
 
 
-PATHS = ["/", "/page.js", "/style.css", "/graph", "/fields", "/events", "/nothing"]
+PATHS = ["/", "/page.js", "/style.css", "/graph", "/fields", "/events", "/history", "/nothing"]
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -201,8 +206,8 @@ def test_the_address_with_its_token_gives_the_page_and_a_cookie() -> None:
 
 
 def test_every_file_of_the_page_is_there_and_nothing_else() -> None:
-    for path in PAGE.iterdir():
-        answer = asked(f"/{path.name}")
+    for name, path in FILES.items():
+        answer = asked(f"/{name}")
         assert (answer.status, answer.body) == (200, path.read_text())
     for path in ("/../guard.py", "/%2e%2e/guard.py", "/guard.py", "/page"):
         assert asked(path).status == 404
@@ -254,9 +259,18 @@ def test_a_stream_reports_a_field_from_where_it_was() -> None:
     assert not behind.is_wanted
 
 
-def test_too_many_fields_are_refused() -> None:
+@pytest.mark.parametrize("path", ["/events", "/history"])
+def test_too_many_fields_are_refused(path: str) -> None:
     query = "&".join(f"curve=/t%20f{n}" for n in range(13))
-    assert asked("/events", query=query).json["why"] == "more than 12 curves"
+    assert asked(path, query=query).json["why"] == "more than 12 curves"
+
+
+def test_the_whole_run_comes_from_its_recording() -> None:
+    answer = asked("/history", query="curve=/t%20q")
+    assert answer.json == {"run": HEALTHY.run, "curves": [{"curve": "/t q"}]}
+    missing = asked("/history")
+    assert (missing.status, missing.json["why"]) == (404, "not recorded: record it")
+    assert asked("/history", behind=Behind(moments=[Snapshot()])).status == 404
 
 
 def test_a_transition_of_a_node_or_of_the_stack_is_carried_out() -> None:
