@@ -267,9 +267,7 @@ class PageApi:
                 409, f"the stack of {run or 'another host'} is not what runs now"
             )
         if view is None or (node and node not in {one.node for one in view.nodes}):
-            return _error_response(
-                404, f"no node {node}" if view else "no stack is running"
-            )
+            return _error_response(404, f"no node {node}" if view else "no stack is running")
         try:
             answer = await run_in_threadpool(
                 self._change, view, transition, (node,) if node else ()
@@ -297,9 +295,7 @@ class PageApi:
             return _error_response(400, SETTING)
         view = self._snapshot().view
         if view is None or node not in {one.node for one in view.nodes}:
-            return _error_response(
-                404, f"no node {node}" if view else "no stack is running"
-            )
+            return _error_response(404, f"no node {node}" if view else "no stack is running")
         if view.run != run:
             return _error_response(
                 409, f"the stack of {run or 'another host'} is not what runs now"

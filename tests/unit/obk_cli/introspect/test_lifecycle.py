@@ -229,9 +229,7 @@ def test_nothing_in_this_domain_is_reported_with_where_something_is(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {})
-    with pytest.raises(
-        CommandFailedError, match="in the ROS domain 7"
-    ) as none:
+    with pytest.raises(CommandFailedError, match="in the ROS domain 7") as none:
         node_states(environment, LifecycleRequest())
     assert none.value.help is not None
     assert none.value.help.startswith("start a stack with `obk launch`")

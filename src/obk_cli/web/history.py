@@ -1,0 +1,99 @@
+"""Read fields over a whole run from its recording, as the page's plots show them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from obelisk_recordings.bag import RecordingError
+from obelisk_recordings.find import RECORDING
+from obk_cli.errors import CommandFailedError
+from obk_cli.monitor.model import StackView
+from obk_cli.optional_deps import require_extra
+from obk_cli.web.plots import MOST_LINES, FieldRequest
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from obelisk_recordings.run import RecordedRun
+    from obelisk_recordings.topic import RecordedTopic
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["recorded_fields"]
+
+MOST_POINTS: Final = 20_000
+"""Of a line; of a longer one the page gets the extremes of so many spans."""
+
+
+@dataclass(slots=True)
+class _Line:
+    """One number, while the recording is read."""
+
+    times_s: "list[Floats]" = field(default_factory=list)
+    values: "list[Floats]" = field(default_factory=list)
+
+
+def recorded_fields(
+    view: StackView, runs: Path, requests: Sequence[FieldRequest]
+) -> list[dict[str, Any]]:
+    """The fields as the page takes them: `curve`, `fault` and, for each number, `lines`.
+
+    A line has a label as in the live plots, and times of receipt [s since 1970] and values as
+    base64 of 64-bit floats.
+
+    Args:
+        view: the stack.
+        runs: the folder of all runs.
+        requests: the fields; what is wrong with one is its fault.
+
+    Raises:
+        CommandFailedError: the run has no recording on this host, it cannot be read, or the extra
+            `record` is not installed.
+    """
+    path = runs / view.run / RECORDING
+    if not view.run or not path.is_file():
+        raise CommandFailedError(
+            f"{view.run or 'this stack'} is not recorded on this host, so only the last seconds "
+            "are known",
+            help="launch with `obk launch --record` to see the whole run",
+        )
+    require_extra("mcap", "record")
+
+    from obelisk_recordings.run import open_run
+
+    try:
+        return [*_read(open_run(path), requests)]
+    except RecordingError as error:
+        raise CommandFailedError(error.message, help=error.help) from error
+
+
+def _read(run: "RecordedRun", requests: Sequence[FieldRequest]) -> Iterator[dict[str, Any]]:
+    from obk_cli.record.plot import packed_line
+
+    found: dict[FieldRequest, dict[str, _Line]] = {request: {} for request in requests}
+    faults: dict[FieldRequest, str] = {}
+    for part in run.parts({request.topic for request in requests}):
+        for request, lines in found.items():
+            if request.topic == part.name and request not in faults:
+                try:
+                    _add(part, request.field, lines)
+                except RecordingError as error:
+                    faults[request] = str(error)
+    for request, lines in found.items():
+        fault = faults.get(request, "" if lines else "the recording has no message of this topic")
+        packed = [
+            {"label": label, **packed_line(line.times_s, line.values, MOST_POINTS)}
+            for label, line in lines.items()
+        ]
+        yield {"curve": f"{request.topic} {request.field}", "fault": fault, "lines": packed}
+
+
+def _add(part: "RecordedTopic", field_path: str, lines: dict[str, _Line]) -> None:
+    for signal in islice(part.signals(field_path), MOST_LINES):
+        place = "" if signal.place is None else f"[{signal.place}]"
+        line = lines.setdefault(f"{signal.path}{place}", _Line())
+        line.times_s.append(part.messages.received_ns / 1_000_000_000)
+        line.values.append(signal.values())
