@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -215,9 +216,10 @@ def test_a_browser_is_opened_without_the_token_on_its_command_line(
     assert not file.exists()
 
 
-def test_parameters_are_tuned_by_sliders_and_fields_and_reset() -> None:
+def test_parameters_are_tuned_by_sliders_and_fields_reset_and_saved(tmp_path: Path) -> None:
     chromium()
-    arm = EXAMPLE.parents[1] / "arm" / "arm.yaml"
+    arm = tmp_path / "arm" / "arm.yaml"
+    shutil.copytree(EXAMPLE.parents[1] / "arm", arm.parent)
     with launched(arm), served() as url, opened(url, width=1280, height=900) as page:
         smoothing = page.get_by_label("estimation_0 time_constant_s", exact=True)
         seen(lambda: smoothing.count() == 1, "the parameters")
@@ -242,3 +244,19 @@ def test_parameters_are_tuned_by_sliders_and_fields_and_reset() -> None:
         assert page.get_by_label("control_0 kd slider").count() == 0
         obk("param", "set", "control", "kd", "[6, 6, 6, 6, 6, 6]")
         seen(lambda: gains.input_value().startswith("[6.0, "), "the value of another terminal")
+
+        # The edit is shown before it is written.
+        before = arm.read_text()
+        save = page.get_by_role("button", name="Save to config")
+        save.click()
+        diff = page.locator("#confirm-diff")
+        seen(lambda: "+" in diff.inner_text() and "kd" in diff.inner_text(), "the edit")
+        page.get_by_role("button", name="Cancel").click()
+        assert arm.read_text() == before
+        save.click()
+        seen(diff.is_visible, "the edit again")
+        page.locator("#confirm-yes").click()
+        seen(lambda: "/obelisk_control_0: kd" in text(page, "#notice"), "what was written")
+        assert "kd: [6.0, 6.0" in arm.read_text()
+        save.click()
+        seen(lambda: "nothing to write" in text(page, "#notice"), "that all is written")

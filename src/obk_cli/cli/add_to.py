@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from obk_cli.cli.config_options import make_options, print_findings
-from obk_cli.cli.edited_files import EditedFile, open_for_edit, report_diff, write_edited
 from obk_cli.cli.new_run import AddToOptions
 from obk_cli.compiler import Outcome, compile_source
 from obk_cli.configedit.add_node import add_node, find_replaced, new_errors
 from obk_cli.configedit.auto_wiring import matching_types
+from obk_cli.configedit.edited_files import EditedFile, open_for_edit, report_diff, write_edited
 from obk_cli.configedit.new_node import Rejected, read_new_node
 from obk_cli.configedit.report import AddedNode, added_lines, added_values
 from obk_cli.diagnostics.diagnostic import Diagnostic

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from obk_cli.cli.config_options import ColourOption, ConfigArgument, print_findings, wants_colour
-from obk_cli.cli.edited_files import (
+from obk_cli.configedit.edited_files import (
     EditedFile,
     open_for_edit,
     print_bytes,

@@ -18,17 +18,17 @@ from obk_cli.cli.config_options import (
     make_options,
     wants_colour,
 )
-from obk_cli.cli.edited_files import (
+from obk_cli.cli.options import require_choice
+from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.config.model import Stack
+from obk_cli.configedit.autofix import Fixed, fix_config
+from obk_cli.configedit.edited_files import (
     EditedFile,
     open_for_edit,
     print_bytes,
     report_diff,
     write_edited,
 )
-from obk_cli.cli.options import require_choice
-from obk_cli.compiler import Options, Outcome, compile_config
-from obk_cli.config.model import Stack
-from obk_cli.configedit.autofix import Fixed, fix_config
 from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError

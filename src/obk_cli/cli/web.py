@@ -53,6 +53,7 @@ def command(
     from obk_cli.web.feed import Feed
     from obk_cli.web.history import recorded_fields
     from obk_cli.web.plots import Plots
+    from obk_cli.web.saving import update_of_stack
 
     with take_port(port) as listener, ExitStack() as temporary:
         number, token = listener.getsockname()[1], new_token()
@@ -66,6 +67,7 @@ def command(
             lambda view, requests: recorded_fields(view, runs, requests),
             target.change,
             StackParameters(runs),
+            lambda view: update_of_stack(view, runs, target.environment, os.environ),
             lambda: server.is_ending,
         )
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"

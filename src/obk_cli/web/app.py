@@ -24,6 +24,7 @@ import obk_cli.record
 import obk_cli.web
 from obk_cli.clock import wall_s
 from obk_cli.errors import CommandFailedError, ObkError
+from obk_cli.introspect.config_update import ConfigUpdate, write_update
 from obk_cli.introspect.lifecycle import possible_transitions
 from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
@@ -37,6 +38,7 @@ from obk_cli.terminal import plain
 from obk_cli.web.auth import HEADERS, WebRequest, refusal
 from obk_cli.web.feed import Snapshot
 from obk_cli.web.plots import FieldData, FieldRequest, Sample, number_fields
+from obk_cli.web.saving import update_data
 
 __all__ = ["HOST", "TOKEN", "PageApi", "WebServer", "make_app", "take_port"]
 
@@ -151,6 +153,7 @@ POLL_S: Final = 0.1
 MOST_CURVES: Final = 12
 CHANGE: Final = 'expected {"transition": "activate", "node": "/name", "run": "name_of_its_folder"}'
 SETTING: Final = 'expected {"node": "/name", "name": "kp", "value": "2.5", "run": "its_folder"}'
+SAVING: Final = 'expected {"run": "its_folder", "digest": "of the edit as shown"}'
 PAGE: Final = Path(obk_cli.web.__file__).with_name("page")
 LIBRARY: Final = Path(obk_cli.record.__file__).with_name("page")
 """The folder of uPlot, which `obk plot --html` uses too."""
@@ -169,6 +172,8 @@ FILES: Final[Mapping[str, Path]] = {
 
 History = Callable[[StackView, Sequence[FieldRequest]], list[dict[str, Any]]]
 """Reads fields over the whole run of a view's stack, as `recorded_fields` returns them."""
+Update = Callable[[StackView], ConfigUpdate]
+"""Finds what the parameters of a view's stack change in its config."""
 Change = Callable[[StackView, str, tuple[str, ...]], ChangeAnswer]
 """Takes nodes, by full names, of a view's stack through a transition; without any the stack."""
 
@@ -195,6 +200,7 @@ class PageApi:
         history: History,
         change: Change,
         tuner: Tuner,
+        update: Update,
         is_ending: Callable[[], bool],
     ) -> None:
         """Connect the page to its sources.
@@ -205,6 +211,7 @@ class PageApi:
             history: reads fields from the recording of a run.
             change: carries transitions out.
             tuner: reads and sets parameters.
+            update: finds what the parameters change in the config.
             is_ending: whether the streams are to end.
         """
         self._snapshot = snapshot
@@ -212,6 +219,7 @@ class PageApi:
         self._history = history
         self._change = change
         self._tuner = tuner
+        self._update = update
         self._is_ending = is_ending
 
     async def graph(self, _: Request) -> Response:
@@ -306,6 +314,41 @@ class PageApi:
             return JSONResponse({"success": False, "why": _sentence(error)})
         return JSONResponse({"success": True, "why": str(changed)})
 
+    async def config_edit(self, _: Request) -> Response:
+        """What saving the parameters changes in the config; writes nothing."""
+        view = self._snapshot().view
+        if view is None:
+            return _error_response(404, "no stack runs")
+        try:
+            update = await run_in_threadpool(self._update, view)
+        except ObkError as error:
+            return _error_response(404, _sentence(error))
+        if update.findings:
+            return _error_response(404, f"`{update.config}` has errors: run `obk validate`")
+        return JSONResponse({"run": view.run, **update_data(update)})
+
+    async def save_parameters(self, request: Request) -> Response:
+        """Write the parameters into the config, if the edit is the one that was shown."""
+        try:
+            body = await request.json()
+            run, digest = (str(body[key]) for key in ("run", "digest"))
+        except (ValueError, TypeError, KeyError):
+            return _error_response(400, SAVING)
+        view = self._snapshot().view
+        if view is None or view.run != run:
+            return _error_response(409, f"the stack of {run} is not what runs now")
+        try:
+            update = await run_in_threadpool(self._update, view)
+            data = update_data(update)
+            if update.findings or data["digest"] != digest:
+                return _error_response(
+                    409, "the values or the config have changed; nothing is written"
+                )
+            await run_in_threadpool(write_update, update)
+        except ObkError as error:
+            return JSONResponse({"success": False, "why": _sentence(error)})
+        return JSONResponse({"success": True, "why": "\n".join(data["changes"])})
+
     async def _events(self, requests: list[FieldRequest]) -> AsyncIterator[str]:
         shown: Snapshot | None = None
         until_ns = dict.fromkeys(requests, 0)
@@ -363,6 +406,8 @@ def make_app(site: PageApi, *, token: str, port: int) -> ASGIApp:
         Route("/change", site.change, methods=["POST"]),
         Route("/parameters", site.parameters),
         Route("/parameter", site.set_parameter, methods=["POST"]),
+        Route("/save", site.config_edit, methods=["GET"]),
+        Route("/save", site.save_parameters, methods=["POST"]),
     ]
     return _AuthMiddleware(Starlette(routes=routes), token, cookie)
 

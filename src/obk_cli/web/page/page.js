@@ -1,5 +1,6 @@
 // Shows a running stack as the server reports it, and requests transitions.
 
+import { LOST, confirmed, notice, post } from "./dialog.js";
 import { byId, element, keep, setText } from "./dom.js";
 import { MISSING, clock, commonSpace, milliseconds, rate, shortNode } from "./format.js";
 import { showGraph } from "./graph.js";
@@ -7,13 +8,13 @@ import { showParameters } from "./parameters.js";
 import {
   MOST_CURVES, beginCurves, refreshStill, setPlots, showPlots, showRun, takeSamples, wantedCurves, wantedPlots,
 } from "./plots.js";
+import "./save.js";
 
 // What moves the robot, and what cannot be taken back, is asked about.
 const QUESTIONS = {
   activate: (what) => `Activate ${what}? A robot may move.`,
   shutdown: (what) => `Shut ${what} down? It cannot be brought up again in this run.`,
 };
-const LOST = "The server does not answer; trying again.";
 
 let stream = null;
 let view = null;
@@ -170,13 +171,7 @@ async function change(transition, node, what) {
   isAsking = true;
   for (const button of document.querySelectorAll(".buttons button")) button.disabled = true;
   try {
-    const answer = await fetch("/change", {
-      method: "POST",
-      headers: { "Content-Type": "application/json" },
-      body: JSON.stringify({ transition, node, run }),
-    });
-    const isTold = answer.headers.get("Content-Type")?.startsWith("application/json");
-    showAnswer(isTold ? await answer.json() : { success: false, why: await answer.text(), members: [] }, transition, what);
+    showAnswer(await post("/change", { transition, node, run }), transition, what);
   } catch {
     notice(LOST);
   } finally {
@@ -195,27 +190,6 @@ function showAnswer(answer, transition, what) {
     .filter((one) => one.result !== "reached" || one.fault)
     .map((one) => `${shortNode(one.node)}: ${one.result}, now ${one.state}${one.fault ? `: ${one.fault}` : ""}`);
   notice([`${transition} of ${what} failed: ${answer.why}`, ...faults].join("\n"), "bad");
-}
-
-function confirmed(question, verb) {
-  const dialog = byId("confirm");
-  setText(byId("confirm-text"), question);
-  setText(byId("confirm-yes"), verb);
-  dialog.returnValue = "no";
-  dialog.showModal();
-  return new Promise((resolve) => {
-    dialog.addEventListener("close", () => resolve(dialog.returnValue === "yes"), { once: true });
-  });
-}
-
-function notice(text, kind = "") {
-  const target = byId("notice");
-  target.dataset.text = text;
-  target.hidden = !text;
-  target.className = kind;
-  const close = element("button", { "aria-label": "close" }, "×");
-  close.addEventListener("click", () => notice(""));
-  target.replaceChildren(close, text);
 }
 
 function showLog(lines) {

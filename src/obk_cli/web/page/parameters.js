@@ -1,5 +1,6 @@
 // The parameters that can be tuned: a slider where there is a range, a field otherwise.
 
+import { post } from "./dialog.js";
 import { byId, element, keep, setText } from "./dom.js";
 import { shortNode } from "./format.js";
 
@@ -129,13 +130,7 @@ function sender(node, name, said) {
       const text = wanted;
       wanted = null;
       try {
-        const answer = await fetch("/parameter", {
-          method: "POST",
-          headers: { "Content-Type": "application/json" },
-          body: JSON.stringify({ node, name, value: text, run }),
-        });
-        const isReply = answer.headers.get("Content-Type")?.startsWith("application/json");
-        const reply = isReply ? await answer.json() : { success: false, why: await answer.text() };
+        const reply = await post("/parameter", { node, name, value: text, run });
         setText(said, reply.why);
         said.className = reply.success ? "" : "bad";
       } catch {

@@ -2,6 +2,7 @@
 //
 // uPlot draws them, the copy that `obk plot --html` uses. The stream goes on while a picture stands.
 
+import { replyOf } from "./dialog.js";
 import { byId, element, keep, setText } from "./dom.js";
 import { number } from "./format.js";
 
@@ -158,8 +159,7 @@ async function showWholeRun() {
   setText(note, "Reading the recording.");
   try {
     const answer = await fetch(`/history?${new URLSearchParams(wantedCurves().map((curve) => ["curve", curve]))}`);
-    const isReply = answer.headers.get("Content-Type")?.startsWith("application/json");
-    const reply = isReply ? await answer.json() : { why: await answer.text() };
+    const reply = await replyOf(answer);
     if (!answer.ok || reply.run !== run) {
       setText(note, reply.why ?? "Another stack runs now.");
       return;

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from obk_cli.cli.edited_files import EditedFile, open_for_edit, write_edited
 from obk_cli.cli.main import main
+from obk_cli.configedit.edited_files import EditedFile, open_for_edit, write_edited
 from obk_cli.errors import CommandFailedError
 
 SEED = b"onboard:\n  robot:\n    publishers:\n    - ros_parameter: a_setting  # \xc3\xa4\n"

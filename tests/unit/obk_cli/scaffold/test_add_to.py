@@ -226,7 +226,7 @@ def test_an_existing_package_is_as_it_was_if_the_config_cannot_be_written(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("obk_cli.cli.edited_files.write_bytes", full)
+    monkeypatch.setattr("obk_cli.configedit.edited_files.write_bytes", full)
     monkeypatch.chdir(package)
     error = refused("controller", "bar", "--add-to", str(config))
     assert "cannot be written" in error.message

@@ -5,13 +5,18 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import pytest
 
 from obelisk_spec.parameter_notes import ParameterNotes
+from obk_cli.configedit.edited_files import EditedFile, open_for_edit
+from obk_cli.configedit.save_params import SavedParameter
+from obk_cli.diagnostics.source import Span
 from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.config_update import ConfigUpdate
 from obk_cli.introspect.tuning import ChangedParameter, TunableParameter
 from obk_cli.monitor.model import StackView
 from obk_cli.ros.parameters import NodeParameter, ParameterDescription
@@ -75,6 +80,13 @@ class Behind:
     answer: ChangeAnswer | Exception = REACHED
     heard_after: list[int] = field(default_factory=list)
     is_wanted: bool = False
+    updates: list[ConfigUpdate] = field(default_factory=list)
+
+    def update(self, view: StackView) -> ConfigUpdate:
+        assert view is HEALTHY
+        if not self.updates:
+            raise CommandFailedError("no node of the config is running", help="launch it")
+        return self.updates.pop(0) if len(self.updates) > 1 else self.updates[0]
 
     def snapshot(self) -> Snapshot:
         return self.moments.pop(0) if len(self.moments) > 1 else self.moments[0]
@@ -132,7 +144,15 @@ def asked(
 ) -> Answer:
     """A request with the headers of the page itself, but for those given."""
     behind = behind or Behind()
-    site = PageApi(behind.snapshot, behind, behind.history, behind.change, behind, behind.is_ending)
+    site = PageApi(
+        behind.snapshot,
+        behind,
+        behind.history,
+        behind.change,
+        behind,
+        behind.update,
+        behind.is_ending,
+    )
     app = make_app(site, token=TOKEN, port=PORT)
     page = {"host": HOST, "origin": f"http://{HOST}", "cookie": f"obk_{PORT}={TOKEN}"}
     reported = {**page, **(headers or {})}
@@ -172,7 +192,17 @@ def change(body: object, behind: Behind, **headers: str) -> Answer:
     return asked("/change", method="POST", body=data, behind=behind, headers=headers)
 
 
-PATHS = ["/", "/page.js", "/style.css", "/graph", "/fields", "/events", "/history", "/nothing"]
+PATHS = [
+    "/",
+    "/page.js",
+    "/style.css",
+    "/graph",
+    "/fields",
+    "/events",
+    "/history",
+    "/save",
+    "/nothing",
+]
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -366,3 +396,70 @@ def test_parameters_are_described_and_set() -> None:
     assert reported(node="/other")[0] == 404
     assert reported(run="another")[0] == 409
     assert asked("/parameter", method="POST", body=b"{}").status == 400
+
+
+def edit_of(path: Path, kp: float) -> ConfigUpdate:
+    """The edit that sets `kp` in a config."""
+    file = open_for_edit(str(path))
+    assert isinstance(file, EditedFile)
+    one = SavedParameter(
+        node="/obelisk_control_0",
+        name="kp",
+        before=20.0,
+        after=kp,
+        place=Span.at(file.source, 1, 1),
+    )
+    return ConfigUpdate(
+        config=str(path),
+        findings=(),
+        parameters=(one,),
+        files=((file, f"kp: {kp}\n"),),
+        missing_nodes=(),
+    )
+
+
+def save(behind: Behind, **body: str) -> Answer:
+    return asked("/save", method="POST", body=json.dumps(body).encode(), behind=behind)
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.yaml"
+    path.write_text("kp: 20.0\n")
+    return path
+
+
+def test_parameters_are_written_into_the_config_as_shown(config: Path) -> None:
+    behind = Behind(updates=[edit_of(config, 25.0)])
+    shown = asked("/save", behind=behind).json
+    assert "+kp: 25.0" in shown["diff"].splitlines()
+    assert config.read_text() == "kp: 20.0\n"
+    answer = save(behind, run=shown["run"], digest=shown["digest"])
+    assert answer.json["success"]
+    assert answer.json["why"].endswith("kp changed from 20.0 to 25.0")
+    assert config.read_text() == "kp: 25.0\n"
+
+
+def test_another_edit_than_the_one_that_was_shown_is_not_written(config: Path) -> None:
+    behind = Behind(updates=[edit_of(config, 25.0), edit_of(config, 26.0)])
+    shown = asked("/save", behind=behind).json
+    assert save(behind, run=shown["run"], digest=shown["digest"]).status == 409
+    assert save(behind, run="another", digest=shown["digest"]).status == 409
+    assert save(behind, run=shown["run"]).status == 400
+    assert config.read_text() == "kp: 20.0\n"
+
+
+def test_only_the_page_itself_writes_the_config(config: Path) -> None:
+    behind = Behind(updates=[edit_of(config, 25.0)])
+    shown = asked("/save", behind=behind).json
+    body = json.dumps({"run": shown["run"], "digest": shown["digest"]}).encode()
+    for headers, status in (({"cookie": ""}, 401), ({"origin": "http://robot.example"}, 403)):
+        answer = asked("/save", method="POST", body=body, behind=behind, headers=headers)
+        assert answer.status == status
+    assert config.read_text() == "kp: 20.0\n"
+
+
+def test_why_nothing_can_be_saved_is_reported() -> None:
+    answer = asked("/save")
+    assert answer.status == 404
+    assert answer.json["why"] == "no node of the config is running: launch it"

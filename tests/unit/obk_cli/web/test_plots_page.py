@@ -84,7 +84,8 @@ def packed_text(numbers: Any) -> str:
 @contextmanager
 def page_of(stack: Any, *plots: str) -> Iterator["Page"]:
     token, server = new_token(), WebServer()
-    site = PageApi(stack.snapshot, stack, stack.history, stack.of, stack, lambda: server.is_ending)
+    sources = (stack.snapshot, stack, stack.history, stack.of, stack, stack.of)
+    site = PageApi(*sources, lambda: server.is_ending)
     with take_port(0) as listener:
         port = listener.getsockname()[1]
         app = make_app(site, token=token, port=port)

@@ -1,0 +1,137 @@
+"""Write the parameters of running nodes into their config: find the edit, show it, write it.
+
+The same for `obk param save` and `obk web`.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from obelisk_spec.values import ParameterValue
+from obk_cli.compiler import Options, compile_config
+from obk_cli.configedit.edited_files import EditedFile, open_for_edit, report_diff, write_edited
+from obk_cli.configedit.save_params import SavedParameter, save_parameters
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.emit.params import emit_value
+from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.graph_source import open_graph, parameters_of
+from obk_cli.introspect.resolve import settle
+from obk_cli.introspect.target import GraphTarget
+from obk_cli.introspect.tuning import tunable
+from obk_cli.ros.parameters import NodeParameter
+from obk_cli.terminal import plain
+
+__all__ = ["ConfigUpdate", "find_update", "write_update"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConfigUpdate:
+    """What the parameters of running nodes change in their config; nothing is written yet."""
+
+    config: str
+    findings: tuple[Diagnostic, ...]
+    """Errors of the config as it is; nothing can be written then."""
+    parameters: tuple[SavedParameter, ...]
+    """Those that differ, also those that cannot be written."""
+    files: tuple[tuple[EditedFile, str], ...]
+    """Every file that changes, with its new text."""
+    missing_nodes: tuple[str, ...]
+    """Full names of the config's nodes that are not running."""
+
+    def diff(self, *, colour: bool = False) -> str:
+        """The edit as a unified diff; empty if nothing changes."""
+        return "".join(report_diff(file.source, text, colour=colour) for file, text in self.files)
+
+    def changes(self) -> Iterator[str]:
+        """A sentence for each value that is written, with its place."""
+        for one in self.parameters:
+            if not one.fault:
+                yield f"{one.place.path}:{one.place.line}: {_change(one)}"
+
+    def faults(self) -> Iterator[str]:
+        """A sentence for each value that cannot be written, with the reason."""
+        for one in self.parameters:
+            if one.fault:
+                yield f"{one.place}: {_change(one)}: {one.fault}"
+
+
+def find_update(
+    config: str, options: Options, target: GraphTarget, timeout_s: float
+) -> ConfigUpdate:
+    """Compare a config with its running nodes.
+
+    Args:
+        config: its path.
+        options: how it is compiled.
+        target: where its nodes run.
+        timeout_s: for each answer of a node [s].
+
+    Raises:
+        CommandFailedError: none of its nodes is running, one does not answer, or a file cannot be
+            read.
+    """
+    declared = compile_config(config, options).config
+    wanted = {
+        node.full_name: frozenset(parameter.name for parameter in node.params)
+        for node in (declared.nodes if declared else ())
+    }
+    values = _present_values(wanted, target, timeout_s) if wanted else {}
+    saved = save_parameters(config, options, values)
+    return ConfigUpdate(
+        config=config,
+        findings=saved.findings,
+        parameters=saved.parameters,
+        files=tuple((_opened(source.path), text) for source, text in saved.files),
+        missing_nodes=tuple(sorted(wanted.keys() - values.keys())),
+    )
+
+
+def write_update(update: ConfigUpdate) -> None:
+    """Write the files.
+
+    Raises:
+        CommandFailedError: a file was changed meanwhile, or cannot be written.
+    """
+    for file, text in update.files:
+        write_edited(file, text)
+
+
+def _present_values(
+    wanted: Mapping[str, frozenset[str]], target: GraphTarget, timeout_s: float
+) -> dict[str, dict[str, ParameterValue]]:
+    """Current values of the config's own and tuned parameters in its running nodes."""
+    found: dict[str, dict[str, ParameterValue]] = {}
+    with open_graph(target, None, asks_nodes=True) as source:
+        settle(source, target, timeout_s)
+        for node in sorted(wanted.keys() & set(source.nodes())):
+            parameters = parameters_of(source, node, timeout_s)
+            known = frozenset(parameters.names())
+            present = parameters.values(sorted(wanted[node] & known)) if wanted[node] else {}
+            values: dict[str, NodeParameter] = {
+                **present,
+                **{
+                    one.name: one.value
+                    for one in tunable(parameters)
+                    if one.name not in wanted[node]
+                    and one.value.value != one.description.notes.initial
+                },
+            }
+            found[node] = {name: one.value for name, one in values.items() if one.value is not None}
+    if not found:
+        raise CommandFailedError(
+            "no node of the config is running", help="start the stack with `obk launch`"
+        )
+    return found
+
+
+def _opened(path: str) -> EditedFile:
+    file = open_for_edit(path)
+    if isinstance(file, Diagnostic):
+        raise CommandFailedError(f"`{path}` cannot be read; nothing was written")
+    return file
+
+
+def _change(one: SavedParameter) -> str:
+    new = plain(emit_value(one.after))
+    if one.before is None:
+        return f"{one.node}: {one.name} added: {new}"
+    return f"{one.node}: {one.name} changed from {plain(emit_value(one.before))} to {new}"
