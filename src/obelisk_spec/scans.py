@@ -317,6 +317,6 @@ def _shown(value: object) -> str:
         case list() | tuple():
             return f"a list of {len(value)}"
         case str():
-            return f"the text `{value}`"
+            return f"the string `{value}`"
     text = str(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -87,8 +87,10 @@ def there_is(known: Iterable[str]) -> str | None:
 
 def ask_for(meant: Iterable[str]) -> str | None:
     """A help line: "did you mean `a` or `b`?"; None without any name."""
-    names = " or ".join(f"`{name}`" for name in meant)
-    return f"did you mean {names}?" if names else None
+    names = [f"`{name}`" for name in meant]
+    if not names:
+        return None
+    return f"did you mean {', '.join(names[:-1])}{' or ' if names[:-1] else ''}{names[-1]}?"
 
 
 def sure_name(name: str, known: Iterable[str]) -> str | None:

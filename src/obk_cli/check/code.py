@@ -194,7 +194,7 @@ def _not_registered(
         f"class `{code.class_name}` does not register the {component.kind} `{name.value}`",
         name.span,
         help=help,
-        related=(Related(message="in the code", span=shown.span),)
+        related=(Related(message="registered here", span=shown.span),)
         if shown
         else (Related(message="the class", span=code.span),),
     )
@@ -217,7 +217,7 @@ def _not_configured(
             executable.span,
             severity="warning" if goes_on else None,
             help=f"add `{line}` to its `{registered.kind}s`",
-            related=(Related(message="in the code", span=registered.span),),
+            related=(Related(message="registered here", span=registered.span),),
         )
     elif registered.is_optional and not registered.is_of_library:
         yield found(
@@ -227,7 +227,7 @@ def _not_configured(
             executable.span,
             severity="info",
             help=f"to use it, add `{line}` to its `{registered.kind}s`",
-            related=(Related(message="in the code", span=registered.span),),
+            related=(Related(message="registered here", span=registered.span),),
         )
 
 
@@ -246,7 +246,7 @@ def _check_type(
             f"`{code.class_name}`",
             component.msg_type.span,
             help=f"write `{_shortest(registered.msg_type)}`, or remove `msg_type`",
-            related=(Related(message="in the code", span=registered.span),),
+            related=(Related(message="registered here", span=registered.span),),
         )
 
 
@@ -263,7 +263,7 @@ def _check_has_type(
         f"`{code.class_name}`",
         component.name.span if component.name else component.span,
         help="add `msg_type: ...`",
-        related=(Related(message="in the code", span=registered.span),),
+        related=(Related(message="registered here", span=registered.span),),
     )
 
 

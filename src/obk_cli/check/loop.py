@@ -330,7 +330,7 @@ def _check_age(age: Spanned[float], topic: str, senders: Senders) -> Iterator[Di
             yield found(
                 "OBK213",
                 f"`max_age_sec` is {age.value:g} s, `{topic}` is published every "
-                f"{period.value:g} s, so a single late command triggers `stale_action`",
+                f"{period.value:g} s: a single late command triggers `stale_action`",
                 age.span,
                 help=f"expected at least {_LEAST_AGE_PERIODS * period.value:g} s, two periods",
                 related=(Related(message="the timer that publishes", span=period.span),),

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 from obelisk_spec.components import component_identity, standard_component
-from obelisk_spec.suggestions import did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.suggestions import did_you_mean, near_names, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.fixes import respell
@@ -30,7 +30,7 @@ def check_required_sections(context: CheckContext) -> Iterator[Diagnostic]:
         help = "a stack usually has a controller, an estimator and a robot"
         yield found("OBK201", "the stack has no node", stack.span, severity="error", help=help)
     elif empty:
-        message = f"the stack has no node in {list_names(empty)}"
+        message = f"the stack has no node in {' or '.join(f'`{section}`' for section in empty)}"
         yield found("OBK201", message, stack.span)
 
 

@@ -75,7 +75,7 @@ def check_defaults(context: CheckContext) -> Iterator[Diagnostic]:
         count = f" {len(others) + 1} times" if others else ""
         yield found(
             "OBK507",
-            f"`{written}` is the default, written out{count}",
+            f"`{written}` is the default; it is set explicitly{count}",
             first,
             help="it can be removed",
             related=(Related(message="also here", span=span) for span in others[:_MOST_SHOWN]),

@@ -58,7 +58,7 @@ def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
     for topic, (first, *_others) in published.items():
         is_for_outside = first.section == "viz" or first.is_optional
         if topic not in subscribed and topic not in suggested and not is_for_outside:
-            message = f"nothing in the config reads `{topic}`"
+            message = f"no node in the config subscribes to `{topic}`"
             yield found("OBK204", message, first.span, related=first.renamed)
 
 
@@ -106,7 +106,7 @@ def _not_published(ends: Sequence[TopicEnd]) -> Diagnostic:
     subscribe = "subscribe" if len(owners) > 1 else "subscribes"
     return found(
         "OBK203",
-        f"nothing in the config publishes {list_names(topics, most=_MOST_LISTED)}, to which "
+        f"no node in the config publishes {list_names(topics, most=_MOST_LISTED)}, to which "
         f"{list_names(owners, most=_MOST_SHOWN)} {subscribe}",
         ends[0].span,
         severity="warning",

@@ -93,8 +93,8 @@ def info(
 
     Also shows where it comes from: the run, the config and the versions.
 
-    The default is the newest recorded run. Recordings of rosbag2 can be read too. So can recordings
-    whose recorder was killed, up to where it stopped.
+    The default is the newest recorded run. Also reads rosbag2 recordings, and incomplete recordings
+    up to the point where the recorder was killed.
     """
     is_json = wants_json(format)
 

@@ -71,7 +71,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
             "stop": Verb("obk_cli.cli.stop", "Shut a stack down cleanly."),
             "reap": Verb("obk_cli.cli.reap", "Terminate processes that outlived their launcher."),
         },
-        "Look": {
+        "Inspect": {
             "monitor": Verb("obk_cli.cli.monitor", "Show nodes, rates and log of a running stack."),
             "web": Verb("obk_cli.cli.web", "Show a running stack in the browser."),
             "logs": Verb("obk_cli.cli.logs", "Show the logs of a run or of one of its nodes."),
@@ -92,7 +92,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
             "export": Verb("obk_cli.cli.export", "Convert a recording to Parquet or CSV."),
             "play": Verb("obk_cli.cli.play", "Replay a recording, or run nodes on it."),
         },
-        "Extend": {
+        "Convert": {
             "compile": Verb(
                 "obk_cli.cli.compile", "Convert a config to parameters, a launch file or JSON."
             ),

@@ -44,7 +44,7 @@ def command(
     set_: SetOption = None,
     color: ColourOption = "auto",
 ) -> None:
-    """Convert a valid config for other programs. Findings go to stderr.
+    """Convert a valid config to formats that other programs read. Findings go to stderr.
 
     plan: all processes as JSON. params: a file for --params-file, for all nodes. launch: a file for
     `ros2 launch`. mermaid, dot, svg: the block diagram. json: nodes, topics, edges.

@@ -133,6 +133,6 @@ def _summary(found: "RunComparison") -> Iterator[str]:
         yield f"{with_number(differing, 'signal')} of {differing + equal} differ"
     if None in found.rejected_commands:
         yield (
-            "note: the number of rejected commands is known only for recordings in the folder "
+            "note: the number of rejected commands is available only for recordings in the folder "
             "of their run"
         )

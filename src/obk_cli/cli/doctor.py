@@ -101,10 +101,10 @@ def command(
     format: FormatOption = "text",
     color: ColourOption = "auto",
 ) -> None:
-    """Check this machine for what stacks need; report problems and how to fix them.
+    """Check whether this machine can run stacks; report problems and how to fix them.
 
     Tests network, compilers and graphics in separate processes. Changes nothing. Exit code 0: no
-    errors (there may be warnings); 1: errors; 2: misuse.
+    errors (there may be warnings); 1: errors; 2: usage error.
     """
     is_json, colour = wants_json(format), wants_colour(color)
     every = checks_of(os.environ, Path.cwd())

@@ -46,7 +46,7 @@ def command(
         typer.Option(
             "--model",
             metavar="FILE",
-            help="Copy this robot model, MJCF or URDF, and make the stack that holds its pose.",
+            help="Copy this robot model (MJCF or URDF) and create a stack that holds its pose.",
             show_default="an arm with three joints",
         ),
     ] = None,
@@ -59,7 +59,7 @@ def command(
         ),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show what would be created, write nothing.")
+        bool, typer.Option("--dry-run", help="Show what would be created, without writing it.")
     ] = False,
     format: Annotated[
         Literal["text", "json"], typer.Option("--format", help="Output format.")

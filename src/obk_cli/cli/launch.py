@@ -66,18 +66,20 @@ VIEWERS = ("none", "native", "web")
 def command(
     config: ConfigArgument,
     until: Annotated[
-        str, typer.Option(metavar="|".join(UNTIL), help="How far the bring-up goes.")
+        str, typer.Option(metavar="|".join(UNTIL), help="State to which to bring the stack up.")
     ] = "active",
     duration: Annotated[
         float | None, typer.Option(help="Stop the stack after this time [s].")
     ] = None,
     sim_duration: Annotated[
         float | None,
-        typer.Option(metavar="S", help="The same in simulated seconds; needs a simulated robot."),
+        typer.Option(
+            metavar="S", help="Stop after this simulated time [s]; needs a simulated robot."
+        ),
     ] = None,
     timeout: Annotated[
         float,
-        typer.Option(help="Time limit for a transition [s]; a start may take at least 20 s."),
+        typer.Option(help="Time limit for a transition [s]; starting is allowed at least 20 s."),
     ] = 10.0,
     on_crash: Annotated[
         str,
@@ -89,7 +91,7 @@ def command(
     hang_after: Annotated[
         float,
         typer.Option(
-            help="A node that does not answer for this time hangs [s]; 0 disables the check."
+            help="Treat a node as hung if it does not answer for this time [s]; 0: never."
         ),
     ] = 1.3,
     strict_rates: Annotated[
@@ -158,7 +160,10 @@ def command(
     ] = None,
     network: Annotated[
         str | None,
-        typer.Option(metavar="localhost|lan", help="Who can discover the stack."),
+        typer.Option(
+            metavar="localhost|lan",
+            help="Hosts that can discover the stack: only this one, or the local network.",
+        ),
     ] = None,
     log_level: Annotated[
         str | None, typer.Option(help="Log level for nodes that do not set one.")
@@ -177,10 +182,10 @@ def command(
     """Start a stack, bring it up, supervise it, and shut it down cleanly.
 
     Out-of-date message packages of the workspace are compiled first.
-    Ends on Ctrl-C, on SIGTERM, after --duration or --sim-duration, or when a node fails. No process
-    of the stack outlives this one. Exit code 0: shut down cleanly; 1: the config has errors, a node
-    failed, with --strict-rates a node missed its rate, or the robot rejected all commands at the
-    end.
+    Ends on Ctrl-C, on SIGTERM, after --duration or --sim-duration, or when a node fails. All
+    processes of the stack end with this command. Exit code 0: shut down cleanly; 1: the config has
+    errors, a node failed, a node missed its rate (with --strict-rates), or the robot was still
+    rejecting every command when the stack stopped.
     """
     require_choice("--until", until, tuple(UNTIL))
     require_choice("--on-crash", on_crash, get_args(OnCrash))

@@ -47,7 +47,7 @@ def command(
 
     Anything that cannot be migrated is left unchanged and reported on stderr with its location.
     Included files are not migrated. Exit code 0: done; 1: the file is not a readable config, or
-    with --check would change; 2: misuse.
+    with --check would change; 2: usage error.
     """
     if to not in _SPELLINGS:
         raise MisuseError(f"`--to {to}`: expected `key` or `seed`")

@@ -79,7 +79,7 @@ Lang = Annotated[Language, typer.Option("--lang", help="Language of the node.")]
 Obelisk = Annotated[
     Release,
     typer.Option(
-        "--obelisk", help="With --lang cpp: release of the C++ library, v0.1 to v0.4 or since 2026."
+        "--obelisk", help="With --lang cpp: version of the C++ library, v0.1 to v0.4 or since 2026."
     ),
 ]
 Dest = Annotated[
@@ -109,7 +109,7 @@ Replace = Annotated[
     typer.Option("--replace", metavar="NODE", help="With --add-to: the existing node to replace."),
 ]
 DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Show what would be created, write nothing.")
+    bool, typer.Option("--dry-run", help="Show what would be created, without writing it.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 Format = Annotated[Literal["text", "json"], typer.Option("--format", help="Output format.")]
@@ -313,7 +313,7 @@ def new_config(
 ) -> None:
     """Create a config from the workspace's nodes.
 
-    Sections without a node in the workspace use the node of the example.
+    Sections for which the workspace has no node use one of the dummy example.
     """
     request = PackageRequest(kind="config", name=name)
     run_new(

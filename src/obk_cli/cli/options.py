@@ -61,7 +61,7 @@ RunArgument = Annotated[
 TopicsOption = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="T", help="Only this topic, by its name or the end of it; may be repeated."
+        metavar="T", help="Use only this topic, by its name or the end of it; may be repeated."
     ),
 ]
 TimeoutOption = Annotated[

@@ -144,7 +144,7 @@ class _TakesNegativeNumbers(TyperCommand):
 def set_(
     node: NodeArgument,
     name: Annotated[str, typer.Argument(help="Parameter name.")],
-    value: Annotated[str, typer.Argument(help="As YAML: 2.5, -1, true, on, [1, 2], 'a text'.")],
+    value: Annotated[str, typer.Argument(help="As YAML: 2.5, -1, true, on, [1, 2], 'some text'.")],
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:

@@ -214,7 +214,7 @@ def _inputs(
             )
     if not recorded:
         raise CommandFailedError(
-            f"{run.path} has no message for the nodes",
+            f"{run.path} has no messages for the selected nodes",
             help=f"they subscribe to {list_names([*wanted]) or 'nothing'}",
         )
     for name in wanted:

@@ -48,7 +48,7 @@ def command(
     ] = None,
     received: Annotated[bool, typer.Option("--received", help="Use the times of receipt.")] = False,
 ) -> None:
-    """Plot fields of recorded runs over time, as PNG, SVG or a page for the browser.
+    """Plot fields of recorded runs over time, as PNG, SVG or an HTML page.
 
     A field is a number, an array (one line per element, named after its joint) or a nested message
     (one line per number). Several runs are drawn in the same plot. Time 0 is when the stack became

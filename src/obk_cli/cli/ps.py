@@ -83,7 +83,7 @@ def _node(node: NodeStatus) -> str:
 
 
 def _orphan_lines(orphans: tuple[Orphan, ...]) -> Iterator[str]:
-    yield "left behind by launchers that no longer run (end them with `obk reap`):"
+    yield "orphaned processes (end them with `obk reap`):"
     for orphan in orphans:
         yield f"  {orphan.pid}  {orphan.run}  {plain(orphan.command)[:LONGEST_COMMAND]}"
 

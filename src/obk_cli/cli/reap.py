@@ -24,14 +24,15 @@ def command(
 ) -> None:
     """Terminate processes of stacks whose launcher no longer runs, with their child processes.
 
-    Affects only processes of this user that `obk launch` started, and no running stack. Exit code
+    Affects only your own processes that `obk launch` started, and never a running stack. Exit code
     0: no process is left; 1: a process did not end.
     """
     orphans = find_orphans(runs_folder(os.environ))
+    verb = "would end" if dry_run else "ending"
     for orphan in orphans:
-        print(plain(f"{orphan.pid}  {orphan.run}  {orphan.command}"))
+        print(plain(f"{verb} {orphan.pid}  {orphan.run}  {orphan.command}"))
     if not orphans:
-        print("no processes are left behind")
+        print("no orphaned processes")
     if dry_run:
         raise typer.Exit(EXIT_DONE)
     remaining = end_orphans(orphans)

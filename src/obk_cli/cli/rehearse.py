@@ -196,7 +196,7 @@ def _report(verdicts: Sequence[Verdict], *, is_json: bool, colour: bool) -> str:
     return rehearsal_text(verdicts)
 
 
-HEAD: Final = ("node", "fault", "expected", "seen", "noticed [s]", "settled [s]", "")
+HEAD: Final = ("node", "fault", "expected", "observed", "detected [s]", "settled [s]", "")
 """Titles of the columns; the last one holds the verdict."""
 _NUMBERS: Final = (4, 5)
 _RIGHT: Final = "ok"

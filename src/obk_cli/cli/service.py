@@ -30,7 +30,7 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     no_args_is_help=True,
-    help="Look at and call the services of a running stack.",
+    help="List and call the services of a running stack.",
 )
 
 
@@ -90,7 +90,9 @@ def call(
     service_type: Annotated[
         str | None,
         typer.Option(
-            "--type", metavar="TYPE", help="Type as pkg/srv/Name, needed if nodes disagree."
+            "--type",
+            metavar="TYPE",
+            help="Type as pkg/srv/Name; required if nodes use several.",
         ),
     ] = None,
     domain: DomainOption = None,

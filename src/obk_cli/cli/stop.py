@@ -48,7 +48,9 @@ def command(
 
 def _require_one(runs: Mapping[Path, Run]) -> None:
     if not runs:
-        raise CommandFailedError("no stack is running on this host", help="see `obk ps`")
+        raise CommandFailedError(
+            "no stack is running on this host", help="start one with `obk launch`"
+        )
     if len(runs) > 1:
         names = [run.name for run in runs.values()]
         # Stacks of the same name are shown by their folders.

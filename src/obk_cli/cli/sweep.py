@@ -105,9 +105,9 @@ def command(
 ) -> None:
     """Run closed-loop tests for many seeds and values of parameters.
 
-    Results are kept in a database; an interrupted sweep continues when the same command runs
-    again. `report.html` shows pass rates, distributions and the worst cases with the commands that
-    run them again. Exit code 0: all cases passed; 1: one did not, or the config has errors.
+    Results are kept in a database; run the same command again to resume an interrupted sweep.
+    `report.html` shows pass rates, distributions and the worst cases with the commands that run
+    them again. Exit code 0: all cases passed; 1: one did not, or the config has errors.
     """
     is_json = wants_json(format)
     require_choice("--engine", engine, ENGINES)

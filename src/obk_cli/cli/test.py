@@ -54,7 +54,7 @@ def command(
         list[str] | None,
         typer.Argument(
             metavar="[TESTS]...",
-            help="Files, folders or ids of tests. Options after `--` go to pytest.",
+            help="Test files, folders or IDs. Options after `--` are passed to pytest.",
         ),
     ] = None,
     seeds: Annotated[

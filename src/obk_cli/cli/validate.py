@@ -85,7 +85,8 @@ def command(
 ) -> None:
     """Check configs (text, wiring, model and packages) without starting anything.
 
-    Exit code 0: no errors; 1: errors, or warnings with --strict; 2: misuse. Always 0 with --watch.
+    Exit code 0: no errors; 1: errors, or warnings with --strict; 2: usage error. With --watch, it
+    is always 0.
     """
     require_choice("--format", format, _FORMATS)
     _check_together(configs, format, fix=fix, diff=diff, watch=watch)

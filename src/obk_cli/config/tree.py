@@ -82,7 +82,7 @@ def plain_value(tree: Tree) -> object:
 
 
 def kind_of(tree: Tree) -> str:
-    """What a value is, with an article, for a message: "a list", "the text `x`"."""
+    """What a value is, with an article, for a message: "a list", "the string `x`"."""
     match tree:
         case TreeMap():
             return "a mapping"
@@ -95,7 +95,7 @@ def kind_of(tree: Tree) -> str:
         case TreeScalar(value=int() | float() as number):
             return f"the number {shown(number)}"
         case TreeScalar(value=text):
-            return f"the text `{shown(text)}`"
+            return f"the string `{shown(text)}`"
 
 
 def shown(value: object) -> str:

@@ -190,7 +190,7 @@ class _Chooser:
             end=end,
             topic=f"{real}/{leaf}",
             written=f"{written}/{leaf}",
-            notes=("nothing in the config reads it yet",),
+            notes=("no node in the config subscribes to it yet",),
         )
         if rival is None:
             return link

@@ -209,7 +209,9 @@ def _ask(folder: Path, question: Question, kind: type[T], wait_s: float) -> T:
     """
     answer = ask_graph(folder, encode(question), wait_s)
     if answer is None:
-        raise CommandFailedError("the launcher of the stack did not answer", help="see `obk ps`")
+        raise CommandFailedError(
+            "the launcher of the stack did not answer", help="check it with `obk ps`"
+        )
     if isinstance(answer, Fault):
         raise CommandFailedError(f"the launcher of the stack: {answer.error}")
     return decode_reply(answer, kind)

@@ -104,7 +104,7 @@ def _ask_launcher(choice: NodeSelection, transition: str, timeout_s: float | Non
     if answer is None:
         raise CommandFailedError(
             f"the launcher of `{stack.run.name}` (process {stack.run.pid}) did not answer",
-            help="see `obk ps` and `obk logs`",
+            help="check the stack with `obk ps` and `obk logs`",
         )
     return answer
 

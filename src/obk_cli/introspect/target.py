@@ -90,9 +90,8 @@ class GraphTarget:
             help=(
                 f"running in other domains: {', '.join(others)}; select one with `--domain`"
                 if others
-                else "start a stack with `obk launch`; nodes not started by obk announce "
-                "themselves every 3 s; wait for them with `--timeout 5`; a stack on another host "
-                "needs ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both hosts"
+                else "start a stack with `obk launch`; to find nodes not started by obk, add "
+                "`--timeout 5`; for another host, set ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both"
             ),
         )
 

@@ -224,7 +224,7 @@ class LaunchReport:
                 yield self._paint(_RED, f"  {name}: FAILED")
                 yield from self._fault(event.fault)
             case Hung():
-                yield self._paint(_RED, f"  {name}: HANGS: no answer for {event.seconds:.1f} s")
+                yield self._paint(_RED, f"  {name}: HUNG: no answer for {event.seconds:.1f} s")
             case AnswersAgain():
                 yield self._paint(_GREEN, f"  {name}: answers again")
             case Evidence():

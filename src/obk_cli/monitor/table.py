@@ -259,7 +259,7 @@ _TOPIC_COLUMNS: Final[tuple[_Column[TopicView], ...]] = (
         rank=4,
         cell=lambda topic: f"{topic.publishers}/{topic.subscriptions}",
     ),
-    _Column(title="wanted", width=6, rank=1, cell=lambda topic: _number(topic.expected_hz)),
+    _Column(title="expected", width=8, rank=1, cell=lambda topic: _number(topic.expected_hz)),
     _Column(
         title="Hz",
         width=6,

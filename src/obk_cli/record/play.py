@@ -71,7 +71,7 @@ def playable_topics(
     commands = frozenset[str]() if may_move else command_topics(run)
     if refused := [topic for topic in named if topic in commands]:
         raise CommandFailedError(
-            f"{list_names(refused)} commands a robot",
+            f"refusing to publish on {list_names(refused)}, which commands a robot",
             help="to publish commands anyway, add `--allow-hardware`",
         )
     wanted = [topic for topic in recorded if not named or topic in named]

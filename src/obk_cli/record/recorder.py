@@ -303,7 +303,7 @@ def recorded_text(recorded: Recorded) -> str:
     counters = recorded.counters.values()
     topics = sum(1 for counter in counters if counter.count)
     return (
-        f"recorded {sum(one.count for one in counters)} messages of {topics} topics in "
+        f"recorded {sum(one.count for one in counters)} messages from {topics} topics in "
         f"{recorded.seconds:.1f} s, {sum(one.dropped for one in counters)} lost: {recorded.path}"
     )
 

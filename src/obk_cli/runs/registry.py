@@ -134,7 +134,7 @@ def select_runs(
         names = sorted({run.name for run in candidates.values()})
         raise CommandFailedError(
             f"no stack `{name}` is running {where}",
-            help=did_you_mean(name, names) or "see `obk ps`",
+            help=did_you_mean(name, names) or "`obk ps` lists the running stacks",
         )
     return selected
 
@@ -250,7 +250,7 @@ def status_text(node: NodeStatus) -> str:
         [
             f"{node.state or 'no life cycle':<13}",
             f"process {node.pid}" if node.pid is not None else "not running on this host",
-            *(["HANGS"] if node.hangs else ()),
+            *(["HUNG"] if node.hangs else ()),
             *([f"restarted {with_number(node.restarts, 'time')}"] if node.restarts else ()),
         ]
     )

@@ -154,8 +154,8 @@ def _config_lines(spec: PackageSpec) -> tuple[str, ...]:
         return ()
     return (
         "",
-        f"add to a config under `{SECTIONS[spec.kind]}:`, with your topic prefix instead of "
-        f"{TOPICS_TO_FILL_IN}; --add-to CONFIG does both:",
+        f"add this under `{SECTIONS[spec.kind]}:` in your config and replace {TOPICS_TO_FILL_IN} "
+        "with your topic prefix (or use --add-to CONFIG):",
         *(f"  {line}" for line in config_snippet(spec).splitlines()),
     )
 

@@ -55,9 +55,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK007",
         severity="error",
         title="too much text",
-        cause="All files of a config together may be 10 MiB long, before and after variables are "
-        "expanded. At most 100 files can be included. A larger config probably includes a "
-        "wrong file.",
+        cause="A config and the files that it includes may total at most 10 MiB, before and after "
+        "variables are expanded. At most 100 files can be included. A larger config probably "
+        "includes the wrong file.",
         fix="Correct the path, or split the config.",
     ),
     Rule(
@@ -70,7 +70,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK009",
         severity="error",
-        title="files include each other in a circle",
+        title="circular include",
         cause="A file cannot be merged into itself.",
         fix="Remove one of the includes in the reported chain.",
     ),
@@ -87,7 +87,8 @@ RULES: tuple[Rule, ...] = (
         title="an environment variable is not set",
         cause="`${NAME}` is replaced when the config is read, but the variable has no value and no "
         "default.",
-        fix="Set the variable, write a default as `${NAME:-text}`, or `$${` for a literal `${`.",
+        fix="Set the variable, provide a default (`${NAME:-text}`), or write `$${` for a literal "
+        "`${`.",
     ),
     Rule(
         code="OBK012",
@@ -108,8 +109,8 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="an `ignore` without effect",
         cause="An `ignore` in a comment, in the config or on the command line has no effect. Its "
-        "code is not that of a rule, or the rule cannot be silenced because its findings "
-        "leave no usable config.",
+        "code is not the code of a rule, or the rule cannot be silenced because its findings "
+        "make the config unusable.",
         fix="Correct the code. A prefix such as `OBK4` stands for all codes that start with it.",
     ),
     Rule(
@@ -139,7 +140,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK103",
         severity="error",
         title="a value of the wrong type",
-        cause="For example text instead of a number, or a single value instead of a list.",
+        cause="For example, a string instead of a number, or a single value instead of a list.",
         fix="Write a value of the type that the message names.",
     ),
     Rule(
@@ -178,8 +179,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a component is configured twice",
         cause="Two entries of a node name the same component. The node uses the first entry and "
-        "ignores the others, so this is a warning. Two `sim` blocks for the same parameter "
-        "are an error.",
+        "ignores the others, so this is reported as a warning. Two `sim` blocks for the same "
+        "parameter are an error.",
         fix="Remove one, or correct the name of its component.",
     ),
     Rule(
@@ -215,7 +216,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK113",
         severity="error",
         title="an invalid ROS parameter",
-        cause="A ROS parameter is a bool, an int, a float, text, or a list of one of these.",
+        cause="A ROS parameter is a bool, an int, a float, a string, or a list of one of these.",
         fix="Write a value of one of these types; nested mappings become dotted names.",
     ),
     Rule(
@@ -223,7 +224,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="not a config",
         cause="The file contains something else, such as the settings of a ray caster.",
-        fix="Give the config that uses this file.",
+        fix="Pass the config that uses this file.",
     ),
     Rule(
         code="OBK115",

@@ -20,7 +20,8 @@ RULES: tuple[Rule, ...] = (
         title="two nodes with the same name",
         cause="ROS runs both, and a request by name may reach either one. Joystick nodes all "
         "have the same name.",
-        fix="Give one of them another `name` or `namespace`. Switch off all joysticks but one.",
+        fix="Give one of them another `name` or `namespace`. Set `on: false` for all joysticks but "
+        "one.",
     ),
     Rule(
         code="OBK203",
@@ -150,10 +151,10 @@ RULES: tuple[Rule, ...] = (
         code="OBK220",
         severity="warning",
         title="a period about 1000 times longer than the others",
-        cause="`2` is often written instead of `0.002`. A loop timer or sensor slower than 1 Hz "
-        "is compared with the fastest one in the loop. The longest period is also compared "
-        "with all others. For a custom timer, which may be slow on purpose, this is an "
-        "info.",
+        cause="`2` is often written instead of `0.002`. The rule reports a loop timer or sensor "
+        "slower than 1 Hz if the fastest one in the loop is about 1000 times faster, and the "
+        "longest period of all if the others are about 1000 times shorter. For a custom timer, "
+        "which may be slow on purpose, this is an info.",
         fix="Correct the period. Silence the rule if it is intended.",
     ),
 )

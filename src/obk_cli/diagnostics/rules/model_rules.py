@@ -22,7 +22,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK302",
         severity="error",
-        title="the model is not MJCF",
+        title="MuJoCo cannot load the model",
         cause="MuJoCo cannot read the file; the message shows its error.",
         fix="Fix the model at the reported line.",
     ),
@@ -50,7 +50,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK306",
         severity="error",
-        title="too many sensors or too few",
+        title="wrong number of sensors",
         cause="The message holds a fixed number of sensors of each type.",
         fix="Configure as many sensors as the message holds.",
     ),
@@ -140,8 +140,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK318",
         severity="warning",
         title="files of the model are missing",
-        cause="Meshes or textures were not found at the paths in the model. Its structure was "
-        "checked.",
+        cause="Meshes or textures were not found at the paths in the model. Only the structure "
+        "of the model was checked.",
         fix="Add the files, or correct `meshdir` and `texturedir` in the model.",
     ),
     Rule(
@@ -174,7 +174,7 @@ RULES: tuple[Rule, ...] = (
         title="a network that does not fit its parameters",
         cause="The parameters of a policy describe what its network observes and commands: the "
         "terms of `observation`, `joints` and `action_joints`. The network in `params_path` takes "
-        "or returns another number of values, or the model has no such joint.",
+        "or returns a different number of values, or the model has no such joint.",
         fix="Write the terms and joints that the network was trained with, in that order.",
     ),
 )

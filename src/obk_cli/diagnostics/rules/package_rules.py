@@ -28,7 +28,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK403",
         severity="error",
         title="the package of a model or description is not found",
-        cause="`robot_pkg` is searched in the workspace, the Python environment and "
+        cause="`robot_pkg` is looked up in the workspace, the Python environment and "
         "AMENT_PREFIX_PATH.",
         fix="Correct the name, or add the package to the workspace.",
     ),
@@ -42,10 +42,10 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK405",
         severity="error",
-        title="a component that the config lacks",
+        title="a component is missing from the config",
         cause="The node's class registers the component, and the node cannot be configured "
-        "without its settings. This is a warning if the node only logs that it is missing, "
-        "as in the API since 2026-05. It is an info if the code declares it optional.",
+        "without its settings. Reported as a warning if the node only logs the missing "
+        "component (API since 2026-05), and as info if the component is optional.",
         fix="Add the component to the config, or register it with `required=False`.",
     ),
     Rule(
@@ -93,8 +93,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="the package of a message type is not found",
         cause="It is not in the workspace, the Python environment or AMENT_PREFIX_PATH.",
-        fix="Correct the name, put the message package into the workspace, or source the one that "
-        "has it.",
+        fix="Correct the name, put the message package into the workspace, or source the "
+        "workspace that contains it.",
     ),
     Rule(
         code="OBK412",

@@ -140,7 +140,7 @@ def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> Non
         ("call", "`obk service call`"),
         ("activate", "`obk lifecycle activate`"),
         ("get", "`obk lifecycle get` or `obk param get`"),
-        ("info", "`obk topic info` or `obk node info` or `obk bag info`"),
+        ("info", "`obk topic info`, `obk node info` or `obk bag info`"),
         ("run", "`obk launch`"),
         ("status", "`obk ps`"),
         ("replay", "`obk play`"),
@@ -287,13 +287,13 @@ def test_standard_input(
         ("validate f --format xml", "`--format xml`: expected one of `text`, `json`, `sarif`, "
          "`github`"),
         ("validate f --ignore OBK9", "`--ignore OBK9`: unknown rule\n"
-            "  help: did you mean `OBK609` or `OBK409` or `OBK319`?"),
+            "  help: did you mean `OBK609`, `OBK409` or `OBK319`?"),
         ("validate f --color green", "`--color green`: expected `auto`, `always` or `never`"),
         ("compile f --to bmp", "`--to bmp`: expected one of `plan`, `params`, `launch`, "
          "`mermaid`, `dot`, `svg`, `json`"),
         ("migrate f --to new", "`--to new`: expected `key` or `seed`"),
         ("explain OBK20", "unknown rule `OBK20`\n"
-            "  help: did you mean `OBK420` or `OBK320` or `OBK220`?"),
+            "  help: did you mean `OBK420`, `OBK320` or `OBK220`?"),
         ("new contoller foo", "unknown kind `contoller`\n  help: did you mean `controller`?"),
         ("new controller foo --device pc", "`--device` needs `--add-to CONFIG`"),
         ("new controller foo --add-to -", "`--add-to -`: expected a file"),

@@ -97,7 +97,9 @@ def test_remappings_are_a_mapping_or_a_list() -> None:
         stack, faults = read(f"control: {{{NODE}, remappings: {written}}}")
         assert [(r.old, r.new) for r in stack.nodes[0].remappings] == [("/a", "/b")]
         assert faults == []
-    assert node_faults("remappings: [/a]") == ["a remapping is the text `/a`, expected `from:=to`"]
+    assert node_faults("remappings: [/a]") == [
+        "a remapping is the string `/a`, expected `from:=to`"
+    ]
 
 
 def test_names_that_are_remapped_are_those_of_topics() -> None:
@@ -124,7 +126,7 @@ def test_every_fault_of_a_node_is_found_in_one_run() -> None:
         "this publisher has neither `ros_parameter` nor `key`",
         "`topic` is the number 3, expected text",
         "`log_level` is `loud`, expected one of `debug`, `info`, `warn`, `error`, `fatal`",
-        "`respawn` is the text `yes`, expected `true` or `false`",
+        "`respawn` is the string `yes`, expected `true` or `false`",
     ]
 
 

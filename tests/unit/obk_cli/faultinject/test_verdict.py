@@ -192,7 +192,7 @@ VERDICTS = (
 def test_the_table_shows_every_row_and_the_evidence_of_what_is_wrong() -> None:
     table = [line.split("  ") for line in rehearsal_text(VERDICTS).splitlines()[:3]]
     assert [[cell.strip() for cell in line if cell] for line in table] == [
-        ["node", "fault", "expected", "seen", "noticed [s]", "settled [s]"],
+        ["node", "fault", "expected", "observed", "detected [s]", "settled [s]"],
         ["robot_0", "kill", VERDICTS[0].seen, VERDICTS[0].seen, "0.010", "1.5", "ok"],
         ["robot_0", "delay", "no reaction", "reported only: Hung", "1.700", "-", "FAILED"],
     ]

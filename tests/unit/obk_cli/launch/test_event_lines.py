@@ -149,7 +149,7 @@ def test_hangs_and_restarts_are_reported() -> None:
         GoesOnWithout(nodes=(CONTROL,)),
         WaitingFor(devices=("base", "arm"), nodes=(ROBOT, "/arm/obelisk_control_1")),
     ) == [
-        "  robot_0: HANGS: no answer for 2.0 s",
+        "  robot_0: HUNG: no answer for 2.0 s",
         "  robot_0: answers again",
         "  robot_0, control_0: restart 1 of 3 in 0.5 s",
         "  robot_0, control_0: back again",

@@ -105,7 +105,7 @@ def test_an_array_that_grows_and_shrinks_has_the_numbers_that_are_there(tmp_path
     ("text", "reported"),
     [
         ("t.giro", "did you mean `gyro`"),
-        ("t.gyro.z", "did you mean `gyro.y` or `gyro.x`"),
+        ("t.gyro.z", "did you mean `gyro.y`, `gyro.x`"),
         ("t.frame", "holds no number"),
         ("t.ok[0]", "is no array"),
         ("t.gyro.x.y", "has no field `gyro.x.y`"),

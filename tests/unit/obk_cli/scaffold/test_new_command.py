@@ -54,9 +54,8 @@ def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) 
 
 def test_the_snippet_says_who_would_wire_it(workspace: Path) -> None:
     said = obk_new("estimator", "foo")
-    assert (
-        "under `estimation:`, with your topic prefix instead of /STACK; --add-to CONFIG"
-    ) in said
+    assert "under `estimation:` in your config and replace /STACK" in said
+    assert "--add-to CONFIG" in said
     assert "    - key: pub_est\n        topic: /STACK/est\n" in said
 
 
