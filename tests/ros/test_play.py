@@ -1,5 +1,6 @@
 """`obk play`: recordings published again in real time, and replayed into nodes in lock-step."""
 
+import re
 import struct
 import subprocess
 import time
@@ -130,6 +131,9 @@ def test_commands_are_published_only_on_purpose(recording: Path) -> None:
         (("--into", EXAMPLE, "--nodes", "estimation"), "no message for the nodes"),
         (("--topic", "speed"), "no topic `speed`"),
         (("--rate", "0"), "`--rate 0`"),
+        (("--real-time",), "needs `--into CONFIG`"),
+        (("--into", EXAMPLE, "--nodes", "estimation", "--rate", "2"), "needs `--real-time`"),
+        (("--into", EXAMPLE, "--nodes", "estimation", "--tolerance", "1"), "`--tolerance 1`"),
     ],
 )
 def test_a_mistake_is_reported(recording: Path, words: tuple[object, ...], reported: str) -> None:
@@ -161,3 +165,30 @@ def test_recorded_sensors_give_the_recorded_estimates_bit_for_bit(tmp_path: Path
     assert "the first other at" in done.stdout
     assert "/obelisk/dummy/est rate [Hz]" in done.stdout
     assert len(open_run(again)["est"]) == 500
+
+
+@pytest.mark.mujoco
+def test_nodes_run_as_processes_in_real_time_but_command_no_robot(tmp_path: Path) -> None:
+    tests = tmp_path / "test_it.py"
+    tests.write_text(TESTS.format(config=EXAMPLE))
+    done = obk("test", EXAMPLE, tests, "--keep-all", "--output", tmp_path / "kept")
+    assert done.returncode == 0, done.stdout
+    (recording,) = (tmp_path / "kept").glob("*.mcap")
+    live = tmp_path / "live.mcap"
+    words = ("play", recording, "--into", EXAMPLE, "--real-time", "--output", live)
+
+    refused = obk(*words, "--nodes", "control")
+    assert refused.returncode == 1
+    assert "which commands a robot" in refused.stderr
+    assert not live.exists()
+
+    # How late the timers are on a busy machine is not the point, so any difference is accepted.
+    done = obk(*words, "--nodes", "estimation", "--rate", "0.5", "--tolerance", "10")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"their span \(RMS\): (\d+) of \1\n", done.stdout)
+    recorded, again = open_run(recording), open_run(live)
+    assert again.topics == ("/obelisk/dummy/est",)
+    assert len(again["est"])
+    # Times are those of the recorded run, whatever the rate.
+    first_ns = again["est"].messages.published_ns[0]
+    assert 0 < first_ns < 10 * (recorded.bag.end_ns or 0)

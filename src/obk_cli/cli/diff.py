@@ -15,7 +15,7 @@ from obk_cli.terminal import columns_of, escaped, shortened
 if TYPE_CHECKING:
     from obk_cli.record.compare import RunComparison
 
-__all__ = ["EXAMPLE", "command", "difference_lines"]
+__all__ = ["EXAMPLE", "command", "difference_lines", "signal_lines"]
 
 EXAMPLE = """\b
 Example: obk diff dummy_20260301_120000 dummy_20260301_121500
@@ -62,6 +62,11 @@ def command(
 def difference_lines(found: "RunComparison") -> Iterator[str]:
     """Lines of the table of topics and numbers only."""
     yield from _table([_head(found), *_topic_rows(found), *_signal_rows(found)])
+
+
+def signal_lines(found: "RunComparison") -> Iterator[str]:
+    """Lines of the table of numbers only."""
+    yield from _table([_head(found), *_signal_rows(found)])
 
 
 def _head(found: "RunComparison") -> _Row:

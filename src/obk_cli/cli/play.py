@@ -4,6 +4,7 @@ import json
 import os
 import sys
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -33,15 +34,18 @@ __all__ = ["EXAMPLE", "command"]
 EXAMPLE = """\b
 Example: obk play dummy --topic imu --topic est --rate 0.5
          obk play dummy --into dummy.yaml --nodes estimation
+         obk play dummy --into dummy.yaml --nodes estimation --real-time --rate 0.5
 """
 _PROGRAM: Final = "obk_testing.replay"
+_TOLERANCE: Final = 0.05
 
 
 def command(
     recording: RunArgument,
     topic: TopicsOption = None,
     rate: Annotated[
-        float, typer.Option(help="Playback speed, relative to real time; not with --into.")
+        float,
+        typer.Option(help="Playback speed, relative to real time; with --into only in real time."),
     ] = 1.0,
     into: Annotated[
         str | None,
@@ -61,6 +65,18 @@ def command(
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Recording that --into writes."),
     ] = None,
+    real_time: Annotated[
+        bool,
+        typer.Option("--real-time", help="Run the nodes of --into as processes, in real time."),
+    ] = False,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PART",
+            help="With --real-time: RMS difference that is accepted, as a part of a signal's span. "
+            "Default: 0.05.",
+        ),
+    ] = None,
     allow_hardware: Annotated[
         bool, typer.Option("--allow-hardware", help="Also publish topics that command robots.")
     ] = False,
@@ -77,12 +93,24 @@ def command(
     receives their messages, and no robot moves. Their output is recorded and compared with the
     recording. Unchanged code gives bit-identical output if the recording was made in lock-step, by
     `obk test --keep-all`.
+
+    With --real-time, the nodes run as processes and follow the recorded time, which is published on
+    /clock. They run in a ROS domain of their own unless --domain is given. Their output is compared
+    with a tolerance. Nodes and inputs that command a robot need --allow-hardware.
     """
     require_positive("--rate", rate)
     if into is None and (nodes or set_ or output):
         raise MisuseError("`--nodes`, `--set` and `--output` need `--into CONFIG`")
     if into is not None and not nodes:
         raise MisuseError("`--into` needs `--nodes`", help="such as `--nodes estimation`")
+    if real_time and into is None:
+        raise MisuseError("`--real-time` needs `--into CONFIG`")
+    if tolerance is not None and not (real_time and tolerance >= 0.0):
+        raise MisuseError(
+            f"`--tolerance {tolerance:g}`: expected at least 0, and `--real-time` with it"
+        )
+    if into is not None and not real_time and rate != 1.0:
+        raise MisuseError("`--rate` with `--into` needs `--real-time`: lock-step has no pace")
 
     from obk_cli.optional_deps import require_extra, require_ros
 
@@ -97,7 +125,19 @@ def command(
     topics = [topic_named(name, run.topics) for name in topic or ()]
     if into is not None:
         target = output or Path(f"{run.name}_replay.mcap")
-        raise typer.Exit(_replay(run, into, nodes or (), set_, topics, target))
+        what = _replayed(run, into, nodes or (), set_, topics, target)
+        if not real_time:
+            raise typer.Exit(_replay(run, what))
+        _replay_live(
+            run,
+            what,
+            speed=rate,
+            tolerance=_TOLERANCE if tolerance is None else tolerance,
+            domain=domain,
+            may_move=allow_hardware,
+            wait_s=timeout,
+        )
+        return
     _publish(run, topics, rate, domain, timeout, may_move=allow_hardware)
 
 
@@ -123,46 +163,105 @@ def _publish(
     print(f"published {total} in {played.seconds:.1f} s")
 
 
-def _replay(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Replayed:
+    """Nodes of a config, their recorded inputs, and what they publish."""
+
+    config: str
+    overrides: list[str]
+    plan: "Plan"
+    chosen: "list[PlannedNode]"
+    inputs: list[str]
+    outputs: list[str]
+    output: Path
+
+
+def _replayed(
     run: "RecordedRun",
     config: str,
     nodes: Sequence[str],
     overrides: list[str] | None,
     named: Sequence[str],
     output: Path,
-) -> int:
-    """Run the nodes in a process of its own and compare; return the exit code."""
+) -> _Replayed:
     from obk_cli.cli.config_options import make_options, valid_plan
-    from obk_cli.cli.test import lockstep_environment
     from obk_cli.compiler import compile_config
+
+    plan = valid_plan(compile_config(config, make_options(overrides, None)), "auto")
+    chosen = [*_chosen(plan, nodes)]
+    published = {end.topic for node in chosen for end in node.publishes}
+    return _Replayed(
+        config=config,
+        overrides=overrides or [],
+        plan=plan,
+        chosen=chosen,
+        inputs=[*_inputs(run, chosen, published, named)],
+        outputs=sorted(published),
+        output=output,
+    )
+
+
+def _replay_live(
+    run: "RecordedRun",
+    what: _Replayed,
+    *,
+    speed: float,
+    tolerance: float,
+    domain: int | None,
+    may_move: bool,
+    wait_s: float,
+) -> None:
+    from obk_cli.cli.play_live import LiveReplay, refuse_commands, replay_live
+    from obk_cli.cli.play_nodes import NodesRequest
+
+    inputs = what.inputs
+    if not may_move:
+        inputs = refuse_commands(what.plan, run, what.chosen, inputs)
+    request = NodesRequest(
+        config=what.config,
+        overrides=what.overrides,
+        nodes=[node.full_name for node in what.chosen],
+        outputs=what.outputs,
+    )
+    replay = LiveReplay(
+        request=request,
+        inputs=inputs,
+        output=what.output,
+        speed=speed,
+        tolerance=tolerance,
+        domain=domain,
+        may_move=may_move,
+        wait_s=wait_s,
+    )
+    replay_live(run, replay)
+
+
+def _replay(run: "RecordedRun", what: _Replayed) -> int:
+    """Run the nodes in lock-step, in a process of their own, and compare; return the exit code."""
+    from obk_cli.cli.test import lockstep_environment
     from obk_cli.optional_deps import require_extra
     from obk_cli.process.child_process import run_in_foreground
 
     require_extra("pytest", "test")
-    plan = valid_plan(compile_config(config, make_options(overrides, None)), "auto")
-    chosen = [*_chosen(plan, nodes)]
-    published = {end.topic for node in chosen for end in node.publishes}
-    inputs = [*_inputs(run, chosen, published, named)]
-    outputs = sorted(published)
-    without = [node.full_name for node in plan.nodes if node not in chosen]
     request = {
-        "config": str(Path(config).resolve()),
-        "overrides": overrides or [],
-        "without": without,
+        "config": str(Path(what.config).resolve()),
+        "overrides": what.overrides,
+        "without": [one.full_name for one in what.plan.nodes if one not in what.chosen],
         "recording": str(run.path),
-        "inputs": inputs,
-        "outputs": outputs,
-        "output": str(output),
+        "inputs": what.inputs,
+        "outputs": what.outputs,
+        "output": str(what.output),
     }
-    folder = Path(config).resolve().parent
-    environment = lockstep_environment(folder, plan, may_build=True, color="auto")
+    folder = Path(what.config).resolve().parent
+    environment = lockstep_environment(folder, what.plan, may_build=True, color="auto")
     arguments = [sys.executable, "-m", _PROGRAM, json.dumps(request)]
     code = run_in_foreground(arguments, environment)
     if code != 0:
         return EXIT_INTERRUPTED if code is None else EXIT_FAILED
-    print(f"ran {', '.join(node.full_name for node in chosen)} on {', '.join(inputs)}: {output}")
+    names = ", ".join(node.full_name for node in what.chosen)
+    print(f"ran {names} on {', '.join(what.inputs)}: {what.output}")
     counts = {one.topic: one.count for one in run.bag.topics}
-    _compare(run, output, [name for name in outputs if counts.get(name)])
+    _compare(run, what.output, [name for name in what.outputs if counts.get(name)])
     return 0
 
 

@@ -29,6 +29,8 @@ __all__ = [
 Floats = NDArray[np.float64]
 _STAMP: Final = re.compile(r"(?:^|\.)(?:sec|nanosec)$")
 """Fields that are times; they differ between any two runs."""
+_ROUNDING: Final = 1e-9
+"""A constant number may differ so much."""
 _REJECTED: Final = re.compile(r"control rejected: .*?; (\d+) since the start")
 """What a robot logs, at most once a second."""
 _LOG: Final = "launch.log"
@@ -74,6 +76,12 @@ class SignalDifference:
     """When the difference is largest [s since activation]."""
     count: int
     """Of times that were compared."""
+    span: float
+    """Largest minus least value in the first run, at these times."""
+
+    def is_within(self, tolerance: float) -> bool:
+        """Whether the RMS is at most so large a part of the span."""
+        return self.rms <= tolerance * self.span + _ROUNDING
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,11 +209,16 @@ class _Sums:
     largest: float = 0.0
     at_s: float = 0.0
     count: int = 0
+    low: float = np.inf
+    high: float = -np.inf
 
-    def add(self, times: Floats, differences: Floats) -> None:
+    def add(self, times: Floats, values: Floats, others: Floats) -> None:
+        differences = values - others
         known = ~np.isnan(differences)
         if not known.any():
             return
+        self.low = min(self.low, float(values[known].min()))
+        self.high = max(self.high, float(values[known].max()))
         sizes = np.abs(differences[known])
         self.square += float(np.square(sizes).sum())
         self.count += len(sizes)
@@ -269,7 +282,7 @@ class _Topic:
                 place = signal.place or 0
                 sums = self.sums.setdefault((path, signal.place), _Sums(signal.label, signal.unit))
                 others = np.interp(at, times[1][order], theirs[:, place])
-                sums.add(at, mine[:, place] - others)
+                sums.add(at, mine[:, place], others)
 
     def _trim(self) -> None:
         """Let go of what was compared; the second run's last part before it is interpolated."""
@@ -301,6 +314,7 @@ class _Topic:
                     largest=sums.largest,
                     at_s=sums.at_s,
                     count=sums.count,
+                    span=sums.high - sums.low,
                 )
 
 

@@ -1,26 +1,36 @@
 """Publish recorded messages again, at the pace of their publication."""
 
+import struct
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from obelisk_recordings.chunks import RecordedMessage, messages_in_order
+from obelisk_recordings.layout import MessageDefinition
 from obelisk_recordings.run import RecordedRun
+from obelisk_spec.runtime_protocol import CLOCK_TOPIC, USE_SIM_TIME
 from obelisk_spec.suggestions import list_names
 from obk_cli.errors import CommandFailedError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from obk_cli.introspect.target import GraphTarget
     from obk_cli.ros.participant import RosParticipant
     from obk_cli.ros.publisher import RosPublisher
 
-__all__ = ["Played", "command_topics", "inputs_of", "play", "playable_topics"]
+__all__ = ["Played", "RecordedClock", "command_topics", "inputs_of", "play", "playable_topics"]
 
 _DEPTH: Final = 1000
 """Messages that wait for a slow subscription: a second of a fast topic."""
 _CHECK_S: Final = 1.0
 """Between two looks for robots that subscribe [s, at the pace of the recording]."""
+_CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
+_TICK_S: Final = 0.001
+_NS_PER_S: Final = 1_000_000_000
 _COMMANDS: Final = "obelisk_control_msgs/"
 """Messages of this package command robots, whatever the topic is called."""
 
@@ -31,6 +41,10 @@ class Played:
 
     counts: dict[str, int]
     """Topic -> messages."""
+    first_ns: int
+    """When the first message was published in the recorded run [ns since 1970]."""
+    begin_ns: int
+    """When it was published now [ns since 1970]."""
     seconds: float
     """How long it took [s]."""
 
@@ -89,6 +103,7 @@ def play(
     speed: float,
     may_move: bool,
     wait_s: float,
+    sets_clock: bool = False,
 ) -> Played:
     """Publish the messages of some topics in real time.
 
@@ -99,6 +114,7 @@ def play(
         speed: how many times faster than they were recorded.
         may_move: whether robots may be commanded.
         wait_s: how long to wait for subscribers of each topic [s].
+        sets_clock: whether to publish the time of the recording on `/clock`, too.
 
     Raises:
         CommandFailedError: a robot in the domain subscribes to a topic, or a type is not here.
@@ -125,18 +141,99 @@ def play(
             for topic, msg_type in types.items()
         }
         _wait_for_subscribers(participant, publishers, wait_s)
-        begin, counts = time.monotonic(), dict.fromkeys(types, 0)
+        ticker = _Ticker(participant, RecordedClock(run), speed) if sets_clock else None
+        begin, begin_ns = time.monotonic(), time.time_ns()
+        counts, first_ns = dict.fromkeys(types, 0), None
         checked_s = -_CHECK_S
         for due_s, message in paced(messages_in_order(run.path, topics), speed):
+            if ticker is not None:
+                ticker.tick_until(begin + due_s, message)
             RosPublisher.until(begin + due_s)
             if due_s > checked_s + _CHECK_S:  # a robot may come at any time
                 checked_s = due_s
                 refuse_robots()
             publishers[message.topic].publish_bytes(message.data)
+            first_ns = message.published_ns if first_ns is None else first_ns
             counts[message.topic] += 1
         for publisher in publishers.values():
             publisher.rest()
-    return Played(counts=counts, seconds=time.monotonic() - begin)
+    seconds = time.monotonic() - begin
+    return Played(counts=counts, first_ns=first_ns or 0, begin_ns=begin_ns, seconds=seconds)
+
+
+class RecordedClock:
+    """The time that the nodes of a recorded run had when a message was published."""
+
+    def __init__(self, run: RecordedRun) -> None:
+        """Find out which clock the nodes had; in simulated time, read the stamps of all topics.
+
+        Raises:
+            RecordingError: the recording cannot be read.
+        """
+        processes = run.plan.get("processes")
+        is_simulated = not run.is_lockstep and any(
+            (process.get("parameters") or {}).get(USE_SIM_TIME)
+            for process in (processes if isinstance(processes, list) else ())
+        )
+        stamps = [*_stamps(run)] if is_simulated else []
+        self._published_ns = np.concatenate([one for one, _ in stamps] or [np.empty(0, np.int64)])
+        order = np.argsort(self._published_ns, kind="stable")
+        stamped = np.concatenate([one for _, one in stamps] or [np.empty(0, np.int64)])
+        self._published_ns = self._published_ns[order]
+        self._time_ns = np.maximum.accumulate(stamped[order])
+
+    def time_ns(self, message: RecordedMessage) -> int:
+        """The time of a message [ns]: the newest stamp so far, without stamps that of publication.
+
+        Messages come in the order of their receipt, so it may go back a little.
+        """
+        if not len(self._time_ns):
+            return message.published_ns
+        place = np.searchsorted(self._published_ns, message.published_ns, side="right")
+        return int(self._time_ns[max(int(place) - 1, 0)])
+
+
+def _stamps(run: RecordedRun) -> "Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]":
+    """Times of publication and stamps [ns] of the topics that have any."""
+    definitions = run.definitions(run.topics)
+    topics = {name for name, one in definitions.items() if _begins_with_header(one)}
+    for part in run.parts(topics):
+        is_set = part.stamps_ns > 0
+        yield part.messages.published_ns[is_set], part.stamps_ns[is_set]
+
+
+def _begins_with_header(definition: MessageDefinition) -> bool:
+    fields = next(iter(definition.types.values()), ())
+    return bool(fields) and fields[0].name == "header"
+
+
+class _Ticker:
+    """Publishes the time of the recording on `/clock`, with a tick at least each millisecond."""
+
+    def __init__(self, participant: "RosParticipant", clock: RecordedClock, speed: float) -> None:
+        from obk_cli.ros.publisher import RosPublisher
+        from obk_cli.ros.types import find_type
+
+        topic = participant.topic(CLOCK_TOPIC)
+        self._publisher = RosPublisher(participant, topic, find_type(_CLOCK_TYPE))
+        self._clock = clock
+        self._speed = speed
+        self._last_ns = 0
+        self._last_s = time.monotonic()
+
+    def tick_until(self, due_s: float, message: RecordedMessage) -> None:
+        """Let time go on to that of a message, which is due at a time of the monotonic clock."""
+        goal_ns = max(self._clock.time_ns(message), self._last_ns)
+        while self._last_ns and (now_s := time.monotonic()) < due_s - _TICK_S:
+            passed_ns = round((now_s - self._last_s) * self._speed * _NS_PER_S)
+            self._publish(min(goal_ns, self._last_ns + passed_ns))
+            time.sleep(_TICK_S)
+        self._publish(goal_ns)
+        self._last_ns, self._last_s = goal_ns, due_s
+
+    def _publish(self, time_ns: int) -> None:
+        stamp = struct.pack("<iI", *divmod(time_ns, _NS_PER_S))
+        self._publisher.publish_bytes(b"\0\1\0\0" + stamp)
 
 
 def paced(

@@ -97,9 +97,8 @@ def test_remappings_are_a_mapping_or_a_list() -> None:
         stack, faults = read(f"control: {{{NODE}, remappings: {written}}}")
         assert [(r.old, r.new) for r in stack.nodes[0].remappings] == [("/a", "/b")]
         assert faults == []
-    assert node_faults("remappings: [/a]") == [
-        "a remapping is the string `/a`, expected `from:=to`"
-    ]
+    fault = "a remapping is the string `/a`, expected `from:=to`"
+    assert node_faults("remappings: [/a]") == [fault]
 
 
 def test_names_that_are_remapped_are_those_of_topics() -> None:

@@ -71,7 +71,10 @@ def test_a_signal_is_compared_at_the_same_time_since_activation(tmp_path: Path) 
         largest=pytest.approx(0.7),
         at_s=pytest.approx(0.7),
         count=71,
+        span=pytest.approx(1.4),
     )
+    assert q.is_within(0.5)
+    assert not q.is_within(0.2)
 
 
 def test_parts_of_any_size_give_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

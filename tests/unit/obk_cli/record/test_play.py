@@ -1,15 +1,17 @@
 """Which recorded topics may be published again, and when each message is due."""
 
 import json
+import struct
 from pathlib import Path
 
 import pytest
 
-from obelisk_recordings.chunks import RecordedMessage
+from obelisk_recordings.chunks import RecordedMessage, messages_in_order
 from obelisk_recordings.run import RecordedRun, open_run
 from obk_cli.errors import CommandFailedError
 from obk_cli.record.mcap_writer import BagWriter
-from obk_cli.record.play import paced, playable_topics
+from obk_cli.record.play import RecordedClock, paced, playable_topics
+from obk_cli.record.rewrite import rewrite
 
 PLAN = {
     "processes": [
@@ -63,3 +65,59 @@ def test_messages_are_due_by_their_publication() -> None:
         for ns in (5_000_000_000, 4_900_000_000, 5_500_000_000, 7_000_000_000)
     ]
     assert [due_s for due_s, _ in paced(messages, 2.0)] == [0.0, 0.0, 0.25, 1.0]
+
+
+SECOND = 1_000_000_000
+HEADER = """\
+std_msgs/Header header
+float64 x
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
+
+def stamped_run(path: Path, *, is_simulated: bool) -> RecordedRun:
+    """Stamps of 1, 2 and 3 s, half a second apart; beside them a topic without stamps."""
+    parameters = {"use_sim_time": True} if is_simulated else {}
+    plan = {"processes": [{"node": "est", "section": "estimation", "parameters": parameters}]}
+    with BagWriter(path) as writer:
+        writer.describe({}, {"plan.json": json.dumps(plan)}, 0)
+        stamped = writer.add_topic("/imu", "my_msgs/msg/Imu", HEADER, {})
+        bare = writer.add_topic("/joy", "my_msgs/msg/Joy", "float64 x\n", {})
+        for number in range(3):
+            time_ns = 100 * SECOND + number * SECOND // 2
+            data = struct.pack("<4sIIIxxxxd", b"\0\1\0\0", number + 1, 0, 0, 7.0)
+            writer.add_message(stamped, data, time_ns, time_ns, number)
+        writer.add_message(bare, b"\0\1\0\0" + bytes(8), time_ns + 1, time_ns + 1, 1)
+    return open_run(path)
+
+
+@pytest.mark.parametrize(
+    ("is_simulated", "seconds"),
+    [(True, [1.0, 2.0, 3.0, 3.0]), (False, [100.0, 100.5, 101.0, 101.0])],
+)
+def test_replayed_nodes_have_the_time_of_the_recorded_ones(
+    tmp_path: Path, is_simulated: bool, seconds: list[float]
+) -> None:
+    run = stamped_run(tmp_path / "a.mcap", is_simulated=is_simulated)
+    clock = RecordedClock(run)
+    times = [clock.time_ns(one) / SECOND for one in messages_in_order(run.path, run.topics)]
+    assert times == pytest.approx(seconds)
+
+
+def test_a_rewritten_recording_has_the_same_messages_at_other_times(tmp_path: Path) -> None:
+    run = stamped_run(tmp_path / "a.mcap", is_simulated=False)
+    rewrite(run, tmp_path / "b.mcap", ["/imu"], lambda ns: ns // 2, {"obelisk": {"a": "b"}})
+    again = open_run(tmp_path / "b.mcap")
+    assert again.topics == ("/imu",)
+    assert again["imu"].x.tolist() == run["imu"].x.tolist()
+    expected = run["imu"].messages.published_ns // 2
+    assert again["imu"].messages.published_ns.tolist() == expected.tolist()
+    assert again.metadata["obelisk"] == {"a": "b"}
+    assert again.plan == run.plan
