@@ -7,7 +7,7 @@ workspace. The copy, with what the model lacks, is read once more before it is h
 import os
 import shlex
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path, PurePosixPath
@@ -149,17 +149,13 @@ Files = Mapping[PurePosixPath, bytes]
 
 def _from_mjcf(path: Path) -> tuple[Files, PurePosixPath]:
     """The model's files as they are, from the folder around all of them, and the main one."""
-    read = _read(path, shown=str(path))
-    folder = path.parent
-    places = {file.absolute() for file in mjcf_files(path)}
-    for relative, written in read.referenced_files:
+    for relative, _ in _read(path, shown=str(path)).referenced_files:
         if Path(relative).is_absolute():
             raise CommandFailedError(
                 f"{path}: the model names the file {relative} by its absolute path",
                 help="write it relative to the model's file, so that the copy finds its own",
             )
-        candidates = (folder / relative, folder / written)
-        places |= {file.absolute() for file in candidates if file.is_file()}
+    places = {place.absolute() for file in mjcf_files(path) for place in (file, *_assets(file))}
     normal = {Path(os.path.normpath(place)) for place in places}
     root = Path(os.path.commonpath([place.parent for place in normal]))
     files = {
@@ -167,6 +163,13 @@ def _from_mjcf(path: Path) -> tuple[Files, PurePosixPath]:
     }
     main = Path(os.path.normpath(path.absolute())).relative_to(root)
     return files, PurePosixPath(main.as_posix())
+
+
+def _assets(model: Path) -> Iterator[Path]:
+    """The files that a model names and that are there; one that is attached has its own folder."""
+    read = read_model_bounded(model)
+    for names in read.referenced_files if isinstance(read, ModelRead) else ():
+        yield from (place for name in names if (place := model.parent / name).is_file())
 
 
 def _from_urdf(path: Path, root: ElementTree.Element, folder: Path) -> tuple[Files, PurePosixPath]:

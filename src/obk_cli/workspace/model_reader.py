@@ -154,11 +154,14 @@ def read_model(path: Path) -> ModelRead | ModelFault:
     referenced = _referenced_files(spec, path)
     facts = read_model_facts(spec)
     missing = missing_files(referenced, path)
+    fault = _compile_fault(spec)
+    # A file of an attached model is in that one's folder: if the model compiles, none is missing.
+    is_without = bool(missing) and fault is not None
     return ModelRead(
         facts=facts,
         referenced_files=referenced,
-        missing_files=missing,
-        fault=None if missing else _compile_fault(spec),
+        missing_files=missing if is_without else (),
+        fault=None if is_without else fault,
     )
 
 

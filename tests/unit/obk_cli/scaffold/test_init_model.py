@@ -149,6 +149,20 @@ def test_files_around_the_model_keep_their_places(here: Path) -> None:
     assert findings("robot/robot.yaml") == []
 
 
+def test_an_attached_model_brings_the_files_of_its_own_folder(here: Path) -> None:
+    (here / "lab/box/meshes").mkdir(parents=True)
+    (here / "lab/box/meshes/box.stl").write_bytes(TETRAHEDRON)
+    named = BOX.replace("../meshes", "meshes").replace("<body>", '<body name="box">')
+    (here / "lab/box/box.xml").write_text(named)
+    (here / "lab/two.xml").write_text(
+        '<mujoco><asset><model name="box" file="box/box.xml"/></asset><worldbody>'
+        '<body name="base"><attach model="box" body="box" prefix="a_"/></body></worldbody></mujoco>'
+    )
+    obk_init("robot", "--model", "lab/two.xml")
+    assert (here / "robot/model/box/meshes/box.stl").read_bytes() == TETRAHEDRON
+    assert findings("robot/robot.yaml") == []
+
+
 def test_the_result_as_json_notes_what_was_added(here: Path) -> None:
     (here / "given.xml").write_text(CART)
     result = json.loads(obk_init("robot", "--model", "given.xml", "--format", "json"))
