@@ -106,7 +106,7 @@ class ModelRead:
     missing_files: tuple[str, ...] = ()
     """Those that are not at the path in the model."""
     fault: "ModelFault | None" = None
-    """Why MuJoCo cannot compile it; not tried where files are missing."""
+    """Why MuJoCo cannot compile it; None if files are missing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

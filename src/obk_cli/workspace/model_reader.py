@@ -154,6 +154,8 @@ def read_model(path: Path) -> ModelRead | ModelFault:
     referenced = _referenced_files(spec, path)
     facts = read_model_facts(spec)
     missing = missing_files(referenced, path)
+    if missing and _has_odd_file(referenced, path):
+        return ModelRead(facts=facts, referenced_files=referenced, missing_files=missing)
     fault = _compile_fault(spec)
     # A file of an attached model is in that one's folder: if the model compiles, none is missing.
     is_without = bool(missing) and fault is not None
@@ -162,6 +164,14 @@ def read_model(path: Path) -> ModelRead | ModelFault:
         referenced_files=referenced,
         missing_files=missing if is_without else (),
         fault=None if is_without else fault,
+    )
+
+
+def _has_odd_file(referenced: Iterable[tuple[str, str]], path: Path) -> bool:
+    """Whether compiling the model would open a pipe or a device, and wait for it."""
+    folders = {file.parent for file in mjcf_files(path)}
+    return any(
+        _is_odd(folder / name) for names in referenced for name in names for folder in folders
     )
 
 
@@ -267,7 +277,7 @@ def read_model_bounded(path: Path) -> ModelRead | ModelFault:
 
 
 def _is_odd(path: Path) -> bool:
-    """Whether it is there and no file: for a pipe MuJoCo would wait."""
+    """Whether it exists and is no regular file: MuJoCo would wait for a pipe."""
     # The methods of `Path` raise for a name that no file can have.
     return os.path.exists(path) and not os.path.isfile(path)  # noqa: PTH110, PTH113
 
