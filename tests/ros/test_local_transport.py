@@ -42,9 +42,6 @@ def sockets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "sockets"
     folder.mkdir(mode=0o700)
     monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, str(folder))
-    # Processes are killed here. On a busy machine Fast DDS 2.14 then unmaps ports in shared memory
-    # that it still uses, and crashes when a participant is deleted.
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     return folder
 
 
