@@ -5,6 +5,7 @@ from typing import Any
 
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg, ObeliskEstimatorMsg
+from obelisk_py.core.timer_phase import LoopStage
 
 __all__ = ["ObeliskController"]
 
@@ -15,6 +16,8 @@ class ObeliskController(ABC, ObeliskNode):
     Registers the timer `timer_ctrl` -> `compute_control`, the publisher `pub_ctrl`, and the
     subscription `sub_est` -> `update_x_hat`, each with the ROS parameter `<key>_setting`.
     """
+
+    loop_stage = LoopStage.CONTROL
 
     def __init__(
         self,

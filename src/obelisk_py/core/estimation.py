@@ -5,6 +5,7 @@ from typing import Any
 
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskEstimatorMsg
+from obelisk_py.core.timer_phase import LoopStage
 
 __all__ = ["ObeliskEstimator"]
 
@@ -15,6 +16,8 @@ class ObeliskEstimator(ABC, ObeliskNode):
     Registers the timer `timer_est` -> `compute_state_estimate` and the publisher `pub_est`, each
     with the ROS parameter `<key>_setting`. The inheriting class registers its sensors.
     """
+
+    loop_stage = LoopStage.ESTIMATE
 
     def __init__(
         self, node_name: str, est_msg_type: type[Any] | None = None, **kwargs: Any

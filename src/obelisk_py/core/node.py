@@ -43,6 +43,7 @@ from obelisk_py.core.settings import (
     timer_settings,
     topic_settings,
 )
+from obelisk_py.core.timer_phase import LoopStage
 from obelisk_spec.components import (
     CALLBACK_GROUP_TYPES,
     CALLBACK_GROUPS_PARAMETER,
@@ -70,6 +71,9 @@ class ObeliskNode(RateMonitoredNode):
 
     `opened`, an `ExitStack`, is closed at cleanup, shutdown and error, before the publishers go.
     """
+
+    loop_stage: LoopStage = LoopStage.SENSE
+    """The phase of the node's timers; see `timer_phase`."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         """Make the node; register components in the constructor of the inheriting class.
@@ -270,7 +274,7 @@ class ObeliskNode(RateMonitoredNode):
     def _start_components(self) -> None:
         for timer in self.obk_timers.values():
             if timer.is_canceled():
-                timer.reset()
+                self.surroundings.start_timer(timer, self.loop_stage)
 
     def _stop_components(self, state: LifecycleState) -> None:
         """Stop everything that configure built; a user's override may not have done so."""

@@ -22,6 +22,7 @@ from obelisk_py.core.shared_clock import (
     page_to_follow,
     share_timer,
 )
+from obelisk_py.core.timer_phase import LoopStage, start_in_step
 
 __all__ = ["SteppedRobot", "Surroundings", "Watchdog", "current_surroundings", "new_nodes_are_in"]
 
@@ -80,6 +81,10 @@ class Surroundings:
         timer = create(*args, **kwargs)
         share_timer(timer)
         return timer
+
+    def start_timer(self, timer: Any, stage: LoopStage) -> None:
+        """Start a stopped timer of a node that is at `stage` of the control loop."""
+        start_in_step(timer, stage)
 
     def create_rate(self, _node: Any, create: Create, *args: Any, **kwargs: Any) -> Any:
         """A rate of a node."""

@@ -46,6 +46,7 @@ from obelisk_py.core.lockstep.topics import (
 )
 from obelisk_py.core.shared_clock import is_of_time_source
 from obelisk_py.core.surroundings import SteppedRobot, Surroundings, Watchdog, new_nodes_are_in
+from obelisk_py.core.timer_phase import LoopStage
 
 __all__ = ["LockstepRun", "LockstepSurroundings", "StepEvents"]
 
@@ -261,6 +262,11 @@ class LockstepSurroundings(Surroundings):
         """A timer of a node."""
         del create
         return self._create_timer(node, *args, **kwargs)
+
+    def start_timer(self, timer: LockstepTimer, stage: LoopStage) -> None:
+        """Start a stopped timer; the timing model of the run has the phases."""
+        del stage
+        timer.reset()
 
     def _create_timer(
         self,
