@@ -52,9 +52,11 @@ help:
 demo: setup
 	$(BIN)/python examples/dummy/demo.py
 
-# ROS tests wait most of their time: two workers for each of two cores.
+# ROS tests wait most of their time: two workers for each of two cores. If a worker crashes, the run
+# fails at once: without its tests, the others would wait for them forever.
 WORKERS ?= 4
-PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --durations 20
+PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --max-worker-restart 0 \
+	--durations 20
 
 # Simulated time is in place before any node is imported, so the examples run apart from other tests.
 CLOSED_LOOP := $(PYTEST) -p obk_testing.plugin examples/*/tests
