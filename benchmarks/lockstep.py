@@ -1,17 +1,17 @@
-"""What lock-step runs cost: real-time factors, trials per minute, start, memory, and their digests.
+"""Measure what lock-step runs cost, and check that they are deterministic.
 
     python -m benchmarks.lockstep [--only PART...] [--rounds N] [--trials N]
 
-Everything is recorded, as in a test, and seconds are processor time of the whole process, which
-other work on the machine disturbs least. Each part runs in a process of its own.
+Everything is recorded, as in a test. Seconds are CPU time of the whole process unless noted, which
+other load on the machine disturbs least. Each part runs in its own process.
 
-- factors: simulated seconds per second of processor time of the three examples, and of 31 nodes at
-  1 kHz each; the best of some rounds, and all of them.
-- trials: trials of 5 s per minute, with their nodes, in a warm process.
-- start: of a further trial of the arm, until its nodes are active, and its end.
+- factors: simulated seconds per second of CPU time, of the three examples and of 31 nodes at 1 kHz
+  each; the best round, and all rounds.
+- trials: trials of 5 s per minute in a warm process, including the creation of their nodes.
+- start: startup of a further trial of the arm until its nodes are active, and its shutdown.
 - memory: resident memory during 200 trials of the arm.
-- cold: seconds of `obk test` of one run of 5 s, and of the tests of `examples/arm`.
-- digests: of five runs in one process and of one in each of three with other hash seeds.
+- cold: wall time of `obk test` with one run of 5 s, and of the tests of `examples/arm`.
+- digests: digests of five runs in one process, and in each of three with other hash seeds.
 
 Writes `benchmarks/results/lockstep.json`; exit code 1 if digests differ.
 """
@@ -47,7 +47,7 @@ EXAMPLES: Final = {
     "quadruped": ROOT / "examples" / "quadruped" / "quadruped.yaml",
 }
 LOOPS: Final = 15
-"""Pairs of a controller and an estimator beside the simulator of the many nodes."""
+"""Pairs of a controller and an estimator in the config of many nodes, next to one simulator."""
 SETTINGS: Final = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
     "OMP_NUM_THREADS": "1",
@@ -60,7 +60,7 @@ MB: Final = 1e6
 
 
 def many_nodes() -> Path:
-    """Write the config of 31 nodes at 1 kHz: the dummy with 15 controllers and estimators."""
+    """Write a config of 31 nodes at 1 kHz: the dummy with 15 controllers and estimators."""
     dummy = yaml.safe_load(EXAMPLES["dummy"].read_text(encoding="utf-8"))
     control, estimation = dummy["control"], dummy["estimation"]
     dummy["robot"]["sim"]["model_xml_path"] = str(EXAMPLES["dummy"].with_name("dummy.xml"))
@@ -83,7 +83,7 @@ def many_nodes() -> Path:
 
 
 def factors(asked: argparse.Namespace) -> dict[str, Any]:
-    """Simulated seconds per second of processor time."""
+    """Simulated seconds per second of CPU time."""
     found: dict[str, Any] = {}
     for name, config in {**EXAMPLES, "many": many_nodes()}.items():
         duration_s = 1.0 if name == "many" else 3.0
@@ -98,7 +98,7 @@ def factors(asked: argparse.Namespace) -> dict[str, Any]:
 
 
 def trials(asked: argparse.Namespace) -> dict[str, Any]:
-    """Trials of 5 s per minute of processor time, from making the nodes to their end."""
+    """Trials of 5 s per minute of CPU time, including startup and shutdown of the nodes."""
     found: dict[str, Any] = {}
     for name, config in EXAMPLES.items():
         stack = load_stack(config)
@@ -109,7 +109,7 @@ def trials(asked: argparse.Namespace) -> dict[str, Any]:
 
 
 def start(_asked: argparse.Namespace) -> dict[str, Any]:
-    """Processor time until the nodes of a further trial of the arm are active, and of its end."""
+    """CPU time to activate the nodes of a further trial of the arm, and to shut it down."""
     stack, starts, ends = load_stack(EXAMPLES["arm"]), [], []
     for seed in range(40):
         begin_s = time.process_time()
@@ -144,7 +144,7 @@ def memory(asked: argparse.Namespace) -> dict[str, Any]:
 
 
 def digests(_asked: argparse.Namespace) -> dict[str, Any]:
-    """The digest of each example, of five runs."""
+    """The different digests of five runs of each example."""
     found: dict[str, Any] = {}
     for name, config in EXAMPLES.items():
         stack = load_stack(config)
@@ -154,7 +154,7 @@ def digests(_asked: argparse.Namespace) -> dict[str, Any]:
 
 
 def cold(_asked: argparse.Namespace) -> dict[str, Any]:
-    """Wall time of whole commands [s], the least of two."""
+    """Wall time of whole commands [s], the faster of two runs."""
     with tempfile.TemporaryDirectory(prefix="obk-cold-") as folder:
         test, config = Path(folder) / "test_one_run.py", str(EXAMPLES["dummy"])
         test.write_text(
@@ -170,7 +170,7 @@ def cold(_asked: argparse.Namespace) -> dict[str, Any]:
 
 
 def obk_test_s(words: list[str]) -> float:
-    """Wall time of one `obk test` [s]."""
+    """Wall time of one `obk test` command [s]."""
     begin_s = time.monotonic()
     subprocess.run([OBK, "test", *words], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     return round(time.monotonic() - begin_s, 2)
@@ -187,20 +187,20 @@ PARTS: Final[dict[str, Callable[[argparse.Namespace], dict[str, Any]]]] = {
 
 
 def used_s(call: Callable[[], object]) -> float:
-    """Processor time of this process in a call [s]."""
+    """CPU time that this process uses in a call [s]."""
     begin_s = time.process_time()
     call()
     return time.process_time() - begin_s
 
 
 def whole_trial(stack: Any, duration_s: float) -> str:
-    """Make a trial, run and end it; returns its digest."""
+    """Create, run and close a trial; return its digest."""
     with StackTrial(stack, seed=1) as trial:
         return str(trial.run(duration_s).digest())
 
 
 def in_a_process(part: str, asked: argparse.Namespace, hash_seed: int) -> dict[str, Any]:
-    """Run a part in a process of its own."""
+    """Run a part in its own process."""
     words = ["--part", part, "--rounds", str(asked.rounds), "--trials", str(asked.trials)]
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.lockstep", *words],
@@ -215,7 +215,7 @@ def in_a_process(part: str, asked: argparse.Namespace, hash_seed: int) -> dict[s
 
 
 def options() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(prog="benchmarks.lockstep")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--rounds", type=int, default=4)
