@@ -1,4 +1,4 @@
-"""What the code never does: make objects of text or bytes, ask a shell, ask another host."""
+"""The code never creates objects from text or bytes, calls a shell, or contacts another host."""
 
 import ast
 from collections.abc import Iterator
@@ -20,26 +20,26 @@ CALLS = frozenset(
 LAST_NAMES = {name.rpartition(".")[2] for name in CALLS}
 KEYWORDS = frozenset({"allow_pickle", "shell"})
 NAMED = {
-    # Its text is made of slots of generated classes.
+    # Its text consists of slots of generated classes.
     "obelisk_py/core/serialization/layout.py: exec(source, names)",
-    # The program of a node, which the launcher writes and would else give to `python -c`.
+    # The program of a node, which the launcher writes and would otherwise pass to `python -c`.
     "obk_cli/process/preload.py: exec(compile(target, '<string>', 'exec'), main_module.__dict__)",
 }
 """The exceptions; SECURITY.md gives the reasons."""
 
 
 def is_named(name: str) -> bool:
-    """Whether what is imported is one of the modules, lies in one, or is one of the functions."""
+    """Whether an import is one of the modules, in one of them, or one of the functions."""
     return name in CALLS or any(f"{name}.".startswith(f"{module}.") for module in MODULES)
 
 
 def last_name(function: ast.expr) -> str | None:
-    """`system` of `os.system`; None for what is neither a name nor an attribute."""
+    """`system` of `os.system`; None if it is neither a name nor an attribute."""
     return getattr(function, "attr", None) or getattr(function, "id", None)
 
 
 def hazards(tree: ast.Module) -> Iterator[str]:
-    """The places in a source that could make something run, or reach another host."""
+    """The locations in a source file that could execute something or reach another host."""
     for node in ast.walk(tree):
         match node:
             case ast.Import(names=names):

@@ -1,4 +1,4 @@
-"""What the examples compile to, byte for byte. `make golden` rewrites the expected files."""
+"""The output of `obk compile` for the examples. `make golden` rewrites the expected files."""
 
 import json
 import subprocess
@@ -37,7 +37,7 @@ for name in sys.argv[1:]:
 
 
 def golden(name: str, form: str) -> Path:
-    """The expected file; a launch file is text here, so that no one takes it for code of ours."""
+    """The expected file; launch files have the suffix `.txt`, so that tools ignore them."""
     ending = FORMS[form].ending.replace(".py", ".py.txt")
     return HERE / f"{Path(name).stem}{ending}"
 

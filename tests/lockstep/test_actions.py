@@ -26,7 +26,7 @@ SUCCEEDED, CANCELED, ABORTED = (
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What each scenario saw, by its name."""
+    """The record of each scenario, by its name."""
     folder = tmp_path_factory.mktemp("actions")
     source, overlay = folder / "source", folder / "overlay"
     (source / "action").mkdir(parents=True)
@@ -59,7 +59,7 @@ def test_a_goal_has_feedback_and_a_result(results: dict[str, Any]) -> None:
 
 
 def test_each_way_takes_the_latency(results: dict[str, Any]) -> None:
-    # The goal and its response take 20 ms, the request of the result comes while it walks.
+    # The goal and its response take 20 ms; the request for the result arrives while it walks.
     assert results["latency"]["seen"] == [
         [0.52, "accepted"],
         [0.62, 1.0],

@@ -1,4 +1,4 @@
-"""The same bits: in one process, in others, in any order, whatever is recorded."""
+"""Digests are equal in one process and in others, in any order, whatever is recorded."""
 
 import os
 import subprocess

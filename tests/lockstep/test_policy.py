@@ -1,4 +1,4 @@
-"""`OnnxPolicy`: what it observes, what it commands, and networks that it rejects."""
+"""`OnnxPolicy`: its observations, its commands, and networks that it rejects."""
 
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ JOINTS = {"joint_names": ["b", "a"], "q_joints": [2.0, 1.0], "v_joints": [20.0, 
 
 
 def policy(world: World, **parameters: Any) -> OnnxPolicy:
-    """A policy of two joints that is active, with some parameters changed."""
+    """An active policy of two joints, with some parameters changed."""
     given = {
         "params_path": str(NETWORK),
         "observation": ["joint_positions", "joint_velocities"],

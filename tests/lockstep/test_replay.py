@@ -1,4 +1,4 @@
-"""Nodes on recorded inputs: the same code gives the same bits, in whatever order inputs came."""
+"""Replay of recorded inputs: the same code gives the same result, in any order of inputs."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -67,7 +67,7 @@ def test_a_node_publishes_what_it_published_when_it_was_recorded(
         count, differs_s = first_different_message(first, second, topic)
         assert differs_s is None, f"{topic} differs at {differs_s} s"
         assert count > 10
-    if VIEWS in second.topics:  # what the controller saw; the last column is drawn
+    if VIEWS in second.topics:  # the values that the controller received; the last column is random
         np.testing.assert_array_equal(first[VIEWS].data[:, :3], second[VIEWS].data[:, :3])
 
 

@@ -1,4 +1,4 @@
-"""Stacks without MuJoCo in lock-step: programs, robots, faults, restarts and stand-ins."""
+"""Stacks without MuJoCo in lock-step: programs, robots, faults, restarts and fakes."""
 
 import functools
 import os
@@ -36,7 +36,7 @@ Start = Callable[..., StackTrial]
 
 @pytest.fixture
 def start(start_config: Start) -> Start:
-    """Starts trials of the config, with changes of it."""
+    """Start trials of the config, with changes."""
     return functools.partial(start_config, CONFIG)
 
 
@@ -139,7 +139,7 @@ def test_a_robot_that_is_no_simulator_is_refused_unless_the_config_says_it_is(
 ) -> None:
     with pytest.raises(LockstepError, match=r"/obelisk_robot_0 \(Drive\) is no simulator"):
         start("robot.executable=drive")
-    from hazards_py.robots import open_drives  # found once its program is loaded
+    from hazards_py.robots import open_drives  # found after its program is loaded
 
     assert not open_drives
     trial = start("robot.executable=drive", "robot.is_simulated=true")

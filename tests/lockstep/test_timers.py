@@ -1,4 +1,4 @@
-"""Timers and rates in lock-step: of every clock, canceled, reset, late, and with other periods."""
+"""Timers and rates in lock-step: all clocks; canceled, reset and late timers; new periods."""
 
 from collections.abc import Callable
 from typing import Any

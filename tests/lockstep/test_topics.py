@@ -1,4 +1,4 @@
-"""Topics in lock-step: order, history, durability, quality of service, raw bytes and infos."""
+"""Topics in lock-step: order, history, durability, QoS, raw bytes and message infos."""
 
 from collections.abc import Callable
 from typing import Any
@@ -121,7 +121,7 @@ def test_another_type_on_a_topic_is_an_error_or_a_note(world: World) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")
     seen: list[Any] = []
     sender.create_publisher(String, "/topic", 1)
-    # As in a composed process: a participant of DDS has one type for each topic.
+    # As in a composed process: a DDS participant has one type per topic.
     with pytest.raises(RCLError):
         receiver.create_subscription(Float64, "/topic", seen.append, 1)
     with world.lockstep.entered():

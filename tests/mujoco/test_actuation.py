@@ -1,4 +1,4 @@
-"""What the actuators get once commands are old: zeros, the last control, or a brake."""
+"""Controls after commands have become old: zeros, the last control, or damping."""
 
 from types import SimpleNamespace
 

@@ -14,12 +14,12 @@ from .two_joints import ARM, arm
 pytestmark = pytest.mark.mujoco
 
 MOTORS = '<motor joint="knee" gear="4"/><motor joint="hip"/>'
-"""In another order than the joints."""
+"""In a different order than the joints."""
 SERVOS = '<position joint="knee" kp="30" kv="2" gear="2"/><velocity joint="hip" kv="5"/>'
 OFFSET = (
     '<general joint="knee" gainprm="30" biastype="affine" biasprm="3 -30 -2"/><motor joint="hip"/>'
 )
-"""A servo whose force is not zero at the position that it is reported."""
+"""A servo whose force is not zero at its current position."""
 GAINS = {
     "pos_target": [0.4, -0.2],
     "vel_target": [0.1, 0.3],

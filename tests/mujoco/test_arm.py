@@ -1,4 +1,4 @@
-"""The example arm: its model and its law; examples/arm/tests close the loop."""
+"""The example arm: its model and its control law; examples/arm/tests test the closed loop."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""The examples of `docs/extending.md`, carried out in a copy of what they change."""
+"""The examples in `docs/extending.md`, applied to a copy of the files that they change."""
 
 import os
 import re
@@ -28,7 +28,7 @@ ADDED = "OBK299 or MagneticField or magnetic or csv-dummy/dummy.yaml"
 
 @pytest.fixture(scope="module")
 def extended(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the repository, as far as needed, with everything that the document adds."""
+    """A copy of the required part of the repository, with everything that the page adds."""
     copy = tmp_path_factory.mktemp("repository")
     unwanted = shutil.ignore_patterns("__pycache__", ".obk", "build", "test_transcripts.py")
     for folder in NEEDED:

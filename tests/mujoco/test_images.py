@@ -1,4 +1,4 @@
-"""Pictures of cameras: what is seen, the layout of the message, slow drawing, no OpenGL."""
+"""Camera images: content, message layout, slow rendering, missing OpenGL."""
 
 import os
 import subprocess
@@ -44,7 +44,7 @@ def scene():
 
 @pytest.fixture
 def feed(scene):
-    """Starts a camera; everything that it gives and holds is in the result."""
+    """Start a camera; the result has everything that it publishes and holds."""
     closing = []
     data = mujoco.MjData(scene)
     mujoco.mj_forward(scene, data)
@@ -72,7 +72,7 @@ def feed(scene):
 
 
 class _PaintedView:
-    """A camera without OpenGL: a grey that is the height of the lid."""
+    """A camera without OpenGL, which draws a grey level for the height of the lid."""
 
     def __init__(self, model, camera, back_end):
         self.may_draw = threading.Event()
@@ -103,7 +103,7 @@ def _greys(feed):
 
 
 def _opened(feed):
-    """The camera, or why this machine has none."""
+    """The camera, or the reason why this machine has none."""
     try:
         return feed()
     except ObeliskConfigError as error:
@@ -121,7 +121,7 @@ def test_a_camera_sees_colours_where_they_are_or_says_why_it_cannot(scene, feed)
     mujoco.mj_forward(scene, camera.data)
     camera.take()
     camera.take()
-    # The third one may be drawn by now; it is waited for by no one.
+    # The third one may be rendered by now; no thread waits for it.
     before, after = (multiarray_to_np(message.y) for message in camera.messages[:2])
     assert before.shape == (30, 40, 3)
     assert [dim.label for dim in camera.messages[0].y.layout.dim] == ["height", "width", "channels"]
@@ -142,7 +142,7 @@ with mujoco.Renderer(model, 30, 40) as renderer:
     renderer.update_scene(data, camera="above")
     sys.stdout.buffer.write(renderer.render().tobytes())
 """
-"""MuJoCo's own renderer; it takes its back end from the environment when it is imported."""
+"""MuJoCo's own renderer, which reads its back end from the environment when it is imported."""
 
 
 def test_a_picture_is_the_one_that_mujocos_own_renderer_draws(feed):

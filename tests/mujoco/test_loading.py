@@ -1,4 +1,4 @@
-"""From a `sim` block to a model: what is found wrong, all of it, and what is chosen."""
+"""Loading a model from a `sim` block: reports all errors, and selects the right settings."""
 
 import pytest
 
@@ -11,7 +11,7 @@ pytestmark = pytest.mark.mujoco
 
 @pytest.fixture
 def load(tmp_path, dummy_xml):
-    """Loads a block about the dummy model; keyword arguments change the block."""
+    """Load a block about the dummy model; keyword arguments change the block."""
     warnings = []
 
     def load(*, keyframe="", share_of=lambda _: None, **changes):

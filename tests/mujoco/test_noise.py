@@ -1,4 +1,4 @@
-"""Noise, dropout and delay: how large, how often, when, and the same for the same seed."""
+"""Noise, dropout and delay: magnitude, frequency, time, and reproducibility by seed."""
 
 import math
 from types import SimpleNamespace
@@ -59,7 +59,7 @@ SCAN = {
 
 @pytest.fixture
 def run(everything):
-    """Runs a model that stands still in the air; gives each group's messages and their steps."""
+    """Run a model that rests in the air; return each group's messages and their steps."""
     everything.opt.gravity[:] = 0
 
     def run(groups, steps=400, *, runs=1, paused_at=None, listeners=1):

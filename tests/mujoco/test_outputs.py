@@ -1,4 +1,4 @@
-"""What a block publishes, how often in simulation time, and with which numbers."""
+"""The messages of a `sim` block: topics, rates in simulation time, and values."""
 
 import pytest
 from rclpy.serialization import deserialize_message
@@ -31,7 +31,7 @@ class _Publisher:
 
 @pytest.fixture
 def example(repository):
-    """The example's own block, run for a number of steps as fast as possible."""
+    """The example's own block, run for some steps as fast as possible."""
     folder = repository / "examples" / "dummy"
     config = load_yaml_core((folder / "dummy_new.yaml").read_text())
 

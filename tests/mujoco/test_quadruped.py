@@ -1,4 +1,4 @@
-"""The example quadruped: its model and its kinematics; examples/quadruped/tests close the loop."""
+"""The example quadruped: model and kinematics; examples/quadruped/tests test the closed loop."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Ray casters: the layout of the rays, their distances against MuJoCo's own and closed forms."""
+"""Ray casters: ray layouts, and distances compared with MuJoCo and closed forms."""
 
 import math
 
@@ -13,7 +13,7 @@ from .groups import group, taken
 pytestmark = pytest.mark.mujoco
 
 SINGLE = 1e-6
-"""Of a value: the messages hold 32 bits."""
+"""Relative error of a value, because messages have 32 bits."""
 
 SCENE = """
 <mujoco model="scene">
@@ -65,7 +65,7 @@ def _sample(model, data, kind, settings):
 
 
 def _own_rays(model, data, settings, site_rotation):
-    """Starts and directions, computed without the code under test but for the layout."""
+    """Origins and directions, computed without the code under test except for the layout."""
     rays = lay_out(settings.pattern)
     site = data.site(settings.site)
     turn = np.empty(9)
@@ -181,7 +181,7 @@ def still(scene):
 
 
 def _along_plane_and_ball(start, direction):
-    """The nearer of the plane z = 0 and the ball of the scene, in closed form."""
+    """Distance to the nearer of the plane z = 0 and the ball of the scene, in closed form."""
     down = -start[2] / direction[2] if direction[2] < 0 else math.inf
     to_ball = start - np.array([3.0, 0.0, 1.0])
     along = direction @ to_ball
@@ -232,7 +232,7 @@ def steps():
 
 
 ROW = {"type": "height_scan", "resolution": 0.5, "size": [0.0, 2.0], "direction": None}
-"""Seen from the cart of the steps, whose heading is along y: x = 1.0, 0.5, 0.0, -0.5, -1.0."""
+"""As seen from the cart on the steps, whose heading is along y: x = 1.0, 0.5, 0.0, -0.5, -1.0."""
 
 
 @pytest.mark.parametrize(
@@ -485,7 +485,7 @@ FRAMES = {
 
 
 def _hits(everything, moving, settings):
-    """Where the rays end in the world, NaN for a miss."""
+    """End points of the rays in the world; NaN for a miss."""
     site = moving.site("imu").xmat.reshape(3, 3)
     level = _level(moving, "imu") if isinstance(settings.pattern, HeightScan) else site
     rays = _own_rays(everything, moving, settings, level)

@@ -1,4 +1,4 @@
-"""Each kind of sensor group: MuJoCo's numbers in the right fields, frames, names."""
+"""All kinds of sensor groups have MuJoCo's values in the right fields, frames and names."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Stepping a model: which state, which sensors, which control, what happens when it blows up."""
+"""Steps of a model: state, sensors, control, and divergence."""
 
 from types import SimpleNamespace
 

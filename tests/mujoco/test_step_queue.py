@@ -1,4 +1,4 @@
-"""Requests to a simulation: carried out in order, on the thread that steps, reported or failed."""
+"""Requests to a simulation are executed in order, on the stepping thread, or fail with a reason."""
 
 from concurrent.futures import Future
 

@@ -1,4 +1,4 @@
-"""A trial as a file: what is written can be read by `obk bag`, `obk plot` and `close_to`."""
+"""The file of a trial can be read by `obk bag`, `obk plot` and `close_to`."""
 
 import json
 from pathlib import Path
@@ -120,7 +120,7 @@ def test_a_field_without_numbers_is_not_drawn(result: TrialResult) -> None:
 
 
 def test_attachments_are_valid_json(result: TrialResult, tmp_path: Path) -> None:
-    """An intervention without end ends with the trial."""
+    """An intervention without an end ends with the trial."""
     from mcap.reader import make_reader
 
     write_recording(tmp_path / "trial.mcap", result, {})

@@ -1,4 +1,4 @@
-"""Videos of a simulation: what is seen when, which camera, and what is reported of it."""
+"""Videos of a simulation: content over time, camera selection, and reports."""
 
 from contextlib import ExitStack
 from itertools import count
@@ -50,11 +50,11 @@ def simulation():
 
 
 def made(simulation, path, show, *, camera="above", rate_hz=10, reported=None):
-    """Record a video; return what was reported, or None if this machine has no OpenGL.
+    """Record a video; return its reports, or None if this machine has no OpenGL.
 
     Args:
         show: called with the video; calls `seen` for each state.
-        reported: receives each report at once.
+        reported: receives each report immediately.
     """
     reported = [] if reported is None else reported
     settings = read_video(str(path), camera, "", rate_hz)
@@ -80,7 +80,7 @@ def lift(simulation, *, time_s, height):
 
 
 def colours(path):
-    """The strongest channel of each frame, and when it is seen [s]."""
+    """The strongest channel of each frame, and the time at which it is shown [s]."""
     with av.open(path) as read:
         frames = list(read.decode(video=0))
     middles = [frame.to_ndarray(format="rgb24")[24, 32] for frame in frames]
@@ -208,7 +208,7 @@ def test_size_and_rate_are_those_that_are_asked_for_or_the_cameras(simulation):
     assert (order.width, order.height, order.rate_hz) == (64, 48, 30)
     order = video_job(simulation.model, read_video("out.mp4", "", "320x200", 200))
     assert order.camera is None
-    # Of steps of 10 ms no more can be seen.
+    # With steps of 10 ms, higher rates are not possible.
     assert (order.width, order.height, order.rate_hz) == (320, 200, 100)
 
 

@@ -1,4 +1,4 @@
-"""States of a simulation on their way to an onlooker, through a real pair of sockets."""
+"""Sending states of a simulation to a viewer, through a real pair of sockets."""
 
 import socket
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Onlookers as processes: what they say, whom they let in, and that they end with the robot."""
+"""Viewers as processes: their reports, access control, and shutdown with the robot."""
 
 import inspect
 import os
@@ -37,7 +37,7 @@ while True:
 
 
 class Looked:
-    """An onlooker and what it has said so far."""
+    """A viewer and its reports so far."""
 
     def __init__(self, model: mujoco.MjModel, kind: str, *arguments: str) -> None:
         self.said: list[tuple[str, str]] = []
@@ -51,7 +51,7 @@ class Looked:
 
     @property
     def port(self) -> int:
-        """Of the web viewer, once it says it."""
+        """The URL in the report of the web viewer, waited for."""
         eventually(lambda: self.said, "a sentence of the onlooker")
         severity, text = self.said[0]
         assert severity == "info", text
@@ -115,7 +115,7 @@ def test_a_page_of_another_user_in_the_same_browser_sees_nothing(
 
 
 def websocket_status(port: int, host: str, origin: str) -> bytes:
-    """HTTP's status for a browser that wants a WebSocket."""
+    """The HTTP status for a browser that requests a WebSocket."""
     headers = (
         f"Host: {host}",
         f"Origin: {origin}",
@@ -238,6 +238,6 @@ def test_the_page_cannot_be_tunnelled_to_another_host() -> None:
 
     from obelisk_py.core.sim.mujoco.viewers.web import _Server
 
-    # What a browser's wish for a tunnel comes to, as viser has it.
+    # The failure of a browser's WebSocket request, as viser receives it.
     assert "self.request_share_url" in inspect.getsource(viser._viser)
     assert object.__new__(_Server).request_share_url() is None

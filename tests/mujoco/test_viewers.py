@@ -1,4 +1,4 @@
-"""Who looks at a simulation, by the node's parameters, and how often it gets a state."""
+"""Viewers of a simulation, as set by the node's parameters, and their update rates."""
 
 from collections.abc import Callable
 from typing import Any
@@ -57,7 +57,7 @@ def test_a_value_that_means_nothing_is_rejected(values: dict[str, Any], sentence
 
 
 class Watching:
-    """In place of a process: notes the step of each state it is handed."""
+    """Replaces a process; records the step of each state that it receives."""
 
     made: "list[Watching]"
 

@@ -1,8 +1,8 @@
 """Planted faults: each is found at its line and column with its help, and nothing else is.
 
-`stack.yaml` says under each faulty line what is to be found there and how the line ought to be;
-`# ^` stands under the column, `# ^-2` two columns to the right of it. Faults after which nothing
-further of a file can be read cannot stand among others; each is a case in `tests/cases`.
+`stack.yaml` has a comment below each faulty line, with the expected finding and the correct line.
+`# ^` marks the column, `# ^-2` two columns to the right of it. Faults that stop the analysis of a
+file cannot be combined with others; each of those is a case in `tests/cases`.
 """
 
 import re
@@ -39,7 +39,7 @@ def planted(path: Path) -> Iterator[Planted]:
 
 
 def clean(path: Path) -> str:
-    """The text with each faulty line as it ought to be."""
+    """The text with each faulty line replaced by the correct one."""
     lines: list[str] = []
     faulty, stands = "", False
     for line in path.read_text(encoding="utf-8").splitlines():
@@ -66,7 +66,7 @@ def compiled(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
 
 
 def reported(finding: Diagnostic, expected_help: str | None) -> Planted:
-    """The finding as it would be planted; a help that ends in dots is given in part."""
+    """The finding in the format of the plants; a help that ends in dots is abbreviated."""
     help = finding.help
     if help and expected_help and expected_help.endswith("..."):
         is_right = help.startswith(expected_help.removesuffix("..."))

@@ -1,4 +1,4 @@
-"""House style: any text gives a tree or diagnostics, never an exception; spans lie in the file."""
+"""Any text gives a tree or diagnostics, never an exception, with spans within the file."""
 
 import random
 import re
@@ -46,9 +46,9 @@ ODD = (
 
 @cache
 def environment() -> MachineEnvironment:
-    """Packages whose code and models are there, so that every check has something to look at.
+    """Packages with code and models, so that every check has something to inspect.
 
-    The same for all texts: what the packages say is read once.
+    They are the same for all texts, so that the packages are read once.
     """
     world = MachineEnvironment(Path.cwd(), Path.cwd(), {})
     world.packages = PackageIndex(
@@ -153,7 +153,7 @@ def test_places_lie_inside_the_text(text: str) -> None:
 def test_an_independent_reader_reads_the_same(text: str) -> None:
     parsed = parse_source(SourceFile.of("f", text))
     if parsed.diagnostics or parsed.tree is None or set("\x85\u2028\u2029") & set(text):
-        return  # line breaks to the independent reader, as they were in YAML 1.1
+        return  # line breaks for the independent reader, as in YAML 1.1
     try:
         value = load_yaml_core(text)
     except YamlTextError:
@@ -163,7 +163,7 @@ def test_an_independent_reader_reads_the_same(text: str) -> None:
 
 
 def _canonical(value: object) -> str:
-    """A text that is equal for equal values: keys in order, NaN as its name."""
+    """A text that is equal for equal values: sorted keys, NaN by name."""
     if isinstance(value, dict):
         return str(sorted((key, _canonical(item)) for key, item in value.items()))
     return str([_canonical(v) for v in value]) if isinstance(value, list) else repr(value)

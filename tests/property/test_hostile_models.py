@@ -1,4 +1,4 @@
-"""Models that were cut, changed or made up are read or refused, and take no one along."""
+"""Truncated, changed or invented models are read or rejected, and never crash the process."""
 
 import os
 import tempfile

@@ -1,4 +1,4 @@
-"""Whatever the files and answers of a run hold: it is shown or left out, and never raises."""
+"""Invalid files and replies of a run are shown or skipped, and never raise."""
 
 import json
 import os
@@ -99,16 +99,16 @@ FILES = st.binary() | damaged([json.dumps(RUN).encode()]) | st.builds(json.dumps
 
 
 def no_leftovers() -> AbstractContextManager[object]:
-    """No look at all processes of this machine, which takes most of the time."""
+    """Skip the scan of all processes of this machine, which takes most of the time."""
     return mock.patch.object(ps, "find_orphans", return_value=())
 
 
 def shown(call: object, *arguments: object, **options: object) -> list[str]:
-    """What a command prints; a refusal prints nothing."""
+    """The output of a command, which is empty if the command fails with a message."""
     text = StringIO()
     with redirect_stdout(text), suppress(ObkError, SystemExit):
         call(*arguments, **options)  # type: ignore[operator]
-    text.getvalue().encode()  # as a terminal gets it
+    text.getvalue().encode()  # as a terminal receives it
     return text.getvalue().splitlines()
 
 

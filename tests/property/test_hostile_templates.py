@@ -1,4 +1,4 @@
-"""Templates whose names and texts are anybody's: files below the package, or a fault in words."""
+"""Templates with hostile names and texts give files below the package, or an error message."""
 
 from pathlib import PurePosixPath
 

@@ -1,4 +1,4 @@
-"""Hostile text of nodes, users and files: it is shown, and no character moves the terminal."""
+"""Hostile text from nodes, users and files is shown, and never moves the cursor."""
 
 import re
 import tempfile
@@ -99,7 +99,7 @@ FRAGMENTS = st.lists(
 
 
 def without_nul(text: str) -> str:
-    """No variable of an environment has one."""
+    """NUL, which environment variables cannot contain."""
     return text.replace("\0", "")
 
 

@@ -1,4 +1,4 @@
-"""What merging promises, for any two texts: what the outer one says is there, and each place."""
+"""Properties of merging any two texts: the outer text wins, and locations are kept."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ MAPS = st.dictionaries(KEYS, VALUES, max_size=4)
 
 
 def tree_of(value: object, path: str) -> Tree:
-    """As flow text reads it: Python's own notation but for null."""
+    """Flow style: Python's own notation except for null."""
     text = repr(value).replace("None", "~").replace("True", "true").replace("False", "false")
     tree = parse_source(SourceFile.of(path, text)).tree
     assert tree is not None

@@ -1,4 +1,4 @@
-"""Migrating loses nothing: there and back a config compiles to the same plan, comments and all."""
+"""Migrating is lossless: after a round trip, a config compiles to the same plan."""
 
 import re
 from dataclasses import asdict
@@ -22,7 +22,7 @@ CONFIGS = [path for path in FILES if path.name != "depth_config.yaml"]
 
 
 def plan_of(path: Path, text: str) -> dict[str, object]:
-    """The plan without its places; what is wrong in the wiring and the surroundings is ignored."""
+    """The plan without locations; ignores errors of topics and surroundings."""
     environment = MachineEnvironment(path.parent, path.parent, {})
     environment.packages = PackageIndex(workspaces=(CORPUS,), prefixes=())
     options = Options(
@@ -48,7 +48,7 @@ def migrated(text: str, to: str) -> str:
 
 
 def comments(text: str) -> list[str]:
-    """The comments; a `#` within double quotes begins none."""
+    """The comments; a `#` within double quotes starts none."""
     found = re.findall(r'"(?:\\.|[^"\\])*"|(#[^\r\n]*)', text, re.DOTALL)
     return [comment for comment in found if comment]
 
@@ -99,7 +99,7 @@ HEADS = st.fixed_dictionaries({}, optional={"config": NAMES, "obk": st.just({"ig
 
 @st.composite
 def texts(draw: st.DrawFn) -> str:
-    """A config in either spelling and in any layout, with comments where comments can stand."""
+    """A config in either format and in any layout, with comments wherever they are allowed."""
     head, sections = draw(HEADS), draw(SECTIONS)
     config = {**head, "onboard": sections} if draw(st.booleans()) else {**head, **sections}
     text: str = yaml.safe_dump(
@@ -126,7 +126,7 @@ def _texts(value: object) -> list[str]:
 
 
 def canonical(text: str) -> object:
-    """What a config says, read by PyYAML, whatever its spelling."""
+    """The content of a config in either format, read by PyYAML."""
     value = yaml.load(text, Loader=yaml.BaseLoader)
     head = {key: item for key, item in value.items() if key in ("config", "obk")}
     sections = value.get("onboard") or {k: v for k, v in value.items() if k not in head}
@@ -159,7 +159,7 @@ def test_any_layout_says_the_same_in_either_spelling(text: str) -> None:
         assert canonical(other) == canonical(text)
         assert "'" in text or comments(other) == comments(text)
         assert other.count("\r") == (other.count("\n") if "\r" in text else 0)
-    # A level in braces stays.
+    # A level in braces is kept.
     assert "onboard" not in there or "onboard: {" in text
     assert migrated(there, "key") == there
     assert migrated(back, "seed") == back

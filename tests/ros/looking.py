@@ -1,4 +1,4 @@
-"""The commands that look into a ROS graph, run to their end, for the tests of each."""
+"""Run the commands that inspect a ROS graph, for the tests of each command."""
 
 import json
 from typing import Any
@@ -11,7 +11,7 @@ from .stack import obk
 
 
 def announce_as_a_stack_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have nodes of this process found as soon as those that a launch has started."""
+    """Make nodes of this process discoverable as fast as those that a launch has started."""
     for name, value in ros_environment().variables.items():
         monkeypatch.setenv(name, value)
 

@@ -38,7 +38,7 @@ def callback(message: Any = None) -> None:
 
 
 class Registering(ObeliskNode):
-    """Registers what it is given, in its constructor or in on_configure."""
+    """Registers the given components, in its constructor or in on_configure."""
 
     def __init__(
         self, register: Callable[[ObeliskNode], None], *, late: bool = False, **settings: str
@@ -243,7 +243,7 @@ def test_a_name_that_the_launcher_sets_as_a_parameter_is_one_of_the_second_gener
 
 
 class TypedController(ObeliskController):
-    """Its constructor takes message types, as those of G2 and G3 do."""
+    """Its constructor takes message types, as in G2 and G3."""
 
     def __init__(self, **settings: str) -> None:
         super().__init__("typed", PositionSetpoint, EstimatedState, **parameters(**settings))
@@ -333,7 +333,7 @@ def listings(kind: str) -> list[str]:
 
 
 def page_class(name: str) -> type[Any]:
-    """A class of the page, with what its listing imports."""
+    """A class of the page, with the imports of its listing."""
     (listing,) = (text for text in listings("python") if f"class {name}(" in text)
     names = {**globals(), "Imu": Imu, "time": time, "ObeliskSimRobot": ObeliskSimRobot}
     exec(listing, names)

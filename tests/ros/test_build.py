@@ -1,4 +1,4 @@
-"""`obk build` and what `obk launch` makes of it: a user's messages over DDS, only what changed."""
+"""`obk build` and `obk launch`: messages of a user over DDS; only changed packages are built."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from .workspace import make_nodes, make_workspace
 pytestmark = pytest.mark.ros
 
 COMPILE_S = 4 * DEADLINE_S
-"""What compiling packages may take."""
+"""Timeout for compiling packages."""
 PUBLISHER = """
 import sys
 import rclpy

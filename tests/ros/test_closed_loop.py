@@ -1,4 +1,4 @@
-"""`obk test` in processes of its own: what a failed test leaves, and how it is repeated."""
+"""`obk test` in its own processes: the output of a failed test, and how to repeat it."""
 
 import re
 import shlex
@@ -72,7 +72,7 @@ def folder(tmp_path: Path, repository: Path) -> Path:
         ignore=shutil.ignore_patterns("build"),
     )
     tests = tmp_path / "dummy" / "tests"
-    shutil.rmtree(tests)  # the example has tests of its own
+    shutil.rmtree(tests)  # the example has its own tests
     tests.mkdir()
     (tests / "limit").write_text("-1")
     (tests / "test_it.py").write_text(TESTS)
@@ -84,7 +84,7 @@ def digest(path: Path) -> str:
 
 
 def test_a_failed_test_leaves_what_is_needed_to_repeat_it(folder: Path) -> None:
-    """Two processes ran it; alone it has the same bits."""
+    """Two processes ran the test; alone it has the same result."""
     options = ("--seeds", "2", "-j", "2", "--junitxml", "report.xml")
     done = run(folder, *options, "-k", "stays or trials")
     assert done.returncode == 1, done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""One parameter file for all nodes: ROS's own parser gives each node what is its own."""
+"""One parameter file for all nodes: ROS's own parser gives each node its own values."""
 
 import json
 import subprocess

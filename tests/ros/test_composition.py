@@ -1,4 +1,4 @@
-"""Several programs' nodes in one process: each as in a process of its own, and all ended as one."""
+"""Several programs' nodes in one process behave as in separate processes, and end together."""
 
 import json
 import signal
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def compose(tmp_path: Path) -> Iterator[Callable[..., Composed]]:
-    """Starts composed processes whose module `nodes` is NODES."""
+    """Start composed processes whose module `nodes` is NODES."""
     (tmp_path / "nodes.py").write_text(NODES)
     with client_context() as made:
 

@@ -1,4 +1,4 @@
-"""`obk doctor` on the machine that the tests run on."""
+"""`obk doctor` on the machine of the tests."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Every command that a page shows, at a real terminal: it does what the page says."""
+"""Run every command of a page in a real terminal, and compare the output."""
 
 import os
 import random
@@ -62,15 +62,15 @@ SLOW = {
     "examples/dummy/README.md",
     "examples/quadruped/README.md",
 }
-"""Pages whose commands other tests run as well."""
+"""Pages whose commands other tests run."""
 TYPED = ("cd", "cp", "kill", "mkdir", "obk", "python")
-"""The programs that are run; `make`, `pip` and `apt` change the machine."""
+"""The programs to run; `make`, `pip` and `apt` would change the machine."""
 ACTIVE = re.compile(r"s\] active$", re.MULTILINE)
 ALONE = ("lifecycle", "logs", "monitor", "node", "param", "ps", "service", "stop", "topic")
-"""Commands for a second terminal: they need a running stack."""
+"""Commands for a second terminal, which need a running stack."""
 USUAL_PORT = "47001"
 NOT_HANDED_OUT = range(61_000, 65_536)
-"""Ports that Linux assigns only to programs that ask for them."""
+"""Ports that Linux assigns only to programs that request them."""
 RECEIVE_ONE = """
 import rclpy
 from my_msgs.msg import Example
@@ -91,21 +91,21 @@ rclpy.shutdown()
 
 
 def nothing(_: Path) -> None:
-    """No preparation, no further check."""
+    """No preparation and no further check."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """What a page takes for granted, and what is true after its commands."""
+    """The prerequisites of a page, and checks after its commands."""
 
     is_calm: bool = True
     is_up: re.Pattern[str] = ACTIVE
-    """What a launch prints before it is interrupted."""
+    """Text that a launch prints before it is interrupted."""
     prepare: Callable[[Path], None] = nothing
     while_active: Callable[[Path], None] = nothing
     check: Callable[[Path], None] = nothing
     varying: tuple[tuple[str, str], ...] = ()
-    """Parts of the page that differ from machine to machine, and what is in their place."""
+    """Parts of the page that differ between machines -> their replacements."""
 
 
 def arm_to_extend(folder: Path) -> None:
@@ -168,7 +168,7 @@ def on_wall_time(process: PlannedNode) -> PlannedNode:
 
 
 def free_port() -> str:
-    """The usual port may be another test run's, and what the kernel hands out may come again."""
+    """Another test run may use the default port, and the kernel may assign a port twice."""
     for port in random.sample(NOT_HANDED_OUT, 100):
         with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
             line.bind(("127.0.0.1", port))
@@ -186,7 +186,7 @@ SETUPS = {
     "docs/how-to/own-robot.md": Setup(is_calm=False, varying=((USUAL_PORT, free_port()),)),
     "docs/how-to/recording.md": Setup(is_calm=False, check=plot_is_a_picture),
     "docs/how-to/scaffolding.md": Setup(check=workspace_was_made),
-    # The line of progress is overwritten.
+    # The progress line is overwritten.
     "docs/how-to/sweeps.md": Setup(
         varying=(("\ntests/test_arm.py::", "\n...tests/test_arm.py::"),)
     ),
@@ -201,7 +201,7 @@ SETUPS = {
     ),
     "docs/tutorial.md": Setup(while_active=example_is_received),
 }
-"""The pages with a setup of their own; every other one starts beside the examples."""
+"""The pages with their own setup; every other page starts next to the examples."""
 
 
 def words_of(line: str) -> list[str]:
@@ -255,17 +255,17 @@ def test_the_commands_of_a_page_do_what_it_shows(
 
 @dataclass(kw_only=True)
 class Walk:
-    """A user who does what a page shows."""
+    """A user who follows a page."""
 
     page: Path
     folder: Path
     setup: Setup
     shell: UserShell
     seen_beside: dict[str, str] = field(default_factory=dict)
-    """What the commands in the second terminal showed."""
+    """The output of the commands in the second terminal."""
 
     def go(self) -> None:
-        """Do every step in its order."""
+        """Do every step in order."""
         done = steps(self.page)
         lines = [line for step in done if isinstance(step, Commands) for line in step.lines]
         beside = [line for line in lines if words_of(line)[:1] == ["obk"] and is_beside(line)]
@@ -289,7 +289,7 @@ class Walk:
             assert not missing_lines(step.shown, seen), seen
 
     def enter(self, line: str, beside: list[str]) -> int:
-        """Type a line; a launch without an end of its own is interrupted. Returns the exit code."""
+        """Type a command; interrupt a launch that does not end by itself. Return the exit code."""
         if line.startswith("cd "):
             self.folder /= line.removeprefix("cd ")
         self.shell.enter(line)

@@ -1,4 +1,4 @@
-"""The example quadruped and arm, launched for real: what they publish, and that they move."""
+"""The example quadruped and arm, launched for real: their topics and their motion."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 def hearing(
     topics: dict[str, type[Any]],
 ) -> Iterator[tuple[dict[str, list[Any]], Callable[..., None]]]:
-    """What comes on topics, and a way to wait until it is enough."""
+    """The messages on topics, and a function that waits for them."""
     rclpy.init()
     node = rclpy.create_node("listener")
     executor = SingleThreadedExecutor()
@@ -46,7 +46,7 @@ def hearing(
 
 
 def period_s(messages: list[Any]) -> float:
-    """The shortest time between two messages; some may have been lost on a busy machine."""
+    """The shortest time between two messages, because a busy machine may lose some."""
     stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages]
     return min(b - a for a, b in itertools.pairwise(stamps))
 

@@ -1,4 +1,4 @@
-"""The event-loop executor runs what nodes have, in the manner that users of rclpy rely on."""
+"""The event-loop executor runs all entities of nodes, as users of rclpy expect."""
 
 import threading
 import time
@@ -107,7 +107,7 @@ def test_an_exclusive_group_is_not_entered_while_its_coroutine_waits(one: World)
         count = len(free)
         eventually(lambda: len(free) > count + 10, "ticks of another group")
         held = list(log)
-        gate.set_result(None)  # by a thread that reports to no one
+        gate.set_result(None)  # by a thread that reports to no executor
         eventually(lambda: "over" in log and log[-1] == "same", "ticks after the coroutine")
     assert held[-1] == "begun"
     assert held.count("begun") == 1
@@ -207,7 +207,7 @@ def test_with_more_threads_a_callback_may_wait_for_an_answer() -> None:
         answers: list[str] = []
 
         def ask() -> None:
-            with suppress(TimeoutError):  # the first answer to a client may get lost
+            with suppress(TimeoutError):  # the first response to a client may get lost
                 answer = client.call(GetState.Request(), timeout_sec=2.0)
                 answers.append(answer.current_state.label)
 
@@ -227,7 +227,7 @@ def _label(label: str) -> Any:
 
 
 class _Waitable(Waitable):
-    """Has data after `trigger`, and keeps a wait set awake until they are taken."""
+    """Has data after `trigger`, and keeps a wait set awake until the data is taken."""
 
     def __init__(self, node: Any, log: list[str | None]) -> None:
         super().__init__(node.default_callback_group)

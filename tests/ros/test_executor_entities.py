@@ -1,4 +1,4 @@
-"""Entities come and go while the executor runs, also from within their own callbacks."""
+"""Entities are created and destroyed while the executor runs, even in their own callbacks."""
 
 import gc
 import threading
@@ -186,7 +186,7 @@ def test_a_thousand_rounds_of_every_entity_leak_no_descriptor(one: World) -> Non
 
     beat = node.create_timer(0.0005, churn)
     one.run_until(lambda: len(after) == 2, f"{ROUNDS} rounds")
-    # Counted within callbacks, so what the last one destroyed may still be open.
+    # Counted in callbacks, so what the last one destroyed may still be open.
     assert after[1] <= after[0] + 2
 
 

@@ -1,4 +1,4 @@
-"""Processes that run the executor end cleanly when asked to, whatever they left open."""
+"""Processes that run the executor shut down cleanly, whatever they left open."""
 
 import signal
 import subprocess

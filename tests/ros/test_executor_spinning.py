@@ -1,4 +1,4 @@
-"""How spinning the event-loop executor ends: by what is raised, a time, a future, a shutdown."""
+"""Spinning the event-loop executor ends by an exception, a timeout, a future or a shutdown."""
 
 import itertools
 import threading
@@ -142,7 +142,7 @@ def test_shutdown_within_a_callback_ends_spin(one: World) -> None:
     node.create_timer(0.001, one.executor.shutdown)
     one.executor.spin()
     assert one.executor.get_nodes() == []
-    one.executor.spin()  # returns at once
+    one.executor.spin()  # returns immediately
     one.executor.wake()
     assert one.executor.shutdown()
 

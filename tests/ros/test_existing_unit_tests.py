@@ -1,4 +1,4 @@
-"""Unit tests as projects wrote them for their nodes: without an executor, by direct calls."""
+"""Unit tests that projects wrote for their nodes: without an executor, by direct calls."""
 
 import multiprocessing
 import time
@@ -253,7 +253,7 @@ def test_a_simulator_that_raises_without_an_executor_has_its_own_fault() -> None
 
 
 class WithNamesOfItsOwn(Simulator):
-    """Attributes with the names that projects often choose."""
+    """Attributes with names that projects often use."""
 
     def __init__(self, node_name: str) -> None:
         super().__init__(node_name, PositionSetpoint)

@@ -1,4 +1,4 @@
-"""Workspaces written for each generation of Obelisk's API run as they are.
+"""Workspaces written for each generation of Obelisk's API run unchanged.
 
 Each has two controllers, an estimator, a robot, a simulator, a message package and a C++ package
 that is declared but not built.
@@ -31,7 +31,7 @@ def workspace(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 
 def run(capsys: Capture, *arguments: object) -> tuple[object, str]:
-    """Run `obk` in this process; returns its exit code and output."""
+    """Run `obk` in this process; return its exit code and output."""
     with pytest.raises(SystemExit) as ended:
         main([str(argument) for argument in arguments])
     return ended.value.code, capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Films of running stacks, read again; a film that cannot be made."""
+"""Videos of running stacks are readable, and failures to record are reported."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from .stack import DUMMY, eventually, launched, obk
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
 PATIENT = ("--hang-after", "0", "--quiet")
-"""OpenGL opens while the robot is configured, and this machine may be busy."""
+"""OpenGL opens while the robot is configured, which takes long on a busy machine."""
 ORANGE = (240, 140, 50)
 """The rod that swings."""
 

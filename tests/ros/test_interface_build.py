@@ -1,4 +1,4 @@
-"""The message build on a package of a user: compiled, used by rclpy, skipped when unchanged."""
+"""The message build on a user's package: compiled, used by rclpy, skipped when unchanged."""
 
 import os
 import subprocess

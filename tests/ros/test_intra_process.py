@@ -1,4 +1,4 @@
-"""Messages within a process: past DDS where no one else listens, and no message twice or lost."""
+"""Messages within a process bypass DDS if all receivers are inside, and arrive exactly once."""
 
 import json
 import subprocess
@@ -30,7 +30,7 @@ PERIOD_S = 0.001
 
 @pytest.fixture
 def sent(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The numbers that the library's publishers sent by DDS."""
+    """The numbers that the library's publishers sent through DDS."""
     numbers: list[int] = []
     send = IntraProcessPublisher._send
 
@@ -54,18 +54,18 @@ class Numbered:
 
     @property
     def buffers(self) -> tuple[MessageBuffer, ...]:
-        """Of the subscriptions that need no DDS."""
+        """The number of subscriptions that need no DDS."""
         return self.publisher._topic.buffers
 
     def publish(self, count: int = 1) -> None:
-        """The next ones."""
+        """Publish the next numbers."""
         for _ in range(count):
             self.publisher.publish(Int64(data=self.count))
             self.count += 1
 
     @contextmanager
     def publishing(self) -> Iterator[None]:
-        """One after another, from a thread of its own."""
+        """Publish numbers one after another, from a separate thread."""
         self._over.clear()
 
         def run() -> None:
@@ -80,14 +80,14 @@ class Numbered:
             self.stop()
 
     def stop(self) -> int:
-        """Publish no more; returns the last number, which may still be on its way."""
+        """Stop publishing; return the last number, which may still be in transit."""
         self._over.set()
         self._thread.join()
         return self.count - 1
 
 
 def listener(node: Node, **options: Any) -> list[int]:
-    """What comes to a new subscription."""
+    """The list of numbers that a new subscription receives."""
     numbers: list[int] = []
 
     def hear(message: Int64) -> None:
@@ -98,7 +98,7 @@ def listener(node: Node, **options: Any) -> list[int]:
 
 
 def settle(made: World, source: Numbered, count: int = 1) -> None:
-    """Let the executor find so many subscriptions, and see that DDS holds nothing for them."""
+    """Let the executor find this number of subscriptions, for which DDS must hold nothing."""
 
     def is_settled() -> bool:
         made.executor.spin_once(timeout_sec=0)
@@ -108,7 +108,7 @@ def settle(made: World, source: Numbered, count: int = 1) -> None:
 
 
 def is_read(source: Numbered, count: int = 1) -> bool:
-    """Whether there are so many subscriptions that need no DDS, and DDS holds nothing for them."""
+    """Whether this number of subscriptions needs no DDS, and DDS holds nothing for them."""
     buffers = source.buffers
     return len(buffers) == count and not any(buffer.dds_may_hold_messages for buffer in buffers)
 
@@ -150,7 +150,7 @@ def test_a_listener_outside_comes_and_goes_and_each_end_gets_each_message_once(
 
 
 def outside(count: int) -> list[int]:
-    """What a listener in another process heard before it went."""
+    """The numbers that a subscriber in another process received before it ended."""
     command = [sys.executable, PEER, "/numbers", str(count)]
     ended = subprocess.run(command, capture_output=True, timeout=2 * DEADLINE_S, check=True)
     numbers: list[int] = json.loads(ended.stdout)
@@ -163,7 +163,7 @@ def test_the_order_is_kept_while_messages_wait_on_both_ways(sent: list[int]) -> 
         heard = listener(made.node())
         settle(made, source)
         source.publish(3)
-        # No one runs it: for the publisher that is someone outside, matched at once.
+        # It is not running: for the publisher it is an outside subscription, matched immediately.
         outsider = Node("outsider", context=made.context)
         outsider.create_subscription(Int64, "/numbers", print, 1)
         source.publish(3)
@@ -189,7 +189,7 @@ def test_nothing_overtakes_what_was_sent_before_the_executor_knew_the_subscripti
         source = Numbered(made)
         heard = listener(made.node())
         source.publish(3)
-        made.executor.remove_node(made.node("passing"))  # has it look at what its nodes have
+        made.executor.remove_node(made.node("passing"))  # makes it check the entities of its nodes
         assert source.buffers
         source.publish(3)
         made.run_until(lambda: len(heard) == 6, "all messages")

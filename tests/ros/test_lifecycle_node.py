@@ -50,7 +50,7 @@ class Controller(ObeliskController):
 
 
 class Misbehaving(ObeliskNode):
-    """Answers configure with whatever it is given, or raises it."""
+    """Returns the given result from configure, or raises it."""
 
     def __init__(self, answer: Any, on_error: Any = SUCCESS) -> None:
         super().__init__("misbehaving")
@@ -154,7 +154,7 @@ def test_a_fault_of_the_hardware_is_reported_by_its_sentence_alone() -> None:
 
 
 class Opening(ObeliskNode):
-    """Opens something at configure, before super's or after; a list of what became of it."""
+    """Opens something in configure, before or after super's; records what happens to it."""
 
     def __init__(self, *, is_early: bool = False) -> None:
         super().__init__("opening")
@@ -384,7 +384,7 @@ def test_a_thousand_rounds_leak_nothing() -> None:
 
         files, entities = go_round(5)
         files_later, entities_later = go_round(1000)
-        # What a round leaked would be there a thousand times; a few are still on their way out.
+        # A leak would occur a thousand times; a few objects are still being deleted.
         assert files_later < files + 20
         assert entities_later < entities + 20
         assert not list(node.timers)

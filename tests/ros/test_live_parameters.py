@@ -1,4 +1,4 @@
-"""`Parameter`: declared once, read as an attribute, changed between two callbacks and together."""
+"""`Parameter`: declared once, read as an attribute, and changed between two callbacks."""
 
 import gc
 import json
@@ -42,7 +42,7 @@ class Level(Enum):
 
 
 class Tuned(ObeliskNode):
-    """Has a parameter of each type, and notes what changes."""
+    """Has a parameter of each type, and records changes."""
 
     kp = Parameter(20.0, ge=0.0, le=200.0, unit="N m/rad", description="proportional gain")
     kd = Parameter(2.0, ge=0.0)
@@ -159,7 +159,7 @@ def test_a_service_call_changes_the_attributes_and_says_so() -> None:
         assert results == [(True, IN_EFFECT), (True, IN_EFFECT), (True, STORED)]
         assert (node.kp, node.kd, node.horizon) == (25.0, 3.0, 10)
         assert node.changed == [frozenset({"kp", "kd"})]
-        # The same values again are no change.
+        # Setting the same values again is not a change.
         assert ask_each(node, message("kp", 25.0)) == [(True, IN_EFFECT)]
         assert len(node.changed) == 1
         assert "expected 0.0 to 200.0" in set_together(
@@ -236,7 +236,7 @@ def test_a_coroutine_keeps_its_values_until_it_ends() -> None:
 
     with spinning(Waiting, EventLoopExecutor) as node:
         activate(node)
-        # In the default group, the suspended coroutine would hold up the parameter services.
+        # In the default group, the suspended coroutine would block the parameter services.
         timer = node.create_timer(0.005, node.tick, callback_group=ReentrantCallbackGroup())
         eventually(lambda: bool(seen), "the first half of a tick")
         timer.cancel()
@@ -249,7 +249,7 @@ def test_a_coroutine_keeps_its_values_until_it_ends() -> None:
 
 
 class Busy(Tuned):
-    """Has callbacks on all workers, which overlap all the time; each notes torn values."""
+    """Has overlapping callbacks on all workers, which record torn values."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -292,7 +292,7 @@ def test_with_several_workers_values_change_together_and_never_inside_a_callback
 
 
 def test_a_slow_callback_does_not_hold_up_a_fast_one() -> None:
-    """The fast loop goes on while a change waits for the slow callback to end."""
+    """The fast loop continues while a change waits for the slow callback to end."""
     release = threading.Event()
     entered = threading.Event()
     seen: list[float] = []

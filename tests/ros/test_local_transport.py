@@ -1,4 +1,4 @@
-"""Messages between the processes of a run: past DDS, each once, whoever is killed or frozen."""
+"""Messages between the processes of a run bypass DDS and arrive once, despite killed processes."""
 
 import json
 import os
@@ -38,11 +38,11 @@ OUTSIDE_PEER = Path(__file__).with_name("numbers_peer.py")
 
 @pytest.fixture(autouse=True)
 def sockets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of a run, in the environment."""
+    """The folder of a run, set in the environment."""
     folder = tmp_path / "sockets"
     folder.mkdir(mode=0o700)
     monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, str(folder))
-    # Processes are killed here. On a busy machine Fast DDS 2.14 then unmaps ports in shared memory
+    # Processes are killed here. On a busy machine, Fast DDS 2.14 then unmaps ports in shared memory
     # that it still uses, and crashes when a participant is deleted.
     monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     return folder
@@ -71,7 +71,7 @@ class Listener:
 
     @property
     def numbers(self) -> list[int]:
-        """What came so far."""
+        """The numbers received so far."""
         lines = self.file.read_text(encoding="ascii").split("\n")[:-1] if self.file.exists() else []
         return [int(line) for line in lines]
 
@@ -109,10 +109,10 @@ def peers(tmp_path: Path) -> Iterator[Peers]:
 
 
 def outside(count: int) -> list[int]:
-    """What a listener that is not of the run heard before it left."""
+    """The numbers that a subscriber outside the run received before it ended."""
     command = [sys.executable, OUTSIDE_PEER, "/numbers", str(count)]
     ended = subprocess.run(command, capture_output=True, timeout=2 * DEADLINE_S, check=True)
-    # Before it there may be errors of Fast DDS, such as ports in use.
+    # It may be preceded by errors of Fast DDS, such as ports in use.
     numbers: list[int] = json.loads(ended.stdout.splitlines()[-1])
     return numbers
 
@@ -121,7 +121,7 @@ def outside(count: int) -> list[int]:
 def with_and_without(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, sockets: Path
 ) -> bool:
-    """The test is run with the local transport and without it; true with it."""
+    """Run the test with and without the local transport; True with it."""
     del sockets
     if not request.param:
         monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, LOCAL_TRANSPORT_OFF)
@@ -130,9 +130,9 @@ def with_and_without(
 
 @contextmanager
 def published(sent: list[int]) -> Iterator[tuple[World, Numbered, Callable[[], None]]]:
-    """A publisher that publishes all the time; the last value waits until it bypasses DDS.
+    """A publisher that publishes continuously; `last` waits until it bypasses DDS.
 
-    Without local transport that waits for some more numbers only.
+    Without the local transport, it only waits for some more numbers.
     """
     is_off = os.environ[LOCAL_TRANSPORT_VARIABLE] == LOCAL_TRANSPORT_OFF
     with world() as made:
@@ -195,7 +195,7 @@ def test_a_killed_subscription_disturbs_no_other_and_its_successor_is_found(
         successor = peers.listener()
         eventually(lambda: successor.numbers, "numbers of the successor")
         await_bypass()
-        last = source.stop()  # while it exists: what DDS has not delivered ends with its publisher
+        last = source.stop()  # the publisher must exist until DDS has delivered all
         for each in (stays, successor):
             eventually(lambda each=each: each.has(last), "the last number")
             assert is_gapless(each.numbers)
@@ -221,7 +221,7 @@ def test_a_frozen_subscription_keeps_its_depth_and_holds_no_one_up(
     assert is_gapless(other.numbers)
     numbers = frozen.numbers
     assert numbers == sorted(set(numbers))
-    # DDS keeps as much as the publisher's history too.
+    # DDS also keeps as many messages as the publisher's history.
     assert not with_and_without or len(numbers) < last - 500
 
 
@@ -255,7 +255,7 @@ def test_nothing_is_lost_when_a_node_changes_its_executor(sent: list[int], socke
             executor = EventLoopExecutor(context=other.context)
             executor.add_node(node)
             through_dds = -1
-            while through_dds != len(sent):  # until a hundred numbers need no DDS
+            while through_dds != len(sent):  # until a hundred numbers bypass DDS
                 through_dds, enough = len(sent), source.count + 100
                 while not got or got[-1] < enough:
                     executor.spin_once(timeout_sec=0.1)
@@ -327,7 +327,7 @@ def test_a_tap_counts_each_message_once_while_listeners_come_and_go(
 
         for _ in range(2):
             through_dds = -1
-            while through_dds != len(sent):  # until a hundred numbers need no DDS
+            while through_dds != len(sent):  # until a hundred numbers bypass DDS
                 through_dds = len(sent)
                 take(source.count + 100)
             with ThreadPoolExecutor(1) as pool:

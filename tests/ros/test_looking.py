@@ -1,4 +1,4 @@
-"""`obk topic`, `node`, `param`, `service` against a talker in this process, and against a stack."""
+"""`obk topic`, `node`, `param`, `service` on a node in this process, and on a stack."""
 
 import csv
 import io
@@ -27,11 +27,11 @@ from .stack import DUMMY, eventually, launched, obk, spinning
 pytestmark = pytest.mark.ros
 
 TALKER = "/arm/talker"
-"""A full name is waited for, for as long as `--timeout` says."""
+"""With a full name, the command waits until `--timeout`."""
 
 
 class Talker(Node):
-    """Says something every 20 ms, on topics of every kind."""
+    """Publishes every 20 ms, on topics of every kind."""
 
     def __init__(self) -> None:
         super().__init__("talker", namespace="arm")
@@ -93,7 +93,7 @@ def test_topics_are_listed_and_shown_with_their_ends(talker: Talker) -> None:
         "publishers": 1,
         "subscriptions": 0,
     }
-    # For a node that no launch has started, the messages until then count.
+    # For a node not started by obk, only the messages until then count.
     eventually(lambda: joints in reported("topic", "list"), "the topic with its publisher")
     eventually(lambda: "/arm/joints " in done("topic", "list"), "the topic")
     ends: list[dict[str, str]] = []
@@ -146,7 +146,7 @@ def test_bytes_that_are_no_message_of_the_type_are_reported(talker: Talker) -> N
 def test_a_topic_without_messages_and_one_that_is_not_there_end_with_a_sentence(
     talker: Talker,
 ) -> None:
-    # On a busy machine the topic itself may not be found so soon.
+    # On a busy machine, even the topic may not be found that soon.
     eventually(
         lambda: (
             "no message came on /arm/silent within 2 s"
@@ -220,7 +220,7 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
     assert "[1.0, 2.0]" in of_type
     assert "did you mean `gain`" in refused("param", "get", TALKER, "gian")
     assert "did you mean `gain`" in refused("param", "set", TALKER, "gian", "1")
-    # Without a value, it keeps no one from those that have one.
+    # Without a value, it must not hide those that have one.
     every = reported("param", "get", TALKER)
     assert every["offset"] == {"type": "not set", "value": None}
     assert every["gain"] == {"type": "double", "value": 2.0}
@@ -262,7 +262,7 @@ def test_services_are_listed_and_called(talker: Talker) -> None:
 @pytest.mark.slow
 def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch) -> None:
     domain = os.environ["ROS_DOMAIN_ID"]
-    # In its first seconds a launch takes whoever else publishes commands for a danger.
+    # In its first seconds, a launch considers any other publisher of commands a danger.
     with launched(DUMMY, "--quiet", "--allow-foreign"):
         monkeypatch.delenv("ROS_DOMAIN_ID")
         nodes = {node["node"]: node for node in reported("node", "list")}

@@ -1,4 +1,4 @@
-"""A running stack that gets bytes which are no message, and one whose simulation diverges."""
+"""A running stack that receives invalid messages, and one whose simulation diverges."""
 
 import json
 import shutil
@@ -29,7 +29,7 @@ MALFORMED = (
     HEADER + struct.pack("<iIIxI", 0, 0, 1, 2**31) + b"\0" * 8,
     b"\0\2\0\0" + b"\x7f" * 200,
 )
-"""Cut short, of lengths beyond the end, of another encoding."""
+"""Truncated messages, lengths beyond the end, another encoding."""
 
 
 def states() -> dict[str, Any]:
@@ -38,7 +38,7 @@ def states() -> dict[str, Any]:
 
 
 def is_refused(publisher: Any, run: Launched) -> bool:
-    """Whether a control of the wrong length was refused, after another one is sent."""
+    """Send another control of the wrong length; return whether it was rejected."""
     publisher.publish(PositionSetpoint(u_mujoco=[1.0, 2.0, 3.0]))
     return "`u_mujoco` has the length 3" in run.text
 
@@ -86,7 +86,7 @@ rclpy.spin(node)
 
 
 def test_a_publisher_outside_is_accepted_on_an_external_topic(tmp_path: Path) -> None:
-    """Beside the stack's own controller, before the launch and after it."""
+    """Next to the stack's own controller, before and after the launch."""
     shutil.copytree(DUMMY.parent, tmp_path, dirs_exist_ok=True)
     config = tmp_path / DUMMY.name
     config.write_text(f"{DUMMY.read_text()}\nexternal_topics: [{TOPIC}]\n")

@@ -1,4 +1,4 @@
-"""A stack of thirty nodes comes up and down, each in a process of its own and all in one."""
+"""A stack of thirty nodes starts and stops, with one process per node and composed."""
 
 from pathlib import Path
 
@@ -43,7 +43,7 @@ def test_thirty_nodes_come_up_and_down(
 ) -> None:
     config = thirty_nodes(repository, tmp_path)
     with started(config, "--quiet", "--duration", "1", *options) as run:
-        # Thirty processes take ten times as long as the three of the other tests.
+        # Thirty processes take ten times as long as the three in the other tests.
         assert run.process.wait(5 * DEADLINE_S) == 0, run.text
     assert run.text.count(": activate ok") == 30
     assert run.text.count("shutdown ok") == 30

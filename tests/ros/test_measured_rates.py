@@ -1,4 +1,4 @@
-"""`obk topic hz` against publishers of this process, also of a type that is not built here."""
+"""`obk topic hz` on publishers of this process, even of a type that is not built here."""
 
 import json
 import subprocess
@@ -32,7 +32,7 @@ def _found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextmanager
 def measuring(topic: str) -> Iterator["subprocess.Popen[str]"]:
-    """`obk topic hz`, until the test has seen enough."""
+    """Run `obk topic hz` until the test has enough output."""
     process = subprocess.Popen(
         [OBK, "topic", "hz", topic, "--format", "json", "--timeout", "60"],
         stdout=subprocess.PIPE,
@@ -48,7 +48,7 @@ def measuring(topic: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 def measured(node: Node, topic: str) -> tuple[Any, float]:
-    """1000 messages at 1 kHz, or as quickly as this machine does them, and the rate of sending."""
+    """Publish 1000 messages at 1 kHz, or as fast as this machine can; return the rate."""
     publisher = node.create_publisher(Int32, topic, 1000)
     with measuring(topic) as process:
         eventually(publisher.get_subscription_count, "a subscription")
@@ -71,7 +71,7 @@ def test_a_measured_rate_is_the_publishers_own() -> None:
         node = rclpy.create_node("quick")
 
         def is_own() -> bool:
-            """A busy machine may receive the first or the last message late: then once more.
+            """Repeat once, because a busy machine may receive the first or the last message late.
 
             The first ones are missed if the subscription finds the publisher after it was found.
             """

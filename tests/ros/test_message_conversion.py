@@ -1,4 +1,4 @@
-"""Messages that the library packs and unpacks itself: the same as rclpy's, or an error and none."""
+"""The library packs and unpacks messages like rclpy, or raises an error."""
 
 import struct
 from collections.abc import Iterator

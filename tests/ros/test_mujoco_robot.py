@@ -1,4 +1,4 @@
-"""The simulator as a node on the real rclpy: what it takes, what it publishes, how it fails."""
+"""The simulator as a node on the real rclpy: subscriptions, publishers, faults."""
 
 import subprocess
 import sys
@@ -92,7 +92,7 @@ def simulator(
     *words: Any,
     **settings: Any,
 ) -> Iterator[tuple[ObeliskMujocoRobot, Callable[[type[Any], str], list[Any]]]]:
-    """A simulator, and a way to collect what is published on a topic."""
+    """A simulator, and a function that collects the messages on a topic."""
     wired = {
         "mujoco_setting": format_setting(BLOCK if block is None else block),
         "sub_ctrl_setting": "{topic: /ctrl, msg_type: PositionSetpoint}",
@@ -198,21 +198,21 @@ def test_rays_and_pictures_are_published_or_it_is_reported_why_there_are_none(
 
 
 class _VelocityRobot(ObeliskMujocoRobot):
-    """Computes the actuators' numbers from a message that the simulator cannot read."""
+    """Computes the actuators' controls from a message that the simulator cannot read."""
 
     def apply_control(self, control_msg: Any) -> None:
         self._set_shared_ctrl([control_msg.v_x])
 
 
 class _TranslatingRobot(ObeliskMujocoRobot):
-    """Passes a message of its own on as one that the simulator reads."""
+    """Converts its own message type to one that the simulator reads."""
 
     def apply_control(self, control_msg: Any) -> bool:
         return super().apply_control(PositionSetpoint(u_mujoco=[control_msg.v_x]))
 
 
 class _EndlessRobot(_VelocityRobot):
-    """Steps by itself and never reads `simulator_stop`, as existing simulators do."""
+    """Runs its own loop and never reads `simulator_stop`, like existing simulators."""
 
     n_u = 1
 
@@ -225,7 +225,7 @@ class _EndlessRobot(_VelocityRobot):
 
 
 class _SteppingRobot(_VelocityRobot):
-    """Steps by itself."""
+    """Run the loop."""
 
     def run_simulator(self) -> None:
         stop = self.simulator_stop
@@ -327,7 +327,7 @@ def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
 
 
 class _Viewer:
-    """Keeps the times of the states that it is sent."""
+    """Stores the times of the states that it receives."""
 
     def __init__(self, _kind: str, _arguments: Any, _model: Any, data: Any, **_options: Any):
         self.times: list[float] = []

@@ -1,4 +1,4 @@
-"""A real robot whose commands stop: what it has to do, and when."""
+"""The behaviour of a real robot whose commands stop."""
 
 import threading
 import time
@@ -49,7 +49,7 @@ class Arm(ObeliskRobot):
 
 
 class BrakingArm(Arm):
-    """One that can brake."""
+    """A robot that can brake."""
 
     dampings = 0
 
@@ -59,7 +59,7 @@ class BrakingArm(Arm):
 
 @contextmanager
 def arm(kind: type[Arm] = Arm, **settings: object) -> Iterator[Any]:
-    """An active robot whose commands may become half a second old."""
+    """An active robot with a maximum command age of half a second."""
     written = {"topic": "/ctrl", "max_age_sec": 0.5, **settings}
     text = ", ".join(f"{key}: {value}" for key, value in written.items())
     with spinning(lambda: kind(**parameters(sub_ctrl_setting=f"{{{text}}}"))) as node:
@@ -73,7 +73,7 @@ def arm(kind: type[Arm] = Arm, **settings: object) -> Iterator[Any]:
 
 
 def active(node: Any) -> Any:
-    """Take the robot to active; the publisher of its commands."""
+    """Activate the robot; return the publisher of its commands."""
     publisher = node.create_publisher(PDFeedForward, "/ctrl", 10)
     assert request(node, "configure")
     assert request(node, "activate")
@@ -136,7 +136,7 @@ def test_a_busy_executor_does_not_keep_the_robot_from_being_made_safe() -> None:
 def test_a_call_that_does_not_return_holds_the_action_up_and_is_reported() -> None:
     with arm(max_age_sec=0.01) as node:
         active(node)
-        with node._applying:  # as apply_control is called under it
+        with node._applying:  # because apply_control is called with it
             node._newest_control = COMMAND
             node._command_age.accept(time.monotonic())
             node._watchdog.wake()

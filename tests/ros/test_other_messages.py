@@ -1,4 +1,4 @@
-"""A workspace that builds message packages of Obelisk's names, of another release."""
+"""A workspace that builds message packages with Obelisk's names, from another release."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""Parameters that someone sets over ROS: what makes no sense is refused, and the node goes on."""
+"""Invalid parameters set over ROS are rejected, and the node continues."""
 
 import math
 from typing import Any
@@ -17,12 +17,12 @@ Message = Any
 
 
 def message(name: str, value: object) -> Message:
-    """A parameter as it is sent."""
+    """A parameter as sent in a request."""
     return Parameter(name, value=value).to_parameter_msg()
 
 
 def of_type(name: str, number: int) -> Message:
-    """A parameter whose value says that it is of this type."""
+    """A parameter whose value claims to be of this type."""
     sent = Parameter(name, value="x").to_parameter_msg()
     sent.value = ParameterValue(type=number)
     return sent
@@ -38,7 +38,7 @@ def ask(node: Any, kind: Any, service: str, parameters: list[Message]) -> Any:
 
 
 def set_each(node: Any, *parameters: Message) -> list[str]:
-    """The reasons why each is refused; empty where it is taken."""
+    """The reason why each parameter is rejected; empty if it is accepted."""
     results = ask(node, SetParameters, "set_parameters", list(parameters)).results
     assert all(result.successful == (not result.reason) for result in results)
     return [result.reason for result in results]
@@ -52,7 +52,7 @@ def set_together(node: Any, *parameters: Message) -> str:
 
 
 def assert_works(node: Any) -> None:
-    """That it is active, without a fault, and ticks."""
+    """Assert that the node is active, without a fault, and ticks."""
     assert (node.state_label, node.last_fault) == ("active", None)
     before = node.ticks
     eventually(lambda: node.ticks > before + 2, "the ticks of an active node")
@@ -100,7 +100,7 @@ def test_whatever_is_set_an_active_node_says_what_is_wrong_and_goes_on() -> None
         assert {name: p.value for name, p in node._parameters.items()} == before
         assert not node.get_clock().ros_time_is_active
         assert_works(node)
-        # What changes nothing, and what is read whenever it is wanted, is taken.
+        # Changes without effect are accepted, and so are parameters that are read when needed.
         same = message("timer_ctrl_setting", WIRED["timer_ctrl_setting"])
         assert set_each(node, same, message("params_path", "/there")) == ["", ""]
         assert node.params_path == "/there"

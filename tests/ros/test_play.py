@@ -1,4 +1,4 @@
-"""`obk play`: recordings published again in real time, and replayed into nodes in lock-step."""
+"""`obk play`: publish recordings in real time, or replay them into nodes in lock-step."""
 
 import re
 import struct
@@ -34,7 +34,7 @@ def test_it_runs(stack):
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """Numbers on two topics, 1 s long, and one command."""
+    """A recording of numbers on two topics, 1 s long, and one command."""
     path = tmp_path / "numbers.mcap"
     kinds = {"/count": "std_msgs/msg/Int32", "/value": "std_msgs/msg/Float64"}
     with BagWriter(path) as writer:
@@ -57,7 +57,7 @@ def recording(tmp_path: Path) -> Path:
 
 @contextmanager
 def listening() -> Iterator[tuple[Node, dict[str, list[tuple[float, float]]]]]:
-    """A node that collects numbers with the times of their arrival; commands too."""
+    """A node that collects numbers with their arrival times, and commands."""
     heard: dict[str, list[tuple[float, float]]] = {"/count": [], "/value": [], "/ctrl": []}
     rclpy.init()
     try:
@@ -78,7 +78,7 @@ def listening() -> Iterator[tuple[Node, dict[str, list[tuple[float, float]]]]]:
 
 
 def played(node: Node, *words: object) -> subprocess.CompletedProcess[str]:
-    """`obk play`, while the node listens."""
+    """Run `obk play` while the node receives."""
     process = subprocess.Popen(
         [str(OBK), "play", *map(str, words), "--timeout", str(DEADLINE_S)],
         stdout=subprocess.PIPE,
@@ -104,7 +104,7 @@ def test_every_message_comes_again_in_order_and_no_command(recording: Path) -> N
         eventually(all_came, "all messages")
     assert [value for _, value in heard["/count"]] == list(range(COUNT))
     assert [value for _, value in heard["/value"]] == [number / 2 for number in range(COUNT)]
-    # It cannot be faster than it is asked to be.
+    # It cannot be faster than requested.
     assert heard["/count"][-1][0] - heard["/count"][0][0] > 0.5 * COUNT * STEP_NS * 1e-9 / 4
     assert heard["/ctrl"] == []
     assert done.stderr.startswith("note: /ctrl ")
@@ -182,13 +182,13 @@ def test_nodes_run_as_processes_in_real_time_but_command_no_robot(tmp_path: Path
     assert "which commands a robot" in refused.stderr
     assert not live.exists()
 
-    # How late the timers are on a busy machine is not the point, so any difference is accepted.
+    # The lateness of timers on a busy machine is not tested, so any difference is accepted.
     done = obk(*words, "--nodes", "estimation", "--rate", "0.5", "--tolerance", "10")
     assert done.returncode == 0, done.stderr
     assert re.search(r"their span \(RMS\): (\d+) of \1\n", done.stdout)
     recorded, again = open_run(recording), open_run(live)
     assert again.topics == ("/obelisk/dummy/est",)
     assert len(again["est"])
-    # Times are those of the recorded run, whatever the rate.
+    # Times are those of the recorded run, for any rate.
     first_ns = again["est"].messages.published_ns[0]
     assert 0 < first_ns < 10 * (recorded.bag.end_ns or 0)

@@ -21,19 +21,19 @@ def _own_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def processes_with(argument: str) -> list[psutil.Process]:
-    """The processes of this test that have an argument."""
+    """The processes of this test with an argument."""
     return [process for process in marked() if argument in _arguments(process)]
 
 
 def _arguments(process: psutil.Process) -> list[str]:
     try:
         return process.cmdline()
-    except psutil.Error:  # ended meanwhile
+    except psutil.Error:  # has ended
         return []
 
 
 def the_one_with(argument: str, run: Launched) -> psutil.Process:
-    """Wait for the one process of this test that has an argument."""
+    """Wait for the only process of this test with an argument."""
     found: list[psutil.Process] = []
 
     def is_there() -> bool:
@@ -45,7 +45,7 @@ def the_one_with(argument: str, run: Launched) -> psutil.Process:
 
 
 def is_forked(process: psutil.Process) -> bool:
-    """Whether a process's arguments lie elsewhere than on the stack that `exec` makes."""
+    """Whether a process's arguments are not on the stack that `exec` creates."""
     fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
     start_stack, arguments = int(fields[28 - 3]), int(fields[48 - 3])
     return arguments < start_stack

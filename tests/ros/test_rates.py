@@ -1,7 +1,7 @@
-"""Rates as promises on real nodes: what is throttled is marked and named, what is healthy is not.
+"""Rates of real nodes: slow nodes are reported as broken, healthy nodes are not.
 
-The broken promises are broken by construction: a callback that takes five of its periods. The kept
-ones are of timers so slow that no load matters.
+Broken rates are broken by construction: a callback takes five periods. Healthy rates are those of
+timers so slow that load does not matter.
 """
 
 import json
@@ -34,7 +34,7 @@ SLOW_PERIOD_S, FAST_PERIOD_S = 0.5, 0.001
 
 
 class Two(ObeliskNode):
-    """A timer that is kept, and one whose callback takes longer than its period."""
+    """A timer that keeps its rate, and one whose callback takes longer than its period."""
 
     def __init__(self, **given: Any) -> None:
         settings = {
@@ -51,7 +51,7 @@ class Two(ObeliskNode):
         """Nothing."""
 
     def dawdle(self) -> None:
-        """Take five periods."""
+        """Sleep for five periods."""
         time.sleep(5 * FAST_PERIOD_S)
 
 
@@ -69,7 +69,7 @@ class Awaiting(Two):
 def listening(
     make: Callable[[], ObeliskNode], executor_type: Callable[[], Executor]
 ) -> Iterator[tuple[ObeliskNode, list[RatesReported]]]:
-    """An active node, and the reports of its rates."""
+    """An active node, and its rate reports."""
     rclpy.init()
     listener = rclpy.create_node("listener")
     node = make()
@@ -138,7 +138,7 @@ def test_a_throttled_timer_is_marked_with_every_executor(
     assert [rate.name for rate in heard[0].rates] == ["timer_slow", "timer_fast"]
     first = newest(heard[:1], "timer_fast")
     assert first is not None
-    assert first.standing == "kept"  # the first second is forgiven
+    assert first.standing == "kept"  # the first second is ignored
     assert rate is not None
     assert rate.expected_hz == 1000
     # It sleeps for five periods: one tick in five or fewer, the next at least four late.
@@ -155,7 +155,7 @@ def test_coroutines_of_the_configs_timers_are_counted() -> None:
 
 
 def is_heard_for(heard: list[RatesReported], wait_s: float) -> bool:
-    """Whether more comes within a time."""
+    """Whether more reports arrive within a time."""
     before = len(heard)
     time.sleep(wait_s)
     return len(heard) > before
@@ -166,7 +166,7 @@ def test_only_an_active_node_reports_of_its_rates() -> None:
     with listening(Two, EventLoopExecutor) as (node, heard):
         eventually(lambda: len(heard) >= 2, "reports")
         assert request(node, "deactivate")
-        # One that is under way may still come.
+        # A report in progress may still arrive.
         eventually(lambda: not is_heard_for(heard, 1.5), "silence")
         before = len(heard)
         assert request(node, "cleanup")
@@ -178,7 +178,7 @@ def test_only_an_active_node_reports_of_its_rates() -> None:
 
 @pytest.mark.slow
 def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_stands() -> None:
-    """Simulated time goes at a fifth of the wall's: 10 Hz of it are 2 Hz."""
+    """Simulated time runs at a fifth of wall time: 10 Hz of it are 2 Hz."""
 
     def make() -> ObeliskNode:
         slow = "{timer_period_sec: 0.1}"
@@ -232,7 +232,7 @@ FAST, SLOW = "timer_period_sec: 0.001", "timer_period_sec: 0.5"
 
 @pytest.fixture
 def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The dummy with a controller of 1 kHz whose callback takes 5 ms; the others promise nothing.
+    """The dummy with a 1 kHz controller whose callback takes 5 ms; the other nodes expect no rates.
 
     Their rates are such that a loaded machine does not keep them either.
     """
@@ -278,7 +278,7 @@ def test_a_throttled_node_is_reported_once_and_shown_by_ps(
         assert rates["estimation"] == rates["robot"] == []
         eventually(lambda: "timer_ctrl runs at " in obk("ps").stdout, "the rate in words")
     assert run.process.returncode == 0
-    # A process that a busy machine keeps waiting may also be reported as silent.
+    # A process that a busy machine delays may also be reported as silent.
     assert run.text.count("RATE: timer_ctrl runs at ") == 1
 
 
@@ -308,7 +308,7 @@ def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
         ]
         wanted = [rate["expected_hz"] for rate in rates]
         assert wanted == [1000, 1000, 500, 500, 1000]
-        # In simulation time, which no load changes; one that keeps the node waiting is silence.
+        # In simulation time, which load does not change; a delayed node counts as silent.
         eventually(
             lambda: (
                 {rate["standing"] for rate in rates_reported_of("robot")["robot"][:-1]} == {"kept"}
@@ -318,9 +318,9 @@ def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
 
 
 def rates_reported_of(section: str) -> dict[str, list[dict[str, Any]]]:
-    """The rates that `obk ps` shows for each section's node, once it shows some of this one.
+    """The rates that `obk ps` shows for each section's node, once it shows any for this section.
 
-    A launcher that a busy machine keeps from answering in time is asked again.
+    Repeats the request if a busy machine delays the launcher's reply too long.
     """
     reported: dict[str, list[dict[str, Any]]] = {}
 

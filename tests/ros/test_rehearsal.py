@@ -1,4 +1,4 @@
-"""The failure table, proved on the dummy stack by rehearsal: each rule, one node, every fault."""
+"""The failure table, tested on the dummy stack by `obk rehearse`: one node, all rules and faults."""
 
 import json
 import os
@@ -25,9 +25,9 @@ from .stack import DEADLINE_S, DUMMY, OBK, eventually, marked, obk
 pytestmark = pytest.mark.ros
 
 PATIENT = Allowances(end_noticed_s=20.0, hang_noticed_s=20.0, down_s=40.0, back_s=40.0)
-"""What is tested is what happens, not how soon on a machine that does other things too."""
+"""Generous limits, because only the reactions are tested, not their times on a busy machine."""
 HANG_S = 5.0
-"""So that there a node that is not frozen is not taken for one."""
+"""A limit that prevents a slow node from being considered frozen."""
 
 
 def units(*, together: bool = False) -> tuple[Unit, ...]:
@@ -106,7 +106,7 @@ def test_nodes_in_one_process_hang_and_come_back_together(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_a_promise_that_is_not_kept_is_reported_with_its_evidence(tmp_path: Path) -> None:
-    """The cases expect a restart, and the launch is one that stops."""
+    """The cases expect a restart, but the launch stops."""
     verdicts = rehearsed(
         tmp_path, "restart", ["kill"], "--on-crash=stop", nodes=["/obelisk_robot_0"]
     )
@@ -122,7 +122,7 @@ def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
     tmp_path: Path, ros_domain: int
 ) -> None:
     def is_as_promised() -> bool:
-        """Its limits are the defaults, which a busy machine may not keep: then once more."""
+        """Uses the default limits, which a busy machine may not keep, so it may run twice."""
         result = obk(
             *("rehearse", DUMMY, "--fault", "kill", "--node", "control", "--on-crash", "ignore"),
             *("--domain", ros_domain, "--format", "json"),
@@ -170,5 +170,5 @@ def nodes_below(pid: int) -> int:
 def command_of(process: psutil.Process) -> list[str]:
     try:
         return process.cmdline()
-    except psutil.Error:  # ended meanwhile
+    except psutil.Error:  # has ended
         return []

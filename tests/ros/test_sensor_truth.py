@@ -1,4 +1,4 @@
-"""What is received over DDS against MuJoCo's own numbers at the same state, kind by kind."""
+"""Messages received over DDS have MuJoCo's values in the same state, for all kinds of sensors."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -93,7 +93,7 @@ STEPS = 5
 def heard(
     tmp_path: Any, ros_domain: int
 ) -> Iterator[tuple[ObeliskMujocoRobot, dict[str, list[Any]]]]:
-    """A simulator that stands still after a few steps, and what was received of each kind."""
+    """A simulator that stops after a few steps, and the messages of each kind."""
     path = tmp_path / "model.xml"
     path.write_text(MODEL)
     groups = [

@@ -1,4 +1,4 @@
-"""What runs agrees with the state, whatever an override forgot, and whichever executor spins."""
+"""Timers and publishers match the state, whatever an override forgot, under any executor."""
 
 import multiprocessing
 import signal
@@ -46,7 +46,7 @@ def spun(
 
 
 class Ticking(ObeliskController):
-    """Counts its ticks; its transitions return the given answers, once each."""
+    """Counts its ticks; its transitions return the given results, once each."""
 
     def __init__(self, answers: dict[str, Any] | None = None, forgets: str = "") -> None:
         super().__init__(
@@ -89,7 +89,7 @@ class Ticking(ObeliskController):
 
 
 def assert_silent(node: Ticking) -> None:
-    """No timer runs and no publisher sends."""
+    """Assert that no timer runs and no publisher publishes."""
     assert all(timer.is_canceled() for timer in node.obk_timers.values())
     assert not any(publisher.is_activated for publisher in node.obk_publishers.values())
 
@@ -129,7 +129,7 @@ def test_nothing_is_left_of_a_node_that_is_unconfigured(forgets: str) -> None:
         else:
             node.trigger_deactivate()
             node.trigger_cleanup()
-        # The state is there a moment before what runs is made to agree with it.
+        # The state is set shortly before timers and publishers follow it.
         eventually(lambda: not node.obk_timers, "the end of its timers")
         assert not list(node.timers)
 
@@ -239,7 +239,7 @@ def test_a_robot_takes_control_only_while_it_is_active() -> None:
 def test_a_simulator_that_returns_by_itself_is_reported() -> None:
     class Short(ObeliskSimRobot):
         def run_simulator(self) -> None:
-            """Forgets its loop."""
+            """Does not stop its loop."""
 
         def apply_control(self, control_msg: Any) -> None:
             del control_msg
@@ -280,7 +280,7 @@ def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
         assert "run_simulator " in node.last_fault.text
         assert node.ended.done()
         assert sum(t.name == "simulator" for t in threading.enumerate()) == 1
-    # Waited for once, whatever else was to stop it; and the node could be destroyed.
+    # Waited for once, whatever else had to be stopped; and the node could be destroyed.
     assert (waits_s[0], set(waits_s[1:])) == (0.05, {0})
     release.set()
 
@@ -372,7 +372,7 @@ def test_a_signal_brings_the_node_down_in_order(number: int, tmp_path: Path) -> 
 
 
 class OlderSimulator(ObeliskSimRobot):
-    """Steps for ever with the shared control, as simulators of the first two generations do."""
+    """Steps forever with the shared control, like simulators of the first two generations."""
 
     def __init__(self) -> None:
         super().__init__("older", PositionSetpoint, **parameters(**CONTROL))

@@ -1,4 +1,4 @@
-"""Every control message of obelisk_control_msgs at a simulated robot: right, wrong, late, old."""
+"""All control messages of obelisk_control_msgs on a simulated robot: valid, invalid, late, old."""
 
 import threading
 import time
@@ -34,16 +34,16 @@ ARM = """
 """
 NAN, INFINITE = float("nan"), float("inf")
 GAINS = {"pos_target": [0.0, 0.0], "kp": [0.0, 0.0]}
-"""Gains that ask for no torque, so that the feed-forward is what the actuators get."""
+"""Gains for zero torque, so that the actuators get the feed-forward."""
 
 
 def torques(*values: float) -> PDFeedForward:
-    """A message whose gains are read, with these torques."""
+    """A message with gains and these torques."""
     return PDFeedForward(feed_forward=values, **GAINS)
 
 
 def written(*values: float) -> PDFeedForward:
-    """One without gains, whose `u_mujoco` counts."""
+    """A message without gains, whose `u_mujoco` is used."""
     return PDFeedForward(u_mujoco=values)
 
 
@@ -52,7 +52,7 @@ def setpoint(*values: float) -> PositionSetpoint:
 
 
 def older_setpoint(*values: float) -> PositionSetpoint:
-    """One that is filled by the seeds' name of the field."""
+    """A message that is filled by the older name of the field."""
     message = PositionSetpoint()
     message.u = values  # type: ignore[attr-defined]
     return message
@@ -65,7 +65,7 @@ OBEYED = pytest.mark.parametrize("make", [setpoint, older_setpoint, written, tor
 def simulator(
     folder: Path, message: type[Any], by: str = "config", **settings: object
 ) -> Iterator[Any]:
-    """A simulator whose control type comes from the config or from the code, not yet configured."""
+    """An unconfigured simulator whose control type comes from the config or from the code."""
     (folder / "arm.xml").write_text(ARM)
     setting: dict[str, object] = {"topic": "/ctrl", **settings}
     if by == "config":
@@ -88,7 +88,7 @@ def simulator(
 
 
 def active(node: Any, message: type[Any]) -> Any:
-    """Take it to active; the publisher of its commands."""
+    """Activate it; return the publisher of its commands."""
     assert request(node, "configure"), node.last_fault
     assert request(node, "activate")
     publisher = node.create_publisher(message, "/ctrl", 10)
@@ -105,7 +105,7 @@ def said(node: Any, part: str) -> bool:
 
 
 def stamp(node: Any, ago_s: float) -> Header:
-    """A header that was stamped some time ago."""
+    """A header with a stamp some time ago."""
     seconds, nanoseconds = divmod(node.get_clock().now().nanoseconds - int(ago_s * 1e9), 10**9)
     return Header(stamp=Time(sec=seconds, nanosec=nanoseconds))
 

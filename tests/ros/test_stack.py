@@ -1,4 +1,4 @@
-"""The dummy stack, launched for real: up in order, driven, ended, killed; nothing stays behind."""
+"""The dummy stack, launched for real: start order, control, stop, kill, no leftovers."""
 
 import json
 import os
@@ -33,7 +33,7 @@ from .stack import (
 pytestmark = pytest.mark.ros
 
 NOBODYS_DOMAIN = "101"
-"""No test has it, see `conftest`, and no one who works with ROS on this machine."""
+"""A domain that no test uses, see `conftest`, and no other user of ROS on this machine."""
 NODES = ("/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0")
 
 
@@ -87,14 +87,14 @@ def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
         assert "did you mean" in unknown.stderr
         assert "`/obelisk_control_0`" in unknown.stderr
         assert states("shutdown") == dict.fromkeys(NODES, "finalized")
-        run.process.wait(DEADLINE_S)  # A SIGINT on its way down would hurry it.
+        run.process.wait(DEADLINE_S)  # A SIGINT during shutdown would speed it up.
     assert run.process.returncode == 0, run.text
     assert not run.left_over()
 
 
 @pytest.fixture
 def _not_under_nohup() -> Iterator[None]:
-    """What is started heeds SIGHUP, also where whoever runs the tests ignores it."""
+    """Child processes react to SIGHUP, even if the parent of the tests ignores it."""
     before = signal.signal(signal.SIGHUP, lambda *_: None)
     yield
     signal.signal(signal.SIGHUP, before)
@@ -103,7 +103,7 @@ def _not_under_nohup() -> Iterator[None]:
 @pytest.mark.usefixtures("_not_under_nohup")
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
-)  # SIGINT ends the others
+)  # SIGINT stops the others
 def test_a_signal_to_the_launcher_ends_the_stack_in_order(number: int) -> None:
     with launched(DUMMY, "--quiet") as run:
         run.process.send_signal(number)
@@ -157,7 +157,7 @@ def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> Non
 def test_a_launcher_killed_together_with_its_warden_leaves_no_node() -> None:
     with launched(DUMMY, "--quiet") as run:
         warden = warden_of(run)
-        # So that neither sees the other one's end.
+        # So that neither notices the other one's end.
         for process in (psutil.Process(run.process.pid), warden):
             process.suspend()
         warden.kill()
@@ -174,7 +174,7 @@ def test_a_node_that_fails_to_configure_is_shown_with_its_own_words(tmp_path: Pa
 
 
 def broken(folder: Path) -> Path:
-    """A config with a message type that the estimator's code contradicts, to be overridden."""
+    """A config with a message type that contradicts the estimator's code, to be overridden."""
     config = folder / "broken.yaml"
     text = DUMMY.read_text().replace("dummy.xml", str(DUMMY.with_name("dummy.xml")))
     config.write_text(text.replace("msg_type: EstimatedState", "msg_type: VelocityCommand", 1))
@@ -265,7 +265,7 @@ def test_output_that_no_one_reads_holds_up_neither_the_stack_nor_its_end(tmp_pat
     command = [OBK, *patient("launch", chatty(tmp_path))]
     with subprocess.Popen(command, stdout=write_fd) as process:
         os.close(write_fd)
-        # More than a pipe and the queue hold: the screen has stalled by then.
+        # More than a pipe and the queue hold, so the screen has stalled by then.
         eventually(
             lambda: any(log.stat().st_size > 3 << 20 for log in events.glob("*/obelisk_con*.log")),
             "much output",
@@ -297,7 +297,7 @@ def test_a_reader_that_leaves_brings_the_stack_down_in_order(tmp_path: Path) -> 
 
 
 def chatty(folder: Path) -> Path:
-    """A config whose controller writes without end."""
+    """A config whose controller prints endlessly."""
     package = folder / "ws" / "src" / "chatty"
     made = obk("new", "controller", "chatty", "--dest", package.parent)
     assert made.returncode == 0, made.stderr
@@ -355,7 +355,7 @@ def test_a_second_sigint_ends_a_stack_that_hangs_on_its_way_down() -> None:
             run.node(name.strip("/")).suspend()
         run.process.send_signal(signal.SIGINT)
         run.wait_for_line("stopping")
-        # Signals at the same moment are one request; these come until it is no more.
+        # Simultaneous signals are one request; these are sent until it is no longer one.
         eventually(lambda: is_killing(run) or run.process.send_signal(signal.SIGINT), "the end")
         run.process.wait(DEADLINE_S)
     assert run.process.returncode == 1
@@ -369,7 +369,7 @@ def is_killing(run: Launched) -> bool:
 def test_a_raise_beside_our_ros_node_leaves_none_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     environment = ros_environment()
     for name, value in environment.variables.items():
-        monkeypatch.setenv(name, value)  # taken back at the end
+        monkeypatch.setenv(name, value)  # removed at the end
     opened: list[RosNodes] = []
 
     def fail() -> None:

@@ -1,4 +1,4 @@
-"""The door to life-cycle nodes, and the stack as one of them: asked by other ROS 2 clients."""
+"""Control of life-cycle nodes, and the stack as one of them, by other ROS 2 clients."""
 
 import os
 import subprocess
@@ -48,7 +48,7 @@ rclpy.spin(node)
 
 @pytest.fixture
 def environment(monkeypatch: pytest.MonkeyPatch) -> RosEnvironment:
-    """As a launch has it, taken back at the end."""
+    """The node as in a launch, removed at the end."""
     environment = ros_environment()
     for name, value in environment.variables.items():
         monkeypatch.setenv(name, value)
@@ -65,7 +65,7 @@ SERVICES: dict[str, Any] = {
 
 
 class World:
-    """A state node, what it asked, and a client in another context."""
+    """A state node, its requests, and a client in another context."""
 
     def __init__(self, host: RosNodes, client: RosNodes) -> None:
         self.asked: SimpleQueue[Any] = SimpleQueue()
@@ -78,7 +78,7 @@ class World:
         }
         for service, one in self._clients.items():
             assert one.wait_for_service(DEADLINE_S)
-            # An answer to a client that the node did not know of by then is lost.
+            # A response to a client that the node has not discovered yet is lost.
             topic = f"rr/my_stack/{service}Reply"
             known = partial(host._node.get_subscriptions_info_by_topic, topic, no_mangle=True)
             eventually(known, f"the client of {service}, known to the node")
@@ -94,7 +94,7 @@ class World:
         return bool(self.call("change_state", transition=request.transition).success)
 
     def take(self, state: str, answer: ChangeAnswer, **transition: Any) -> tuple[str, bool]:
-        """What was asked for by a request in a state, and what came back."""
+        """The request that a state leads to, and its response."""
         self.node.show(state)
         asked: list[ChangeRequested] = []
 
@@ -194,7 +194,7 @@ def running_node() -> Iterator["subprocess.Popen[bytes]"]:
 
 
 class Ears:
-    """What was heard of a node."""
+    """The events received from a node."""
 
     def __init__(self, ros: RosNodes) -> None:
         self.heard: list[InputEvent] = []
@@ -218,7 +218,7 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
             eventually(lambda: ears.count(ready) == 1, "the first process")
             first.kill()
             first.wait()
-            # The dead one's services are still in the graph, and questions go unanswered.
+            # The dead node's services are still in the graph, and requests are not answered.
             for _ in range(30):
                 ros.ask_state("/n")
         assert len(ros._clients._client("/n", "get_state")._pending_requests) == 1
@@ -293,5 +293,5 @@ def test_discovery_is_waited_for_since_the_participants_start(
 
 
 def clock_that_sleeps(slept: list[float]) -> SimpleNamespace:
-    """A clock at 0 s that goes on by what is slept [s]."""
+    """A clock that starts at 0 s and advances by the slept time [s]."""
     return SimpleNamespace(monotonic=lambda: sum(slept), sleep=slept.append)

@@ -1,4 +1,4 @@
-"""Message packages without their compiled part, as one for another Python has them."""
+"""Message packages without compiled code, such as those for another Python."""
 
 import sys
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Every listing of every page: `obk validate` accepts its YAML, its Python is Python, and so on."""
+"""Listings of all pages: `obk validate` accepts their YAML, their Python is valid, and so on."""
 
 import ast
 import re
@@ -34,7 +34,7 @@ RUN = {"sh", "diff", "text", "", "mermaid"}
 OTHER_PROGRAMS = {"jobs", "repos", "id", "uses", "run"}
 """Keys of the listings for CI and pre-commit."""
 PART = {"docs/how-to/migrating.md", "docs/how-to/variants.md"}
-"""Pages whose configs are not whole; they are migrated, and merged, by tests of their own."""
+"""Pages whose configs are incomplete; separate tests migrate and merge them."""
 IN_THE_WORLD = """
     <body>
       <freejoint/>
@@ -64,7 +64,7 @@ def compile_text(text: str, folder: Path) -> Outcome:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """The dummy's folder, with a model that has what the pages name."""
+    """The dummy's folder, with a model that has everything that the pages name."""
     shutil.copytree(DUMMY, tmp_path, dirs_exist_ok=True)
     model = (DUMMY / "dummy.xml").read_text()
     keyframes = '<keyframe><key name="ic"/><key name="home"/><key name="other"/></keyframe>'
@@ -75,7 +75,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def whole(listing: Any) -> dict[str, Any]:
-    """A config: the listing, or the dummy's with what the listing adds to it or its robot."""
+    """A config: the listing, or the dummy's config with the listing's additions."""
     if isinstance(listing, dict) and "robot" in listing and "estimation" in listing:
         return listing
     stack: dict[str, Any] = yaml.safe_load((DUMMY / "dummy_new.yaml").read_text())

@@ -18,7 +18,7 @@ from benchmarks.soak.stack import Stack
 
 
 def samples(rss_of: Any, count: int = 60) -> list[dict[str, Any]]:
-    """A process of two minutes, sampled every 2 s."""
+    """Samples of a process every 2 s, for two minutes."""
     return [
         {
             "time_s": 2.0 * n,

@@ -79,11 +79,11 @@ def test_a_closed_page_asks_for_no_wake_up(descriptors: ClockDescriptors) -> Non
 def test_a_jump_back_wakes_every_process(descriptors: ClockDescriptors) -> None:
     page, writer = ClockPage(descriptors), ClockWriter(descriptors)
     writer.restart(0)
-    assert page.epoch == 0  # the first start of a run is no jump
+    assert page.epoch == 0  # the first start of a run is not a jump
     page.set_due(2 * MS)
     writer.advance(2 * MS)
     assert is_signalled(page.wake_fd)
-    # As a simulator does that was started again.
+    # As after a restart of a simulator.
     writer = ClockWriter(descriptors)
     writer.restart(0)
     assert (page.time_ns, page.epoch) == (0, 1)

@@ -1,4 +1,4 @@
-"""The age of commands, the thread that watches it, and what the log reports of it."""
+"""The age of commands, the thread that monitors it, and its log messages."""
 
 import threading
 import time
@@ -80,7 +80,7 @@ def test_a_command_that_is_late_but_comes_before_anybody_looks_is_in_time(age):
 
 def test_a_command_that_comes_while_someone_looks_is_in_time():
     class Overtaken(CommandAge):
-        """Another thread's command comes right after the first look at the deadline."""
+        """Another thread's command arrives right after the first check of the deadline."""
 
         is_overtaken = False
 
@@ -223,7 +223,7 @@ def test_what_is_forgotten_is_not_reported(silences):
 
 
 class World:
-    """RejectionLog at one rate, and what is reported of them."""
+    """RejectionLog at one rate, and its reports."""
 
     def __init__(self):
         self.now_s = 50.0

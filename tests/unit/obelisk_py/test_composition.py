@@ -1,4 +1,4 @@
-"""Programs that share a process: what the launcher's file lists, and how one is run."""
+"""Programs that share a process: the launcher's file, and how each is run."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Names that are kept for existing code."""
+"""Names that exist for existing code."""
 
 import subprocess
 import sys
@@ -121,7 +121,7 @@ def test_the_parameters_of_a_node_are_those_that_the_compiler_writes() -> None:
     for process in plan.nodes:
         node = config["onboard"][process.section]
         found = get_parameters_dict(node[0] if isinstance(node, list) else node)
-        # Whose time a node takes is decided for the whole stack.
+        # The time source of a node is decided for the whole stack.
         assert found.keys() == process.parameters.keys() - {USE_SIM_TIME}
         same = [name for name in found if name not in ("params_path", "mujoco_setting")]
         assert {name: found[name] for name in same} == {n: process.parameters[n] for n in same}

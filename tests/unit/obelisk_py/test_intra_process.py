@@ -1,4 +1,4 @@
-"""Delivery past DDS: who gets a message, in which order, and when DDS takes over."""
+"""Delivery without DDS: recipients, order, and the switch to DDS."""
 
 import gc
 import os
@@ -43,7 +43,7 @@ BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class Dds:
-    """What rclpy's publisher stands on: notes what is sent."""
+    """The fake base of rclpy's publisher, which records the sent messages."""
 
     def __init__(self) -> None:
         self.sent: list[Any] = []
@@ -76,7 +76,7 @@ class Dds:
 
 
 class World:
-    """A publisher, its DDS, and the buffers that are open."""
+    """A publisher, its DDS, and the open buffers."""
 
     def __init__(self, qos: QoSProfile = RELIABLE, message_class: type[Any] = Int64) -> None:
         self.message_class = message_class
@@ -97,7 +97,7 @@ class World:
     def listen(
         self, qos: QoSProfile = RELIABLE, message_class: type[Any] | None = None
     ) -> MessageBuffer:
-        """Open a buffer; DDS knows it at once."""
+        """Open a buffer; DDS discovers it immediately."""
         kind = message_class or self.message_class
         codec = codec_for(kind)
         assert codec is not None
@@ -109,7 +109,7 @@ class World:
 
 
 def taken(box: MessageBuffer) -> list[Any]:
-    """The messages that wait."""
+    """The waiting messages."""
     messages = []
     while (item := box.take()) is not None:
         messages.append(item[0])
@@ -174,7 +174,7 @@ def test_a_buffer_that_dds_does_not_match_gets_nothing(
 ) -> None:
     world = World(publisher)
     box = world.listen(qos, kind)
-    # One listener is counted, from outside; the buffer is not the one.
+    # One subscription counts, from outside; the buffer does not.
     world.publisher.publish(Int64(data=1))
     assert world.dds.sent == [Int64(data=1)]
     assert taken(box) == []
@@ -210,7 +210,7 @@ def test_one_who_goes_while_one_comes_is_not_taken_for_the_other() -> None:
     box = world.listen()
 
     def change() -> None:
-        world.topic.close(box)  # and the one that DDS counts is from outside
+        world.topic.close(box)  # and the one that DDS counts is outside
 
     world.dds.on_count = change
     world.publisher.publish(Int64(data=1))
@@ -254,14 +254,14 @@ def test_a_publisher_that_is_destroyed_leaves_the_answer_to_rclpy() -> None:
 
 
 def buffer(depth: int = 3) -> MessageBuffer:
-    """An empty one."""
+    """An empty buffer."""
     codec = codec_for(Int64)
     assert codec is not None
     return MessageBuffer(Int64, QoSProfile(depth=depth), codec)
 
 
 def numbers(box: MessageBuffer) -> list[int]:
-    """All that waits, taken."""
+    """Take all waiting messages."""
     taken = []
     while (item := box.take()) is not None:
         taken.append(item[0].data)
@@ -330,7 +330,7 @@ def subscription(
     *,
     raw: bool = False,
 ) -> Subscription:
-    """One without a middleware."""
+    """A publisher without a middleware."""
     handle = MagicMock()
     handle.get_logger_name.return_value = "node"
     return Subscription(

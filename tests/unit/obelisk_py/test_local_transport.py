@@ -1,4 +1,4 @@
-"""The local transport over real sockets: who is reached, and in which order messages come."""
+"""The local transport over real sockets: recipients and message order."""
 
 import socket
 import subprocess
@@ -44,7 +44,7 @@ PACK = CODEC.pack
 
 
 def gid(number: int) -> bytes:
-    """Of a subscription in another process."""
+    """The address of a subscription in another process."""
     return bytes([99] * 12) + number.to_bytes(4, "big")
 
 
@@ -64,12 +64,12 @@ GREETING = Greeting(publisher=PUBLISHER, packets=3)
 
 
 def stamped(message: bytes, number: int, packets: int = 1) -> bytes:
-    """A packet."""
+    """Build a packet."""
     return message + packed_stamp(0, packets, number)
 
 
 def contents(packet: bytes) -> tuple[bytes, int]:
-    """The message of a packet, and how many went through DDS before."""
+    """The message in a packet, and the number of messages sent through DDS before it."""
     return packet[: -len(stamped(b"", 0))], number_of(packet)
 
 
@@ -126,7 +126,7 @@ def test_the_other_end_has_to_be_of_the_same_user(
 
 
 class Graph:
-    """What DDS knows: the subscriptions of the topic."""
+    """The subscriptions of the topic that DDS knows."""
 
     def __init__(self) -> None:
         self.endpoints: list[SubscriptionEndpoint] = []
@@ -174,11 +174,11 @@ def sender(folder: SocketFolder, graph: Graph) -> Iterator[LocalSender]:
 
 
 def nothing() -> None:
-    """What DDS does with a message here."""
+    """Send a message through the fake DDS."""
 
 
 def accepted(listener: socket.socket) -> socket.socket:
-    """The connection of the one publisher; its greeting is read."""
+    """The connection of the only publisher, after its greeting."""
     connection, _ = listener.accept()
     connection.setblocking(False)
     greeting = greeting_of(connection.recv(100))
@@ -191,7 +191,7 @@ def accepted(listener: socket.socket) -> socket.socket:
 def confirmed(
     sender: LocalSender, count: int, *listeners: socket.socket
 ) -> Iterator[list[socket.socket]]:
-    """Let subscriptions confirm a message of DDS; their connections, once DDS is bypassed."""
+    """Let subscriptions confirm a DDS message; return their connections, after DDS is bypassed."""
     assert not sender.covers(count, 0)
     sender.send_through_dds(nothing)
     with ExitStack() as stack:
@@ -337,7 +337,7 @@ def test_who_does_not_read_gets_the_newest_messages_later() -> None:
 
 
 class Reader:
-    """What DDS holds for the subscription."""
+    """The messages that DDS holds for the subscription."""
 
     def __init__(self) -> None:
         self.samples: deque[Sample] = deque()
@@ -369,7 +369,7 @@ class Subscription:
         return connection
 
     def read(self) -> None:
-        """Read what the sockets hold."""
+        """Read from the sockets."""
         for _ in range(3):  # the socket, then its connections, then the rest
             self.worker.run_ready(0)
 

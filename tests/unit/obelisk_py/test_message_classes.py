@@ -85,7 +85,7 @@ def test_field_names_of_the_other_layout_are_added_to_either(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class PositionSetpoint:
-        """As it was in 2024."""
+        """The class as in 2024."""
 
         u: list[float]
 

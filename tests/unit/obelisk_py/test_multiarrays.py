@@ -1,4 +1,4 @@
-"""Arrays in messages: the strides are a contract with every other reader and writer."""
+"""Arrays in messages: the strides are a contract with all other readers and writers."""
 
 from math import prod
 

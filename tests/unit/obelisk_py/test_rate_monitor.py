@@ -1,4 +1,4 @@
-"""Ticks, their lateness and the expected rate, with a clock that the test moves."""
+"""Ticks, their lateness and the expected rate, with a clock controlled by the test."""
 
 from collections.abc import Iterable
 
@@ -20,7 +20,7 @@ MS = 1_000_000
 
 
 class _World:
-    """A clock, a counter, an expected rate; the ticks of a second come before it is read."""
+    """A clock, a counter, an expected rate; the ticks of a second happen before it is read."""
 
     def __init__(self, expected_hz: float) -> None:
         self.now_ns: int | None = 10 * S
@@ -35,11 +35,11 @@ class _World:
         )
 
     def second(self, ticks_ms: Iterable[float] = (), late_ns: int = 0) -> Rate:
-        """A second with ticks at these times from its beginning [ms]."""
+        """Simulate a second with ticks at these times after its start [ms]."""
         return self.after(1.0, ticks_ms, late_ns)
 
     def after(self, seconds: float, ticks_ms: Iterable[float] = (), late_ns: int = 0) -> Rate:
-        """The rate read after another time than a second."""
+        """The rate read after a time other than a second."""
         assert self.now_ns is not None
         for tick_ms in ticks_ms:
             self.counter.tick(self.now_ns + round(tick_ms * MS), late_ns)
@@ -119,7 +119,7 @@ def test_a_timer_that_stops_is_off_although_its_last_ticks_were_in_time() -> Non
 
 
 def test_ticks_are_not_split_by_the_reading() -> None:
-    """A timer of 3 Hz has now three and now four ticks in a second."""
+    """A timer of 3 Hz has three or four ticks in a second."""
     world = _World(3.0)
     for n in range(6):
         ticks = [t - 1000 * n for t in [m * 1000 / 3 + 30 for m in range(100)]]
@@ -183,7 +183,7 @@ def test_a_restarted_rate_ignores_ticks_before() -> None:
 
 
 class _Listing(TickCounter):
-    """Keeps what it is reported of lateness."""
+    """Stores the lateness reports."""
 
     def __init__(self) -> None:
         super().__init__()

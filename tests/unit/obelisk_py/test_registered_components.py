@@ -1,4 +1,4 @@
-"""Registrations of the three generations of the Python API, and what is wrong with some."""
+"""Registrations in the three generations of the Python API, and errors in them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""The numbers in messages: found where they are not finite, and set to zero."""
+"""Numbers in messages: finding values that are not finite, and setting them to zero."""
 
 import pytest
 from builtin_interfaces.msg import Time

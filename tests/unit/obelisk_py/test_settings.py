@@ -1,4 +1,4 @@
-"""Settings of components: where they come from, and what is wrong with them."""
+"""Settings of components: their sources, and errors in them."""
 
 import re
 from typing import Any

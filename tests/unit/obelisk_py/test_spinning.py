@@ -1,4 +1,4 @@
-"""The gate, as the nodes and as the launcher have it."""
+"""The gate, as used by the nodes and by the launcher."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""Recordings read as arrays, compared with what was written and with an independent decoder."""
+"""Recordings read as arrays, compared with the written data and with an independent decoder."""
 
 import json
 import struct
@@ -54,7 +54,7 @@ MSG: demo_msgs/Vec
 float64 x
 float64 y
 """
-# A comment without a unit would hide that of the line above.
+# A comment without a unit would hide the unit in the line above.
 ARM = ARM.replace("float32 current [A]", "float32 current # [A]")
 
 
@@ -201,7 +201,7 @@ def test_any_form_of_the_file_gives_the_messages_in_the_order_of_receipt(
 def test_a_file_that_breaks_off_is_read_up_to_there(tmp_path: Path) -> None:
     whole = written(tmp_path / "a.mcap", (arm(n, data=bytes(30_000)) for n in range(200)))
     data = whole.read_bytes()
-    # The content is compressed well; cut within the chunks.
+    # The content is compressed, so cut within the chunks.
     whole.write_bytes(data[: int(len(data) * 0.6)])
     run = open_run(whole)
     assert not run.bag.is_complete

@@ -1,4 +1,4 @@
-"""Limits, units and moments of effect in a descriptor's text, written and read again."""
+"""Limits, units and times of effect in a descriptor's text survive writing and reading."""
 
 import pytest
 from hypothesis import given

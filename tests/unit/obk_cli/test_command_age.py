@@ -1,4 +1,4 @@
-"""`max_age_sec` and `stale_action` from the config to the robot, in either spelling."""
+"""`max_age_sec` and `stale_action` from the config to the robot, in either format."""
 
 import pytest
 

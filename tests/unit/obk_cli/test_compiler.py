@@ -171,7 +171,7 @@ def test_a_file_that_holds_null_is_empty() -> None:
 
 
 def compile_files(files: dict[str, str]) -> list[str]:
-    """What is found in `main.yaml`, none of whose files is on a disk."""
+    """The findings in `main.yaml`, whose files are all in memory."""
 
     def read(path: str) -> bytes | str:
         return files[path].encode() if path in files else "file not found"

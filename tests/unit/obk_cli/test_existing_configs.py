@@ -1,4 +1,4 @@
-"""Configs that are valid for the reference compile: what is harmless is at most a warning."""
+"""Configs that compile in the reference implementation have at most warnings."""
 
 import json
 import re

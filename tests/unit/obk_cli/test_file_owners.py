@@ -1,4 +1,4 @@
-"""Where everybody may put something, what another user put there is never run."""
+"""Files by another user in world-writable folders are never run."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from obk_cli.workspace.overlay import FOLDER, RECORD, build_lock, overlay_prefix
 from obk_cli.workspace.package_index import PackageIndex, is_workspace, package_names_in
 
 ANOTHER = 54321
-"""The number of a user who is neither this one nor root."""
+"""The ID of a user other than this one and root."""
 BUILT = {"source": "demo_msgs", "digest": "1"}
 REPORTED = {
     "builder": "obk",
@@ -33,7 +33,7 @@ Give = Callable[[Path], None]
 
 @pytest.fixture
 def shared(tmp_path: Path) -> Path:
-    """A folder such as /tmp, with one of this user's in it."""
+    """A folder such as /tmp, which contains one of this user's folders."""
     folder = tmp_path / "shared"
     (folder / "mine").mkdir(parents=True)
     folder.chmod(0o1777)
@@ -42,7 +42,7 @@ def shared(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def give_away(monkeypatch: pytest.MonkeyPatch) -> Give:
-    """Has a file belong to another user than this process."""
+    """Make a file appear to belong to another user."""
 
     def give(path: Path) -> None:
         if os.geteuid() == 0:
@@ -60,7 +60,7 @@ def package(folder: Path) -> Path:
 
 
 def overlay(workspace: Path) -> Path:
-    """An overlay with a package in it."""
+    """An overlay with a package."""
     folder = workspace / FOLDER / "overlay"
     folder.mkdir(parents=True)
     (folder / RECORD).write_text(json.dumps(REPORTED))

@@ -1,4 +1,4 @@
-"""Reading of user files; writing of whole files, with their permissions."""
+"""Reading user files; writing whole files, with their permissions."""
 
 import os
 import stat
@@ -75,7 +75,7 @@ def test_what_is_no_file_says_so(tmp_path: Path, name: str, reason: str) -> None
 
 @pytest.fixture
 def mask() -> Iterator[int]:
-    """A user who lets his group write and others nothing."""
+    """A user whose umask allows the group to write, and others nothing."""
     before = os.umask(0o027)
     yield 0o027
     os.umask(before)

@@ -1,4 +1,4 @@
-"""The command that installs obk from where the running one came from."""
+"""The command that installs obk from the source of the running one."""
 
 import importlib.metadata
 import json
@@ -17,7 +17,7 @@ HOST = "https://git.invalid/lab/obelisk.git"
 
 
 def installed(source: InstallSource, *extras: str) -> list[str]:
-    """Return what follows `pip install`."""
+    """Return the arguments after `pip install`."""
     words = shlex.split(source.pip_install(*extras))
     assert words[:2] == ["pip", "install"]
     return words[2:]

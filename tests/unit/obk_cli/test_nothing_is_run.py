@@ -1,4 +1,4 @@
-"""Checking runs nothing: a workspace full of traps, and every command that only reads it."""
+"""Checking executes nothing: a workspace full of traps, and every command that only reads it."""
 
 import os
 import subprocess
@@ -34,7 +34,7 @@ estimation:
     - {key: pub_x, topic: /x, msg_type: EstimatedState, ros_parameter: pub_x_setting}
 """
 SHADOWS = ("rclpy", "mujoco", "numpy", "yaml", "typer", "json", "sitecustomize", "conftest")
-"""Modules that Python would find in the working folder first, if it looked there."""
+"""Modules that Python would import from the working folder, if it searched there."""
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""`obk` where the machine lacks something: a sentence, and nothing that looks like our fault."""
+"""`obk` on a machine that lacks something: a message, and no internal error."""
 
 import errno
 import io
@@ -18,7 +18,7 @@ OBK = Path(sys.executable).with_name("obk")
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
-    """Have `obk validate` come to an error that no one expects."""
+    """Make `obk validate` fail with an unexpected error."""
 
     def fail(*_: object) -> None:
         raise error

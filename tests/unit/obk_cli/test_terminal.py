@@ -1,4 +1,4 @@
-"""What of a node's escape sequences reaches the terminal."""
+"""The escape sequences of a node that reach the terminal."""
 
 import pytest
 

@@ -124,7 +124,7 @@ def test_broken_xml_is_reported_with_its_place(tmp_path: Path) -> None:
 
 
 def growing(times: int) -> str:
-    """Entities that each stand for so many of the one before, the last one called `e`."""
+    """Entities that each contain several of the previous one; the last one is called `e`."""
     lines = [f'<!ENTITY {name} "{f"&{before};" * times}">' for before, name in pairwise("abcde")]
     return "".join(['<!ENTITY a "haha">', *lines])
 

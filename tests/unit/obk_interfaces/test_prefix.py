@@ -1,4 +1,4 @@
-"""Where installed packages and their headers are found."""
+"""The locations of installed packages and their headers."""
 
 import importlib.util
 from importlib.machinery import ModuleSpec

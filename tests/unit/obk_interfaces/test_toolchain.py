@@ -1,4 +1,4 @@
-"""Libraries, units and command lines: compilers, and what keeps the result relocatable."""
+"""Libraries, units and command lines: compilers, and relocatable results."""
 
 import sysconfig
 from pathlib import Path

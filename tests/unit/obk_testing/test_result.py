@@ -1,4 +1,4 @@
-"""What a run left, by name: topics built by hand, no node runs."""
+"""The result of a run, by name, with topics built by hand and without nodes."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -39,7 +39,7 @@ def states(*angles: float) -> StateLog:
 
 
 def topic(name: str, *messages: Any, begin_place: int = 0, times_ms: Iterable[int] = ()) -> Topic:
-    """A topic that published these messages, by default one each millisecond."""
+    """A topic that published these messages, by default one per millisecond."""
     made = Topic(name, type(messages[0]), is_watched=False)
     times = [*times_ms] or range(len(messages))
     made.log = [

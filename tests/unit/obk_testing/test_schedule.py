@@ -1,4 +1,4 @@
-"""Schedules that a seed draws, and the bring-up of a real run, read from its events."""
+"""Random schedules by seed, and the bring-up of a real run, read from its events."""
 
 import json
 from dataclasses import replace
@@ -46,7 +46,7 @@ def write_run(folder: Path, **activated_ms: float) -> Path:
                 }
             )
     text = "".join(json.dumps(event) + "\n" for event in events)
-    (folder / "events.jsonl").write_text(text + '{"time": 1795')  # killed while it wrote
+    (folder / "events.jsonl").write_text(text + '{"time": 1795')  # killed while writing
     return folder
 
 
@@ -73,7 +73,7 @@ def test_what_a_node_reports_of_its_activation_comes_before_the_launchers_view(t
     ("first_output_s", "start_s"),
     [
         (None, 0.008),
-        (0.0085, 0.008),  # by a message, before its first tick
+        (0.0085, 0.008),  # from a message, before its first tick
         (0.012, 0.008),
         (0.0159, 0.008),
         (0.016, 0.012),

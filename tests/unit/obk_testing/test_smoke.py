@@ -1,4 +1,4 @@
-"""What the smoke test finds wrong with a run."""
+"""The errors in a run that the smoke test finds."""
 
 import numpy as np
 import pytest

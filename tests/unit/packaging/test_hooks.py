@@ -1,4 +1,4 @@
-"""What other repositories take from this one: the hook of pre-commit, the action of GitHub."""
+"""The pre-commit hook and the GitHub action that other repositories use."""
 
 import json
 import os
@@ -32,7 +32,7 @@ def environment(tmp_path: Path, **variables: str) -> dict[str, str]:
 def check(
     steps: list[dict[str, Any]], tmp_path: Path, configs: str, arguments: str = "--ignore OBK4"
 ) -> subprocess.CompletedProcess[str]:
-    """Run the step that checks, as GitHub runs it."""
+    """Run the checking step, as GitHub would."""
     script = next(step["run"] for step in steps if step.get("id") == "validate")
     return subprocess.run(
         ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", script],

@@ -1,4 +1,4 @@
-"""What obk does without its extras: no ROS 2, no MuJoCo, no numpy; and what it says of the rest."""
+"""`obk` without its extras: no ROS 2, no MuJoCo, no numpy; and its messages about missing ones."""
 
 import json
 import os
@@ -30,7 +30,7 @@ LIGHT = {
     "migrate": ["my_robot/my_robot.yaml"],
     "schema": [],
 }
-"""Verb -> arguments with which it needs no extra, in this order."""
+"""Command -> arguments with which it needs no extra, in this order."""
 NEEDS = {
     "launch": ("ros", ["my_robot/my_robot.yaml"]),
     "rehearse": ("ros", ["my_robot/my_robot.yaml"]),
@@ -50,7 +50,7 @@ NEEDS = {
     "sweep": ("test", ["my_robot/my_robot.yaml"]),
     "web": ("web", []),
 }
-"""Verb -> the extra that it asks for first, and arguments."""
+"""Command -> the extra that it needs first, and arguments."""
 FAILS_WITHOUT_A_RUN = {"stop", "logs"}
 
 Result = tuple[int, str, str]
@@ -58,7 +58,7 @@ Result = tuple[int, str, str]
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
-    """Verb -> its exit code, output and errors, all from one process."""
+    """Command -> its exit code, output and errors, all from one process."""
     reported = {**LIGHT, **{verb: arguments for verb, (_, arguments) in NEEDS.items()}}
     folder = tmp_path_factory.mktemp("light")
     environment = {

@@ -1,4 +1,4 @@
-"""The lock, the extras and the build requirements have to name the same versions."""
+"""The lock, the extras and the build requirements must name the same versions."""
 
 import re
 import tomllib
@@ -40,7 +40,7 @@ def test_messages_are_compiled_against_what_they_run_with(repository: Path) -> N
 @pytest.mark.parametrize(
     ("extra", "least"),
     [
-        # CVE-2024-56326 and CVE-2025-27516: ways out of the sandbox of templates.
+        # CVE-2024-56326 and CVE-2025-27516: escapes from the sandbox of templates.
         ("", "jinja2>=3.1.6"),
         # PYSEC-2026-248 and PYSEC-2026-249.
         ("web", "starlette>=1.3.1"),

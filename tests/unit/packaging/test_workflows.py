@@ -1,4 +1,4 @@
-"""The project's own workflow, and the actions that it, its documents and its templates take."""
+"""The project's own workflow, and the actions that it, its documents and its templates use."""
 
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""The kernel's timers, as the library arms them."""
+"""The kernel timers that the library sets."""
 
 import os
 import select

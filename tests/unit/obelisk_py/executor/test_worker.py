@@ -19,7 +19,7 @@ from obelisk_py.core.executor.worker import ReadyCallback, TaskQueue, Worker
 
 
 class Source:
-    """One descriptor, and what happens when it is signalled."""
+    """A file descriptor and its callback."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class Source:
 
 
 class World:
-    """A worker, what is source, and a log."""
+    """A worker, a source, and a log."""
 
     def __init__(self) -> None:
         self.worker = Worker()
@@ -136,7 +136,7 @@ def test_what_a_callback_removes_is_not_handled_although_it_was_signalled(world:
     first = world.source(lambda worker: worker.remove(second))
     first.signal()
     second.signal()
-    world.worker.requeue(first.fd)  # before the other, in any order of the kernel
+    world.worker.requeue(first.fd)  # before the other one, in any order of the kernel
     world.rounds(2)
     assert "second" not in world.log
 

@@ -1,4 +1,4 @@
-"""Codecs of message classes: what they convert, what they refuse, what they do not share."""
+"""Codecs of message classes: what they convert, reject and copy."""
 
 import struct
 from typing import Any

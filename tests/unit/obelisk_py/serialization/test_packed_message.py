@@ -1,4 +1,4 @@
-"""Packed messages against rclpy's own serialisation, for every message that nodes here exchange."""
+"""Packed messages compared with rclpy's serialization, for all messages that nodes exchange."""
 
 import importlib
 import re
@@ -75,7 +75,7 @@ def _value(kind, random):
 
 
 def _put(message, path, numbers):
-    """Put numbers into a message by its setters; `markers.2.scale.x`."""
+    """Write numbers into a message with its setters; `markers.2.scale.x`."""
     *way, last = path.split(".")
     for name in way:
         message = message[int(name)] if name.isdigit() else getattr(message, name)
@@ -89,7 +89,7 @@ def _put(message, path, numbers):
 
 
 def _assert_same(sent, message):
-    """Every byte is as rclpy writes it; between fields rclpy leaves what it finds."""
+    """Every byte is equal to rclpy's output, except padding, which is undefined in rclpy."""
     written = serialize_message(message)
     assert deserialize_message(sent, type(message)) == message
     differ = [byte for byte, its in zip(sent, written, strict=False) if byte != its]

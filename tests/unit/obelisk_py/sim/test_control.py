@@ -1,4 +1,4 @@
-"""Which controls reach the actuators, and what is said about the others."""
+"""The controls that reach the actuators, and the reports about the others."""
 
 from types import SimpleNamespace
 

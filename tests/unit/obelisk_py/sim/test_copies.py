@@ -1,4 +1,4 @@
-"""Copies from MuJoCo's memory into a message follow the memory, whatever its order or type."""
+"""Copies from MuJoCo's memory into a message, for any order or type."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def numbers(request):
 
 
 def _after(copy, source):
-    """What a copy gives of values that came after it was made."""
+    """The content of a copy after the values have changed."""
     source[:] = np.arange(len(source)) + 10.0
     copy()
 

@@ -1,4 +1,4 @@
-"""When steps are due and what follows which step, with times that the test makes up."""
+"""The due times of steps and outputs, with times set by the test."""
 
 from fractions import Fraction
 from math import ceil

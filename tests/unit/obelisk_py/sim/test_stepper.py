@@ -1,4 +1,4 @@
-"""The stepping loop, with a clock and a simulation that the test moves."""
+"""The stepping loop, with a clock and a simulation controlled by the test."""
 
 import pytest
 
@@ -10,7 +10,7 @@ MS = 1_000_000
 
 
 class _Clock:
-    """Moves only when someone waits, or when a step costs something."""
+    """Advances only when a caller waits, or when a step takes time."""
 
     def __init__(self):
         self.ns = 0
@@ -143,7 +143,7 @@ def test_a_machine_that_is_too_slow_is_reported_and_does_not_race():
     run = _Run(factor=1.0, until=lambda run: run.clock.ns >= 5_000 * MS, cost_ns=2 * MS)
     report = run.reports[-1]
     assert report.realtime_factor == pytest.approx(0.5, rel=0.02)
-    # Each gives up 50 ms, which are lost within 100 ms; of this second alone.
+    # Each skips 50 ms, which are lost within 100 ms; only in this second.
     assert report.overruns == pytest.approx(10, abs=1)
     assert report.lost_s == pytest.approx(0.5, rel=0.1)
 

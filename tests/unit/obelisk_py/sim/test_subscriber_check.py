@@ -1,4 +1,4 @@
-"""How often the middleware counts subscribers."""
+"""The frequency at which the middleware counts subscribers."""
 
 from obelisk_py.core.sim.mujoco.outputs import SubscriberCheck
 

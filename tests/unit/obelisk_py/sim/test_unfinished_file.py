@@ -1,4 +1,4 @@
-"""A video's file: whole or not at all, and never in the place of another one."""
+"""The file of a video is complete or absent, and never replaces another file."""
 
 import errno
 import os
@@ -11,7 +11,7 @@ from obelisk_py.core.sim.mujoco.viewers.video_files import unfinished
 
 @pytest.fixture(params=["without a name", "hidden"], autouse=True)
 def file_system(request, monkeypatch):
-    """One that knows files without a name, and one that does not."""
+    """A file system that supports unnamed files, and one that does not."""
     if request.param == "without a name":
         return
     really = os.open

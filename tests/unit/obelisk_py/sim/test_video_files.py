@@ -1,4 +1,4 @@
-"""Videos of known pictures, read again: what is seen when, in which colours, for how long."""
+"""Videos of known pictures, read back: times, colours and durations of frames."""
 
 import io
 
@@ -12,7 +12,7 @@ from obelisk_py.core.sim.mujoco.viewers.video_files import VIDEO_FILES
 WIDTH, HEIGHT = 64, 48
 RED, GREEN, BLUE = (200, 30, 40), (20, 180, 60), (30, 60, 210)
 FAR = 12
-"""How far a colour may be off: both formats keep less than was drawn."""
+"""Tolerance of colours, because both formats are lossy."""
 
 
 def picture(left, right):
@@ -23,7 +23,7 @@ def picture(left, right):
 
 
 SHOWN = ((picture(RED, GREEN), 0), (picture(BLUE, GREEN), 1), (picture(BLUE, RED), 5))
-"""Pictures and the frames from which they are seen; three are missing."""
+"""Pictures and the frames at which they start; three are missing."""
 
 
 def video(ending, rate_hz, shown=SHOWN):
@@ -83,7 +83,7 @@ def test_a_gif_shows_each_picture_from_its_frame_on_and_begins_again():
             read.seek(number)
             shown.append(np.asarray(read.convert("RGB")))
             times.append(read.info["duration"])
-    # 1/15 s, 4/15 s and 1/15 s, each begin rounded to 1/100 s.
+    # 1/15 s, 4/15 s and 1/15 s, with each start rounded to 1/100 s.
     assert times == [70, 260, 70]
     for seen, (pixels, _) in zip(shown, SHOWN, strict=True):
         assert_same(seen, pixels)

@@ -1,4 +1,4 @@
-"""Frames of a video: simulation time is video time, whatever is dropped or reset."""
+"""Frames of a video: simulation time is video time, despite drops and resets."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -36,7 +36,7 @@ def test_a_video_starts_with_its_first_state_at_any_time():
 
 @given(rate_hz=st.integers(1, 240), steps_per_s=st.integers(1, 10_000))
 def test_no_frame_is_missing_where_every_sample_comes(rate_hz, steps_per_s):
-    """Samples come a part of a step after the multiple of their period."""
+    """Samples occur a part of a step after the multiple of their period."""
     rate_hz = min(rate_hz, steps_per_s)
     step_s = 1 / steps_per_s
     samples = SampleTimes(period_s=1 / rate_hz, step_s=step_s)

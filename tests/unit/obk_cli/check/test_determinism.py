@@ -1,4 +1,4 @@
-"""Which nodes of a config are in lock-step runs, when that is checked, and how it is silenced."""
+"""The nodes of a config that run in lock-step, when that is checked, and how to silence it."""
 
 from pathlib import Path
 

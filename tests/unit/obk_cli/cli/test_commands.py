@@ -1,4 +1,4 @@
-"""`obk` as a person meets it: what is printed where, and the exit code."""
+"""The `obk` command line: output streams and exit codes."""
 
 import io
 import json

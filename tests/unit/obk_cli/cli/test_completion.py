@@ -1,4 +1,4 @@
-"""What the shell offers while a command line is typed."""
+"""Shell completion of command lines."""
 
 import os
 import shutil
@@ -24,7 +24,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def offered(*words: str) -> list[str]:
-    """What is offered for the last of the words."""
+    """The completions of the last word."""
     shell = ShellComplete(root_command(), {}, "obk", "_OBK_COMPLETE")
     return [item.value for item in shell.get_completions(list(words[:-1]), words[-1])]
 

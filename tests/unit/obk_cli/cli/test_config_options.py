@@ -1,4 +1,4 @@
-"""When there is colour."""
+"""When output is coloured."""
 
 import sys
 

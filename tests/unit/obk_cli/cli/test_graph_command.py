@@ -1,4 +1,4 @@
-"""`obk graph`: what is drawn, and where it goes."""
+"""`obk graph`: content and destination of its output."""
 
 from pathlib import Path
 

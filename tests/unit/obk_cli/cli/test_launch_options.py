@@ -1,4 +1,4 @@
-"""Options of `obk launch` that do not go together, and the limits that they come to."""
+"""Incompatible options of `obk launch`, and the resulting limits."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`obk launch --render`: what is refused before anything starts."""
+"""`obk launch --render`: requests that are rejected before anything starts."""
 
 from pathlib import Path
 
@@ -18,13 +18,13 @@ DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Where the user stands."""
+    """The working folder of the user."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def refused(capsys, *arguments, code=2):
-    """The message of a launch of the dummy that is refused."""
+    """The error message of a rejected launch of the dummy."""
     with pytest.raises(SystemExit) as ended:
         main(("launch", str(DUMMY), *arguments))
     assert ended.value.code == code

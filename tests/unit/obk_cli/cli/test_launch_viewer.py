@@ -1,4 +1,4 @@
-"""`obk launch --viewer`: what is refused before anything starts."""
+"""`obk launch --viewer`: requests that are rejected before anything starts."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """What is said when a launch of the dummy is misuse."""
+    """The error message of a launch of the dummy with invalid options."""
     with pytest.raises(SystemExit) as ended:
         main(("launch", str(DUMMY), *arguments))
     assert ended.value.code == 2

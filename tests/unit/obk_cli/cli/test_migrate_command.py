@@ -1,4 +1,4 @@
-"""`obk migrate` as a person meets it: what is printed where, what is written, the exit code."""
+"""The `obk migrate` command: output streams, written files, exit codes."""
 
 import codecs
 import io
@@ -17,7 +17,7 @@ KEY = b"robot:\n  publishers:\n  - key: a  # \xc3\xa4\n"
 
 
 class Result:
-    """One run of `obk migrate`; its output as bytes."""
+    """One run of `obk migrate`, with its output as bytes."""
 
     def __init__(self, capfdbinary: pytest.CaptureFixture[bytes], *arguments: str) -> None:
         with pytest.raises(SystemExit) as ended:

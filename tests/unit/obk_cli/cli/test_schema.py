@@ -54,7 +54,7 @@ CASES = Path(__file__).parents[3] / "cases"
 
 
 def is_about_its_own_shape(path: Path) -> bool:
-    """Whether a reject case is one of shape, and not about a file that it names."""
+    """Whether a reject case is about shape, and not about a file that it names."""
     report = path.with_suffix(".txt").read_text(encoding="utf-8")
     return path.parent.name in SHAPE_CODES and report.startswith(f"{path.name}:")
 

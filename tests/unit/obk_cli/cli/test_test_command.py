@@ -1,4 +1,4 @@
-"""Which tests `obk test` runs."""
+"""The tests that `obk test` runs."""
 
 from pathlib import Path
 

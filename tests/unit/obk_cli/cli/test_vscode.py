@@ -1,4 +1,4 @@
-"""`obk schema --install-vscode`: the schema is written, the settings stay as they are."""
+"""`obk schema --install-vscode` writes the schema and keeps the settings."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Where files that a config names are looked for, and which may be meant where they are not."""
+"""The search paths of files in a config, and suggestions for missing files."""
 
 from pathlib import Path
 
@@ -57,7 +57,7 @@ def test_names_that_no_file_can_have_are_not_found(tmp_path: Path) -> None:
 
 
 def test_nothing_is_meant_where_a_link_leads_out_of_the_folder(tmp_path: Path) -> None:
-    # A package has no others below it, so that none is looked for behind the link.
+    # A package contains no other packages, so the search does not continue behind the link.
     (tmp_path / "package.xml").write_text("<package><name>demo</name></package>")
     (tmp_path / "link").symlink_to("/")
     (fault,) = (f for f in compiled(tmp_path, "link/x.xml").diagnostics if f.code == "OBK301")

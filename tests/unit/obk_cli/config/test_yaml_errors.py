@@ -1,4 +1,4 @@
-"""The usual mistakes in YAML are reported where they are made, with what would be right."""
+"""Common YAML mistakes are reported at their location, with the correct text."""
 
 import pytest
 import yaml
@@ -24,21 +24,21 @@ robot:
 
 
 def reported(text: str) -> Diagnostic:
-    """The one finding of a text."""
+    """The only finding in a text."""
     (finding,) = parse_source(SourceFile.of("c.yaml", text)).diagnostics
     return finding
 
 
 @pytest.fixture(params=["libyaml", "python"], autouse=True)
 def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both of PyYAML's parsers, whose words differ; not every PyYAML has the quicker one."""
+    """Both of PyYAML's parsers, whose messages differ; not every PyYAML has the C parser."""
     if request.param == "python":
         for module in (yaml_parser, yaml_error_context):
             monkeypatch.setattr(module, "YAML_LOADER", yaml.SafeLoader)
 
 
 MISTAKES = [
-    # right, wrong, where, what, what would be right
+    # correct text, wrong text, location, message, help
     ("/ctrl", '"/ctrl', "6:16", 'the quote " opened here is never closed', '`"/ctrl"`'),
     ("/ctrl", "'/ctrl  # why", "6:16", "the quote ' opened here is never", "`'/ctrl'`"),
     ("topic: /ctrl", 'qos: {a: "b}', "6:18", "never closed", '`"b"}`'),

@@ -1,4 +1,4 @@
-"""`obk validate --fix`: what is mended, what is left, and that no file becomes worse."""
+"""`obk validate --fix`: what is fixed, what is left, and that no file becomes worse."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""`migrate_source`: what changes in a text, what stays byte for byte, what is reported."""
+"""`migrate_source`: changed text, unchanged text, reports."""
 
 from pathlib import Path
 

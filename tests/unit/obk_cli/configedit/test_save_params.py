@@ -1,4 +1,4 @@
-"""Values of running nodes in a config: only they change, and what cannot be written is named."""
+"""Saving parameters of running nodes in a config: only these change, and failures are named."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`obk doctor` as a command: which checks, in what form, with which exit code."""
+"""The `obk doctor` command: selected checks, formats, exit codes."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Judges of memory, compilers, graphics, limits, processors and folders, in made-up worlds."""
+"""Checks of memory, compilers, graphics, limits, processors and folders, in fake worlds."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Judges of datagrams and of DDS discovery, in made-up worlds."""
+"""Checks of datagrams and of DDS discovery, in fake worlds."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def test_a_loopback_that_is_down_is_an_error() -> None:
     world = replace(MULTICAST, unicast_fault=down, loopback_fault=down, network_fault=down)
     found = [*judge_multicast(world)]
     assert the_one(found, "error").fix == "sudo ip link set lo up"
-    assert severities(found) == ["error"]  # the rest follows from it
+    assert severities(found) == ["error"]  # the other findings follow from it
 
 
 def test_multicast_that_fails_on_loopback_is_reported_with_the_cure() -> None:

@@ -1,4 +1,4 @@
-"""Probes: what they make of folders and programs that are made up for them."""
+"""Probes of fake folders and programs."""
 
 import os
 import sys

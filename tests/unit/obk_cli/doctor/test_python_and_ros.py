@@ -1,4 +1,4 @@
-"""Judges of Python, ROS 2, the middleware and Obelisk's messages, in made-up worlds."""
+"""Checks of Python, ROS 2, the middleware and Obelisk's messages, in fake worlds."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Checks side by side: order, hangs, faults, and what is reported meanwhile."""
+"""Parallel checks: order, hangs, faults, and progress reports."""
 
 import threading
 from collections.abc import Iterator

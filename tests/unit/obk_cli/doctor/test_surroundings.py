@@ -1,4 +1,4 @@
-"""Judges of the workspace, of search paths and of running stacks, in made-up worlds."""
+"""Checks of the workspace, search paths and running stacks, in fake worlds."""
 
 from dataclasses import replace
 

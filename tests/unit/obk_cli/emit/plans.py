@@ -1,4 +1,4 @@
-"""Plans to emit, made up."""
+"""Fake plans to emit."""
 
 from obk_cli.plan.plan import Endpoint, Plan, PlannedNode, PlannedSensorGroup
 
@@ -27,7 +27,7 @@ def node(
 
 
 def loop() -> Plan:
-    """A control loop of four nodes on two devices, in no good order, and a joystick."""
+    """A control loop of four nodes on two devices, in an arbitrary order, and a joystick."""
     return Plan(
         name='arm <"&">',
         nodes=(

@@ -1,4 +1,4 @@
-"""The launch file, run on stand-ins of launch and launch_ros."""
+"""The launch file, run with fakes of launch and launch_ros."""
 
 from pathlib import Path
 

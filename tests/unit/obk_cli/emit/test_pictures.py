@@ -1,4 +1,4 @@
-"""Mermaid, DOT, SVG, JSON and the terminal: what they say, and that nothing of it breaks them."""
+"""Mermaid, DOT, SVG, JSON and terminal output: content and escaping."""
 
 import json
 import re
@@ -94,7 +94,7 @@ def test_mermaid_names_what_it_cannot_write() -> None:
     text = emit_mermaid(GRAPH)
     assert "gyro g#quot;1 +1<br/>accelerometer #lt;a#gt;" in text
     assert 'title: "arm <\\"&\\">: 5 nodes, 5 topics"' in text
-    # What is left between quotes holds none of what would end a label.
+    # The text between quotes contains nothing that would end a label.
     for label in re.findall(r'\["(.*)"\]', text):
         assert '"' not in label
         assert not re.search(r"<(?!b>|/b>|br/>)", label)
@@ -143,7 +143,7 @@ def test_any_letter_gives_a_picture(letter: str) -> None:
         for line in emit_terminal(graph).splitlines()
         if line.startswith(("╭", "│", "╰"))
     }
-    assert len(lengths) <= 2  # with and without the mark of a topic that no one hears
+    assert len(lengths) <= 2  # with and without the mark of a topic without subscribers
     json.loads(emit_graph_json(graph).encode())
 
 

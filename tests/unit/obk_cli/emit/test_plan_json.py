@@ -1,4 +1,4 @@
-"""The plan as JSON keeps to its schema, and the schema says what everything is."""
+"""The plan as JSON follows its schema, and the schema describes everything."""
 
 import json
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ def faults(plan: dict[str, Any]) -> list[str]:
 
 
 def schemas(value: Any) -> Iterator[dict[str, Any]]:
-    """Every schema in a schema."""
+    """All schemas in a schema."""
     if isinstance(value, dict):
         if value.keys() & {"type", "anyOf", "enum"} and isinstance(
             value.get("type", ""), str | list

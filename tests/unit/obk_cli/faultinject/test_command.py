@@ -1,4 +1,4 @@
-"""`obk rehearse` as a person meets it, as far as nothing has to be started."""
+"""The `obk rehearse` command, except for what needs a running stack."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ robot:
 
 
 def obk(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[object, str]:
-    """The exit code, and what is said to stderr."""
+    """The exit code, and the standard error."""
     with pytest.raises(SystemExit) as ended:
         main(["rehearse", *arguments])
     return ended.value.code, capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""What is expected after a fault, and the cases that are made of it."""
+"""The expected reactions to a fault, and the cases made from them."""
 
 import re
 from pathlib import Path
@@ -34,7 +34,7 @@ def test_the_document_shows_what_the_usual_rule_promises(repository: Path) -> No
 
 
 def test_an_end_is_noticed_sooner_than_a_hang() -> None:
-    """The page on launching: "seen within 100 ms", "seen within 2 s"."""
+    """From the page on launching: "seen within 100 ms", "seen within 2 s"."""
     assert expectation_of(unit(ROBOT), "kill", "stop").noticed_s == 0.1
     assert expectation_of(unit(ROBOT), "freeze", "stop").noticed_s == 2.0
     slow = Allowances(end_noticed_s=3.0)

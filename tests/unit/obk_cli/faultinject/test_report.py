@@ -1,4 +1,4 @@
-"""What a person and a program learn of findings."""
+"""Reports of findings, as text and as JSON."""
 
 import json
 

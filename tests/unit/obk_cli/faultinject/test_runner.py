@@ -1,4 +1,4 @@
-"""What a rehearsal does around its cases, with launchers that are no stacks."""
+"""The steps of a rehearsal around its cases, with launchers that are not stacks."""
 
 import os
 import signal
@@ -81,7 +81,7 @@ def test_where_no_logs_can_be_kept_nothing_is_rehearsed(tmp_path: Path) -> None:
 
 
 def stopped(*processes: psutil.Process) -> int:
-    """How many of them are."""
+    """The number of running launchers."""
     return sum(process.status() == psutil.STATUS_STOPPED for process in processes)
 
 
@@ -101,4 +101,4 @@ def test_a_process_freezes_with_what_it_started_thaws_and_dies() -> None:
             grandchild.kill()
         assert shell.wait(DEADLINE_S) == -signal.SIGKILL
         for stroke in (freeze, thaw, kill):
-            stroke(shell.pid)  # gone already
+            stroke(shell.pid)  # has already ended

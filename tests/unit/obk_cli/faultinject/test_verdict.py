@@ -1,4 +1,4 @@
-"""What is right and what is not, case by case, and how it is shown."""
+"""Verdicts on cases, and how they are shown."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Commands that look into a stack, as far as they get without ROS: misuse, domains, completion."""
+"""Commands that inspect a stack, without ROS: misuse, domains, completion."""
 
 import json
 from datetime import datetime
@@ -34,7 +34,7 @@ PLAN = {
 
 
 def runs_in(home: Path, **domains: int) -> None:
-    """Live runs, each of this process, by name."""
+    """Live runs by name, all of this process."""
     pid, started = this_process()
     for name, domain in domains.items():
         folder = make_run_folder(home / "runs", name, datetime(2031, 2, 3, 4, 5, 6))

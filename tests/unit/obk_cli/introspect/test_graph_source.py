@@ -1,4 +1,4 @@
-"""A launcher that reports the ROS graph, with a function in the place of its node."""
+"""A launcher that reports the ROS graph, with a function instead of its node."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -21,7 +21,7 @@ SERVICES = {"/arm/get_state": ("p/srv/S",)}
 
 
 class Node:
-    """The launcher's look, with one more node at each question."""
+    """The launcher's graph, with one more node at each request."""
 
     name = "/obk_launch_1"
 
@@ -48,7 +48,7 @@ class Node:
 def launcher(
     folder: Path, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None
 ) -> Iterator[LauncherGraph]:
-    """The look of a launcher with such a node; `answer` answers later questions in its place."""
+    """The graph of a launcher with such a node; `answer` handles later requests."""
     service = GraphService(Node())  # type: ignore[arg-type]
 
     def look(question: bytes, reply: Callable[[bytes], None]) -> None:
@@ -158,7 +158,7 @@ def test_whatever_a_launcher_says_it_raises_nothing_else(reported: object, tmp_p
     )
     with launcher(tmp_path, lambda _: dict.fromkeys(keys, reported)) as look:
         for ask in asked:
-            with suppress(CommandFailedError):  # what fits is taken
+            with suppress(CommandFailedError):  # matching replies are used
                 ask(look)
 
 

@@ -1,4 +1,4 @@
-"""States and transitions from launchers of this host; the ROS graph where they cannot answer."""
+"""States and transitions from launchers of this host, with the ROS graph as fallback."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

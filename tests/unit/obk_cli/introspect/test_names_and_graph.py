@@ -1,4 +1,4 @@
-"""Names that a user means, and what a graph reports."""
+"""Names that a user types, and reports of a graph."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A node as lines for a person."""
+"""A node as text."""
 
 from obk_cli.introspect.nodes import NodeInfo, node_text
 

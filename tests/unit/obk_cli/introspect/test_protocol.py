@@ -1,4 +1,4 @@
-"""Questions about a ROS graph and their replies, written and read back."""
+"""Requests about a ROS graph and their replies, written and read back."""
 
 import json
 

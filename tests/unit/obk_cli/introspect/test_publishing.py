@@ -1,4 +1,4 @@
-"""What has to hold before a message is published, against graphs that others come into."""
+"""Checks before a message is published, in graphs that other nodes join."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -27,7 +27,7 @@ ROBOT = "/left/obelisk_robot_0"
 
 
 def place(*runs: str) -> GraphTarget:
-    """Where these runs are, whose folders tell nothing."""
+    """The location of the runs, whose folders are empty."""
     folders = {Path("gone", run): RUN for run in runs}
     return GraphTarget(
         environment=cast(Any, SimpleNamespace(domain=7)), runs=folders, no_nodes_s=1.0
@@ -47,7 +47,7 @@ def wanted(topic: str = "state", **more: Any) -> Publication:
 
 
 class Look:
-    """A graph with one topic, which one more node subscribes to at each look."""
+    """A graph with one topic and one more subscriber at each check."""
 
     def __init__(self, *listeners: tuple[str, str]) -> None:
         self._listeners = listeners
@@ -82,7 +82,7 @@ class Look:
 
 
 def wait(look: Look, publication: Publication) -> None:
-    """Wait for subscribers of the type, as many as listen."""
+    """Wait for subscribers of the type."""
 
     def count() -> int:
         return sum(end.msg_type == "pkg/msg/State" for end in look.topic("/a").subscriptions)

@@ -1,4 +1,4 @@
-"""How long someone is waited for, against a graph in which no one ever is."""
+"""Waiting times for nodes in a graph that stays empty."""
 
 from pathlib import Path
 from typing import Any, cast
@@ -16,7 +16,7 @@ RUN = Run(name="dummy", pid=1, started=0.0, domain=7, config="dummy.yaml", nodes
 
 
 class Nobody:
-    """A graph that stays empty; notes how long it is looked at."""
+    """A graph that stays empty; records the waiting time."""
 
     def __init__(self) -> None:
         self.waited_s: list[float] = []
@@ -72,7 +72,7 @@ def test_what_is_named_is_not_waited_for_where_no_one_is(tmp_path: Path, name: s
 
 
 class Later(Nobody):
-    """A stack's node at once, and another one after a rest."""
+    """A stack's node immediately, and another one after a pause."""
 
     def nodes(self) -> tuple[str, ...]:
         return ("/arm", "/talker") if self.waited_s else ("/arm",)

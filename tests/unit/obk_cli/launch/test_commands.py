@@ -1,4 +1,4 @@
-"""How the processes of a plan are started, alone or with several nodes."""
+"""Command lines for the processes of a plan, with one or several nodes."""
 
 import json
 import sys

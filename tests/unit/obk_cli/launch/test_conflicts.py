@@ -39,7 +39,7 @@ PLAN = Plan(name="s", nodes=(ROBOT,))
 
 
 class Graph:
-    """Others, as a table."""
+    """Other nodes, as a table."""
 
     def __init__(self, *others: tuple[str, str]) -> None:
         self.others = others
@@ -64,7 +64,7 @@ def _looks_often_and_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def look_twice(graph: Graph) -> None:
-    """Wait until what the first look gave has been dealt with."""
+    """Wait until the result of the first check has been handled."""
     for _ in range(2):
         assert graph.looked.acquire(timeout=20)
 
@@ -124,7 +124,7 @@ def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
     heard: SimpleQueue[InputEvent] = SimpleQueue()
     with _child() as pid:
         graph = Graph(("/ctrl", f"/{ALLOWED_PUBLISHER}_{pid}"))
-        # It began before this launch: whom it was to move is another matter.
+        # It started before this launch; whether it commands the robot is a different question.
         with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
             assert isinstance(heard.get(timeout=20), UnknownPublisherFound)
         monkeypatch.setattr(conflicts, "since_boot_s", lambda: 0.0)
@@ -150,7 +150,7 @@ def test_a_publisher_of_that_name_whose_process_is_not_here_is_a_stranger() -> N
 
 @contextmanager
 def _child() -> Iterator[int]:
-    """The number of a process that runs meanwhile."""
+    """The ID of a process that is running during the test."""
     child = subprocess.Popen(["sleep", "60"])
     try:
         yield child.pid
@@ -188,7 +188,7 @@ TYPES_PLAN = Plan(
 
 
 class TypesGraph:
-    """What is found, look by look; the last look is repeated."""
+    """The results of each check; the last one is repeated."""
 
     def __init__(
         self, looks: Sequence[Mapping[str, Sequence[str]]], ends: Sequence[tuple[str, ...]]

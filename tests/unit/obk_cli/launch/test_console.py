@@ -43,7 +43,7 @@ def test_lines_come_out_in_order(pipe: tuple[int, int]) -> None:
 def test_while_no_one_reads_lines_are_left_out_and_counted(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     with Screen(write_fd, room=10) as screen:
-        large = "x" * (1 << 20)  # more than a pipe holds: the writer stalls in the middle of it
+        large = "x" * (1 << 20)  # more than a pipe holds, so the writer stalls in the middle
         screen.put(large)
         first_byte = os.read(read_fd, 1)
         for n in range(1234 + 10):
@@ -195,7 +195,7 @@ def test_while_no_one_reads_lines_are_taken_and_the_end_comes(
         screen.set_footer(lambda width, height: ["status"])
         for _ in range(1000):
             screen.put("x" * 1000, may_drop=True)
-    terminal.read_until("lines left out")  # so that the writing thread gets on
+    terminal.read_until("lines left out")  # so that the writing thread continues
 
 
 def test_what_has_not_changed_is_not_written_again(terminal: Terminal) -> None:

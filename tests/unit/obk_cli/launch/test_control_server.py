@@ -1,4 +1,4 @@
-"""The control socket, with a thread in the supervisor's place."""
+"""The control socket, with a thread instead of the supervisor."""
 
 import json
 import os
@@ -47,7 +47,7 @@ def leave_open(_: InputEvent) -> None:
 def served(
     folder: Path, answer: Callable[[InputEvent], None] = answer_all
 ) -> Iterator["SimpleQueue[InputEvent]"]:
-    """A socket whose requests are answered in a thread; gives what was heard."""
+    """A socket whose requests a thread answers; yields the received requests."""
     inbox: SimpleQueue[InputEvent | None] = SimpleQueue()
     heard: SimpleQueue[InputEvent] = SimpleQueue()
 
@@ -67,7 +67,7 @@ def served(
 
 
 def raw(folder: Path, data: bytes, *, ends: bool = False) -> dict[str, str]:
-    """What a foreign client gets for these bytes."""
+    """The reply to a foreign client for these bytes."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
         link.settimeout(DEADLINE_S)
         link.connect(str(folder / "control.sock"))
@@ -76,7 +76,7 @@ def raw(folder: Path, data: bytes, *, ends: bool = False) -> dict[str, str]:
             if ends:
                 link.shutdown(socket.SHUT_WR)
         except BrokenPipeError:
-            pass  # the answer is there before all was sent
+            pass  # the reply arrives before everything was sent
         answer = link.makefile("rb").readline()
     return dict(json.loads(answer))
 
@@ -219,7 +219,7 @@ def test_a_change_that_is_open_at_the_end_is_answered(tmp_path: Path) -> None:
     asker.join()
     assert answers == [ChangeAnswer(success=False, why="the stack has ended")]
     assert isinstance(asked, ChangeRequested)
-    asked.reply(ANSWER)  # too late, and no fault
+    asked.reply(ANSWER)  # too late, but not a fault
 
 
 def test_without_an_answer_there_is_none(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Which processes load their programs early, and what holds them."""
+"""The processes that load their programs early, and what holds them."""
 
 import fcntl
 import sys
@@ -51,12 +51,12 @@ def test_a_simulator_comes_first() -> None:
 
 
 class Started:
-    """The door to the processes."""
+    """The gate for the processes."""
 
     def __init__(self, folder: Path) -> None:
         self.names: list[str] = []
         self.ended_held: list[bool] = []
-        """Of each end, whether the gate was closed then."""
+        """For each process that ended, whether the gate was closed at that time."""
         self._folder = folder
 
     def start_early(self, unit: Unit) -> None:

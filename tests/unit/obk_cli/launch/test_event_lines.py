@@ -1,4 +1,4 @@
-"""Lines of a run for a person."""
+"""The lines of a run, as text."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Processes that the preload server forks are as those that are started in the ordinary way."""
+"""Processes forked by the preload server behave like ordinary processes."""
 
 import json
 import os
@@ -22,7 +22,7 @@ from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folde
 from ..plans import node  # noqa: TID252
 
 LOADED = "xmlrpc.client"
-"""A module that the servers of these tests import, and nothing else does."""
+"""A module that only the servers of these tests import."""
 FORKED = f"import sys; print('{LOADED}' in sys.modules, flush=True)\n"
 ALIKE = """
 import ctypes, gc, json, os, signal, sys
@@ -59,7 +59,7 @@ def python(code: str, *arguments: str) -> tuple[str, ...]:
 
 
 class Bench:
-    """A client with or without a server, what it heard, and the lines that came."""
+    """A client with or without a server, its events, and its lines."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class Bench:
     ) -> None:
         self.heard: SimpleQueue[InputEvent] = SimpleQueue()
         self.lines: SimpleQueue[OutputLine] = SimpleQueue()
-        # Coverage would import modules, and SHLVL is another one below a shell.
+        # Coverage would import modules, and SHLVL differs in nested shells.
         variables = {k: v for k, v in os.environ.items() if not k.startswith(("COV", "PYTEST"))}
         self.processes = WardenProcesses(
             commands={
@@ -92,7 +92,7 @@ class Bench:
         )
 
     def start(self, name: str) -> int:
-        """Start a program; gives its process id."""
+        """Start a program; return its process ID."""
         self.processes.start(unit(name))
         started = self.heard.get(timeout=DEADLINE_S)
         assert isinstance(started, ProcessStarted)

@@ -1,4 +1,4 @@
-"""Lines of a run for a program."""
+"""The lines of a run, as JSON."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which node wrote a line of a shared output."""
+"""The node that wrote a line of a shared output."""
 
 from obk_cli.launch.console import NodeLines
 

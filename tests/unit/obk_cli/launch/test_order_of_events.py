@@ -1,4 +1,4 @@
-"""What happens while something else is under way: crashes, late answers, hangs, stops."""
+"""Events during other activities: crashes, late replies, hangs, stops."""
 
 from collections import deque
 from dataclasses import replace
@@ -84,7 +84,7 @@ def test_a_crash_while_a_change_is_taken_back_ends_the_way_back() -> None:
 
 
 def late_activation(world: World) -> None:
-    """The robot is activated half a second after everybody gave it up."""
+    """The robot is activated half a second after the transition has timed out."""
 
     def arrive() -> None:
         world.states[ROBOT] = "active"
@@ -250,7 +250,7 @@ def test_a_node_that_fails_after_its_restart_says_why_in_the_cause() -> None:
 
 
 class HeldUp(World):
-    """The launcher itself stands still for 30 s, while the robot is configured."""
+    """The launcher itself is suspended for 30 s while the robot is being configured."""
 
     was_held_up = False
 

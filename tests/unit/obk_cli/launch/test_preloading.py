@@ -1,4 +1,4 @@
-"""Which processes are forked from the preload server."""
+"""The processes that are forked from the preload server."""
 
 import sys
 

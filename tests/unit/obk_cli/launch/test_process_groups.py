@@ -1,4 +1,4 @@
-"""Which part of a stack a launch runs."""
+"""The part of a stack that a launch runs."""
 
 from obk_cli.launch.process_groups import Share, devices_of, share_of, units_of
 from obk_cli.plan.plan import Plan

@@ -1,4 +1,4 @@
-"""The warden and its client, on programs of a line: nothing outlives the client."""
+"""The warden and its client, on one-line programs: nothing outlives the client."""
 
 import ctypes
 import os
@@ -29,7 +29,7 @@ def unit(name: str) -> Unit:
 
 
 class Bench:
-    """A client, what it heard, and the lines that came."""
+    """A client, its events, and its lines."""
 
     def __init__(self, folder: Path, codes: dict[str, str]) -> None:
         self.heard: SimpleQueue[InputEvent] = SimpleQueue()
@@ -47,11 +47,11 @@ class Bench:
         )
 
     def close(self) -> None:
-        """End the client."""
+        """Stop the client."""
         self.processes.end()
 
     def start(self, name: str) -> int:
-        """Start a program; gives its process id."""
+        """Start a program; return its process ID."""
         self.processes.start(unit(name))
         started = self.heard.get(timeout=DEADLINE_S)
         assert isinstance(started, ProcessStarted)
@@ -134,7 +134,7 @@ between += "start_new_session=True); print(p.pid, flush=True); p.wait()"
 child = subprocess.Popen([sys.executable, "-c", between], start_new_session=True)
 print(child.pid, flush=True)
 """
-"""Starts a child in a session of its own, and that one another; prints both of their ids."""
+"""Starts a child in its own session, which starts another one; prints both IDs."""
 
 
 def test_what_hides_in_sessions_of_its_own_goes_with_its_node_and_not_with_another(
@@ -184,7 +184,7 @@ def test_a_process_that_is_still_loading_its_program_goes_with_its_node(
 def test_at_the_end_each_process_is_asked_once_and_may_come_down_in_order(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A node takes a second SIGTERM for haste, and ends where it is."""
+    """A node treats a second SIGTERM as urgent, and exits immediately."""
     leader, other = 11, 12
     sent: list[tuple[str, int, int]] = []
     looks = iter([[leader, other]])
@@ -222,7 +222,7 @@ def test_nothing_outlives_the_client_not_even_what_hides_in_a_session_of_its_own
 
 
 def test_a_signal_that_asks_for_the_end_is_for_the_launcher_alone(bench: MakeBench) -> None:
-    """As `systemctl stop` sends it to every process of a stack at once."""
+    """As `systemctl stop` sends it to all processes of a stack at once."""
     sleep = "import time; print('up', flush=True); time.sleep(60)"
     run = bench({"a": sleep, "b": sleep})
     first = psutil.Process(run.start("a"))
@@ -358,7 +358,7 @@ def test_of_a_process_that_is_started_early_nothing_is_reported_before_its_start
     one = bench({"a": "print('up'); raise SystemExit(3)", "b": "print('up')"})
     one.processes.start_early(unit("a"))
     assert one.line() == "up"
-    # The end of another one comes after that of the first, and is the first that is reported.
+    # The second process ends after the first one, but is reported first.
     one.start("b")
     ended = one.ended()
     assert isinstance(ended, ProcessEnded)
@@ -370,7 +370,7 @@ def test_of_a_process_that_is_started_early_nothing_is_reported_before_its_start
 
 
 def test_a_node_that_was_bound_to_its_warden_too_late_does_not_begin() -> None:
-    """As where the warden is killed between its fork and the bond."""
+    """As if the warden is killed between its fork and the bond."""
     code = f"""
 import ctypes, os, runpy
 Warden = runpy.run_path({warden.__file__!r})["Warden"]

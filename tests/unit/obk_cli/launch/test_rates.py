@@ -1,4 +1,4 @@
-"""Events about the rates of nodes, and strict rates, in a world of tables."""
+"""Events about the rates of nodes, and strict rates, in a fake world."""
 
 from collections import deque
 from dataclasses import replace
@@ -40,7 +40,7 @@ KEPT = rates(CONTROLLER, 100)
 
 
 def seconds(*reports: RatesReported | None) -> deque[InputEvent | float]:
-    """A report a second, None for a second without."""
+    """One report per second; None for a second without one."""
     return deque(step for report in reports for step in ([report] if report else []) + [1.0])
 
 

@@ -1,4 +1,4 @@
-"""The recorder beside a stack: the nodes wait for it, and its failure is only a warning."""
+"""The recorder of a stack: nodes wait for it, and its failure is only a warning."""
 
 import json
 import signal
@@ -39,7 +39,7 @@ PLAN = {"name": "x", "processes": [PROCESS]}
 
 
 class Processes:
-    """Keeps what is asked for; a signal ends the recorder at once."""
+    """Stores the requests; a signal ends the recorder immediately."""
 
     def __init__(self) -> None:
         self.started: list[str] = []
@@ -56,7 +56,7 @@ class Processes:
 
 
 class World:
-    """A recorder, and all that it speaks to."""
+    """A recorder, and all objects that it uses."""
 
     def __init__(self, request: RecordRequest | None, folder: Path | None) -> None:
         self.screen = Shown()

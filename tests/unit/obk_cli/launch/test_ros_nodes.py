@@ -1,4 +1,4 @@
-"""Events from what nodes report: transitions and rates."""
+"""Events from reports of nodes: transitions and rates."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -1,4 +1,4 @@
-"""How a run joins its parts: the order of subscribers, other terminals, the log."""
+"""How a run connects its parts: order of subscribers, other terminals, log."""
 
 from collections.abc import Callable
 from contextlib import ExitStack

@@ -1,4 +1,4 @@
-"""The lock of a run: one launch at a time has the names of nodes, and what stays of others."""
+"""The lock of a run: only one launch may use the names of nodes, and leftovers of others."""
 
 import errno
 import fcntl
@@ -209,7 +209,7 @@ def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
         started = start_s(other.pid)
         assert started is not None
         assert other.stdout is not None
-        other.stdout.readline()  # While Python starts, SIGINT ends it in another way.
+        other.stdout.readline()  # While Python is starting, SIGINT ends it in a different way.
         claim_run(tmp_path, replace(RUN, pid=other.pid, started=started), NOW)
         folder = claim_run(tmp_path, RUN, NOW, replace_other=True)
         assert other.wait(DEADLINE_S) == -signal.SIGINT
@@ -225,7 +225,7 @@ def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
         ),
         ("ended", "the stack `s` is started again and again from elsewhere"),
     ],
-    ids=("running", "another one by then"),  # the process's number is another in each worker
+    ids=("running", "another one by then"),  # the process ID differs between workers
 )
 def test_who_cannot_replace_another_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, sentence: str

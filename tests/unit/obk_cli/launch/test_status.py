@@ -1,4 +1,4 @@
-"""The status of a run, folded from its events, and the lines at the bottom of the terminal."""
+"""The status of a run, computed from its events, and the lines at the bottom of the terminal."""
 
 import pytest
 from rich.cells import cell_len

@@ -1,4 +1,4 @@
-"""The supervisor against a world of tables: up, down, and what can happen on the way."""
+"""The supervisor in a fake world: start, stop, and failures on the way."""
 
 import signal
 from collections import deque
@@ -333,7 +333,7 @@ def test_a_stop_during_the_bring_up_ends_the_wait_at_once() -> None:
     world.later.append(StopRequested(reason="SIGINT"))
     ended = world.run()
     assert ended.exit_code == 0
-    assert world.now == 2.0  # the question for its state
+    assert world.now == 2.0  # the request for its state
     assert world.phases == ["starting", "ready", "stopping", "stopped"]
 
 

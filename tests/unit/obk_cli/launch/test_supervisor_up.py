@@ -1,4 +1,4 @@
-"""A stack that is up: crashes, hangs and requested changes, in a world of tables."""
+"""An active stack: crashes, hangs and requested changes, in a fake world."""
 
 import signal
 from collections import deque
@@ -147,7 +147,7 @@ def test_a_transition_without_an_answer_shows_where_the_node_is_stuck() -> None:
 
 
 def ask(world: World, transition: str, *nodes: str) -> ChangeAnswer:
-    """Ask a stack that is up for a change, then stop it."""
+    """Request a change of an active stack, then stop it."""
     answers: list[ChangeAnswer] = []
     world.later.extend(
         [ChangeRequested(transition=transition, nodes=nodes, reply=answers.append), 0.1, STOP]
@@ -158,7 +158,7 @@ def ask(world: World, transition: str, *nodes: str) -> ChangeAnswer:
 
 
 class Talkative(World):
-    """Processes that have said much, and whose stack dumps are long."""
+    """Processes with a long output and long stack dumps."""
 
     said: tuple[str, ...] = tuple(f"line {n}" for n in range(60))
 

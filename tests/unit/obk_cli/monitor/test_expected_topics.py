@@ -1,4 +1,4 @@
-"""What a plan says of its topics."""
+"""The topics that a plan expects."""
 
 from collections.abc import Iterable
 
@@ -57,7 +57,7 @@ def test_what_two_publish_is_wanted_from_both() -> None:
 
 
 def wanted_at(*factors: float | str) -> dict[str, float | None]:
-    """What is wanted of a robot of each factor, and of nodes with and without its time."""
+    """The expected topics for a robot with each factor, and for nodes with and without its time."""
     robots = [
         process(
             f"r{number}",

@@ -1,4 +1,4 @@
-"""The live table: keys, questions, the filter, the stack's end; with made-up views."""
+"""The live table: keys, requests, the filter, the stack's end; with fake views."""
 
 import asyncio
 import threading
@@ -31,7 +31,7 @@ Steps = Callable[["World"], Awaitable[None]]
 
 
 class Watch:
-    """Gives the views that a test hands it."""
+    """Returns the views that a test sets."""
 
     def __init__(self, *views: StackView | Exception | None) -> None:
         self._next: SimpleQueue[StackView | Exception | str | None] = SimpleQueue()
@@ -71,7 +71,7 @@ def tunable(name: str, value: Any) -> TunableParameter:
 
 
 class World:
-    """An app in a test, with what it asked for."""
+    """An app under test, and its requests."""
 
     def __init__(self, watch: Watch) -> None:
         self.watch = watch
@@ -115,7 +115,7 @@ class World:
         await self.pilot.press(*keys)
 
     async def shows(self, part: str, words: str) -> None:
-        """Wait until a part of the screen has these words in it."""
+        """Wait until a part of the screen shows this text."""
         async with asyncio.timeout(30):
             while words not in self.text(part):
                 await self.pilot.pause(0.01)
@@ -358,7 +358,7 @@ def test_parameters_are_tuned_by_keys() -> None:
         await world.shows("message", "kp changed from 50.0 to 20.0")
         await world.press("down", "left")
         await world.shows("message", "is_on changed from true to false")
-        await world.press("down", "right")  # without a range there is no slider
+        await world.press("down", "right")  # without a range, there is no slider
         await world.press("enter", "escape", "escape")
         await world.shows("keys", "p parameters")
         assert world.values["steps"] == 3

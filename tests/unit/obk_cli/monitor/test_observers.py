@@ -1,4 +1,4 @@
-"""What learns of a run whose launcher does not answer; no topic is listened to."""
+"""Observation of a run whose launcher does not reply; no topic has a subscription."""
 
 import json
 import struct

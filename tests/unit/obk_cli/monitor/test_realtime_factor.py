@@ -1,4 +1,4 @@
-"""The factors of simulated robots, with a function in the place of their nodes."""
+"""The factors of simulated robots, with a function instead of their nodes."""
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.expected_topics import RealtimeFactors
@@ -9,7 +9,7 @@ EVENT = b"\x00\x01\x00\x00 /arm/r realtime_factor"
 
 
 class Robots:
-    """What the nodes answer, and who was asked."""
+    """The responses of the nodes, and the requested nodes."""
 
     def __init__(self) -> None:
         self.factor: float | None = 1.0

@@ -1,4 +1,4 @@
-"""A running stack as lines of a terminal: the whole text, and what narrow ones leave out."""
+"""A running stack as text in a terminal: all lines, and what narrow terminals omit."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A child that does not outlive its starter, and a ROS domain that no one else has."""
+"""A child that does not outlive its parent, and a ROS domain that no other process uses."""
 
 import os
 import signal

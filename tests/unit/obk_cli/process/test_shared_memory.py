@@ -1,4 +1,4 @@
-"""Segments and ports of the dead go, those of the living stay."""
+"""Segments and ports of dead processes are removed, those of live processes are kept."""
 
 import fcntl
 import mmap
@@ -77,7 +77,7 @@ def test_a_folder_that_is_not_there_has_none(tmp_path: Path) -> None:
 
 @pytest.fixture
 def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder that is full while there is anything in it."""
+    """A folder that is full as long as it contains anything."""
     usage = shutil.disk_usage(tmp_path)
 
     def used(folder: Path) -> object:

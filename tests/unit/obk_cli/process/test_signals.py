@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command even if a library drops the exception or makes an error of it."""
+"""Ctrl-C ends a command even if a library drops the exception or converts it to an error."""
 
 import signal
 import subprocess
@@ -22,7 +22,7 @@ from obk_cli.process.signals import (
 OBK: Final = Path(sys.executable).with_name("obk")
 SOUND: Final = Path(__file__).parents[3] / "cases/accept/OBK004/topic_twice.yaml"
 REPEATS_S: Final = 0.5
-"""Longer than some repeats of the interrupt."""
+"""Longer than a few repetitions of the interrupt."""
 ENDLESS_S: Final = 60.0
 
 

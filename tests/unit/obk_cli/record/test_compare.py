@@ -1,4 +1,4 @@
-"""`obk diff`: two recordings that were made to differ in known ways."""
+"""`obk diff`: two recordings that differ in known ways."""
 
 import json
 import struct
@@ -35,7 +35,7 @@ def written(
     definition: str = DEFINITION,
     topic: str = "/arm/est",
 ) -> Path:
-    """A number over time, from the first message."""
+    """A number over time, starting with the first message."""
     with BagWriter(path) as writer:
         writer.describe({"obelisk_versions": {"obk": obk}}, {"plan.json": plan(gain)}, 0)
         channel = writer.add_topic(topic, "demo_msgs/msg/Est", definition, {})

@@ -1,4 +1,4 @@
-"""`obk export`: the tables hold what the recording holds."""
+"""`obk export`: the tables have the content of the recording."""
 
 import csv
 import json

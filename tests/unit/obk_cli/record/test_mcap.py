@@ -1,4 +1,4 @@
-"""Recordings written, cut off anywhere, read back and drawn; no ROS is running."""
+"""Recordings written, truncated anywhere, read back and plotted, without ROS."""
 
 import errno
 import os

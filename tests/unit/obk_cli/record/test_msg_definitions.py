@@ -1,4 +1,4 @@
-"""The definition of a type as recordings carry it: whole, each part once, comments kept."""
+"""The definition of a type in recordings: complete, each part once, comments kept."""
 
 from pathlib import Path
 

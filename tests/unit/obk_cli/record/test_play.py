@@ -1,4 +1,4 @@
-"""Which recorded topics may be published again, and when each message is due."""
+"""The recorded topics that may be published again, and when each message is due."""
 
 import json
 import struct
@@ -83,7 +83,7 @@ uint32 nanosec
 
 
 def stamped_run(path: Path, *, is_simulated: bool) -> RecordedRun:
-    """Stamps of 1, 2 and 3 s, half a second apart; beside them a topic without stamps."""
+    """Stamps of 1, 2 and 3 s, half a second apart, and a topic without stamps."""
     parameters = {"use_sim_time": True} if is_simulated else {}
     plan = {"processes": [{"node": "est", "section": "estimation", "parameters": parameters}]}
     with BagWriter(path) as writer:

@@ -1,4 +1,4 @@
-"""Fields of recorded runs by name, and the lines that are drawn of them."""
+"""Fields of recorded runs by name, and the lines plotted from them."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -214,7 +214,7 @@ def test_the_page_draws_the_numbers_without_a_network(tmp_path: Path) -> None:
         ]
         assert second["labels"] == ["t [s]", "one x", "one y", "two x", "two y"]
         assert (second["min"], second["max"]) == (0, 2.5)
-        # A zoom in one plot is a zoom in all.
+        # Zooming one plot zooms all.
         box = browser.locator(".u-over").first.bounding_box()
         assert box is not None
         y = box["y"] + 50

@@ -1,4 +1,4 @@
-"""Which recording is meant by a file's or a run's name."""
+"""The recording that the name of a file or a run refers to."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A recorder's arguments arrive unchanged; what it knows of a run comes from its folder."""
+"""A recorder's arguments are kept unchanged, and its run metadata comes from the run's folder."""
 
 import json
 import re

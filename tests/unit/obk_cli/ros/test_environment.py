@@ -41,7 +41,7 @@ def discovery_range(environment: RosEnvironment) -> str:
 
 
 def reported_to_ros(environment: RosEnvironment) -> tuple[str, str]:
-    """The range and the name of the file with settings of Fast DDS."""
+    """The discovery range and the file name of the Fast DDS settings."""
     variables = environment.variables
     return variables[RANGE], Path(variables.get(PROFILE, "")).name
 

@@ -1,4 +1,4 @@
-"""Fields that a user selects, held against types and taken out of messages."""
+"""Fields selected by a user, checked against types and read from messages."""
 
 from array import array
 

@@ -1,4 +1,4 @@
-"""Message packages without their generator, until someone wants it."""
+"""Message packages without their generator, until it is needed."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Where ROS writes its log files, and where it does so instead."""
+"""The folder of ROS's log files, and its fallback."""
 
 import errno
 import os
@@ -18,7 +18,7 @@ def _own_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 @pytest.fixture
 def blocked(tmp_path: Path) -> Path:
-    """What no one can make a folder in, not even root."""
+    """A path in which even root cannot create a folder."""
     path = tmp_path / "a file"
     path.touch()
     return path
@@ -47,7 +47,7 @@ def test_a_home_that_takes_nothing_is_reported_with_the_place_that_does(
 
 
 def test_a_home_that_is_closed_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As `sudo -u robot` leaves it: root's."""
+    """Owned by root, as after `sudo -u robot`."""
     closed = tmp_path / "closed"
     closed.mkdir()
     look, may = os.stat, os.access

@@ -1,4 +1,4 @@
-"""What a user writes for a message, held against its type."""
+"""Messages typed by a user, checked against their type."""
 
 import math
 

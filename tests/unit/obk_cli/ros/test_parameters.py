@@ -1,4 +1,4 @@
-"""Values of parameters, as a user types them."""
+"""Parameter values, as typed by a user."""
 
 import pytest
 
@@ -48,7 +48,7 @@ def test_what_no_parameter_can_have_is_misuse(text: str) -> None:
         ("5", "string", "string", "5"),
         ("1.50", "string", "string", "1.50"),
         ("true", "string", "string", "true"),
-        # What does not fit is left to the node to refuse.
+        # Values that do not match are left for the node to reject.
         ("1.5", "integer", "double", 1.5),
         ("true", "double", "bool", True),
         ("[300]", "byte_array", "integer_array", (300,)),

@@ -1,4 +1,4 @@
-"""Counting the messages of topics, without ROS: what comes is made up."""
+"""Counting the messages of topics, without ROS, on fake messages."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -11,7 +11,7 @@ S = 1_000_000_000
 
 
 class Topic:
-    """A topic on which messages wait, each with when it was published and received [ns]."""
+    """A topic with waiting messages, each with its times of publication and reception [ns]."""
 
     publishers = 1
 
@@ -32,7 +32,7 @@ class Topic:
 
 
 class Look:
-    """A participant that listens to one topic."""
+    """A participant with a subscription to one topic."""
 
     def __init__(self) -> None:
         self.topic = Topic()
@@ -68,7 +68,7 @@ def test_a_rate_in_simulated_time_is_that_of_its_clock(look: Any) -> None:
     look.topic.waiting = [(begin + n * S // 10, begin + n * S // 10) for n in range(20)]
     meter.turn()
     rate = meter.rates()["/imu"]
-    assert rate.seen == 19  # the first one came before the clock was known
+    assert rate.seen == 19  # the first message arrived before the clock was known
     assert rate.rate_hz == pytest.approx(20.0)
 
 

@@ -1,4 +1,4 @@
-"""Rates, losses, bandwidth and delays, from times that are made up."""
+"""Rates, losses, bandwidth and delays, from made-up times."""
 
 import math
 
@@ -166,7 +166,7 @@ def test_a_simulators_clock_that_is_slow_or_fast_makes_no_delays(pace: float) ->
 
 def test_stamps_of_simulated_time_have_delays_in_it() -> None:
     meter = DelayMeter(10)
-    meter.take(BEGIN, 1_000 * MS)  # before `/clock` came
+    meter.take(BEGIN, 1_000 * MS)  # before `/clock` was received
     for number in (1, 2, 3):
         simulated = (1_000 + 10 * number) * MS
         meter.take(BEGIN + 20 * number * MS, simulated - number * MS, simulated)

@@ -1,4 +1,4 @@
-"""The quality of service that raw subscriptions request, and the messages that they miss."""
+"""The QoS that raw subscriptions request, and the messages that they miss."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Calls whose first answer is lost, as it is where the node did not know of the client by then."""
+"""Service calls whose first response is lost, as happens before the node discovers the client."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +14,7 @@ GET_STATE = ros_calls.QUESTIONS["get_state"]
 
 
 class LossyClient:
-    """Answers from the second question on."""
+    """Responds from the second request on."""
 
     def __init__(self) -> None:
         self.asked = 0
@@ -33,7 +33,7 @@ class LossyClient:
 
 
 class LossyNode:
-    """Answers from the second question for its state on."""
+    """Responds from the second request for its state on."""
 
     def __init__(self) -> None:
         self.asked = 0

@@ -1,4 +1,4 @@
-"""Simulated time at a time of the wall clock, by messages that are made up."""
+"""Simulated time at a wall time, from made-up messages."""
 
 import struct
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""A tap's numbers: a gap in them is a message that was lost."""
+"""Sequence numbers of a tap: a gap is a lost message."""
 
 from collections import deque
 from pathlib import Path

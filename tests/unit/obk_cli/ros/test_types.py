@@ -1,4 +1,4 @@
-"""Types by their names, which come from whoever is in the ROS graph."""
+"""Types by their names, which come from other nodes in the ROS graph."""
 
 import sys
 from pathlib import Path
@@ -11,7 +11,7 @@ from obk_cli.ros.types import find_type
 
 @pytest.fixture
 def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of packages that can be imported, each of which says so."""
+    """A folder of importable packages, each of which records its import."""
     said = "from pathlib import Path\nPath(__file__).with_name('imported').touch()\n"
     for name in ("no_messages", "odd_msgs", "odd_msgs/msg", "no_messages/tool"):
         (tmp_path / name).mkdir()

@@ -21,7 +21,7 @@ ROBOT, CONTROL, JOY = "/obelisk_robot_0", "/obelisk_control_0", "/joy"
 
 
 class FakeStack:
-    """The supervisor: changes states as asked, unless a node is broken."""
+    """The supervisor: changes states on request, unless a node is broken."""
 
     def __init__(self, folder: Path, run: Run, states: Mapping[str, str]) -> None:
         self.folder = folder
@@ -91,15 +91,15 @@ def fake_stack(
     leads: bool = True,
     elsewhere: Mapping[str, str] | None = None,
 ) -> Iterator[FakeStack]:
-    """A stack that runs and answers; one without a state has no life cycle.
+    """A stack that is running and replies; nodes without a state have no life cycle.
 
     Args:
         parent: the folder of all runs.
-        states: of the nodes that run here.
-        name: the config's.
+        states: states of the nodes on this host.
+        name: the name of the config.
         domain: the ROS domain.
-        devices: that are run here.
-        leads: whether this launcher drives the whole stack.
+        devices: the devices that run on this host.
+        leads: whether this launcher controls the whole stack.
         elsewhere: states of other devices' nodes.
     """
     pid, started = this_process()

@@ -1,4 +1,4 @@
-"""`obk lifecycle`, `ps`, `stop`, `logs`, `reap` as a person meets them."""
+"""The `obk lifecycle`, `ps`, `stop`, `logs` and `reap` commands."""
 
 import json
 import os
@@ -29,9 +29,9 @@ PID, STARTED = this_process()
 def parent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("OBK_HOME", str(tmp_path))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    # The launcher is this very process, which stays.
+    # The launcher is this process, which continues.
     monkeypatch.setattr(registry, "EXIT_S", 0.0)
-    # What others leave behind on this host is neither shown nor ended.
+    # Orphans of other stacks on this host are neither shown nor ended.
     monkeypatch.setattr(leftovers, "_own_processes", psutil.Process().children)
     return tmp_path / "runs"
 

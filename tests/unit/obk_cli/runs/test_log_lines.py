@@ -1,4 +1,4 @@
-"""A log that is followed while it is written, replaced, cut short."""
+"""Following a log while it is written, replaced or truncated."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
 def test_lines_come_as_they_are_written_whole(tmp_path: Path) -> None:
     path = tmp_path / "log"
     lines = follow_lines(path)
-    assert next(lines) is None  # it is not there yet
+    assert next(lines) is None  # it does not exist yet
     append(path, b"one\ntw")
     assert [next(lines), next(lines)] == ["one", None]
     append(path, "o ä".encode()[:-1])

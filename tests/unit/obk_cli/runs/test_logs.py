@@ -1,4 +1,4 @@
-"""Which log is meant."""
+"""The log that arguments refer to."""
 
 from datetime import datetime
 from pathlib import Path
@@ -14,7 +14,7 @@ NODES = ("/obelisk_robot_0", "/obelisk_control_0", "/left/obelisk_control_1")
 
 @pytest.fixture
 def folders(tmp_path: Path) -> list[Path]:
-    """Two runs of one config, a newer one of another."""
+    """Two runs of one config, and a newer one of another."""
     made = []
     for year, name in ((2031, "dummy"), (2032, "dummy"), (2033, "other")):
         folder = make_run_folder(tmp_path, name, datetime(year, 2, 3))

@@ -1,4 +1,4 @@
-"""Which nodes a name means."""
+"""The nodes that a name refers to."""
 
 from obk_cli.runs.registry import in_tier_order, section_of, select_nodes, stack_nodes
 

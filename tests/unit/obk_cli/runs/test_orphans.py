@@ -1,4 +1,4 @@
-"""Leftovers of stacks: found by their environment, ended with all that belongs to them."""
+"""Leftovers of stacks: found by their environment, ended with all their children."""
 
 import os
 import subprocess
@@ -41,7 +41,7 @@ os.write(1, b'\\n')
 while True:
     signal.pause()
 """
-"""What it starts when it is to end is not there when it is looked for."""
+"""A child that it starts at the end does not exist during the scan."""
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +52,7 @@ def turn() -> Iterator[None]:
 
 @contextmanager
 def running(code: str, marks: Mapping[str, str]) -> Iterator["subprocess.Popen[str]"]:
-    """A process that has come up, in a session of its own."""
+    """A running process in its own session."""
     with subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", code],
         env=dict(marks),
@@ -95,7 +95,7 @@ def test_without_the_launchers_number_the_runs_own_word_counts(
     with running(WAIT, {"OBK_RUN": RUN, **mark}) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        assert not find_orphans(tmp_path, run=RUN)  # nobody knows whose it is
+        assert not find_orphans(tmp_path, run=RUN)  # its owner is unknown
         write_run(tmp_path / RUN, run)
         assert [left.pid for left in find_orphans(tmp_path, run=RUN)] == [process.pid]
 

@@ -1,4 +1,4 @@
-"""Requests and answers of the control socket as lines."""
+"""Requests and replies of the control socket as lines."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""`obk new ... --add-to`: the package and the config's entry are made together, or neither."""
+"""`obk new ... --add-to` creates the package and the config's entry together, or neither."""
 
 import json
 import os
@@ -21,7 +21,7 @@ EXAMPLE = Path(__file__).resolve().parents[4] / "examples" / "dummy"
 
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A workspace with the example's config in it, to stand in."""
+    """A workspace with the example's config, set as the working folder."""
     folder = tmp_path / "ws"
     (folder / "src").mkdir(parents=True)
     shutil.copytree(EXAMPLE, folder / "config")
@@ -53,7 +53,7 @@ def errors(config: Path) -> list[str]:
 
 
 def hazards(config: Path) -> set[str]:
-    """The rules about lock-step runs that find something."""
+    """The rules about lock-step runs that have findings."""
     options = Options(variables={}, working_folder=Path.cwd(), for_test=True)
     return {finding.code for finding in compile_config(str(config), options).hazards}
 
@@ -97,7 +97,7 @@ def test_a_node_more_in_a_package_joins_too(
 
 @pytest.fixture
 def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The config of a workspace as `obk init` makes it, to stand beside."""
+    """The config of a workspace from `obk init`, outside the working folder."""
     monkeypatch.chdir(tmp_path)
     init = typer.Typer()
     init.command()(make_workspace)

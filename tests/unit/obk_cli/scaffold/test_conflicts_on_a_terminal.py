@@ -1,4 +1,4 @@
-"""Files in the way, on a real terminal: the user is asked about each."""
+"""Existing files on a real terminal: the user is asked about each."""
 
 import fcntl
 import os
@@ -36,7 +36,7 @@ class Dialogue:
             stdout=slave,
             stderr=slave,
             start_new_session=True,
-            # Of its own terminal, so that Ctrl-C there is a signal.
+            # Its own controlling terminal, so that Ctrl-C there is a signal.
             preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
         )
         os.close(slave)
@@ -80,7 +80,7 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def dialogue(root: Path) -> Iterator[Dialogue]:
-    """The same command once more."""
+    """Run the same command again."""
     started = Dialogue(root.parent)
     yield started
     if started.process.poll() is None:

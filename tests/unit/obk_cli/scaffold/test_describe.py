@@ -1,4 +1,4 @@
-"""The diff of what a run would change."""
+"""The diff of the changes that a command would make."""
 
 from pathlib import PurePosixPath
 

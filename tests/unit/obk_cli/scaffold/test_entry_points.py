@@ -1,4 +1,4 @@
-"""Entry points in setup.cfg and pyproject.toml; those in setup.py have a file of their own."""
+"""Entry points in setup.cfg and pyproject.toml; those in setup.py have their own test file."""
 
 import configparser
 import tomllib

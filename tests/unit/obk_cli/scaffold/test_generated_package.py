@@ -1,4 +1,4 @@
-"""The packages that come out, judged by other programs: ruff, pytest under ROS."""
+"""Generated packages, checked by other programs: ruff, and pytest with ROS."""
 
 import os
 import subprocess
@@ -92,7 +92,7 @@ def test_they_pass_mypy_by_their_own_rules(
             node.write(f"\n\ndef tell(node: Foo{kind.capitalize()}) -> None:\n")
             node.write("    node.get_logger().info('here')\n")
         roots.append(root)
-    # The rules of a package name it, and are otherwise the same.
+    # The rules of a package contain its name, and are otherwise the same.
     rules = {(root / "pyproject.toml").read_text().replace(root.name, "foo") for root in roots}
     assert len(rules) == 1
     packages = [word for root in roots for word in ("--package", root.name)]

@@ -29,7 +29,7 @@ refused = partial(refused_by, app)
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to stand in."""
+    """An empty working folder."""
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -88,7 +88,7 @@ def test_its_config_is_valid_without_a_finding(here: Path) -> None:
     options = Options(variables={}, working_folder=here, for_test=True)
     outcome = compile_config("my_robot/my_robot.yaml", options)
     found = [str(d) for d in outcome.diagnostics]
-    # The simulator's package is there only where the tool is installed.
+    # The simulator's package exists only if the tool is installed.
     assert [fault for fault in found if "`obelisk_sim_py`" not in fault] == []
     assert outcome.config is not None
 
@@ -133,7 +133,7 @@ def test_a_file_with_other_content_is_never_lost(here: Path, tree: Tree) -> None
     assert "README.md: it is there with other content" in fault.message
     assert fault.help is not None
     assert fault.help.startswith("choose another folder, or move what is in the way")
-    assert "--force" not in fault.help  # which `obk init` does not have
+    assert "--force" not in fault.help  # which `obk init` does not create
     assert tree(here) == before
 
 

@@ -1,4 +1,4 @@
-"""`obk init --model`: a workspace around a robot's model."""
+"""`obk init --model`: a workspace for a robot's model."""
 
 import json
 import struct
@@ -29,7 +29,7 @@ refused = partial(refused_by, app)
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to stand in."""
+    """An empty working folder."""
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -39,7 +39,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def findings(config: str) -> list[str]:
     options = Options(variables={}, working_folder=Path.cwd(), for_test=True)
     outcome = compile_config(config, options)
-    # The simulator's package is there only where the tool is installed.
+    # The simulator's package exists only if the tool is installed.
     return [str(d) for d in outcome.diagnostics if "`obelisk_sim_py`" not in str(d)]
 
 

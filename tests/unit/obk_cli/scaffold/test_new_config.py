@@ -1,4 +1,4 @@
-"""`obk new config`: a config of the nodes and the model that are there."""
+"""`obk new config`: a config of the existing nodes and model."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ from .new_command import empty_workspace, obk_new, refused
 
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty workspace to stand in."""
+    """An empty workspace as the working folder."""
     return empty_workspace(tmp_path / "ws", monkeypatch)
 
 
@@ -35,7 +35,7 @@ def test_what_the_config_is_to_say_is_valid_in_place_of_the_example(
     options = Options(variables={}, working_folder=workspace)
     outcome = compile_config("config.yaml", options)
     faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
-    # The simulator's package is there only where the tool is installed.
+    # The simulator's package exists only if the tool is installed.
     assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
     assert outcome.config is not None
 
@@ -86,7 +86,7 @@ def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: P
     assert not (workspace / "two.xml").exists()
     outcome = compile_config("two.yaml", Options(variables={}, working_folder=workspace))
     faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
-    # The simulator's package is there only where the tool is installed.
+    # The simulator's package exists only if the tool is installed.
     assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
 
 

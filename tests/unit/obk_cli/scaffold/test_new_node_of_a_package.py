@@ -1,4 +1,4 @@
-"""`obk new` within a package: a node is added to it, or an error says why not."""
+"""`obk new` in a package adds a node to it, or reports why that is not possible."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +15,7 @@ Tree = Callable[[Path], dict[str, bytes]]
 
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty workspace to stand in."""
+    """An empty workspace as the working folder."""
     return empty_workspace(tmp_path / "ws", monkeypatch)
 
 

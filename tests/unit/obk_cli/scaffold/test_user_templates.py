@@ -1,4 +1,4 @@
-"""Templates of a user's own, the harmful ones too."""
+"""User templates, including harmful ones."""
 
 import json
 from collections.abc import Callable
@@ -16,7 +16,7 @@ Tree = Callable[[Path], dict[str, bytes]]
 
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty workspace to stand in, and no templates in the user's own folder."""
+    """An empty working folder, without templates in the user's folder."""
     folder = tmp_path / "ws"
     (folder / "src").mkdir(parents=True)
     monkeypatch.chdir(folder)
@@ -27,7 +27,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def mine(tmp_path: Path) -> Path:
-    """A folder of templates with one of its own for Python packages."""
+    """A folder with a custom template for Python packages."""
     folder = tmp_path / "mine"
     (folder / "package_py").mkdir(parents=True)
     (folder / "package_py" / "LICENSE.jinja").write_text("Licence of {{ package }}\n")

@@ -1,4 +1,4 @@
-"""Deciding on files, and writing all of them or none."""
+"""Decisions about files, and writing all of them or none."""
 
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
@@ -67,7 +67,7 @@ Tree = Callable[[Path], dict[str, bytes]]
 
 
 class Interrupted(BaseException):
-    """As a KeyboardInterrupt: no `except Exception` stops it."""
+    """Like a KeyboardInterrupt: no `except Exception` catches it."""
 
 
 def decision(path: str, content: str, action: Action = Action.CREATE) -> Decision:
@@ -77,7 +77,7 @@ def decision(path: str, content: str, action: Action = Action.CREATE) -> Decisio
 
 
 def fail_at(monkeypatch: pytest.MonkeyPatch, method: str, count: int) -> None:
-    """Interrupt the count-th call of a method of Path, before it does anything."""
+    """Interrupt the count-th call of a method of Path, before it has an effect."""
     original = getattr(Path, method)
     calls = iter(range(1, 1000))
 

@@ -1,4 +1,4 @@
-"""OBK426: callbacks that wait for their own executor, and waits that are right."""
+"""OBK426: callbacks that wait for their own executor, and valid waits."""
 
 import pytest
 

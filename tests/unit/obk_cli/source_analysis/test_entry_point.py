@@ -1,4 +1,4 @@
-"""What is known of a node from its source, and what is rather left unsaid."""
+"""What is known of a node from its source, and what is not reported."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,13 +27,13 @@ def main():
 
 
 def load_from(texts: Mapping[str, str], name: str) -> Module | None:
-    """A module from the texts, or of the run-time library."""
+    """A module from the texts, or from the run-time library."""
     if name in texts:
         return parse_module(name, FoundSource(source=SourceFile.of(f"{name}.py", texts[name])))
     if not name.startswith("obelisk_py"):
         return None
     path = LIBRARY.joinpath(*name.split("."))
-    # A folder without `__init__.py` may be left over from another version of the library.
+    # A folder without `__init__.py` may be left from another version of the library.
     is_package = (path / "__init__.py").is_file()
     file = path / "__init__.py" if is_package else path.with_suffix(".py")
     if not file.is_file():

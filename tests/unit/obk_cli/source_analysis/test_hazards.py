@@ -1,4 +1,4 @@
-"""What may differ between two lock-step runs, and what they simulate and is no finding."""
+"""Differences between two lock-step runs, and what lock-step simulates without a finding."""
 
 import pytest
 from hypothesis import given

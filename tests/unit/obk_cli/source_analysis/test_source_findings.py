@@ -1,4 +1,4 @@
-"""What is wrong in a node's source for certain, and what may be right and gives no finding."""
+"""Certain errors in a node's source, and possibly valid code, which has no findings."""
 
 import pytest
 
@@ -20,7 +20,7 @@ INSTALLED = (
 
 
 def codes(body: str, **modules: str) -> list[str]:
-    """The findings of a source, wherever its imports lead."""
+    """The findings of a source, including its imports."""
     texts = {"m": HEAD + body + TAIL, **modules}
     places = ImportPlaces(
         may_exist=lambda name: (

@@ -1,4 +1,4 @@
-"""The page over HTTP, asked without a network."""
+"""The page over HTTP, requested without a network."""
 
 import asyncio
 import json
@@ -72,7 +72,7 @@ class Answer:
 
 @dataclass
 class Behind:
-    """What is behind a page; its streams end after some looks."""
+    """A fake back end of a page; its streams end after some updates."""
 
     moments: list[Snapshot] = field(default_factory=lambda: [Snapshot(number=1, view=HEALTHY)])
     looks: int = 1
@@ -142,7 +142,7 @@ def asked(
     headers: dict[str, str] | None = None,
     behind: Behind | None = None,
 ) -> Answer:
-    """A request with the headers of the page itself, but for those given."""
+    """A request with the headers of the page itself, except for given changes."""
     behind = behind or Behind()
     site = PageApi(
         behind.snapshot,

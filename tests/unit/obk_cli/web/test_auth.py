@@ -1,4 +1,4 @@
-"""Who may use the page of a running stack."""
+"""Access control of the page of a running stack."""
 
 import pytest
 

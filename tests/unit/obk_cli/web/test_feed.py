@@ -1,4 +1,4 @@
-"""What pages learn of a running stack."""
+"""The data about a running stack that pages receive."""
 
 import json
 import threading
@@ -17,7 +17,7 @@ from ..monitor.stacks import ELSEWHERE, HEALTHY  # noqa: TID252 - shared by fold
 
 
 class Script:
-    """Gives these views, then ends; raises what is an error."""
+    """Yields these views, then ends; raises items that are exceptions."""
 
     def __init__(self, *views: StackView | Exception | None) -> None:
         self._views = views

@@ -22,7 +22,7 @@ STEP_NS = 1_000_000
 
 
 def recorded(folder: Path, count: int) -> Path:
-    """A run with numbers `x`, 0 and on, and `text`, each received 1 ms after the one before."""
+    """A run with numbers `x` from 0 on, and `text`, each received 1 ms after the previous one."""
     (folder / HEALTHY.run).mkdir(parents=True)
     with BagWriter(folder / HEALTHY.run / RECORDING) as writer:
         channel = writer.add_topic("/t", "pkg/msg/Pair", "float64[2] x\n", {})

@@ -1,4 +1,4 @@
-"""The page's files: what they ask for is theirs, and text is never taken for HTML."""
+"""The page's files reference only each other, and text is never interpreted as HTML."""
 
 import re
 import socket

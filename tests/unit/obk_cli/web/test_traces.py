@@ -1,4 +1,4 @@
-"""What a page learns of a field's values."""
+"""The values of a field that a page receives."""
 
 from array import array
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Shell scripts that do nothing but run a Python module."""
+"""Shell scripts that only run a Python module."""
 
 from pathlib import Path
 

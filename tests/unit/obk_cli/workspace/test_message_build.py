@@ -1,4 +1,4 @@
-"""A workspace where a ROS 2 is sourced: a program in colcon's place notes what it is asked."""
+"""A workspace with a sourced ROS 2, and a fake colcon that records its arguments."""
 
 import json
 import os

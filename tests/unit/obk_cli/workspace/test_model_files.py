@@ -1,4 +1,4 @@
-"""Reading models: where their elements stand, and what MuJoCo says of them."""
+"""Reading models: locations of elements, and MuJoCo's errors."""
 
 import os
 import sys
@@ -51,7 +51,7 @@ def test_an_error_that_quotes_what_is_not_utf8_is_a_sentence_of_mujocos(tmp_path
     (tmp_path / "m.xml").write_bytes(b"<mujoco><worldbody><geom ma\xff='1'/></worldbody></mujoco>")
     fault = read_model(tmp_path / "m.xml")
     assert isinstance(fault, ModelFault)
-    # Which of the two depends on the version of Python.
+    # The choice depends on the version of Python.
     assert "ma\ufffd" in fault.message or "MuJoCo rejects it" in fault.message
 
 
@@ -107,7 +107,7 @@ def test_the_choice_of_a_renderer_is_left_as_it_was(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_file_is_walked_once_however_often_it_is_included(tmp_path: Path) -> None:
-    """Each of a long row of files includes the next one twice, by two paths."""
+    """Each of a long series of files includes the next one twice, by two paths."""
     count = 60
     for number in range(count):
         both = (f"{number + 1}.xml", f"../{tmp_path.name}/{number + 1}.xml")
@@ -117,7 +117,7 @@ def test_a_file_is_walked_once_however_often_it_is_included(tmp_path: Path) -> N
         )
     names = [element.name for element in mjcf_elements(tmp_path / "0.xml")]
     assert names == [f"g{number}" for number in range(count)]
-    # The last one is not there.
+    # The last one does not exist.
     assert len(list(mjcf_files(tmp_path / "0.xml"))) == count + 1
 
 

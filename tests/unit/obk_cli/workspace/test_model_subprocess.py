@@ -1,4 +1,4 @@
-"""A model that crashes MuJoCo: a finding names the file."""
+"""A model that crashes MuJoCo gives a finding with the file."""
 
 import os
 import signal

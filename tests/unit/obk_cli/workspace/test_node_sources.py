@@ -1,4 +1,4 @@
-"""The source behind an executable, wherever its package keeps it."""
+"""The source file of an executable, in any package layout."""
 
 import sys
 from pathlib import Path

@@ -7,7 +7,7 @@ from obk_cli.workspace.config_files import did_you_mean_config
 
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A workspace with configs, to stand in."""
+    """A workspace with configs, set as the working folder."""
     for name in ("arm.yaml", "arm_test.yml", "configs/dog.yaml", "build/dot.yaml", ".obk/dog.yaml"):
         file = tmp_path / name
         file.parent.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""The share folders of packages that run from source, as nodes look for them."""
+"""The share folders of packages that run from source, as nodes find them."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -72,7 +72,7 @@ def names_in(folder: Path) -> list[str]:
 
 
 def share_of(workspace: Path, monkeypatch: pytest.MonkeyPatch, *prefixes: Path) -> Path:
-    """The share folder that a node is given."""
+    """The share folder that a node gets."""
     packages = PackageIndex(workspaces=(workspace,), prefixes=prefixes)
     prefix = make_share_prefix(workspace.parent / "run/prefix", packages)
     variables = with_prefix({"AMENT_PREFIX_PATH": ":".join(map(str, prefixes))}, prefix)

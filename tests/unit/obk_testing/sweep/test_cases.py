@@ -1,4 +1,4 @@
-"""The cases of a sweep: a function of the tests and of the command line alone."""
+"""The cases of a sweep depend only on the tests and the command line."""
 
 from pathlib import Path
 

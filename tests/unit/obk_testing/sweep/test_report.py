@@ -1,4 +1,4 @@
-"""What a sweep reports: sums, text, JSON and a page without a network."""
+"""Reports of a sweep: sums, text, JSON and a page without a network."""
 
 import json
 from html.parser import HTMLParser
@@ -109,7 +109,7 @@ def test_the_json_has_what_a_program_needs() -> None:
 
 
 class Page(HTMLParser):
-    """Checks that tags are closed in their order, and collects attributes."""
+    """Checks that tags are closed in order, and collects attributes."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
