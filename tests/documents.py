@@ -54,7 +54,7 @@ class Edit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewFile:
-    """A file that the page tells the user to write."""
+    """A file that the user of a page writes."""
 
     path: str
     text: str

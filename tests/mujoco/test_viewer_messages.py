@@ -114,7 +114,7 @@ def test_after_the_last_state_it_is_over(model: mujoco.MjModel) -> None:
 def test_sending_to_an_onlooker_that_is_gone_does_nothing(model: mujoco.MjModel) -> None:
     received: list[tuple[str, str]] = []
     with link() as (ours, theirs):
-        sender = StateSender(model, mujoco.MjData(model), ours, lambda *said: received.append(said))
+        sender = StateSender(model, mujoco.MjData(model), ours, lambda *args: received.append(args))
         theirs.close()
         sender.send()
         sender.send()
@@ -142,7 +142,7 @@ def test_a_state_that_no_packet_holds_is_reported_once() -> None:
     with link() as (ours, _):
         room = ours.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
         size = mujoco.mj_stateSize(large, SIGNATURE) * 8
-        sender = StateSender(large, mujoco.MjData(large), ours, lambda *said: received.append(said))
+        sender = StateSender(large, mujoco.MjData(large), ours, lambda *args: received.append(args))
         sender.send()
         sender.send()
     ((severity, text),) = received

@@ -40,20 +40,20 @@ class Looked:
     """A viewer and its reports so far."""
 
     def __init__(self, model: mujoco.MjModel, kind: str, *arguments: str) -> None:
-        self.said: list[tuple[str, str]] = []
+        self.output: list[tuple[str, str]] = []
         self.onlooker = ViewerProcess(
             kind,
             arguments,
             model,
             mujoco.MjData(model),
-            notify=lambda *said: self.said.append(said),
+            notify=lambda *output: self.output.append(output),
         )
 
     @property
     def port(self) -> int:
         """The URL in the report of the web viewer, waited for."""
-        eventually(lambda: self.said, "a sentence of the onlooker")
-        severity, text = self.said[0]
+        eventually(lambda: self.output, "a sentence of the onlooker")
+        severity, text = self.output[0]
         assert severity == "info", text
         assert text.startswith("the simulation is shown at http://127.0.0.1:"), text
         return int(text.rpartition(":")[2])
@@ -94,7 +94,7 @@ def test_a_page_on_this_machine_only_behind_the_robot_gone_when_it_is_closed(
     looked.onlooker.close()
     assert not psutil.pid_exists(pid)
     assert the_port_is_free(looked.port)
-    assert len(looked.said) == 1
+    assert len(looked.output) == 1
 
 
 def test_a_page_of_another_user_in_the_same_browser_sees_nothing(
@@ -141,8 +141,8 @@ def test_a_port_that_is_taken_is_reported(looking: Callable[..., Looked]) -> Non
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         looked = looking("web", str(port))
-        eventually(lambda: looked.said, "the rejection")
-    assert looked.said == [
+        eventually(lambda: looked.output, "the rejection")
+    assert looked.output == [
         (
             "warning",
             f"the web viewer cannot have port {port} (`viewer_port`): Address already in use; "
@@ -158,8 +158,8 @@ def test_a_library_that_is_not_installed_is_reported_with_the_extra_that_brings_
     (tmp_path / "viser.py").write_text(missing)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
     looked = looking("web", "0")
-    eventually(lambda: looked.said, "the rejection")
-    ((severity, text),) = looked.said
+    eventually(lambda: looked.output, "the rejection")
+    ((severity, text),) = looked.output
     assert severity == "warning"
     assert "`viser`" in text
     assert "obelisk-cli[viewer]" in text
@@ -171,8 +171,8 @@ def test_a_window_without_a_display_is_reported_and_sending_goes_on(
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     looked = looking("native")
-    eventually(lambda: looked.said, "the rejection")
-    ((severity, text),) = looked.said
+    eventually(lambda: looked.output, "the rejection")
+    ((severity, text),) = looked.output
     assert severity == "warning"
     assert text.startswith("the native viewer needs a display")
     assert text.endswith("; the simulation goes on without it")
@@ -185,8 +185,8 @@ def test_a_display_that_cannot_be_opened_is_reported(
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("DISPLAY", ":9999")
     looked = looking("native")
-    eventually(lambda: looked.said, "the rejection")
-    assert looked.said == [
+    eventually(lambda: looked.output, "the rejection")
+    assert looked.output == [
         (
             "warning",
             "the native viewer needs a display, and `:9999` cannot be opened; `web` (a page in "
@@ -201,14 +201,14 @@ def test_one_that_dies_is_reported_once(looking: Callable[..., Looked]) -> None:
     looked = looking("web", "0")
     assert looked.port
     os.kill(looked.onlooker.pid, signal.SIGKILL)
-    eventually(lambda: len(looked.said) == 2, "the news of its end")
-    severity, text = looked.said[1]
+    eventually(lambda: len(looked.output) == 2, "the news of its end")
+    severity, text = looked.output[1]
     assert severity == "warning"
     assert text.startswith("the web viewer has ended (signal 9); the simulation goes on without it")
     for _ in range(3):
         looked.onlooker.states.send()
     looked.onlooker.close()
-    assert len(looked.said) == 2
+    assert len(looked.output) == 2
 
 
 def test_it_ends_with_a_robot_that_is_killed(dummy_xml: Path) -> None:

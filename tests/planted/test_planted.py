@@ -82,8 +82,8 @@ def test_every_planted_fault_is_found_at_its_place_with_its_cure(
     helps = {fault[:4]: fault[4] for fault in expected}
     findings = compiled(HERE / "stack.yaml", monkeypatch).diagnostics
     found = [(f.span.path, f.span.line, f.span.column, f.code) for f in findings]
-    heard = [reported(f, helps.get(place)) for f, place in zip(findings, found, strict=True)]
-    assert sorted(heard, key=str) == expected
+    received = [reported(f, helps.get(place)) for f, place in zip(findings, found, strict=True)]
+    assert sorted(received, key=str) == expected
 
 
 def test_there_are_sixty_kinds_of_faults_in_the_one_file() -> None:

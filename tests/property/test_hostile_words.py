@@ -116,22 +116,22 @@ def test_what_nodes_say_in_events_moves_no_terminal(
 
 
 @given(SPOILT, SPOILT)
-def test_a_line_of_a_node_moves_no_terminal(said: str, cause: str) -> None:
+def test_a_line_of_a_node_moves_no_terminal(output: str, cause: str) -> None:
     report = LaunchReport(("/a",), colour=False, quiet=False)
-    assert_shows_only_text([*report.line("/a", said), *report.note(said)])
-    coloured = LaunchReport(("/a",), colour=True, quiet=False).line("/a", said)
+    assert_shows_only_text([*report.line("/a", output), *report.note(output)])
+    coloured = LaunchReport(("/a",), colour=True, quiet=False).line("/a", output)
     assert_shows_only_text([_SGR.sub("", line) for line in coloured])
     view = StackView(
         run="arm",
         name="arm",
         domain=1,
-        state=said,
-        phase=said,
+        state=output,
+        phase=output,
         uptime_s=1.0,
         realtime_factor=None,
         nodes=(),
         topics=(),
-        lines=(said,),
+        lines=(output,),
         cause=cause,
         cost_percent=0.0,
         has_ended=bool(cause),
@@ -175,11 +175,11 @@ def test_a_name_of_any_text_is_taken_or_refused_in_words(name: str) -> None:
 
 @given(SPOILT.map(without_nul), SPOILT.map(without_nul), st.text().map(without_nul))
 def test_what_a_config_and_its_environment_say_moves_no_terminal(
-    said: str, variable: str, raw: str
+    output: str, variable: str, raw: str
 ) -> None:
-    escaped = "".join(f"\\x{ord(c):02x}" if ord(c) < 256 else c for c in said)
+    escaped = "".join(f"\\x{ord(c):02x}" if ord(c) < 256 else c for c in output)
     options = Options(variables={"A": variable, "B": raw}, working_folder=Path("/nowhere"))
-    for text in (CONFIG.format(escaped), CONFIG.format(said)):
+    for text in (CONFIG.format(escaped), CONFIG.format(output)):
         found = compile_source(SourceFile.of("c.yaml", text), options).diagnostics
         assert_shows_only_text(report_text(found, colour=False, verbose=True).split("\n"))
         report_github(found)

@@ -28,22 +28,22 @@ class Reported(ObeliskNode):
         self.declare_parameter("gain", 0)
         self.last_argument = sys.argv[-1]
 
-    def tell(self, what):
+    def report(self, what):
         print(self.get_name(), what, flush=True)
 
     def on_configure(self, state):
         self.get_logger().debug("a detail")
-        self.tell(self.get_parameter("gain").value)
-        self.tell(self.resolve_topic_name("in"))
-        self.tell(self.last_argument)
+        self.report(self.get_parameter("gain").value)
+        self.report(self.resolve_topic_name("in"))
+        self.report(self.last_argument)
         return super().on_configure(state)
 
     def on_deactivate(self, state):
-        self.tell("deactivated")
+        self.report("deactivated")
         return super().on_deactivate(state)
 
     def on_shutdown(self, state):
-        self.tell("shut down")
+        self.report("shut down")
         return super().on_shutdown(state)
 
 
@@ -72,7 +72,7 @@ class Leaving(Act):
 
 class Stuck(Act):
     def act(self):
-        self.tell("stuck")
+        self.report("stuck")
         time.sleep(1000)
 
 
@@ -169,12 +169,12 @@ class Composed:
 
     def listen(self, kind: type[Any], topic: str) -> Callable[[], bool]:
         """Whether a message has arrived."""
-        heard: list[Any] = []
-        self.client.create_subscription(kind, topic, heard.append, 10)
+        received: list[Any] = []
+        self.client.create_subscription(kind, topic, received.append, 10)
 
         def has_come() -> bool:
             self._executor.spin_once(0.01)
-            return bool(heard)
+            return bool(received)
 
         return has_come
 

@@ -105,7 +105,7 @@ def run(workspace: Path, code: str) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
 
 
-def said(workspace: Path, code: str) -> str:
+def output(workspace: Path, code: str) -> str:
     return run(workspace, code).communicate(timeout=60)[0]
 
 
@@ -118,7 +118,7 @@ def test_two_processes_exchange_a_users_messages_and_service(workspace: Path) ->
 @pytest.mark.slow
 def test_only_what_changed_or_is_named_and_what_uses_it_is_built(workspace: Path) -> None:
     assert build(workspace)["unchanged"] == ["arm_msgs", "other_msgs", "task_msgs"]
-    before = said(workspace, TYPE_HASH)
+    before = output(workspace, TYPE_HASH)
     source = workspace / "src" / "arm_msgs" / "msg" / "Reach.msg"
     source.write_text(source.read_text() + "float64 speed\n")
     word = workspace / "src" / "other_msgs" / "msg" / "Word.msg"
@@ -126,7 +126,7 @@ def test_only_what_changed_or_is_named_and_what_uses_it_is_built(workspace: Path
     assert build(workspace, "arm_msgs")["built"] == ["arm_msgs", "task_msgs"]
     report = build(workspace)
     assert (report["built"], report["unchanged"]) == (["other_msgs"], ["arm_msgs", "task_msgs"])
-    after = said(workspace, TYPE_HASH)
+    after = output(workspace, TYPE_HASH)
     assert before.startswith("RIHS01_")
     assert after.startswith("RIHS01_")
     assert before != after

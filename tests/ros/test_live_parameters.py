@@ -373,29 +373,29 @@ def test_obk_param_reports_what_happened() -> None:
     with spinning(Tuned, EventLoopExecutor) as node:
         activate(node)
 
-        def said(*words: object) -> str:
+        def output(*words: object) -> str:
             done = obk("param", *words)
             assert done.returncode == 0, done.stderr
             return done.stdout
 
         prefix = "/tuned: "
         assert (
-            said("set", "tuned", "kp", 25)
+            output("set", "tuned", "kp", 25)
             == f"{prefix}kp changed from 20.0 to 25.0 N m/rad, in effect\n"
         )
         stored = f"{prefix}horizon changed from 10 to 20 ticks, {STORED}\n"
-        assert said("set", "tuned", "horizon", 20) == stored
-        assert said("set", "tuned", "offset", "-1.5") == (
+        assert output("set", "tuned", "horizon", 20) == stored
+        assert output("set", "tuned", "offset", "-1.5") == (
             f"{prefix}offset changed from 0.0 to -1.5, in effect\n"
         )
         assert (node.kp, node.horizon, node.offset) == (25.0, 10, -1.5)
         refused = obk("param", "set", "tuned", "kp", -1)
         assert refused.returncode == 1
         assert "`kp` is -1.0 N m/rad, expected 0.0 to 200.0" in refused.stderr
-        row = next(line for line in said("list", "tuned").splitlines() if line.startswith("kp "))
+        row = next(line for line in output("list", "tuned").splitlines() if line.startswith("kp "))
         assert row.split(maxsplit=2)[:2] == ["kp", "double"]
         assert "0.0 to 200.0  N m/rad" in row
         assert row.endswith("proportional gain")
-        listed = json.loads(said("list", "tuned", "--format", "json"))["/tuned"]
+        listed = json.loads(output("list", "tuned", "--format", "json"))["/tuned"]
         assert listed["gait"]["choices"] == ["walk", "stand"]
         assert (listed["horizon"]["live"], listed["params_path"]["live"]) == (False, None)

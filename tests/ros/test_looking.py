@@ -42,8 +42,8 @@ class Talker(Node):
         self._point = self.create_publisher(PointStamped, "point", 10)
         self.create_publisher(String, "manual", latched).publish(String(data="turn it on"))
         self.create_publisher(Int32, "silent", 1)
-        self.heard: list[PointStamped] = []
-        self.create_subscription(PointStamped, "goal", self.heard.append, 10)
+        self.received: list[PointStamped] = []
+        self.create_subscription(PointStamped, "goal", self.received.append, 10)
         self.create_service(SetBool, "switch", self._switch)
         self.declare_parameter("gain", 1.5)
         self.declare_parameter("limits.upper", [1.0, 2.0])
@@ -152,7 +152,7 @@ def test_a_topic_without_messages_and_one_that_is_not_there_end_with_a_sentence(
             "no message came on /arm/silent within 2 s"
             in refused("topic", "echo", "silent", "--timeout", "2")
         ),
-        "that nothing is said",
+        "the report of a silent topic",
     )
     missing = f"there is no topic `jionts` in the ROS domain {os.environ['ROS_DOMAIN_ID']}"
 
@@ -187,10 +187,10 @@ def test_delays_are_reported_by_stamps(talker: Talker) -> None:
 
 def test_messages_are_published_once_they_fit_and_someone_listens(talker: Talker) -> None:
     text = "{header: auto, point: {x: 1, y: -0.5}}"
-    said = done("topic", "pub", "goal", text, "-n", "3", "--rate", "100")
-    assert said == "published 3 messages on /arm/goal\n"
-    eventually(lambda: len(talker.heard) == 3, "three messages")
-    goal = talker.heard[-1]
+    output = done("topic", "pub", "goal", text, "-n", "3", "--rate", "100")
+    assert output == "published 3 messages on /arm/goal\n"
+    eventually(lambda: len(talker.received) == 3, "three messages")
+    goal = talker.received[-1]
     assert (goal.point.x, goal.point.y, goal.point.z) == (1.0, -0.5, 0.0)
     assert goal.header.stamp.sec > 1_600_000_000
     wrong = refused("topic", "pub", "/arm/goal", "{point: {x: a, w: 1}}", "--once", exit_code=2)
@@ -198,11 +198,11 @@ def test_messages_are_published_once_they_fit_and_someone_listens(talker: Talker
     assert "point.w: " in wrong
     other = refused("topic", "pub", "/arm/goal", "std_msgs/msg/String", "{}", "--once")
     assert "type geometry_msgs/msg/PointStamped" in other
-    lonely = refused(
-        "topic", "pub", "/nobody", "std_msgs/msg/Int32", "{data: 1}", "--once", "--timeout", "1"
+    unmatched = refused(
+        "topic", "pub", "/unused", "std_msgs/msg/Int32", "{data: 1}", "--once", "--timeout", "1"
     )
-    assert "/nobody" in lonely
-    assert len(talker.heard) == 3
+    assert "/unused" in unmatched
+    assert len(talker.received) == 3
 
 
 def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Path) -> None:
@@ -211,8 +211,8 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
         "gain": {"type": "double", "value": 1.5},
         "limits.upper": {"type": "double_array", "value": [1.0, 2.0]},
     }
-    said = done("param", "set", TALKER, "gain", "2")
-    assert said == "/arm/talker: gain changed from 1.5 to 2.0 (double)\n"
+    output = done("param", "set", TALKER, "gain", "2")
+    assert output == "/arm/talker: gain changed from 1.5 to 2.0 (double)\n"
     assert talker.get_parameter("gain").value == 2.0
     assert r"\u001b[1mabove 10" in refused("param", "set", TALKER, "gain", "11")
     of_type = refused("param", "set", TALKER, "limits.upper", "[a]")
@@ -233,8 +233,8 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
     assert dumped["name"] == "arm: left"
     assert done("param", "dump", TALKER) == path.read_text()
     assert "offset" not in dumped
-    said = done("param", "set", TALKER, "offset", "1")
-    assert said == "/arm/talker: offset changed from not set to 1.0 (double)\n"
+    output = done("param", "set", TALKER, "offset", "1")
+    assert output == "/arm/talker: offset changed from not set to 1.0 (double)\n"
 
 
 def test_services_are_listed_and_called(talker: Talker) -> None:

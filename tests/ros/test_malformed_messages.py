@@ -47,7 +47,7 @@ def test_bytes_that_are_no_message_end_neither_robot_nor_stack() -> None:
     with launched(DUMMY, "--allow-foreign") as run:
         rclpy.init()
         try:
-            node = rclpy.create_node("stranger")
+            node = rclpy.create_node("foreign")
             publisher = node.create_publisher(PositionSetpoint, TOPIC, 10)
             other = node.create_publisher(String, f"{TOPIC}/other", 10)
             eventually(publisher.get_subscription_count, "the robot's subscription")
@@ -71,7 +71,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 rclpy.init()
-node = rclpy.create_node("stranger")
+node = rclpy.create_node("foreign")
 weak = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 text = node.create_publisher(String, "/obelisk/dummy/ctrl", 10)
 sensor = node.create_publisher(JointEncoders, "/obelisk/dummy/joint_encoders", weak)
@@ -113,7 +113,7 @@ def test_ends_that_do_not_fit_are_reported_and_no_callback_gets_their_messages()
         try:
             reported = (
                 "/obelisk/dummy/ctrl has the type obelisk_control_msgs/msg/PositionSetpoint in "
-                "this stack and std_msgs/msg/String in /stranger: these nodes do not receive each "
+                "this stack and std_msgs/msg/String in /foreign: these nodes do not receive each "
                 "other's messages"
             )
             run.wait_for_line(reported)

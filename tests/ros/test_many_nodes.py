@@ -28,11 +28,11 @@ def thirty_nodes(repository: Path, folder: Path) -> Path:
     return path
 
 
-def _at(node: dict[str, list[dict[str, object]]], publishes: str, hears: str | None) -> object:
+def _at(node: dict[str, list[dict[str, object]]], publishes: str, subscribes: str | None) -> object:
     copy = yaml.safe_load(yaml.safe_dump(node))
     copy["publishers"][0]["topic"] = publishes
-    if hears is not None:
-        copy["subscribers"][0]["topic"] = hears
+    if subscribes is not None:
+        copy["subscribers"][0]["topic"] = subscribes
     copy["timers"][0]["timer_period_sec"] = 0.05
     return copy
 

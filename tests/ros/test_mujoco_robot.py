@@ -107,9 +107,9 @@ def simulator(
     with spinning(make) as node:
 
         def collect(message_type: type[Any], topic: str) -> list[Any]:
-            heard: list[Any] = []
-            node.create_subscription(message_type, topic, heard.append, QoSProfile(depth=1000))
-            return heard
+            received: list[Any] = []
+            node.create_subscription(message_type, topic, received.append, QoSProfile(depth=1000))
+            return received
 
         yield node, collect
 
@@ -139,11 +139,11 @@ def test_it_publishes_while_it_is_active_and_only_then() -> None:
         assert request(node, "configure")
         assert encoders == []
         for _ in range(2):
-            heard = (encoders, imu, true, rtf, markers, same_markers)
-            for messages in heard:
+            received = (encoders, imu, true, rtf, markers, same_markers)
+            for messages in received:
                 messages.clear()
             assert request(node, "activate")
-            for messages in heard:
+            for messages in received:
                 eventually(lambda messages=messages: messages, "a message of each kind")
             assert request(node, "deactivate")
         assert len(encoders[0].y) == 2
@@ -321,9 +321,9 @@ def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
         eventually(lambda: _seconds(clock[-1]) > 0.05, "the clock")
         assert _asked(node, SetBool, "pause", data=True).success
         assert request(node, "deactivate")
-        heard = len(clock)
+        received = len(clock)
         assert request(node, "activate")
-        eventually(lambda: len(clock) > heard + 20, "the clock of the next run")
+        eventually(lambda: len(clock) > received + 20, "the clock of the next run")
 
 
 class _Viewer:

@@ -58,7 +58,7 @@ def recording(tmp_path: Path) -> Path:
 @contextmanager
 def listening() -> Iterator[tuple[Node, dict[str, list[tuple[float, float]]]]]:
     """A node that collects numbers with their arrival times, and commands."""
-    heard: dict[str, list[tuple[float, float]]] = {"/count": [], "/value": [], "/ctrl": []}
+    received: dict[str, list[tuple[float, float]]] = {"/count": [], "/value": [], "/ctrl": []}
     rclpy.init()
     try:
         node = rclpy.create_node("listener")
@@ -66,13 +66,13 @@ def listening() -> Iterator[tuple[Node, dict[str, list[tuple[float, float]]]]]:
             node.create_subscription(
                 kind,
                 name,
-                lambda message, name=name: heard[name].append((time.monotonic(), message.data)),
+                lambda message, name=name: received[name].append((time.monotonic(), message.data)),
                 QoSProfile(depth=2 * COUNT),
             )
         node.create_subscription(
-            PositionSetpoint, "/ctrl", lambda _: heard["/ctrl"].append((0.0, 0.0)), 10
+            PositionSetpoint, "/ctrl", lambda _: received["/ctrl"].append((0.0, 0.0)), 10
         )
-        yield node, heard
+        yield node, received
     finally:
         rclpy.try_shutdown()
 
@@ -93,20 +93,20 @@ def played(node: Node, *words: object) -> subprocess.CompletedProcess[str]:
 
 
 def test_every_message_comes_again_in_order_and_no_command(recording: Path) -> None:
-    with listening() as (node, heard):
+    with listening() as (node, received):
         done = played(node, recording, "--rate", "4")
         assert done.returncode == 0, done.stderr
 
         def all_came() -> bool:
             rclpy.spin_once(node, timeout_sec=0.01)
-            return len(heard["/count"]) == len(heard["/value"]) == COUNT
+            return len(received["/count"]) == len(received["/value"]) == COUNT
 
         eventually(all_came, "all messages")
-    assert [value for _, value in heard["/count"]] == list(range(COUNT))
-    assert [value for _, value in heard["/value"]] == [number / 2 for number in range(COUNT)]
+    assert [value for _, value in received["/count"]] == list(range(COUNT))
+    assert [value for _, value in received["/value"]] == [number / 2 for number in range(COUNT)]
     # It cannot be faster than requested.
-    assert heard["/count"][-1][0] - heard["/count"][0][0] > 0.5 * COUNT * STEP_NS * 1e-9 / 4
-    assert heard["/ctrl"] == []
+    assert received["/count"][-1][0] - received["/count"][0][0] > 0.5 * COUNT * STEP_NS * 1e-9 / 4
+    assert received["/ctrl"] == []
     assert done.stderr.startswith("note: /ctrl ")
     assert "/count  200 messages" in done.stdout
 
@@ -115,11 +115,13 @@ def test_commands_are_published_only_on_purpose(recording: Path) -> None:
     refused = obk("play", recording, "--topic", "ctrl")
     assert refused.returncode == 1
     assert "`/ctrl` commands a robot" in refused.stderr
-    with listening() as (node, heard):
+    with listening() as (node, received):
         done = played(node, recording, "--topic", "ctrl", "--allow-hardware")
         assert done.returncode == 0, done.stderr
-        eventually(lambda: rclpy.spin_once(node, timeout_sec=0.01) or heard["/ctrl"], "the command")
-    assert heard["/count"] == []
+        eventually(
+            lambda: rclpy.spin_once(node, timeout_sec=0.01) or received["/ctrl"], "the command"
+        )
+    assert received["/count"] == []
 
 
 @pytest.mark.parametrize(

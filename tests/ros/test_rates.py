@@ -73,8 +73,8 @@ def listening(
     rclpy.init()
     listener = rclpy.create_node("listener")
     node = make()
-    heard: list[RatesReported] = []
-    subscribe_to_diagnostics(listener, (node.get_fully_qualified_name(),), heard.append)
+    received: list[RatesReported] = []
+    subscribe_to_diagnostics(listener, (node.get_fully_qualified_name(),), received.append)
     executor = executor_type()
     for each in (node, listener):
         executor.add_node(each)
@@ -85,7 +85,7 @@ def listening(
     try:
         assert request(node, "configure")
         assert request(node, "activate")
-        yield node, heard
+        yield node, received
     finally:
         over.set_result(None)
         executor.wake()
@@ -108,12 +108,12 @@ NONE = Rate(
 )
 
 
-def newest(heard: list[RatesReported], name: str) -> Rate | None:
-    return next((r for reported in heard[-1:] for r in reported.rates if r.name == name), None)
+def newest(received: list[RatesReported], name: str) -> Rate | None:
+    return next((r for reported in received[-1:] for r in reported.rates if r.name == name), None)
 
 
-def is_broken(heard: list[RatesReported], name: str) -> bool:
-    rate = newest(heard, name)
+def is_broken(received: list[RatesReported], name: str) -> bool:
+    rate = newest(received, name)
     return rate is not None and rate.standing == "broken"
 
 
@@ -131,12 +131,14 @@ def is_broken(heard: list[RatesReported], name: str) -> bool:
 def test_a_throttled_timer_is_marked_with_every_executor(
     executor_type: Callable[[], Executor],
 ) -> None:
-    with listening(Two, executor_type) as (_, heard):
-        eventually(lambda: is_broken(heard, "timer_fast"), "a broken rate", seen=lambda: str(heard))
-        rate = newest(heard, "timer_fast")
-    assert {reported.node for reported in heard} == {"/arm/two"}
-    assert [rate.name for rate in heard[0].rates] == ["timer_slow", "timer_fast"]
-    first = newest(heard[:1], "timer_fast")
+    with listening(Two, executor_type) as (_, received):
+        eventually(
+            lambda: is_broken(received, "timer_fast"), "a broken rate", seen=lambda: str(received)
+        )
+        rate = newest(received, "timer_fast")
+    assert {reported.node for reported in received} == {"/arm/two"}
+    assert [rate.name for rate in received[0].rates] == ["timer_slow", "timer_fast"]
+    first = newest(received[:1], "timer_fast")
     assert first is not None
     assert first.standing == "kept"  # the first second is ignored
     assert rate is not None
@@ -148,32 +150,32 @@ def test_a_throttled_timer_is_marked_with_every_executor(
 
 
 def test_coroutines_of_the_configs_timers_are_counted() -> None:
-    with listening(Awaiting, EventLoopExecutor) as (_, heard):
-        eventually(lambda: (newest(heard, "timer_slow") or NONE).ticks >= 3, "three ticks")
-        assert (newest(heard, "timer_fast") or NONE).ticks >= 3
-        assert (newest(heard, "timer_slow") or NONE).expected_hz == 2
+    with listening(Awaiting, EventLoopExecutor) as (_, received):
+        eventually(lambda: (newest(received, "timer_slow") or NONE).ticks >= 3, "three ticks")
+        assert (newest(received, "timer_fast") or NONE).ticks >= 3
+        assert (newest(received, "timer_slow") or NONE).expected_hz == 2
 
 
-def is_heard_for(heard: list[RatesReported], wait_s: float) -> bool:
+def is_heard_for(received: list[RatesReported], wait_s: float) -> bool:
     """Whether more reports arrive within a time."""
-    before = len(heard)
+    before = len(received)
     time.sleep(wait_s)
-    return len(heard) > before
+    return len(received) > before
 
 
 @pytest.mark.slow
 def test_only_an_active_node_reports_of_its_rates() -> None:
-    with listening(Two, EventLoopExecutor) as (node, heard):
-        eventually(lambda: len(heard) >= 2, "reports")
+    with listening(Two, EventLoopExecutor) as (node, received):
+        eventually(lambda: len(received) >= 2, "reports")
         assert request(node, "deactivate")
         # A report in progress may still arrive.
-        eventually(lambda: not is_heard_for(heard, 1.5), "silence")
-        before = len(heard)
+        eventually(lambda: not is_heard_for(received, 1.5), "silence")
+        before = len(received)
         assert request(node, "cleanup")
         assert request(node, "configure")
         assert request(node, "activate")
-        eventually(lambda: len(heard) > before, "reports again")
-        assert [rate.name for rate in heard[before].rates] == ["timer_slow", "timer_fast"]
+        eventually(lambda: len(received) > before, "reports again")
+        assert [rate.name for rate in received[before].rates] == ["timer_slow", "timer_fast"]
 
 
 @pytest.mark.slow
@@ -184,7 +186,7 @@ def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_
         slow = "{timer_period_sec: 0.1}"
         return Awaiting(use_sim_time=True, timer_slow_setting=slow, timer_fast_setting=slow)
 
-    with listening(make, EventLoopExecutor) as (node, heard):
+    with listening(make, EventLoopExecutor) as (node, received):
         clock = node.create_publisher(Clock, "/clock", 10)
         now_ms = 1000
 
@@ -192,13 +194,13 @@ def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_
             nonlocal now_ms
             now_ms += 4
             clock.publish(Clock(clock=Time(sec=now_ms // 1000, nanosec=now_ms % 1000 * 10**6)))
-            return (newest(heard, "timer_slow") or NONE).ticks >= 8
+            return (newest(received, "timer_slow") or NONE).ticks >= 8
 
-        eventually(move_on, "eight ticks", seen=lambda: str(heard))
-        assert (newest(heard, "timer_slow") or NONE).measured_hz > 4
-        stopped = len(heard)
-        eventually(lambda: len(heard) >= stopped + 3, "reports")
-        assert (newest(heard, "timer_slow") or NONE).standing == "kept"
+        eventually(move_on, "eight ticks", seen=lambda: str(received))
+        assert (newest(received, "timer_slow") or NONE).measured_hz > 4
+        stopped = len(received)
+        eventually(lambda: len(received) >= stopped + 3, "reports")
+        assert (newest(received, "timer_slow") or NONE).standing == "kept"
 
 
 def test_a_node_is_silenced_by_its_parameter() -> None:

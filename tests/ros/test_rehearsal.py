@@ -1,4 +1,4 @@
-"""The failure table, tested on the dummy stack by `obk rehearse`: one node, all rules and faults."""
+"""The failure table, tested on the dummy stack by `obk rehearse`: every rule and every fault."""
 
 import json
 import os

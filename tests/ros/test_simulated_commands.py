@@ -100,7 +100,7 @@ def controls(node: Any) -> list[float]:
     return list(node._simulation.data.ctrl)
 
 
-def said(node: Any, part: str) -> bool:
+def output(node: Any, part: str) -> bool:
     return any(part in text for text in node.reported)
 
 
@@ -140,8 +140,8 @@ def test_a_wrong_command_is_kept_out_and_reported(
         publisher = active(node, message)
         publisher.publish(make(0.5, -0.25))
         publisher.publish(make(*values))
-        eventually(lambda: said(node, refusal), "the refusal")
-        assert said(node, "control rejected: `")
+        eventually(lambda: output(node, refusal), "the refusal")
+        assert output(node, "control rejected: `")
         eventually(lambda: controls(node) == [0.5, -0.25], "the control before it")
         publisher.publish(make(0.1, 0.2))
         eventually(lambda: controls(node) == [0.1, 0.2], "the control behind it")
@@ -158,7 +158,7 @@ def test_a_late_command_is_applied_and_reported(tmp_path: Path, make: Any) -> No
         publisher.publish(late)
         eventually(lambda: controls(node) == [0.5, -0.25], "the control")
         eventually(
-            lambda: said(node, "late control applied: its stamp is more than 1 s old (1x)"),
+            lambda: output(node, "late control applied: its stamp is more than 1 s old (1x)"),
             "that it is late",
         )
 
@@ -173,7 +173,7 @@ def test_a_command_out_of_order_is_kept_out_and_reported(tmp_path: Path, make: A
         publisher.publish(newer)
         publisher.publish(older)
         eventually(
-            lambda: said(node, "it is older than the one applied, by their stamps"), "reported"
+            lambda: output(node, "it is older than the one applied, by their stamps"), "reported"
         )
         eventually(lambda: controls(node) == [0.5, -0.25], "the newer control")
 
@@ -214,16 +214,16 @@ def test_old_commands_become_zeros_although_the_executor_is_busy(tmp_path: Path,
         assert not is_free.is_set()
         is_free.set()
         set_to_zero = "s: every number of the control is set to zero (`stale_action: zero`)"
-        eventually(lambda: said(node, set_to_zero), "what learns of the silence")
+        eventually(lambda: output(node, set_to_zero), "what learns of the silence")
         publisher.publish(make(0.1, 0.2))
-        eventually(lambda: said(node, "commands resumed after "), "the next command")
+        eventually(lambda: output(node, "commands resumed after "), "the next command")
 
 
 def test_the_simulator_brakes_a_robot_whose_commands_stop(tmp_path: Path) -> None:
     with simulator(tmp_path, PositionSetpoint, max_age_sec=0.3, stale_action="damp") as node:
         publisher = active(node, PositionSetpoint)
         publisher.publish(setpoint(5.0, 0.0))
-        eventually(lambda: said(node, "the robot brakes (`stale_action: damp`)"), "the brake")
+        eventually(lambda: output(node, "the robot brakes (`stale_action: damp`)"), "the brake")
         data = node._simulation.data
         eventually(lambda: abs(data.qvel).max() < 0.01, "the robot at rest")
         assert controls(node) != [5.0, 0.0]
@@ -255,7 +255,7 @@ def test_a_simulator_that_gets_nothing_but_refused_commands_says_so(
     with simulator(tmp_path, PositionSetpoint) as node:
         active(node, PositionSetpoint)
         node._take_control(setpoint(NAN, 0.0))
-        assert said(node, "nothing else was received for 0.0 s, so the robot has no commands")
+        assert output(node, "nothing else was received for 0.0 s, so the robot has no commands")
 
 
 def test_no_command_grows_old_while_the_simulation_is_paused(tmp_path: Path) -> None:

@@ -197,11 +197,11 @@ class Ears:
     """The events received from a node."""
 
     def __init__(self, ros: RosNodes) -> None:
-        self.heard: list[InputEvent] = []
-        ros.report_to(self.heard.append)
+        self.received: list[InputEvent] = []
+        ros.report_to(self.received.append)
 
     def count(self, what: InputEvent) -> int:
-        return self.heard.count(what)
+        return self.received.count(what)
 
 
 def test_a_restarted_node_is_ready_when_its_new_process_answers(
@@ -212,7 +212,7 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
     with open_ros_nodes("watch", environment) as ros:
         ears = Ears(ros)
         ros.prepare(["/n"])
-        assert ears.heard == []
+        assert ears.received == []
         ros.watch(["/n"])
         with running_node() as first:
             eventually(lambda: ears.count(ready) == 1, "the first process")
@@ -229,7 +229,7 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
         ros.request("/n", "configure")
         with running_node():
             eventually(lambda: ears.count(ready) == 2, "the second process")
-            assert {type(heard) for heard in ears.heard} == {Ready}
+            assert {type(received) for received in ears.received} == {Ready}
             ros.ask_state("/n")
             state = StateAnswered(node="/n", state="unconfigured")
             eventually(lambda: ears.count(state), "its state")
@@ -267,7 +267,7 @@ def test_a_node_that_never_comes_is_no_longer_looked_for_at_the_end(
         ros.watch(["/never"])
         assert "watch" in {thread.name for thread in set(threading.enumerate()) - before}
     assert set(threading.enumerate()) <= before
-    assert ears.heard == []
+    assert ears.received == []
 
 
 def test_of_a_client_only_its_own_node_stays_in_the_graph(environment: RosEnvironment) -> None:
@@ -283,12 +283,12 @@ def test_of_a_client_only_its_own_node_stays_in_the_graph(environment: RosEnviro
 def test_discovery_is_waited_for_since_the_participants_start(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    nobody = SimpleNamespace(get_node_names_and_namespaces=list)
+    empty_node = SimpleNamespace(get_node_names_and_namespaces=list)
     slept: list[float] = []
     monkeypatch.setattr("obk_cli.ros.graph.time", clock_that_sleeps(slept))
-    RosGraph(nobody, begin_s=-OWN_DISCOVERY_S).taken(["/n"], OWN_DISCOVERY_S)
+    RosGraph(empty_node, begin_s=-OWN_DISCOVERY_S).taken(["/n"], OWN_DISCOVERY_S)
     assert slept == []
-    RosGraph(nobody, begin_s=-0.3).taken(["/n"], OWN_DISCOVERY_S)
+    RosGraph(empty_node, begin_s=-0.3).taken(["/n"], OWN_DISCOVERY_S)
     assert sum(slept) == pytest.approx(OWN_DISCOVERY_S - 0.3, abs=0.02)
 
 

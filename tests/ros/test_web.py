@@ -226,8 +226,8 @@ def test_parameters_are_tuned_by_sliders_and_fields_reset_and_saved(tmp_path: Pa
         slider = page.get_by_label("estimation_0 time_constant_s slider")
         slider.fill("0.05")
         row = page.locator(".parameter", has=slider)
-        said = "time_constant_s changed from 0.005 to 0.05 s, in effect"
-        seen(lambda: said in row.inner_text(), "the change")
+        output = "time_constant_s changed from 0.005 to 0.05 s, in effect"
+        seen(lambda: output in row.inner_text(), "the change")
         assert smoothing.input_value() == "0.05"
         of_node = ("param", "get", "estimation_0", "time_constant_s")
         assert obk(*of_node).stdout.split()[-1] == "0.05"

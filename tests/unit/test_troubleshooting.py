@@ -45,4 +45,4 @@ def test_every_row_is_read() -> None:
 @pytest.mark.parametrize("quote", QUOTES)
 def test_a_message_is_one_of_the_source(quote: str, source: str) -> None:
     assert len(re.findall(r"\w", quote)) >= 6
-    assert quote in source, f"no message of the source says: {quote}"
+    assert quote in source, f"the source has no message: {quote}"

@@ -157,9 +157,9 @@ def test_an_edit_of_a_last_line_without_an_end_stays_within_the_file() -> None:
 
 def test_sarif_has_the_edits_of_a_certain_cure() -> None:
     (run,) = json.loads(report_sarif([CURED, FINDING]))["runs"]
-    cured, other = run["results"]
+    fixed, other = run["results"]
     assert "fixes" not in other
-    (fix,) = cured["fixes"]
+    (fix,) = fixed["fixes"]
     assert fix["artifactChanges"] == [
         {
             "artifactLocation": {"uri": "f.yaml"},

@@ -57,7 +57,7 @@ Result = tuple[int, str, str]
 
 
 @pytest.fixture(scope="module")
-def said(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
+def output(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
     """Command -> its exit code, output and errors, all from one process."""
     reported = {**LIGHT, **{verb: arguments for verb, (_, arguments) in NEEDS.items()}}
     folder = tmp_path_factory.mktemp("light")
@@ -87,8 +87,8 @@ def test_every_command_is_tried() -> None:
 
 
 @pytest.mark.parametrize("verb", LIGHT)
-def test_a_command_that_needs_no_extra(said: Callable[[str], Result], verb: str) -> None:
-    code, out, err = said(verb)
+def test_a_command_that_needs_no_extra(output: Callable[[str], Result], verb: str) -> None:
+    code, out, err = output(verb)
     assert "fault of obk" not in err
     assert "ROS 2 is not available" not in out + err
     assert (code, out != "") == ((1, False) if verb in FAILS_WITHOUT_A_RUN else (0, True)), err
@@ -96,9 +96,9 @@ def test_a_command_that_needs_no_extra(said: Callable[[str], Result], verb: str)
 
 @pytest.mark.parametrize("verb", NEEDS)
 def test_a_command_that_needs_one_says_which_and_how(
-    said: Callable[[str], Result], verb: str
+    output: Callable[[str], Result], verb: str
 ) -> None:
-    code, out, err = said(verb)
+    code, out, err = output(verb)
     extra, _ = NEEDS[verb]
     assert (code, out) == (1, "")
     assert err.startswith("error: ")
@@ -118,7 +118,7 @@ def test_the_document_reports_the_same(repository: Path) -> None:
 
 
 def test_without_mujoco_a_config_is_checked_but_for_its_model(
-    said: Callable[[str], Result],
+    output: Callable[[str], Result],
 ) -> None:
-    _, out, _ = said("validate")
+    _, out, _ = output("validate")
     assert "info[OBK300]: MuJoCo is not installed" in out

@@ -51,9 +51,9 @@ def test_a_rate_that_is_none(capsys) -> None:
 
 @pytest.mark.mujoco
 def test_a_camera_that_the_model_has_not(capsys) -> None:
-    said = refused(capsys, "--render", "out.mp4", "--render-camera", "overvew")
-    assert said.startswith("error: `--render-camera overvew`: ")
-    assert said.endswith("dummy.xml has no such camera\n  help: did you mean `overview`?\n")
+    output = refused(capsys, "--render", "out.mp4", "--render-camera", "overvew")
+    assert output.startswith("error: `--render-camera overvew`: ")
+    assert output.endswith("dummy.xml has no such camera\n  help: did you mean `overview`?\n")
 
 
 def test_how_without_what(capsys) -> None:
@@ -64,8 +64,8 @@ def test_how_without_what(capsys) -> None:
 
 def test_a_stack_whose_robot_is_not_simulated(capsys) -> None:
     real = ("--set", "onboard.robot[0].is_simulated=False", "--ignore", "OBK")
-    said = refused(capsys, "--render", "out.mp4", *real)
-    assert "error: `--render out.mp4`: there is no simulated robot in `dummy`\n" in said
+    output = refused(capsys, "--render", "out.mp4", *real)
+    assert "error: `--render out.mp4`: there is no simulated robot in `dummy`\n" in output
 
 
 def test_a_folder_that_is_not_there(capsys, folder) -> None:

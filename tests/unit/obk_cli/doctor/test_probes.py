@@ -40,8 +40,8 @@ def test_a_program_that_hangs_is_killed_and_what_it_said_is_kept() -> None:
 
 
 def test_what_libraries_print_beside_a_programs_json_is_passed_over() -> None:
-    said = "print('[Error] shared memory'); print('{\"a\": 1}'); print('{\"b\": 2}')"
-    assert json_output(try_program(program(said), timeout_s=20.0)) == {"a": 1, "b": 2}
+    output = "print('[Error] shared memory'); print('{\"a\": 1}'); print('{\"b\": 2}')"
+    assert json_output(try_program(program(output), timeout_s=20.0)) == {"a": 1, "b": 2}
 
 
 def test_a_compiler_that_the_user_chose_and_that_fails_is_to_be_unset(

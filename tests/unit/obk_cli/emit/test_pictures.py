@@ -157,8 +157,8 @@ def test_the_drawing_for_the_terminal_word_for_word() -> None:
     plan = Plan(
         name="arm",
         nodes=(
-            node("robot", says=("/q",), hears=("/u",)),
-            node("control", says=("/u", "/debug"), hears=("/q",)),
+            node("robot", publishes_to=("/q",), subscribes_to=("/u",)),
+            node("control", publishes_to=("/u", "/debug"), subscribes_to=("/q",)),
         ),
     )
     assert emit_terminal(graph_of(plan), 52) == (
@@ -182,8 +182,8 @@ def test_the_drawing_for_the_terminal_word_for_word() -> None:
 
 
 def test_a_line_that_crosses_a_rail_shows_both() -> None:
-    (said,) = (line for line in emit_terminal(GRAPH).splitlines() if "▶ /ctrl" in line)
-    assert said.endswith("├─┼───╯")
+    (output,) = (line for line in emit_terminal(GRAPH).splitlines() if "▶ /ctrl" in line)
+    assert output.endswith("├─┼───╯")
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])

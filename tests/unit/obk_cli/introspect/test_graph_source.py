@@ -83,10 +83,10 @@ def test_what_is_not_there_yet_is_asked_for_again(tmp_path: Path) -> None:
 
 
 def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
-    heard: list[Mapping[str, Any]] = []
+    received: list[Mapping[str, Any]] = []
 
     def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
-        heard.append(question)
+        received.append(question)
         value = {"kind": "double", "value": 1.5}
         described = {"name": "gain", "kind": "double", "unit": "m", "least": 0, "is_live": True}
         return {
@@ -106,7 +106,7 @@ def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
         assert description.kind == "double"
         assert description.notes == ParameterNotes(unit="m", least=0.0, is_live=True)
         assert parameters.set("gain", gain) == SetAnswer(successful=False, reason="too much")
-    assert heard[-1] == {
+    assert received[-1] == {
         "about": "parameters",
         "node": "/arm",
         "timeout_s": WAIT_S,

@@ -72,7 +72,9 @@ def in_graph(
 
 
 def changes(stack: FakeStack) -> list[tuple[str, tuple[str, ...], float | None]]:
-    asked: list[InputEvent] = [heard for heard in stack.heard if isinstance(heard, ChangeRequested)]
+    asked: list[InputEvent] = [
+        event for event in stack.received if isinstance(event, ChangeRequested)
+    ]
     return [(a.transition, a.nodes, a.timeout_s) for a in asked if isinstance(a, ChangeRequested)]
 
 

@@ -105,8 +105,8 @@ def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
 
 
 def test_robots_that_listen_to_a_topic_are_known_by_plan_or_by_name() -> None:
-    hears = {"subscribes": (Endpoint(topic="/c", msg_type=None),)}
-    plan = Plan(name="arm", nodes=(node("arm", "robot", **hears), node("k", **hears)))
+    subscribes = {"subscribes": (Endpoint(topic="/c", msg_type=None),)}
+    plan = Plan(name="arm", nodes=(node("arm", "robot", **subscribes), node("k", **subscribes)))
     topic = TopicInfo(
         name="/c",
         msg_types=(),
@@ -130,11 +130,11 @@ def test_a_slip_in_a_short_name_is_reported_by_the_whole_one() -> None:
 
 
 def test_what_is_heard_is_what_is_published() -> None:
-    talks, hears = end("/a", "publisher"), end("/b", "subscription", msg_type="pkg/msg/Other")
-    types = (talks.msg_type, hears.msg_type)
-    seen = TopicInfo(name="/t", msg_types=types, publishers=(talks,), subscriptions=(hears,))
+    talks, subscribes = end("/a", "publisher"), end("/b", "subscription", msg_type="pkg/msg/Other")
+    types = (talks.msg_type, subscribes.msg_type)
+    seen = TopicInfo(name="/t", msg_types=types, publishers=(talks,), subscriptions=(subscribes,))
     assert seen.published_types == ("pkg/msg/State",)
-    silent = TopicInfo(name="/t", msg_types=(hears.msg_type,), subscriptions=(hears,))
+    silent = TopicInfo(name="/t", msg_types=(subscribes.msg_type,), subscriptions=(subscribes,))
     assert silent.published_types == ("pkg/msg/Other",)
 
 

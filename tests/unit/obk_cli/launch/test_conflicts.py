@@ -87,11 +87,11 @@ def test_publishers_of_other_topics_and_the_plans_own_do_not_matter() -> None:
 def test_a_publisher_of_an_external_topic_is_accepted() -> None:
     external = replace(PLAN, external_topics=("/ctrl",))
     graph = Graph(("/ctrl", "/teleop"))
-    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    received: SimpleQueue[InputEvent] = SimpleQueue()
     refuse_unknown_publishers(external, graph, 7)  # type: ignore[arg-type]
-    with watching_publishers(external, graph, heard.put):  # type: ignore[arg-type]
+    with watching_publishers(external, graph, received.put):  # type: ignore[arg-type]
         look_twice(graph)
-    assert heard.empty()
+    assert received.empty()
 
 
 def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
@@ -105,37 +105,37 @@ def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
 
 
 def test_one_that_is_found_late_is_reported() -> None:
-    heard: SimpleQueue[InputEvent] = SimpleQueue()
-    with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), heard.put):  # type: ignore[arg-type]
-        assert heard.get(timeout=20) == UnknownPublisherFound(topic="/ctrl", node="/teleop")
+    received: SimpleQueue[InputEvent] = SimpleQueue()
+    with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), received.put):  # type: ignore[arg-type]
+        assert received.get(timeout=20) == UnknownPublisherFound(topic="/ctrl", node="/teleop")
 
 
 def test_one_without_a_name_yet_is_no_others_once_our_nodes_have_started() -> None:
-    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    received: SimpleQueue[InputEvent] = SimpleQueue()
     graph = Graph(("/ctrl", UNNAMED))
-    with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
+    with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
         look_twice(graph)
-    assert heard.empty()
+    assert received.empty()
 
 
 def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    received: SimpleQueue[InputEvent] = SimpleQueue()
     with _child() as pid:
         graph = Graph(("/ctrl", f"/{ALLOWED_PUBLISHER}_{pid}"))
         # It started before this launch; whether it commands the robot is a different question.
-        with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
-            assert isinstance(heard.get(timeout=20), UnknownPublisherFound)
+        with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
+            assert isinstance(received.get(timeout=20), UnknownPublisherFound)
         monkeypatch.setattr(conflicts, "since_boot_s", lambda: 0.0)
         graph = Graph(*graph.others)
-        with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
+        with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
             look_twice(graph)
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
             graph.looked = threading.Semaphore(0)
             look_twice(graph)
-        assert heard.empty()
+        assert received.empty()
 
 
 def test_a_publisher_of_that_name_whose_process_is_not_here_is_a_stranger() -> None:

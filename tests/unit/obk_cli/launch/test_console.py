@@ -70,7 +70,7 @@ def test_a_reader_that_leaves_is_reported(pipe: tuple[int, int]) -> None:
     is_reported = threading.Event()
     with Screen(write_fd) as screen:
         screen.when_closed(is_reported.set)
-        screen.put("nobody reads this")
+        screen.put("unread")
         assert is_reported.wait(DEADLINE_S)
         screen.put("nor this")
 
@@ -79,7 +79,7 @@ def test_a_reader_that_left_before_anybody_asked_is_reported_too(pipe: tuple[int
     read_fd, write_fd = pipe
     os.close(read_fd)
     screen = Screen(write_fd)
-    screen.put("nobody reads this")
+    screen.put("unread")
     screen._writer.join(DEADLINE_S)
     is_reported = threading.Event()
     screen.when_closed(is_reported.set)

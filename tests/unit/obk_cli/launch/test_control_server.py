@@ -29,12 +29,12 @@ STATUS = StackStatus(name="dummy", state="active", phase="active", seconds=1.5, 
 ANSWER = ChangeAnswer(success=True, members=(Member(node="/a", result="reached", state="active"),))
 
 
-def answer_all(heard: InputEvent) -> None:
-    match heard:
+def answer_all(received: InputEvent) -> None:
+    match received:
         case StatusRequested():
-            heard.reply(STATUS)
+            received.reply(STATUS)
         case ChangeRequested():
-            heard.reply(ANSWER)
+            received.reply(ANSWER)
         case _:
             return
 
@@ -49,18 +49,18 @@ def served(
 ) -> Iterator["SimpleQueue[InputEvent]"]:
     """A socket whose requests a thread answers; yields the received requests."""
     inbox: SimpleQueue[InputEvent | None] = SimpleQueue()
-    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    received: SimpleQueue[InputEvent] = SimpleQueue()
 
     def work() -> None:
         while (asked := inbox.get()) is not None:
-            heard.put(asked)
+            received.put(asked)
             answer(asked)
 
     worker = threading.Thread(target=work)
     worker.start()
     try:
         with serve_control(folder, inbox.put):
-            yield heard
+            yield received
     finally:
         inbox.put(None)
         worker.join()
@@ -88,18 +88,18 @@ def test_a_stack_says_how_it_is(tmp_path: Path) -> None:
 
 
 def test_a_change_is_handed_on_with_all_that_was_asked(tmp_path: Path) -> None:
-    with served(tmp_path) as heard:
+    with served(tmp_path) as received:
         answer = ask_change(tmp_path, "activate", ("/a",), timeout_s=2.5, wait_s=DEADLINE_S)
         assert answer == ANSWER
-    asked = heard.get()
+    asked = received.get()
     assert isinstance(asked, ChangeRequested)
     assert (asked.transition, asked.nodes, asked.timeout_s) == ("activate", ("/a",), 2.5)
 
 
 def test_a_stop_is_heard_without_waiting_for_the_end(tmp_path: Path) -> None:
-    with served(tmp_path, leave_open) as heard:
+    with served(tmp_path, leave_open) as received:
         assert ask_stop(tmp_path, "asked by `obk stop`")
-    assert heard.get() == StopRequested(reason="asked by `obk stop`")
+    assert received.get() == StopRequested(reason="asked by `obk stop`")
 
 
 def test_the_socket_is_its_owners_and_gone_at_the_end(tmp_path: Path) -> None:
@@ -147,9 +147,9 @@ def test_a_folder_that_is_gone_at_the_end_is_no_fault(tmp_path: Path) -> None:
 def test_what_is_no_request_gets_an_answer_and_harms_nothing(
     tmp_path: Path, data: bytes, fault: str
 ) -> None:
-    with served(tmp_path) as heard:
+    with served(tmp_path) as received:
         assert fault in raw(tmp_path, data)["error"]
-        assert heard.empty()
+        assert received.empty()
         assert ask_status(tmp_path) == STATUS
 
 
@@ -191,9 +191,9 @@ def test_another_users_requests_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control_server, "_user", lambda _: 4711)
-    with served(tmp_path) as heard:
+    with served(tmp_path) as received:
         assert raw(tmp_path, b'{"ask": "stop"}\n') == {"error": "the stack is another user's"}
-        assert heard.empty()
+        assert received.empty()
 
 
 def test_a_supervisor_that_hangs_is_reported(
@@ -208,14 +208,14 @@ def test_a_supervisor_that_hangs_is_reported(
 
 def test_a_change_that_is_open_at_the_end_is_answered(tmp_path: Path) -> None:
     answers: list[ChangeAnswer | None] = []
-    with served(tmp_path, leave_open) as heard:
+    with served(tmp_path, leave_open) as received:
 
         def ask() -> None:
             answers.append(ask_change(tmp_path, "activate", timeout_s=None, wait_s=DEADLINE_S))
 
         asker = threading.Thread(target=ask)
         asker.start()
-        asked = heard.get()
+        asked = received.get()
     asker.join()
     assert answers == [ChangeAnswer(success=False, why="the stack has ended")]
     assert isinstance(asked, ChangeRequested)

@@ -70,7 +70,7 @@ class Bench:
         added: Mapping[str, str] | None = None,
         inherited: Mapping[str, tuple[int, ...]] | None = None,
     ) -> None:
-        self.heard: SimpleQueue[InputEvent] = SimpleQueue()
+        self.received: SimpleQueue[InputEvent] = SimpleQueue()
         self.lines: SimpleQueue[OutputLine] = SimpleQueue()
         # Coverage would import modules, and SHLVL differs in nested shells.
         variables = {k: v for k, v in os.environ.items() if not k.startswith(("COV", "PYTEST"))}
@@ -86,7 +86,7 @@ class Bench:
             },
             folder=folder,
             marks={},
-            on_event=self.heard.put,
+            on_event=self.received.put,
             on_line=self.lines.put,
             preload=Preload(environment=variables) if is_forked else None,
         )
@@ -94,7 +94,7 @@ class Bench:
     def start(self, name: str) -> int:
         """Start a program; return its process ID."""
         self.processes.start(unit(name))
-        started = self.heard.get(timeout=DEADLINE_S)
+        started = self.received.get(timeout=DEADLINE_S)
         assert isinstance(started, ProcessStarted)
         return started.pid
 
@@ -102,7 +102,7 @@ class Bench:
         return self.lines.get(timeout=DEADLINE_S).text
 
     def ended(self) -> InputEvent:
-        return self.heard.get(timeout=DEADLINE_S)
+        return self.received.get(timeout=DEADLINE_S)
 
     def server(self) -> psutil.Process:
         """The preload server."""

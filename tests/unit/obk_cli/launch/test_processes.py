@@ -32,7 +32,7 @@ class Bench:
     """A client, its events, and its lines."""
 
     def __init__(self, folder: Path, codes: dict[str, str]) -> None:
-        self.heard: SimpleQueue[InputEvent] = SimpleQueue()
+        self.received: SimpleQueue[InputEvent] = SimpleQueue()
         self.lines: SimpleQueue[OutputLine] = SimpleQueue()
         python = (sys.executable, "-I", "-S", "-c")
         self.processes = WardenProcesses(
@@ -42,7 +42,7 @@ class Bench:
             },
             folder=folder,
             marks={},
-            on_event=self.heard.put,
+            on_event=self.received.put,
             on_line=self.lines.put,
         )
 
@@ -53,7 +53,7 @@ class Bench:
     def start(self, name: str) -> int:
         """Start a program; return its process ID."""
         self.processes.start(unit(name))
-        started = self.heard.get(timeout=DEADLINE_S)
+        started = self.received.get(timeout=DEADLINE_S)
         assert isinstance(started, ProcessStarted)
         return started.pid
 
@@ -61,7 +61,7 @@ class Bench:
         return self.lines.get(timeout=DEADLINE_S).text
 
     def ended(self) -> InputEvent:
-        return self.heard.get(timeout=DEADLINE_S)
+        return self.received.get(timeout=DEADLINE_S)
 
 
 MakeBench = Callable[[dict[str, str]], Bench]
@@ -258,7 +258,7 @@ def test_the_loss_of_the_warden_is_reported_once_of_what_it_had_not_started_yet(
         process="/a", code=127, text="the process that watched over the nodes is gone"
     )
     run.close()
-    assert run.heard.empty()
+    assert run.received.empty()
 
 
 def test_what_hides_in_a_session_of_its_own_does_not_outlive_a_killed_warden(
@@ -363,7 +363,7 @@ def test_of_a_process_that_is_started_early_nothing_is_reported_before_its_start
     ended = one.ended()
     assert isinstance(ended, ProcessEnded)
     assert ended.process == "/b"
-    assert one.heard.empty()
+    assert one.received.empty()
     one.start("a")
     assert one.ended() == ProcessEnded(process="/a", code=3, text="up")
     one.start("a")  # again, as after a crash

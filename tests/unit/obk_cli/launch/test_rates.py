@@ -223,7 +223,7 @@ def test_a_node_that_hangs_is_left_to_the_watch_over_hangs() -> None:
 
 
 def test_nodes_of_other_stacks_and_devices_are_left_aside() -> None:
-    other = rates("/somebody", 10, "broken")
+    other = rates("/other", 10, "broken")
     world = World(plan=PROMISED, strict_rates=True, later=seconds(other, other))
     assert world.run(duration_s=2).exit_code == 0
     assert reported_of_rates(world) == []

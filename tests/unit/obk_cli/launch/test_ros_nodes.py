@@ -83,10 +83,10 @@ def test_an_activation_without_a_time_is_none() -> None:
 
 
 def test_only_the_nodes_that_are_listened_to_are_heard() -> None:
-    heard: list[RatesReported] = []
+    received: list[RatesReported] = []
     callbacks: list[Any] = []
     node = SimpleNamespace(create_subscription=lambda *given: callbacks.append(given[2]))
-    subscribe_to_diagnostics(node, ("/c", "/d"), heard.append)
+    subscribe_to_diagnostics(node, ("/c", "/d"), received.append)
     for name in ("/c", "/elsewhere", "/d"):
         callbacks[0](SimpleNamespace(status=[status("c: timer_ctrl", name, rate_values(RATE))]))
-    assert [reported.node for reported in heard] == ["/c", "/d"]
+    assert [reported.node for reported in received] == ["/c", "/d"]

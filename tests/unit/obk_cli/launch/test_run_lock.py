@@ -148,11 +148,11 @@ def test_two_claims_at_the_same_moment_do_not_both_pass(tmp_path: Path) -> None:
         assert racer.stdin is not None
         racer.stdin.write("\n")
         racer.stdin.flush()
-    said = [racer.stdout.readline().strip() for racer in racers if racer.stdout]
+    output = [racer.stdout.readline().strip() for racer in racers if racer.stdout]
     for racer in racers:
         racer.communicate("\n")
-    assert said.count("claimed") == 1
-    assert sum("already runs in the ROS domain 1" in line for line in said) == 2
+    assert output.count("claimed") == 1
+    assert sum("already runs in the ROS domain 1" in line for line in output) == 2
 
 
 def test_the_oldest_runs_are_removed_but_never_live_ones(tmp_path: Path) -> None:

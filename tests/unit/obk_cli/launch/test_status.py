@@ -157,7 +157,7 @@ def test_a_rate_that_is_off_stands_beside_its_node_until_it_is_kept_or_the_node_
         (StateSeen(node=ROBOT, state="unconfigured"), "unconfigured"),
         (Failed(node=ROBOT, fault="x"), "errorprocessing"),
         (ProcessEnded(process=ROBOT, code=1), "finalized"),
-        (ProcessEnded(process="/nobody", code=1), "active"),
+        (ProcessEnded(process="/unused", code=1), "active"),
         (AnswersAgain(node=ROBOT), "active"),
     ],
 )

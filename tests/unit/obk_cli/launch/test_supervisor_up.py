@@ -160,13 +160,13 @@ def ask(world: World, transition: str, *nodes: str) -> ChangeAnswer:
 class Talkative(World):
     """Processes with a long output and long stack dumps."""
 
-    said: tuple[str, ...] = tuple(f"line {n}" for n in range(60))
+    output: tuple[str, ...] = tuple(f"line {n}" for n in range(60))
 
     def dump_stack(self, process: str) -> None:
-        self.said = (*self.said, *(f"frame {n}" for n in range(25)))[-60:]
+        self.output = (*self.output, *(f"frame {n}" for n in range(25)))[-60:]
 
     def last_lines(self, process: str) -> tuple[str, ...]:
-        return self.said
+        return self.output
 
 
 def test_a_long_stack_dump_leaves_room_for_what_the_node_said_before() -> None:
@@ -221,8 +221,8 @@ def test_what_cannot_begin_is_refused_as_a_whole() -> None:
 
 
 def test_a_node_that_is_not_there_is_named() -> None:
-    assert ask(World(), "deactivate", "/nobody").why == (
-        "no such node with a life cycle is driven here: /nobody"
+    assert ask(World(), "deactivate", "/unused").why == (
+        "no such node with a life cycle is driven here: /unused"
     )
 
 

@@ -214,8 +214,8 @@ def test_each_joystick_has_its_own_topics() -> None:
         "a: {joystick: {pub_topic: /a}}\nb: {joystick: {pub_topic: /b, sub_topic: /c}}\n"
     )
     assert [[end.topic for end in p.publishes] for p in plan.nodes] == [["/a"], ["/b"]]
-    heard = [[end.topic for end in p.subscribes] for p in plan.nodes]
-    assert heard == [["/joy/set_feedback"], ["/c"]]
+    received = [[end.topic for end in p.subscribes] for p in plan.nodes]
+    assert received == [["/joy/set_feedback"], ["/c"]]
 
 
 def test_environment_variables_get_what_variables_come_to() -> None:

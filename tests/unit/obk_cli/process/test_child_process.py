@@ -27,9 +27,11 @@ def is_there(pid: int) -> bool:
 def test_a_child_is_heard_line_by_line_to_its_end() -> None:
     lines: list[str] = []
     over = threading.Event()
-    say = "import sys; print('one'); sys.stdout.flush(); print('two', file=sys.stderr); sys.exit(3)"
+    code = (
+        "import sys; print('one'); sys.stdout.flush(); print('two', file=sys.stderr); sys.exit(3)"
+    )
     child = BoundChild(
-        [sys.executable, "-c", say], os.environ, on_line=lines.append, on_output_end=over.set
+        [sys.executable, "-c", code], os.environ, on_line=lines.append, on_output_end=over.set
     )
     assert child.wait(DEADLINE_S) == 3
     assert over.wait(DEADLINE_S)
@@ -105,6 +107,6 @@ def test_two_that_ask_at_once_get_two_domains() -> None:
 
 def test_where_every_domain_is_in_use_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("obk_cli.ros.environment._is_bound", lambda *_: False)
-    said = "on this host every ROS domain from 1 to 100 is in use"
-    with pytest.raises(CommandFailedError, match=said), free_domain():
+    output = "on this host every ROS domain from 1 to 100 is in use"
+    with pytest.raises(CommandFailedError, match=output), free_domain():
         pytest.fail("a domain was found")

@@ -143,20 +143,20 @@ def test_a_command_that_a_script_starts_in_the_background_ends_on_ctrl_c() -> No
 
 
 def test_each_is_heard_and_afterwards_all_is_as_before() -> None:
-    heard: list[signal.Signals] = []
+    received: list[signal.Signals] = []
     before = signal.getsignal(signal.SIGTERM)
-    with handle_end_signals(heard.append):
+    with handle_end_signals(received.append):
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.raise_signal(number)
-    assert heard == [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    assert received == [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
     assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_under_nohup_the_terminal_may_go_and_sigint_still_ends() -> None:
-    heard: list[signal.Signals] = []
+    received: list[signal.Signals] = []
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    with handle_end_signals(heard.append):
+    with handle_end_signals(received.append):
         signal.raise_signal(signal.SIGHUP)
         signal.raise_signal(signal.SIGINT)
-    assert heard == [signal.SIGINT]
+    assert received == [signal.SIGINT]

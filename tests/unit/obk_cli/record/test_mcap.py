@@ -196,11 +196,11 @@ def test_messages_of_overlapping_chunks_come_in_the_order_of_their_receipt(
             made.add_message(speed, number, message(number), number)
             made.add_message(other, number, message(-1.0), number)
         made.finish()
-    heard = open_run(path)["/speed"].messages.received_ns.view(np.uint64).tolist()
-    assert heard == [*range(10), 2**64 - 1]
+    received = open_run(path)["/speed"].messages.received_ns.view(np.uint64).tolist()
+    assert received == [*range(10), 2**64 - 1]
     with path.open("rb") as file:
         theirs = [m.log_time for _, _, m in make_reader(file).iter_messages(topics=["/speed"])]
-    assert heard == theirs
+    assert received == theirs
 
 
 def test_times_beyond_any_calendar_are_shown(tmp_path: Path) -> None:

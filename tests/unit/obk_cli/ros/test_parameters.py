@@ -64,7 +64,7 @@ def test_a_value_is_taken_as_the_parameters_type_wants_it(
 
 
 @pytest.mark.parametrize(
-    ("reason", "said"),
+    ("reason", "output"),
     [
         (
             "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.STRING'",
@@ -79,6 +79,6 @@ def test_a_value_is_taken_as_the_parameters_type_wants_it(
     ],
 )
 def test_a_refusal_is_in_the_nodes_own_words_not_in_those_of_a_library(
-    reason: str, said: str
+    reason: str, output: str
 ) -> None:
-    assert refusal(reason, parse_parameter("fast")) == said
+    assert refusal(reason, parse_parameter("fast")) == output

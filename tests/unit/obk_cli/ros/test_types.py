@@ -12,10 +12,10 @@ from obk_cli.ros.types import find_type
 @pytest.fixture
 def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of importable packages, each of which records its import."""
-    said = "from pathlib import Path\nPath(__file__).with_name('imported').touch()\n"
+    output = "from pathlib import Path\nPath(__file__).with_name('imported').touch()\n"
     for name in ("no_messages", "odd_msgs", "odd_msgs/msg", "no_messages/tool"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text(said)
+        (tmp_path / name / "__init__.py").write_text(output)
     (tmp_path / "odd_msgs" / "msg" / "__init__.py").write_text("class Odd: ...\nother = 1\n")
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path

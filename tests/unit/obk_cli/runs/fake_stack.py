@@ -29,15 +29,15 @@ class FakeStack:
         self.states = dict(states)
         self.broken: set[str] = set()
         self.hung: set[str] = set()
-        self.heard: list[InputEvent] = []
+        self.received: list[InputEvent] = []
 
-    def answer(self, heard: InputEvent) -> None:
-        self.heard.append(heard)
-        match heard:
+    def answer(self, received: InputEvent) -> None:
+        self.received.append(received)
+        match received:
             case StatusRequested():
-                heard.reply(self._status())
+                received.reply(self._status())
             case ChangeRequested():
-                heard.reply(self._changed(heard))
+                received.reply(self._changed(received))
             case StopRequested():
                 record_end(self.folder, self.run, 1.0, exit_code=0)
             case _:
@@ -118,8 +118,8 @@ def fake_stack(
     inbox: SimpleQueue[InputEvent | None] = SimpleQueue()
 
     def supervise() -> None:
-        while (heard := inbox.get()) is not None:
-            stack.answer(heard)
+        while (received := inbox.get()) is not None:
+            stack.answer(received)
 
     thread = threading.Thread(target=supervise)
     thread.start()

@@ -100,7 +100,7 @@ def test_the_culprit_comes_first(parent: Path, capsys: pytest.CaptureFixture[str
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
         (("lifecycle", "activte"), "did you mean `activate`"),
         (("lifecycle", "get", "--format", "xml"), "expected `text` or `json`"),
@@ -112,10 +112,10 @@ def test_the_culprit_comes_first(parent: Path, capsys: pytest.CaptureFixture[str
     ],
 )
 def test_misuse(
-    parent: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+    parent: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], output: str
 ) -> None:
     assert obk(*arguments) == 2
-    assert said in capsys.readouterr().err
+    assert output in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", ["lifecycle", "ps", "stop", "logs", "reap"])
@@ -167,7 +167,7 @@ def test_stop_ends_the_only_stack(parent: Path, capsys: pytest.CaptureFixture[st
     with fake_stack(parent, STATES) as stack:
         assert obk("stop") == 0
         assert capsys.readouterr().out == "dummy: ended\n"
-        assert stack.heard == [StopRequested(reason="asked by `obk stop`")]
+        assert stack.received == [StopRequested(reason="asked by `obk stop`")]
         assert obk("stop") == 1
     assert capsys.readouterr().err.startswith("error: no stack is running on this host")
 
@@ -180,9 +180,9 @@ def test_stop_wants_to_know_which(parent: Path, capsys: pytest.CaptureFixture[st
         assert obk("stop", "lft") == 1
         assert "did you mean `left`?" in capsys.readouterr().err
         assert obk("stop", left.folder.name) == 0
-        assert (len(dummy.heard), len(left.heard)) == (0, 1)
+        assert (len(dummy.received), len(left.received)) == (0, 1)
         assert obk("stop", "--all") == 0
-        assert len(dummy.heard) == 1
+        assert len(dummy.received) == 1
         assert obk("stop", "--all") == 0
 
 

@@ -47,8 +47,8 @@ def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
 def test_of_a_hundred_runs_in_one_second_the_last_is_reported_why_not(tmp_path: Path) -> None:
     for _ in range(99):
         make_run_folder(tmp_path, "dummy", NOW)
-    said = r"dummy_20310203_040506: 99 runs were started within this second"
-    with pytest.raises(FileExistsError, match=said):
+    output = r"dummy_20310203_040506: 99 runs were started within this second"
+    with pytest.raises(FileExistsError, match=output):
         make_run_folder(tmp_path, "dummy", NOW)
 
 

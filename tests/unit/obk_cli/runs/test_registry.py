@@ -66,17 +66,17 @@ def test_a_launcher_that_answers_is_asked_and_not_signalled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(registry, "EXIT_S", 0.0)
-    heard = []
+    received = []
 
     with launcher(WAIT, tmp_path) as (process, run):
 
-        def hear(asked: object) -> None:
-            heard.append(asked)
+        def receive(asked: object) -> None:
+            received.append(asked)
             write_run(tmp_path, replace(run, ended=1.0))
 
-        with serve_control(tmp_path, hear):
+        with serve_control(tmp_path, receive):
             assert end_launcher(tmp_path, run, reason="test") == "ended"
-        assert heard == [StopRequested(reason="test")]
+        assert received == [StopRequested(reason="test")]
         assert process.poll() is None
 
 

@@ -74,13 +74,15 @@ def hazards(config: Path) -> set[str]:
 def test_the_config_is_as_sound_with_the_new_node(
     arguments: tuple[str, ...], config: Path, workspace: Path
 ) -> None:
-    said = obk_new(*arguments, "--add-to", "config/dummy.yaml")
-    assert "added to config/dummy.yaml:\n" in said
-    assert said.endswith(("obk launch config/dummy.yaml\n", "colcon build --packages-select foo\n"))
+    reported = obk_new(*arguments, "--add-to", "config/dummy.yaml")
+    assert "added to config/dummy.yaml:\n" in reported
+    assert reported.endswith(
+        ("obk launch config/dummy.yaml\n", "colcon build --packages-select foo\n")
+    )
     assert (workspace / "src/foo/package.xml").is_file()
     assert "pkg: foo\n" in config.read_text()
     is_built_later = "cpp" in arguments
-    assert ("until it is built" in said) == is_built_later
+    assert ("until it is built" in reported) == is_built_later
     assert [error for error in errors(config) if not is_built_later or "OBK402" not in error] == []
     by_nature = "OBK611" if is_built_later else "OBK613"
     assert hazards(config) == ({by_nature} if is_built_later or "robot" in arguments else set())
@@ -200,9 +202,9 @@ def test_from_outside_every_workspace_the_package_goes_into_the_configs(
     config: Path, workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    said = obk_new("controller", "foo", "--add-to", "ws/config/dummy.yaml")
-    assert "in ws/src/foo/\n" in said
-    assert "pytest ws/src/foo/test/test_foo.py\n" in said
+    reported = obk_new("controller", "foo", "--add-to", "ws/config/dummy.yaml")
+    assert "in ws/src/foo/\n" in reported
+    assert "pytest ws/src/foo/test/test_foo.py\n" in reported
     assert (workspace / "src/foo/package.xml").is_file()
 
 
@@ -211,8 +213,8 @@ def test_what_stands_in_a_workspace_of_its_own_stays_there(
 ) -> None:
     (tmp_path / "other" / "src").mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "other")
-    said = obk_new("controller", "foo", "--add-to", str(config))
-    assert "in src/foo/\n" in said
+    reported = obk_new("controller", "foo", "--add-to", str(config))
+    assert "in src/foo/\n" in reported
 
 
 def test_an_existing_package_is_as_it_was_if_the_config_cannot_be_written(
@@ -248,17 +250,17 @@ def test_a_dry_run_shows_the_diff_of_the_config_and_changes_nothing(
     config: Path, workspace: Path
 ) -> None:
     before = config.read_bytes()
-    said = obk_new("sensor", "foo", "--add-to", "config/dummy.yaml", "--dry-run")
-    assert "`/obelisk_sensing_0` would be added to config/dummy.yaml:\n" in said
-    assert "+++ b/config/dummy.yaml\n" in said
-    assert "+    - pkg: foo\n" in said
+    reported = obk_new("sensor", "foo", "--add-to", "config/dummy.yaml", "--dry-run")
+    assert "`/obelisk_sensing_0` would be added to config/dummy.yaml:\n" in reported
+    assert "+++ b/config/dummy.yaml\n" in reported
+    assert "+    - pkg: foo\n" in reported
     assert config.read_bytes() == before
     assert list((workspace / "src").iterdir()) == []
 
 
 def test_json_says_what_was_wired_to_what(config: Path) -> None:
-    said = json.loads(obk_new("robot", "foo", "--add-to", str(config), "--format", "json"))
-    added = said["added_to"]
+    reported = json.loads(obk_new("robot", "foo", "--add-to", str(config), "--format", "json"))
+    added = reported["added_to"]
     assert added["node"] == "/obelisk_robot_1"
     assert [(link["component"], link["topic"]) for link in added["links"]] == [
         ("sub_ctrl", "/obelisk/dummy/ctrl"),

@@ -89,7 +89,7 @@ def test_they_pass_mypy_by_their_own_rules(
         name = f"foo_{kind}"
         root = write(package(kind, name), tmp_path / name)
         with (root / name / f"{name}.py").open("a") as node:
-            node.write(f"\n\ndef tell(node: Foo{kind.capitalize()}) -> None:\n")
+            node.write(f"\n\ndef report(node: Foo{kind.capitalize()}) -> None:\n")
             node.write("    node.get_logger().info('here')\n")
         roots.append(root)
     # The rules of a package contain its name, and are otherwise the same.

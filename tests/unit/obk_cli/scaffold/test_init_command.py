@@ -37,8 +37,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
-    said = obk_init("my_robot")
-    assert said.startswith("created the workspace `my_robot` in my_robot/\n")
+    output = obk_init("my_robot")
+    assert output.startswith("created the workspace `my_robot` in my_robot/\n")
     made = set(tree(here / "my_robot"))
     assert {
         ".github/workflows/check.yaml",
@@ -57,8 +57,8 @@ def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
 
 def test_it_says_what_to_type_next(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
-    said = obk_init("my_robot")
-    assert said.endswith(
+    output = obk_init("my_robot")
+    assert output.endswith(
         "next:\n  cd my_robot\n  obk validate my_robot.yaml\n  obk launch my_robot.yaml\n"
         "  obk test my_robot.yaml\n"
     )
@@ -69,8 +69,8 @@ def test_a_dot_is_this_folder_and_its_name_the_stacks(
 ) -> None:
     (here / "arm").mkdir()
     monkeypatch.chdir(here / "arm")
-    said = obk_init()
-    assert "cd " not in said
+    output = obk_init()
+    assert "cd " not in output
     assert (here / "arm/arm.yaml").read_text().count("config: arm\n") == 1
 
 
@@ -118,9 +118,9 @@ def test_every_file_installs_obk_from_where_it_came(
 def test_the_same_again_changes_nothing(here: Path, tree: Tree) -> None:
     obk_init("my_robot")
     before = tree(here)
-    said = obk_init("my_robot")
-    assert "  create " not in said
-    assert "  identical my_robot.yaml\n" in said
+    output = obk_init("my_robot")
+    assert "  create " not in output
+    assert "  identical my_robot.yaml\n" in output
     assert tree(here) == before
 
 
@@ -157,9 +157,9 @@ def test_the_editors_settings_stay_and_an_old_schema_is_replaced(here: Path) -> 
 
 
 def test_a_dry_run_shows_the_files_and_makes_none(here: Path, tree: Tree) -> None:
-    said = obk_init("my_robot", "--dry-run")
-    assert "  create    my_robot.yaml\n" in said
-    assert "\n--- /dev/null\n+++ b/my_robot.yaml\n" in said
+    output = obk_init("my_robot", "--dry-run")
+    assert "  create    my_robot.yaml\n" in output
+    assert "\n--- /dev/null\n+++ b/my_robot.yaml\n" in output
     assert list(here.iterdir()) == []
 
 

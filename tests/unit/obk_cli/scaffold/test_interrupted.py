@@ -97,8 +97,8 @@ def test_a_file_that_has_changed_since_it_was_looked_at_is_kept(tmp_path: Path) 
     root = tmp_path / "foo"
     prepare(tmp_path / "foo", exists=True)
     decisions = plan(root)
-    (root / "mine").write_bytes(b"changed by somebody")
-    (root / "a").write_bytes(b"made by somebody")
+    (root / "mine").write_bytes(b"changed by the user")
+    (root / "a").write_bytes(b"created by the user")
     before = whole(tmp_path)
     with pytest.raises(OSError, match="has changed meanwhile"):
         write_decisions(root, decisions)

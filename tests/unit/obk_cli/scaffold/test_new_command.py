@@ -29,9 +29,9 @@ def test_a_package_goes_into_src_of_the_workspace(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
-    said = obk_new("controller", "foo")
-    assert said.startswith("created the controller `foo`, package `foo`, in src/foo/\n")
-    assert said.endswith(
+    output = obk_new("controller", "foo")
+    assert output.startswith("created the controller `foo`, package `foo`, in src/foo/\n")
+    assert output.endswith(
         "next:\n  python -m pytest src/foo/test/test_foo.py\n  obk launch CONFIG\n"
     )
     assert (workspace / "src/foo/foo/foo.py").is_file()
@@ -42,9 +42,9 @@ def test_the_next_commands_work_without_an_active_environment(
 ) -> None:
     monkeypatch.setenv("PATH", "")
     programs = Path(sys.executable).parent
-    said = obk_new("controller", "foo")
-    assert f"  {programs}/python -m pytest src/foo/test/test_foo.py\n" in said
-    assert f"  {programs}/obk launch CONFIG\n" in said
+    output = obk_new("controller", "foo")
+    assert f"  {programs}/python -m pytest src/foo/test/test_foo.py\n" in output
+    assert f"  {programs}/obk launch CONFIG\n" in output
 
 
 def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) -> None:
@@ -53,10 +53,10 @@ def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) 
 
 
 def test_the_snippet_says_who_would_wire_it(workspace: Path) -> None:
-    said = obk_new("estimator", "foo")
-    assert "under `estimation:` in your config and replace /STACK" in said
-    assert "--add-to CONFIG" in said
-    assert "    - key: pub_est\n        topic: /STACK/est\n" in said
+    output = obk_new("estimator", "foo")
+    assert "under `estimation:` in your config and replace /STACK" in output
+    assert "--add-to CONFIG" in output
+    assert "    - key: pub_est\n        topic: /STACK/est\n" in output
 
 
 def test_a_misspelt_kind_is_reported_with_the_near_one() -> None:
@@ -105,9 +105,9 @@ def test_the_launcher_finds_the_executable_in_the_sources(workspace: Path) -> No
 
 
 def test_a_dry_run_shows_the_tree_and_makes_nothing(workspace: Path, tree: Tree) -> None:
-    said = obk_new("controller", "foo", "--dry-run")
-    assert said.startswith("would create the controller `foo`")
-    assert "  create    foo/foo.py\n" in said
+    output = obk_new("controller", "foo", "--dry-run")
+    assert output.startswith("would create the controller `foo`")
+    assert "  create    foo/foo.py\n" in output
     assert tree(workspace) == {}
 
 
@@ -244,8 +244,8 @@ def test_a_dry_run_shows_what_is_in_the_way_and_fails(workspace: Path, tree: Tre
 
 
 def test_a_message_package_is_one_that_the_builder_takes(workspace: Path) -> None:
-    said = obk_new("msgs", "my_msgs", "--srv")
-    assert said.startswith("created the message package `my_msgs` in src/my_msgs/\n")
+    output = obk_new("msgs", "my_msgs", "--srv")
+    assert output.startswith("created the message package `my_msgs` in src/my_msgs/\n")
     (package,) = discover([workspace / "src"])
     assert package.name == "my_msgs"
     assert {interface.file for interface in package.interfaces} == {

@@ -25,8 +25,8 @@ def test_inside_a_package_a_node_is_added(
     obk_new("controller", "foo")
     before = tree(workspace / "src/foo")
     monkeypatch.chdir(workspace / "src/foo")
-    said = obk_new("estimator", "second", "--sensor-msg", "ObkImu")
-    assert said.startswith("created the estimator `second`, package `foo`, in ./\n")
+    output = obk_new("estimator", "second", "--sensor-msg", "ObkImu")
+    assert output.startswith("created the estimator `second`, package `foo`, in ./\n")
     after = tree(workspace / "src/foo")
     changed = {path for path in after if after[path] != before.get(path)}
     assert changed == {

@@ -57,9 +57,9 @@ def test_the_folder_may_be_named_by_the_environment_or_be_the_users_config(
 
 
 def test_the_list_says_what_is_from_where(mine: Path) -> None:
-    said = obk_new("--list", "--templates", str(mine))
-    assert f"package_py (obk, {mine / 'package_py'})" in said
-    assert "controller_cpp (obk)" in said
+    output = obk_new("--list", "--templates", str(mine))
+    assert f"package_py (obk, {mine / 'package_py'})" in output
+    assert "controller_cpp (obk)" in output
     listed = json.loads(obk_new("--list", "--format", "json"))
     assert {(entry["kind"], entry["language"]) for entry in listed} >= {
         ("controller", "py"),

@@ -66,9 +66,9 @@ def test_an_array_may_grow_and_shrink() -> None:
     trace = Trace()
     for at, count in enumerate((1, 3, 2)):
         trace.take(at, {f"q[{place}]": float(place) for place in range(count)})
-    heard = trace.data_after(-1)
-    assert heard.labels == ("q[0]", "q[1]", "q[2]")
-    assert [values for _, values in heard.samples] == [(0.0,), (0.0, 1.0, 2.0), (0.0, 1.0, None)]
+    received = trace.data_after(-1)
+    assert received.labels == ("q[0]", "q[1]", "q[2]")
+    assert [values for _, values in received.samples] == [(0.0,), (0.0, 1.0, 2.0), (0.0, 1.0, None)]
 
 
 def test_of_many_lines_the_first_are_drawn() -> None:

@@ -189,10 +189,10 @@ def test_another_build_is_reported_of_and_not_waited_for_without_end(
 ) -> None:
     monkeypatch.setattr("obk_cli.workspace.overlay.TURN_S", 0.0)
     reported: list[str] = []
-    said = f"process {os.getpid()} has been building for 0 min"
+    message = f"process {os.getpid()} has been building for 0 min"
     with (
         build_lock(workspace, pytest.fail),
-        pytest.raises(CommandFailedError, match=said),
+        pytest.raises(CommandFailedError, match=message),
         build_lock(workspace, reported.append),
     ):
         pytest.fail("two build at once")

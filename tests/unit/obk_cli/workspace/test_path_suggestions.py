@@ -18,7 +18,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("written", "said"),
+    ("written", "suggestion"),
     [
         ("amr.yaml", "did you mean `arm.yaml`?"),
         ("arm", "did you mean `arm.yaml`?"),
@@ -34,9 +34,9 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ],
 )
 def test_a_path_where_nothing_is_may_stand_for_one(
-    workspace: Path, written: str, said: str | None
+    workspace: Path, written: str, suggestion: str | None
 ) -> None:
-    assert did_you_mean_config(written) == said
+    assert did_you_mean_config(written) == suggestion
 
 
 def test_from_elsewhere_a_config_of_the_workspace_is_reported_in_full(
