@@ -83,12 +83,12 @@ def libraries(path: Path) -> set[str]:
     return {name.split(".")[0] for name in imports(path)}
 
 
-def test_every_package_of_the_tool_has_a_place_in_the_order() -> None:
+def test_every_package_of_the_tool_is_in_the_order() -> None:
     there = {package(dotted(path)) for path in modules_of("obk_cli") if "." in dotted(path)}
     assert there == set(ORDER)
 
 
-def test_a_package_imports_only_what_stands_before_it() -> None:
+def test_a_package_imports_only_packages_before_it() -> None:
     places = {name: place for place, name in enumerate(ORDER)}
     last = len(ORDER)
     found = set()

@@ -156,7 +156,7 @@ def reported(diagnostic: Diagnostic, name: str) -> str:
 
 @pytest.mark.mujoco
 @pytest.mark.parametrize("name", EXPECTED)
-def test_a_config_gives_the_findings_that_are_true_of_it(name: str) -> None:
+def test_a_config_gives_the_expected_findings(name: str) -> None:
     assert [reported(finding, name) for finding in findings(name)] == EXPECTED[name]
 
 
@@ -165,7 +165,7 @@ def test_every_config_of_the_corpus_is_written_down() -> None:
 
 
 @pytest.mark.mujoco
-def test_the_seeds_example_is_reported_which_topic_was_meant() -> None:
+def test_the_seeds_example_is_reported_with_the_intended_topic() -> None:
     (dangling,) = [f for f in findings("seed/dummy.yaml") if f.code == "OBK203"]
     assert dangling.message == (
         "nothing publishes `/obelisk/dummy/sensor`, to which `/obelisk_estimation_0` subscribes"

@@ -86,7 +86,7 @@ def test_each_of_them_is_found(source: str) -> None:
     assert list(hazards(tree)) == [ast.unparse(tree.body[0])]
 
 
-def test_what_only_sounds_like_them_is_not() -> None:
+def test_similar_names_are_not_found() -> None:
     sound = (
         "import http, json\nfrom urllib.parse import quote\n"
         "model.eval()\nrun(['ls'])\nyaml.safe_load(text)"

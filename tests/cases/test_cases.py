@@ -98,7 +98,7 @@ def one_of_each_family() -> list[object]:
 
 
 @pytest.mark.parametrize("path", one_of_each_family())
-def test_the_sarif_log_of_a_fault_is_what_the_standard_asks_for(
+def test_the_sarif_log_of_a_fault_follows_the_standard(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = json.loads(report_sarif(compile_case(path, monkeypatch).diagnostics))

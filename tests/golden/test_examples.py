@@ -51,7 +51,7 @@ def compile_example(name: str, repository: Path) -> Plan:
 
 @pytest.mark.parametrize("name", EXAMPLES)
 @pytest.mark.parametrize("form", FORMS)
-def test_an_example_compiles_to_what_is_written_down(
+def test_an_example_compiles_to_the_expected_output(
     name: str,
     form: str,
     repository: Path,
@@ -68,7 +68,7 @@ def test_an_example_compiles_to_what_is_written_down(
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_both_spellings_come_to_the_same_but_for_places(form: str) -> None:
+def test_both_formats_compile_to_the_same_plan_except_for_locations(form: str) -> None:
     old, new = (golden(name, form).read_text(encoding="utf-8") for name in EXAMPLES)
     if form == "plan":
         plans = [json.loads(text) for text in (old, new)]

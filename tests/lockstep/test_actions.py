@@ -86,7 +86,7 @@ def test_a_missing_server_is_noted_and_may_come_later(results: dict[str, Any]) -
     assert any("no node serves the action /walk" in note for note in notes)
 
 
-def test_a_goal_that_blocks_is_an_error_with_its_place(results: dict[str, Any]) -> None:
+def test_a_blocking_goal_is_an_error_with_its_location(results: dict[str, Any]) -> None:
     (error,) = results["blocking"]["seen"]
     assert "/client" in error
     assert "action_scenarios.py:" in error

@@ -74,7 +74,7 @@ def test_other_processes_hash_seeds_and_orders_have_the_same_digests(start_confi
         assert (there[::-1] if backwards else there) == here, result.stderr
 
 
-def test_what_is_recorded_changes_nothing(start_config: Start) -> None:
+def test_recording_topics_changes_nothing(start_config: Start) -> None:
     everything = start_config(ARM, seed=3).run(DURATION_S)
     some = start_config(ARM, seed=3, record=LOOP).run(DURATION_S)
     more = start_config(ARM, seed=3, watch=["/arm/wrist_force"]).run(DURATION_S)

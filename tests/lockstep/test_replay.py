@@ -52,7 +52,7 @@ def request_for(trial: StackTrial, node: str, recording: Path) -> ReplayRequest:
     ],
     ids=["ideal", "late", "bring-up"],
 )
-def test_a_node_publishes_what_it_published_when_it_was_recorded(
+def test_a_node_publishes_the_recorded_messages_again(
     start_config: Start, tmp_path: Path, config: Path, node: str, schedule: Schedule
 ) -> None:
     recording = tmp_path / "trial.mcap"
@@ -71,7 +71,7 @@ def test_a_node_publishes_what_it_published_when_it_was_recorded(
         np.testing.assert_array_equal(first[VIEWS].data[:, :3], second[VIEWS].data[:, :3])
 
 
-def test_messages_that_are_defined_differently_here_are_refused(
+def test_messages_with_a_different_definition_are_rejected(
     start_config: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording = tmp_path / "trial.mcap"

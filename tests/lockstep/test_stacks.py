@@ -111,7 +111,7 @@ def test_a_simulator_that_raises_fails_its_node(start: Start) -> None:
     assert "robots.py" in fault
 
 
-def test_a_callback_that_raises_is_a_fault_with_its_place(start: Start) -> None:
+def test_a_callback_that_raises_is_a_fault_with_its_location(start: Start) -> None:
     trial = start(parameters={CONTROL: {"fault": "compute"}})
     run = trial.run(1.0)
     assert trial.nodes[CONTROL].state_label == "unconfigured"
@@ -129,12 +129,12 @@ def test_a_node_that_cannot_be_configured_ends_the_bring_up(start: Start) -> Non
         start(parameters={CONTROL: {"fault": "configure"}})
 
 
-def test_hardware_is_refused_before_a_node_is_made(start: Start) -> None:
+def test_hardware_is_rejected_before_a_node_is_created(start: Start) -> None:
     with pytest.raises(CommandFailedError, match="/obelisk_robot_0 is hardware"):
         start("robot.is_simulated=false")
 
 
-def test_a_robot_that_is_no_simulator_is_refused_unless_the_config_says_it_is(
+def test_a_robot_that_is_no_simulator_is_rejected_unless_the_config_declares_it(
     start: Start,
 ) -> None:
     with pytest.raises(LockstepError, match=r"/obelisk_robot_0 \(Drive\) is no simulator"):
@@ -146,7 +146,7 @@ def test_a_robot_that_is_no_simulator_is_refused_unless_the_config_says_it_is(
     assert len(trial.run(0.1)["/hazards/joint_encoders"]) == 20
 
 
-def test_a_node_that_cannot_be_in_lockstep_is_named_with_what_to_do(
+def test_a_node_that_cannot_run_in_lockstep_is_named_with_a_hint(
     start: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def is_composable(process: PlannedNode, command: Command) -> bool:
@@ -194,7 +194,7 @@ def test_a_program_without_a_node_is_an_error(start: Start) -> None:
         start("control.executable=no_spin")
 
 
-def test_a_stub_stands_in_for_a_node(start: Start) -> None:
+def test_a_stub_replaces_a_node(start: Start) -> None:
     trial = start(without=("estimation",))
 
     def estimate(message: JointEncoders) -> dict[str, Any]:
@@ -236,7 +236,7 @@ def test_freeze_delays_and_kill_ends_a_node(start: Start) -> None:
 
 
 @pytest.mark.parametrize("node", ["control", "estimation", "robot"])
-def test_a_restarted_node_goes_on(start: Start, node: str) -> None:
+def test_a_restarted_node_continues(start: Start, node: str) -> None:
     trial = start()
     trial.run(0.2)
     before = dict(trial.nodes)

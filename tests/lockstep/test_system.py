@@ -353,7 +353,7 @@ def test_a_guest_thread_that_never_sleeps_is_an_error_with_its_stack(
     assert not thread.is_alive()
 
 
-def test_logs_have_the_simulated_time_and_their_place(world: World) -> None:
+def test_logs_have_the_simulated_time_and_their_location(world: World) -> None:
     node = world.node()
     world.at(node, 0.25, lambda: node.get_logger().warning("look at this"))
     world.run(0.3)

@@ -81,7 +81,7 @@ def test_a_busy_node_keeps_the_newest_of_its_depth(
     assert seen == kept
 
 
-def test_a_late_subscription_receives_what_was_latched(world: World) -> None:
+def test_a_late_subscription_receives_latched_messages(world: World) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")
     seen: list[tuple[float, str]] = []
     publisher = sender.create_publisher(String, "/latched", LATCHED)
@@ -214,7 +214,7 @@ def test_messages_overtake_each_other_and_none_is_lost(world: World, is_frozen: 
     assert seen == [3.0, 1.0, 2.0, 0.0]
 
 
-def test_a_destroyed_publisher_is_gone(world: World) -> None:
+def test_a_destroyed_publisher_is_removed(world: World) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")
     seen: list[Any] = []
     publisher = sender.create_publisher(String, "/latched", LATCHED)
@@ -239,7 +239,7 @@ def test_a_lifecycle_publisher_is_silent_unless_its_node_is_active(world: World)
     assert seen == ["active"]
 
 
-def test_quality_of_service_events_are_refused_by_name(world: World) -> None:
+def test_quality_of_service_events_are_rejected_by_name(world: World) -> None:
     node = world.node()
     callbacks = SubscriptionEventCallbacks(deadline=lambda _info: None)
 

@@ -60,7 +60,7 @@ def test_no_pose_asks_for_more_than_the_motors_have(model, folder, params):
         assert (pose < model.jnt_range[:, 1]).all()
 
 
-def test_the_motion_begins_where_the_arm_is_and_rests_at_each_pose():
+def test_the_motion_starts_at_the_arm_and_rests_at_each_pose():
     start, poses = np.zeros(6), np.eye(3, 6)
     motion = Motion(start=start, poses=poses, move_s=2.0, rest_s=1.0)
     assert motion.at(0.0)[0] == pytest.approx(start)
@@ -86,11 +86,11 @@ def test_a_constant_stays_as_it_is_smoothed_and_a_step_is_followed():
     assert value == pytest.approx(np.ones(6), abs=1e-6)
 
 
-def test_what_was_smoothed_stays_where_time_goes_back():
+def test_smoothed_values_do_not_change_if_time_goes_back():
     assert smoothed(np.zeros(6), np.ones(6), -100.0, 0.005) == pytest.approx(np.zeros(6))
 
 
-def test_the_fingers_are_above_what_the_poses_are_meant_for(model, params):
+def test_the_fingers_are_above_the_objects_of_the_poses(model, params):
     data = mujoco.MjData(model)
     things = ("red_box", "green_box", "blue_ball")
     for pose, thing in zip(params["poses"].reshape(-1, 6), things, strict=True):

@@ -110,7 +110,7 @@ def _opened(feed):
         return str(error)
 
 
-def test_a_camera_sees_colours_where_they_are_or_says_why_it_cannot(scene, feed):
+def test_a_camera_renders_colours_in_place_or_reports_why_it_cannot(scene, feed):
     camera = _opened(feed)
     if isinstance(camera, str):
         assert camera.startswith("camera `above`: cameras need OpenGL, and ")
@@ -195,7 +195,7 @@ def test_at_a_pace_a_picture_is_left_out_while_the_last_one_is_drawn(feed):
 
 
 @pytest.mark.usefixtures("painted")
-def test_a_camera_that_is_closed_gives_back_what_it_holds(feed):
+def test_a_closed_camera_releases_its_resources(feed):
     feed()
     before = threading.active_count()
     feed.closing.pop()()
@@ -248,7 +248,7 @@ def test_a_fault_while_drawing_ends_the_run(feed, painted, monkeypatch):
         ({"MUJOCO_GL": " EGL "}, set(), "egl"),
     ],
 )
-def test_the_back_end_is_the_users_choice_or_what_there_is(environment, libraries, chosen):
+def test_the_back_end_is_the_users_choice_or_an_available_one(environment, libraries, chosen):
     find = {name: f"lib{name}.so" for name in libraries}.get
     assert choose_back_end(environment, find) == chosen
 
@@ -260,7 +260,7 @@ def test_the_back_end_is_the_users_choice_or_what_there_is(environment, librarie
         ({"MUJOCO_GL": "glfw"}, "`glfw`"),
     ],
 )
-def test_no_back_end_is_reported_with_what_would_help(environment, part):
+def test_a_missing_back_end_is_reported_with_a_hint(environment, part):
     with pytest.raises(ObeliskConfigError) as caught:
         choose_back_end(environment, lambda _: None)
     assert part in str(caught.value)

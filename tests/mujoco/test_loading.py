@@ -51,7 +51,7 @@ def test_the_block_of_the_example_is_loaded(load):
     assert load.warnings == []
 
 
-def test_all_findings_are_reported_at_once(load):
+def test_all_findings_are_reported_together(load):
     rejection = _refusal(
         load,
         keyframe="stand",
@@ -119,13 +119,13 @@ def test_variables_in_the_file_of_a_ray_caster_are_replaced(load, tmp_path, monk
         ("site_name: tpi", "site `tpi` is not in the model"),
     ],
 )
-def test_what_is_wrong_with_the_file_of_a_ray_caster_is_reported(load, tmp_path, text, part):
+def test_errors_in_the_file_of_a_ray_caster_are_reported(load, tmp_path, text, part):
     (tmp_path / "rays.yaml").write_text(text)
     group = _group(msg_type="ObkScan", config_path="rays.yaml")
     assert part in _refusal(load, sensor_settings=[group])
 
 
-def test_a_model_that_is_not_there_is_reported_with_the_other_findings(load, tmp_path):
+def test_a_missing_model_is_reported_with_the_other_findings(load, tmp_path):
     rejection = _refusal(
         load,
         model_xml_path="robot.xml",
@@ -181,7 +181,7 @@ def test_a_text_that_is_no_block_is_named(tmp_path, text, part):
 
 
 @pytest.mark.parametrize("period", [0, -1.0, "often", True, float("inf")])
-def test_a_period_of_the_geoms_that_is_none_is_named(load, period):
+def test_an_invalid_period_of_the_geoms_is_named(load, period):
     rejection = _refusal(load, viz_geoms={"dt": period, "dummy_box": "box"})
     assert f"viz_geoms.dt: {period!r}, expected a number of seconds greater than 0" in rejection
 
@@ -214,5 +214,5 @@ def test_the_time_step_of_the_config_wins_with_a_warning(load):
     assert "`time_step` is 0.0005 s, the model has 0.001 s" in load.warnings[0]
 
 
-def test_the_keyframe_that_is_asked_for_is_used(load):
+def test_the_requested_keyframe_is_used(load):
     assert load(keyframe="other").keyframe == "other"

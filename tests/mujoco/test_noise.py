@@ -113,12 +113,12 @@ def _xyz(messages, get):
     return np.array([[get(m).x, get(m).y, get(m).z] for m in messages])
 
 
-def test_a_message_that_is_dropped_or_delayed_on_purpose_breaks_no_promise(run):
+def test_a_message_dropped_or_delayed_on_purpose_breaks_no_rate(run):
     for more in ({}, {"dropout": 0.3}, {"delay": 0.01}, {"dropout": 1.0}):
         assert run([{**IMU, "dt": 0.004, **more}])["/imu"].counted == [0.004] * 200, more
 
 
-def test_a_group_promises_no_more_than_one_sample_a_step(run):
+def test_a_group_expects_at_most_one_sample_per_step(run):
     assert run([{**IMU, "dt": 0.0005}], 10)["/imu"].counted == [0.002] * 10
 
 

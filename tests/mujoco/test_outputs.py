@@ -98,7 +98,7 @@ def test_markers_go_to_both_topics_every_second(example):
         assert [len(message.markers) for message in sent[topic].messages] == [3, 3]
 
 
-def test_both_joint_encoder_messages_say_the_same(example):
+def test_both_joint_encoder_messages_have_the_same_values(example):
     sent = example(50)
     plain = sent["/obelisk/dummy/joint_encoders"].messages[-1]
     named = sent["/obelisk/dummy/obk_joint_encoders"].messages[-1]

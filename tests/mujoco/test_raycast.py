@@ -191,7 +191,7 @@ def _along_plane_and_ball(start, direction):
     return nearest if nearest < math.inf else math.nan
 
 
-def test_a_lidar_sees_plane_and_ball_where_they_are(scene, still):
+def test_a_lidar_hits_plane_and_ball_at_their_positions(scene, still):
     fine = {**LIDAR, "spacing": "exact", "channels": 41, "horizontal_res": 2.0, "offset": None}
     fine["vertical_fov_range"] = [-10.0, 30.0]
     settings = _settings(fine, site="eye", geom_groups=[0, 1])
@@ -390,7 +390,7 @@ def test_the_rays_of_a_lidar_meet_a_wall_at_the_angles_of_its_columns():
     assert np.isnan(seen[np.cos(angles) <= 0]).all()
 
 
-def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_to_the_left():
+def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_left():
     pattern = {
         "type": "depth_camera",
         "width": 3,
@@ -407,7 +407,7 @@ def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_to_the_left
 @pytest.mark.parametrize(
     ("through", "shift"), [(None, 0.5), ("corners", 0.5), ("centres", 0.0)], ids=str
 )
-def test_a_pixel_is_where_the_matrix_of_the_camera_puts_its_ray(through, shift):
+def test_a_pixel_matches_the_ray_of_the_camera_matrix(through, shift):
     settings = _settings({**CAMERA, "rays_through": through})
     forward, left, up = lay_out(settings.pattern).directions.T
     matrix = np.array(CAMERA["intrinsic_matrix"]).reshape(3, 3)
@@ -418,7 +418,7 @@ def test_a_pixel_is_where_the_matrix_of_the_camera_puts_its_ray(through, shift):
 
 
 @pytest.mark.parametrize(("through", "shift"), [(None, 0.5), ("centres", 0.0)], ids=str)
-def test_a_depth_camera_sees_the_ground_where_its_pixels_do(through, shift):
+def test_a_depth_camera_hits_the_ground_along_its_pixels(through, shift):
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><site name="eye" pos="0 0 1"/>
         <geom type="plane" size="0 0 1"/></worldbody></mujoco>"""
@@ -452,7 +452,7 @@ def test_a_site_of_the_world_sees_the_world(scene, still):
     assert list(message.data) == [0.0]
 
 
-def test_what_is_beyond_the_longest_distance_is_a_miss(scene, still):
+def test_hits_beyond_the_maximum_distance_are_misses(scene, still):
     pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0], "values": "distance"}
     near, far, unlimited = (
         _sample(scene, still, "ObkScan", _settings(pattern, site="eye", max_distance=d)).data[0]
@@ -495,9 +495,7 @@ def _hits(everything, moving, settings):
 
 @pytest.mark.parametrize("frame", [*FRAMES, None])
 @pytest.mark.parametrize("pattern", [HEIGHT, LIDAR], ids=["height", "lidar"])
-def test_the_points_of_a_cloud_are_given_in_the_frame_that_is_asked_for(
-    everything, moving, pattern, frame
-):
+def test_the_points_of_a_cloud_are_in_the_requested_frame(everything, moving, pattern, frame):
     settings = _settings(pattern, frame=frame, points_in="frame", keep_misses=True, geom_groups=[])
     message = _sample(everything, moving, "PointCloud2", settings)
     assert message.header.frame_id == (frame or "world")

@@ -107,7 +107,7 @@ def test_without_a_keyframe_a_reset_goes_to_the_models_own_start(dummy):
     assert simulation.data.qpos.tolist() == [0.0]
 
 
-def test_after_a_hundred_thousand_steps_the_time_is_exact_where_that_of_mujoco_has_drifted(dummy):
+def test_after_a_hundred_thousand_steps_the_time_is_exact_unlike_that_of_mujoco(dummy):
     dummy.opt.timestep = 0.007
     simulation, _ = _simulation(dummy)
     simulation.reset("ic")
@@ -129,7 +129,7 @@ def test_time_begins_at_that_of_the_keyframe():
     assert simulation.time_ns == 2_504_000_000
 
 
-def test_a_control_acts_on_the_next_step_and_stays_until_there_is_a_newer_one(everything):
+def test_a_control_acts_on_the_next_step_until_a_newer_one_arrives(everything):
     simulation, inbox = _simulation(everything)
     simulation.reset(None)
     simulation.advance()

@@ -23,7 +23,7 @@ def test_actions_are_carried_out_in_the_order_in_which_they_came():
     assert not requests.is_waiting()
 
 
-def test_what_was_given_up_is_not_carried_out():
+def test_a_canceled_request_is_not_executed():
     requests, carried_out = StepQueue(), []
     given_up: Future = requests.submit(lambda: carried_out.append("given up"))
     wanted = requests.submit(_done("wanted"))

@@ -101,7 +101,7 @@ def test_a_missing_golden_recording_is_named(result: TrialResult, tmp_path: Path
         result.close_to(tmp_path / "none.mcap", atol=0.1)
 
 
-def test_the_picture_shows_what_the_test_looked_at(result: TrialResult, tmp_path: Path) -> None:
+def test_the_picture_shows_the_view_of_the_test(result: TrialResult, tmp_path: Path) -> None:
     assert [signal.name for signal in signals_of(result)] == ["qpos"]
     _ = result["/x"].data
     result.facts.looked_at.pop(("qpos",), None)

@@ -42,7 +42,7 @@ def model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(MOVED_BY_OTHERS)
 
 
-def test_what_arrives_is_the_state_to_the_bit_and_what_follows_from_it(
+def test_the_received_state_is_identical_and_so_are_derived_values(
     model: mujoco.MjModel,
 ) -> None:
     data = mujoco.MjData(model)
@@ -58,7 +58,7 @@ def test_what_arrives_is_the_state_to_the_bit_and_what_follows_from_it(
     assert states.data.time == 1.5
 
 
-def test_until_the_first_state_the_model_stands_as_it_starts(model: mujoco.MjModel) -> None:
+def test_until_the_first_state_the_model_is_in_its_initial_state(model: mujoco.MjModel) -> None:
     with link() as (_, theirs):
         states = States(model, theirs)
         assert not states.take_next(timeout_s=0.01)
@@ -81,7 +81,7 @@ def test_states_come_in_order_or_only_the_newest(model: mujoco.MjModel) -> None:
         assert (sender.sent, sender.dropped) == (4, 0)
 
 
-def test_an_onlooker_that_takes_nothing_costs_no_waiting_and_what_it_misses_is_counted(
+def test_a_stalled_viewer_does_not_block_and_its_losses_are_counted(
     model: mujoco.MjModel,
 ) -> None:
     data = mujoco.MjData(model)
@@ -111,7 +111,7 @@ def test_after_the_last_state_it_is_over(model: mujoco.MjModel) -> None:
         assert states.is_over
 
 
-def test_sending_to_an_onlooker_that_is_gone_does_nothing(model: mujoco.MjModel) -> None:
+def test_sending_to_a_viewer_that_has_ended_does_nothing(model: mujoco.MjModel) -> None:
     received: list[tuple[str, str]] = []
     with link() as (ours, theirs):
         sender = StateSender(model, mujoco.MjData(model), ours, lambda *args: received.append(args))

@@ -81,7 +81,7 @@ def listens_on(pid: int) -> set[str]:
     return {c.laddr.ip for c in connections if c.status == psutil.CONN_LISTEN}
 
 
-def test_a_page_on_this_machine_only_behind_the_robot_gone_when_it_is_closed(
+def test_a_page_is_local_uses_a_child_process_and_ends_when_closed(
     looking: Callable[..., Looked],
 ) -> None:
     pytest.importorskip("mjviser")
@@ -130,7 +130,7 @@ def websocket_status(port: int, host: str, origin: str) -> bytes:
 
 
 @pytest.mark.slow
-def test_two_at_once_have_a_port_each(looking: Callable[..., Looked]) -> None:
+def test_two_viewers_have_different_ports(looking: Callable[..., Looked]) -> None:
     pytest.importorskip("mjviser")
     one, other = looking("web", "0"), looking("web", "0")
     assert one.port != other.port
@@ -165,7 +165,7 @@ def test_a_library_that_is_not_installed_is_reported_with_the_extra_that_brings_
     assert "obelisk-cli[viewer]" in text
 
 
-def test_a_window_without_a_display_is_reported_and_sending_goes_on(
+def test_a_window_without_a_display_is_reported_and_sending_continues(
     looking: Callable[..., Looked], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)

@@ -26,7 +26,7 @@ def parameters(**values: str | int) -> Callable[[str], Any]:
     return lambda name: {**PARAMETERS, **values}[name]
 
 
-def test_there_is_no_viewer_by_default() -> None:
+def test_no_viewer_is_the_default() -> None:
     assert requested_viewers(parameters()) == ()
 
 

@@ -75,7 +75,7 @@ def reported(finding: Diagnostic, expected_help: str | None) -> Planted:
 
 
 @pytest.mark.mujoco
-def test_every_planted_fault_is_found_at_its_place_with_its_cure(
+def test_every_planted_fault_is_found_at_its_location_with_its_help(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     expected = sorted([*planted(HERE / "stack.yaml"), *planted(HERE / "wrong_scan.part")], key=str)
@@ -92,7 +92,7 @@ def test_there_are_sixty_kinds_of_faults_in_the_one_file() -> None:
 
 
 @pytest.mark.mujoco
-def test_nothing_is_said_of_the_clean_twin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_clean_twin_has_no_findings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "stack.yaml").write_text(clean(HERE / "stack.yaml"), encoding="utf-8")
     (tmp_path / "scan.part").write_bytes((HERE / "scan.part").read_bytes())
     outcome = compiled(tmp_path / "stack.yaml", monkeypatch)

@@ -90,7 +90,7 @@ def test_any_bytes(data: bytes) -> None:
 
 
 @given(st.binary() | NEARLY_YAML.map(str.encode))
-def test_any_file_is_compiled_or_refused(data: bytes) -> None:
+def test_any_file_is_compiled_or_rejected(data: bytes) -> None:
     with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
         file.write(data)
         file.flush()
@@ -104,17 +104,17 @@ def test_any_file_is_compiled_or_refused(data: bytes) -> None:
 
 
 @given(NEARLY_YAML)
-def test_any_text_is_compiled_or_refused(text: str) -> None:
+def test_any_text_is_compiled_or_rejected(text: str) -> None:
     compiled(text)
 
 
 @given(VALUES.map(repr))
-def test_any_shape_of_known_keys_is_compiled_or_refused(text: str) -> None:
+def test_any_shape_of_known_keys_is_compiled_or_rejected(text: str) -> None:
     compiled(text.replace("None", "~"))
 
 
 @given(st.sampled_from([*SEEDS, PLANTED]), st.integers())
-def test_a_mutated_config_is_compiled_or_refused(text: str, seed: int) -> None:
+def test_a_mutated_config_is_compiled_or_rejected(text: str, seed: int) -> None:
     draw = random.Random(seed)
     for _ in range(draw.randint(1, 8)):
         at, end = sorted(draw.sample(range(len(text) + 1), 2)) if len(text) > 1 else (0, 0)
@@ -130,7 +130,7 @@ def test_a_mutated_config_is_compiled_or_refused(text: str, seed: int) -> None:
 
 
 @given(st.sampled_from([PLANTED, SOUND]), st.sampled_from(ODD), st.integers())
-def test_no_value_is_too_odd_wherever_it_stands(text: str, odd: str, seed: int) -> None:
+def test_no_value_is_too_odd_anywhere(text: str, odd: str, seed: int) -> None:
     draw = random.Random(seed)
     for _ in range(draw.randint(1, 3)):
         value = draw.choice(list(re.finditer(r"(?<=: )[^][{},#\n]+", text)))
@@ -176,7 +176,7 @@ def _has_only_text_for_keys(value: object) -> bool:
 
 
 @pytest.mark.parametrize("text", SEEDS)
-def test_a_plain_value_stands_where_its_span_says(text: str) -> None:
+def test_a_plain_value_is_at_its_span(text: str) -> None:
     tree = parse_source(SourceFile.of("f", text)).tree
     assert tree is not None
     for scalar in scalars(tree):

@@ -151,7 +151,7 @@ def test_bytes_values_and_types_are_those_of_rclpy(name):
 
 
 @pytest.mark.parametrize("name", [*OWN, *OTHERS])
-def test_bytes_that_are_cut_off_are_refused(name):
+def test_truncated_bytes_are_rejected(name):
     codec = codec_for(class_of(name))
 
     @FEW
@@ -166,7 +166,7 @@ def test_bytes_that_are_cut_off_are_refused(name):
 
 
 @pytest.mark.parametrize("name", [*OWN, *OTHERS])
-def test_bytes_that_went_wrong_are_refused_or_are_what_rclpy_takes_them_for(name):
+def test_corrupted_bytes_are_rejected_or_read_as_by_rclpy(name):
     message_class = class_of(name)
     codec = codec_for(message_class)
 

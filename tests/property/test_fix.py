@@ -46,7 +46,7 @@ def with_slips(text: str, seed: int) -> str:
 
 
 @given(st.sampled_from(SEEDS), st.integers())
-def test_slips_in_any_config_are_mended_or_left(text: str, seed: int) -> None:
+def test_typing_mistakes_in_any_config_are_fixed_or_left(text: str, seed: int) -> None:
     first = fixed(with_slips(text, seed), CORPUS / "nowhere")
     before, after = errors(first)
     assert after <= before

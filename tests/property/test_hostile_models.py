@@ -57,7 +57,7 @@ def look_at(data: bytes) -> None:
 
 
 @given(damaged([path.read_bytes() for path in MODELS]) | st.binary())
-def test_a_damaged_model_is_read_or_refused(data: bytes) -> None:
+def test_a_damaged_model_is_read_or_rejected(data: bytes) -> None:
     look_at(data)
 
 

@@ -75,12 +75,12 @@ def look_at(data: bytes) -> None:
 
 
 @given(st.binary(max_size=200).map(lambda data: b"\x89MCAP0\r\n" + data) | st.binary())
-def test_a_file_of_any_bytes_is_read_or_refused(data: bytes) -> None:
+def test_a_file_of_any_bytes_is_read_or_rejected(data: bytes) -> None:
     look_at(data)
 
 
 @given(st.deferred(lambda: damaged(seeds())))
-def test_a_damaged_recording_is_read_or_refused(data: bytes) -> None:
+def test_a_damaged_recording_is_read_or_rejected(data: bytes) -> None:
     look_at(data)
 
 
@@ -103,7 +103,7 @@ def made_up(topic: str, definition: str, name: str, message: bytes) -> bytes:
     SPOILT,
     damaged([MESSAGE]) | st.binary(),
 )
-def test_definitions_and_messages_of_any_bytes_are_read_or_refused(
+def test_definitions_and_messages_of_any_bytes_are_read_or_rejected(
     topic: str, definition: str, name: str, message: bytes
 ) -> None:
     look_at(made_up(topic, definition, name, message))

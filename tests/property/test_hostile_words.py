@@ -104,7 +104,7 @@ def without_nul(text: str) -> str:
 
 
 @given(st.lists(st.sampled_from(get_args(OutputEvent)), max_size=4), st.data())
-def test_what_nodes_say_in_events_moves_no_terminal(
+def test_events_of_nodes_move_no_terminal_cursor(
     kinds: list[type[OutputEvent]], data: st.DataObject
 ) -> None:
     report, status = LaunchReport(("/a",), colour=False, quiet=True), STATUS
@@ -164,7 +164,7 @@ def test_a_status_of_any_content_is_a_rate_or_none(
 
 
 @given(SPOILT | st.text())
-def test_a_name_of_any_text_is_taken_or_refused_in_words(name: str) -> None:
+def test_a_name_of_any_text_is_accepted_or_rejected_with_a_message(name: str) -> None:
     problem = check_name(name, kind="controller", owner_of=lambda _: None)
     assert check_name(suggest_name(name, kind="node"), kind="node", owner_of=lambda _: None) is None
     if problem is not None:
@@ -174,7 +174,7 @@ def test_a_name_of_any_text_is_taken_or_refused_in_words(name: str) -> None:
 
 
 @given(SPOILT.map(without_nul), SPOILT.map(without_nul), st.text().map(without_nul))
-def test_what_a_config_and_its_environment_say_moves_no_terminal(
+def test_a_config_and_its_environment_move_no_terminal_cursor(
     output: str, variable: str, raw: str
 ) -> None:
     escaped = "".join(f"\\x{ord(c):02x}" if ord(c) < 256 else c for c in output)
@@ -186,7 +186,7 @@ def test_what_a_config_and_its_environment_say_moves_no_terminal(
 
 
 @given(st.dictionaries(st.sampled_from("abc"), FRAGMENTS, min_size=1))
-def test_files_that_include_one_another_are_merged_or_refused(texts: dict[str, bytes]) -> None:
+def test_files_that_include_one_another_are_merged_or_rejected(texts: dict[str, bytes]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, data in texts.items():
             Path(folder, f"{name}.yaml").write_bytes(data)
@@ -200,7 +200,7 @@ def test_files_that_include_one_another_are_merged_or_refused(texts: dict[str, b
     st.sampled_from(("msg", "srv", "action")),
     st.from_regex(r"[A-Za-z_0-9 .-]{1,20}", fullmatch=True),
 )
-def test_a_definition_of_any_bytes_is_taken_or_refused(
+def test_a_definition_of_any_bytes_is_accepted_or_rejected(
     definition: bytes, manifest: bytes, kind: str, name: str
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:

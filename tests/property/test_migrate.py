@@ -152,7 +152,7 @@ def _components(key: str, value: object) -> object:
 
 
 @given(texts())
-def test_any_layout_says_the_same_in_either_spelling(text: str) -> None:
+def test_any_layout_has_the_same_meaning_in_both_formats(text: str) -> None:
     there = migrated(text, "key")
     back = migrated(there, "seed")
     for other in (there, back):
@@ -166,6 +166,6 @@ def test_any_layout_says_the_same_in_either_spelling(text: str) -> None:
 
 
 @given(st.text("ab:- \n[]{},&*'\"#?<key control robot publishers ros_parameter onboard _setting"))
-def test_any_text_is_migrated_or_refused(text: str) -> None:
+def test_any_text_is_migrated_or_rejected(text: str) -> None:
     migrate_source(SourceFile.of("c.yaml", text), "key")
     migrate_source(SourceFile.of("c.yaml", text), "seed")

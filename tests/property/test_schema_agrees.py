@@ -172,7 +172,7 @@ def test_the_schema_accepts_a_config_that_the_checker_accepts(config: dict[str, 
 
 
 @given(edited(VALUES, NUMBERS))
-def test_the_schema_accepts_an_edited_config_exactly_where_the_checker_does(
+def test_the_schema_accepts_an_edited_config_exactly_if_the_checker_does(
     config: dict[str, Any],
 ) -> None:
     faults = shape_faults(config, {})
@@ -182,7 +182,7 @@ def test_the_schema_accepts_an_edited_config_exactly_where_the_checker_does(
 
 
 @given(with_variables())
-def test_the_schema_refuses_no_variable_that_the_checker_accepts(
+def test_the_schema_rejects_no_variable_that_the_checker_accepts(
     drawn: tuple[dict[str, Any], dict[str, str]],
 ) -> None:
     config, environment = drawn

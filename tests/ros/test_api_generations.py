@@ -285,7 +285,7 @@ def test_a_wrong_argument_names_the_node() -> None:
             node.register_obk_timer("timer", 3)  # type: ignore[arg-type]
 
 
-def test_a_process_with_a_wrong_registration_ends_with_a_sentence() -> None:
+def test_a_process_with_a_wrong_registration_ends_with_a_message() -> None:
     program = (
         "from obelisk_py.core.node import ObeliskNode\n"
         "from obelisk_py.core.utils.ros import spin_obelisk\n"

@@ -101,7 +101,7 @@ def test_a_launcher_that_takes_too_long_is_killed_on_demand_with_all_of_its_node
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-def test_what_outlives_its_launcher_in_spite_of_all_is_found_and_ended() -> None:
+def test_orphans_of_a_launcher_are_found_and_ended() -> None:
     with turn_of_leftovers(), launched(DUMMY, "--quiet") as run:
         nodes = node_pids(run)
         (warden,) = psutil.Process(run.process.pid).children()
@@ -120,7 +120,7 @@ def test_what_outlives_its_launcher_in_spite_of_all_is_found_and_ended() -> None
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-def test_a_run_reports_afterwards_what_it_was_and_how_it_ended(home: Path) -> None:
+def test_a_finished_run_reports_its_config_and_its_outcome(home: Path) -> None:
     begin = time.time()
     assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
     (folder,) = (home / "runs").glob("dummy_*")

@@ -116,7 +116,7 @@ def test_two_processes_exchange_a_users_messages_and_service(workspace: Path) ->
 
 
 @pytest.mark.slow
-def test_only_what_changed_or_is_named_and_what_uses_it_is_built(workspace: Path) -> None:
+def test_only_changed_or_named_packages_and_their_dependents_are_built(workspace: Path) -> None:
     assert build(workspace)["unchanged"] == ["arm_msgs", "other_msgs", "task_msgs"]
     before = output(workspace, TYPE_HASH)
     source = workspace / "src" / "arm_msgs" / "msg" / "Reach.msg"
@@ -132,7 +132,7 @@ def test_only_what_changed_or_is_named_and_what_uses_it_is_built(workspace: Path
     assert before != after
 
 
-def test_a_package_that_is_gone_is_taken_out_of_the_overlay(workspace: Path) -> None:
+def test_a_deleted_package_is_removed_from_the_overlay(workspace: Path) -> None:
     shutil.rmtree(workspace / "src" / "other_msgs")
     assert build(workspace)["removed"] == ["other_msgs"]
     overlay = workspace / ".obk" / "overlay"
@@ -169,7 +169,7 @@ def test_interrupted_the_overlay_stays_as_it_was(workspace: Path) -> None:
 
 
 @pytest.mark.slow
-def test_two_builds_at_once_wait_for_each_other(workspace: Path) -> None:
+def test_two_simultaneous_builds_wait_for_each_other(workspace: Path) -> None:
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")
     command = [OBK, "build", "--workspace", workspace, "--format", "json"]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
@@ -178,7 +178,7 @@ def test_two_builds_at_once_wait_for_each_other(workspace: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_launch_builds_what_is_stale_and_the_nodes_exchange_it(workspace: Path) -> None:
+def test_a_launch_builds_stale_packages_and_the_nodes_use_them(workspace: Path) -> None:
     config = make_nodes(workspace)
     source = workspace / "src" / "arm_msgs" / "msg" / "Reach.msg"
     source.write_text(source.read_text() + "float64 speed\n")
@@ -216,7 +216,7 @@ def test_messages_of_a_running_stacks_workspace_are_shown_from_any_folder(
 
 
 @pytest.mark.slow
-def test_a_launch_that_is_not_to_build_says_what_is_stale(workspace: Path) -> None:
+def test_a_launch_without_building_reports_stale_packages(workspace: Path) -> None:
     config = make_nodes(workspace)
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")
     with started(config, "--no-build") as launch:

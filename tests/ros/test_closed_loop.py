@@ -83,7 +83,7 @@ def digest(path: Path) -> str:
     return read_bag(path).metadata["obelisk"]["digest"]
 
 
-def test_a_failed_test_leaves_what_is_needed_to_repeat_it(folder: Path) -> None:
+def test_a_failed_test_leaves_everything_needed_to_repeat_it(folder: Path) -> None:
     """Two processes ran the test; alone it has the same result."""
     options = ("--seeds", "2", "-j", "2", "--junitxml", "report.xml")
     done = run(folder, *options, "-k", "stays or trials")
@@ -118,7 +118,7 @@ def test_a_failed_test_leaves_what_is_needed_to_repeat_it(folder: Path) -> None:
     assert not recording.exists()
 
 
-def test_twice_finds_what_is_not_repeatable(folder: Path) -> None:
+def test_twice_finds_irreproducible_tests(folder: Path) -> None:
     (folder / "tests" / "limit").write_text("10")
     done = run(folder, "--twice")
     assert done.returncode == 1
@@ -144,7 +144,7 @@ def test_a_config_without_tests_gets_a_smoke_test(folder: Path) -> None:
     assert not [*folder.glob("build/obk-test/*")]
 
 
-def test_hardware_is_refused_without_a_traceback(repository: Path, tmp_path: Path) -> None:
+def test_hardware_is_rejected_without_a_traceback(repository: Path, tmp_path: Path) -> None:
     config = repository / "examples" / "hardware" / "hardware.yaml"
     done = obk_in(tmp_path, "test", str(config), "--output", str(tmp_path), "smoke")
     assert done.returncode == 1

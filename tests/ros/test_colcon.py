@@ -125,7 +125,7 @@ def test_pip_installs_a_generated_package_so_that_its_source_stays_in_use(
     assert shown.stdout == "Edited.\n"
 
 
-def test_a_stack_runs_what_colcon_installed_where_there_are_no_sources(
+def test_a_stack_runs_packages_installed_by_colcon_without_sources(
     built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     elsewhere = tmp_path / "elsewhere"

@@ -155,7 +155,7 @@ def test_the_lead_brings_all_up_and_down(hosts: tuple[Host, Host], config: Path)
 
 
 @pytest.mark.slow
-def test_a_follower_whose_lead_is_gone_brings_its_nodes_down(
+def test_a_follower_without_its_lead_stops_its_nodes(
     hosts: tuple[Host, Host], config: Path
 ) -> None:
     with both(hosts, config) as (lead, follower):
@@ -168,7 +168,7 @@ def test_a_follower_whose_lead_is_gone_brings_its_nodes_down(
 
 
 @pytest.mark.slow
-def test_a_lead_whose_follower_is_gone_names_a_node_that_does_not_answer(
+def test_a_lead_without_its_follower_names_a_node_that_does_not_respond(
     hosts: tuple[Host, Host], config: Path
 ) -> None:
     with both(hosts, config) as (lead, follower):

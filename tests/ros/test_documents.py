@@ -214,7 +214,7 @@ SHOWING = {
 }
 
 
-def test_what_is_run_elsewhere_is_a_page_and_a_test() -> None:
+def test_pages_that_other_tests_run_exist_and_so_do_the_tests() -> None:
     assert ELSEWHERE.keys() | SLOW | SETUPS.keys() <= SHOWING.keys()
     for test in ELSEWHERE.values():
         assert (ROOT / test).is_file()
@@ -228,7 +228,7 @@ def test_what_is_run_elsewhere_is_a_page_and_a_test() -> None:
         if name not in ELSEWHERE
     ],
 )
-def test_the_commands_of_a_page_do_what_it_shows(
+def test_the_commands_of_a_page_have_the_shown_output(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)

@@ -38,7 +38,7 @@ def shape(line: str) -> str:
     return r"[▁-█ \d.]+".join(words)
 
 
-def test_the_demo_shows_what_the_readme_has_of_it(demo: Path) -> None:
+def test_the_demo_prints_the_output_in_the_readme(demo: Path) -> None:
     done = subprocess.run(
         [sys.executable, demo, "6"],
         capture_output=True,

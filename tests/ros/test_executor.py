@@ -29,7 +29,7 @@ def one() -> Iterator[World]:
         yield made
 
 
-def test_messages_arrive_in_order_and_with_their_info_where_asked_for(one: World) -> None:
+def test_messages_arrive_in_order_and_with_their_info_if_requested(one: World) -> None:
     node = one.node()
     plain: list[str] = []
     with_info: list[tuple[str, int]] = []
@@ -161,7 +161,7 @@ def test_tasks_come_from_any_thread_and_their_result_is_a_future(one: World) -> 
     assert sum(task.result() for task in tasks) == 8 * sum(n * 2 for n in range(100))
 
 
-def test_no_thread_at_all_is_refused() -> None:
+def test_zero_threads_are_rejected() -> None:
     with (
         world() as made,
         pytest.raises(ValueError, match="num_threads is 0"),

@@ -48,7 +48,7 @@ def test_a_timer_that_destroys_itself_ticks_once(one: World) -> None:
     assert len(ticks) == 1
 
 
-def test_a_subscription_that_destroys_itself_gets_none_of_what_waits(one: World) -> None:
+def test_a_subscription_that_destroys_itself_receives_no_waiting_messages(one: World) -> None:
     node = one.node()
     received: list[str] = []
 
@@ -71,7 +71,7 @@ def test_a_subscription_that_destroys_itself_gets_none_of_what_waits(one: World)
     assert received == ["0"]
 
 
-def test_what_one_callback_destroys_no_other_callback_sees_again(one: World) -> None:
+def test_entities_destroyed_by_one_callback_are_not_seen_by_another(one: World) -> None:
     node = one.node()
     alive: set[int] = set()
     faults: list[int] = []
@@ -235,7 +235,7 @@ def test_a_shutdown_within_a_callback_leaves_no_descriptor_either() -> None:
         node.destroy_node()
 
 
-def test_an_executor_that_no_one_has_any_more_lets_go_of_everything() -> None:
+def test_an_unreferenced_executor_releases_everything() -> None:
     with world() as made:
         executor = EventLoopExecutor(context=made.context)
         node = Node("node", context=made.context)
@@ -273,7 +273,7 @@ def test_a_removed_node_is_let_go_without_another_spin(num_threads: int) -> None
         node.destroy_node()
 
 
-def test_a_guard_condition_that_was_triggered_and_destroyed_calls_no_one(one: World) -> None:
+def test_a_guard_condition_that_was_triggered_and_destroyed_calls_nothing(one: World) -> None:
     node = one.node()
     called: list[int] = []
     guard = node.create_guard_condition(lambda: called.append(1))

@@ -92,7 +92,7 @@ def test_callbacks_are_called_directly(node: Any, state: Any) -> None:
         assert not hasattr(node, "fast")
 
 
-def test_cleanup_gives_an_attribute_of_a_callback_group_its_value_back(node: Any) -> None:
+def test_cleanup_restores_an_attribute_of_a_callback_group(node: Any) -> None:
     node.fast = None
     give(node, **SETTINGS)
     node.on_configure(None)
@@ -101,7 +101,7 @@ def test_cleanup_gives_an_attribute_of_a_callback_group_its_value_back(node: Any
     assert node.fast is None
 
 
-def test_a_second_configure_replaces_what_the_first_one_built(node: Any) -> None:
+def test_a_second_configure_replaces_the_entities_of_the_first(node: Any) -> None:
     give(node, **SETTINGS)
     node.on_configure(None)
     before = node.obk_timers["timer_ctrl"]
@@ -149,7 +149,7 @@ def test_components_of_on_configure_are_registered_at_each_direct_call() -> None
     node.destroy_node()
 
 
-def test_a_mock_takes_the_place_of_a_publisher(node: Any) -> None:
+def test_a_mock_can_replace_a_publisher(node: Any) -> None:
     node.obk_publishers["pub_ctrl"] = MagicMock()
     node.compute_control()
     node.obk_publishers["pub_ctrl"].publish.assert_called_once()

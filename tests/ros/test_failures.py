@@ -73,9 +73,7 @@ def with_faulty_controller(folder: Path, callback: str, what: str, dummy: Path =
 @pytest.mark.parametrize(
     "callback", ["on_configure", pytest.param("on_activate", marks=pytest.mark.slow)]
 )
-def test_a_transition_that_gets_stuck_is_shown_with_the_place_where_it_is(
-    tmp_path: Path, callback: str
-) -> None:
+def test_a_stuck_transition_is_shown_with_its_location(tmp_path: Path, callback: str) -> None:
     config = with_faulty_controller(tmp_path, callback, "time.sleep(1000)")
     result = obk("launch", config, "--timeout", f"{STUCK_S:g}", "--quiet")
     assert result.returncode == 1, result.stdout
@@ -125,7 +123,7 @@ def test_a_launcher_started_with_sigint_ignored_ends_at_sigint_all_the_same() ->
 @pytest.mark.parametrize(
     "is_stopped", [pytest.param(False, marks=pytest.mark.slow), True]
 )  # as by Ctrl-Z
-def test_a_launch_that_replaces_another_ends_it_in_order_and_takes_its_place(
+def test_a_launch_that_replaces_another_stops_it_cleanly_first(
     is_stopped: bool,
 ) -> None:
     with launched(DUMMY, "--quiet") as first:

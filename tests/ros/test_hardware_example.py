@@ -141,7 +141,7 @@ def test_a_dead_drive_stops_a_stack_that_is_to_stop() -> None:
 
 
 @pytest.mark.slow
-def test_without_a_drive_the_launch_fails_with_a_sentence_and_no_traceback() -> None:
+def test_without_a_drive_the_launch_fails_with_a_message_and_no_traceback() -> None:
     port = free_port()
     result = obk("launch", CONFIG, *at(port))
     assert result.returncode == 1

@@ -182,7 +182,7 @@ def test_the_order_is_kept_while_messages_wait_on_both_ways(sent: list[int]) -> 
             eventually(is_past_dds, "a message that DDS has no part in")
 
 
-def test_nothing_overtakes_what_was_sent_before_the_executor_knew_the_subscription(
+def test_no_message_overtakes_earlier_ones_to_an_unknown_subscription(
     sent: list[int],
 ) -> None:
     with world() as made:
@@ -217,7 +217,7 @@ def test_an_executor_of_another_thread_is_reported(sent: list[int]) -> None:
     assert not sent
 
 
-def test_a_reentrant_group_hears_each_message_once(sent: list[int]) -> None:
+def test_a_reentrant_group_receives_each_message_once(sent: list[int]) -> None:
     with world(num_threads=3) as made:
         source = Numbered(made)
         received = listener(made.node(), callback_group=ReentrantCallbackGroup())
@@ -229,7 +229,7 @@ def test_a_reentrant_group_hears_each_message_once(sent: list[int]) -> None:
     assert not sent
 
 
-def test_a_coroutine_hears_in_order(sent: list[int]) -> None:
+def test_a_coroutine_receives_in_order(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         received: list[int] = []
@@ -245,7 +245,7 @@ def test_a_coroutine_hears_in_order(sent: list[int]) -> None:
     assert not sent
 
 
-def test_beside_one_that_only_dds_can_serve_all_are_served_by_dds(sent: list[int]) -> None:
+def test_next_to_a_dds_only_subscription_all_use_dds(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         node = made.node()
@@ -279,7 +279,7 @@ def test_on_an_executor_of_rclpy_messages_come_by_dds(sent: list[int]) -> None:
     assert received == sent == list(range(10))
 
 
-def test_publishers_of_rclpy_are_heard_beside(sent: list[int]) -> None:
+def test_publishers_of_rclpy_are_received_too(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         node = made.node()
@@ -294,7 +294,7 @@ def test_publishers_of_rclpy_are_heard_beside(sent: list[int]) -> None:
     assert not sent
 
 
-def test_what_waits_for_a_subscription_that_is_destroyed_is_gone_with_it() -> None:
+def test_messages_waiting_for_a_destroyed_subscription_are_discarded() -> None:
     with world() as made:
         source = Numbered(made)
         node = made.node()
@@ -311,7 +311,7 @@ def test_what_waits_for_a_subscription_that_is_destroyed_is_gone_with_it() -> No
     assert not numbers
 
 
-def test_what_waits_while_no_executor_has_the_node_comes_when_one_has_it() -> None:
+def test_messages_waiting_without_an_executor_arrive_when_one_runs() -> None:
     with world() as made:
         source = Numbered(made)
         node = made.node()

@@ -115,7 +115,7 @@ def test_every_type_is_an_attribute_and_a_described_ros_parameter() -> None:
         assert horizon.additional_constraints == at_configure
 
 
-def test_the_config_gives_the_first_values() -> None:
+def test_the_config_sets_the_initial_values() -> None:
     given = {"kp": 30, "gait": "stand", "level": "HIGH", "gains": [3, 4, 5], "horizon": 7}
     with spinning(lambda: Tuned(**given)) as node:
         found = values(node)
@@ -149,7 +149,7 @@ def test_a_wrong_value_of_the_config_is_named(given: dict[str, Any], fault: str)
         rclpy.try_shutdown()
 
 
-def test_a_service_call_changes_the_attributes_and_says_so() -> None:
+def test_a_service_call_changes_the_attributes_and_reports_it() -> None:
     with spinning(Tuned) as node:
         activate(node)
         assert set_each(node, message("kp", 400.0)) == [
@@ -208,7 +208,7 @@ def test_a_failing_on_parameters_takes_the_node_to_error_processing() -> None:
         assert str(node.last_fault) == "on_parameters: no gains for ['kp']"
 
 
-def test_what_the_nodes_own_callback_sets_is_in_effect_after_it() -> None:
+def test_changes_by_the_nodes_own_callback_are_in_effect_after_it() -> None:
     seen: list[float] = []
 
     class Own(Tuned):
@@ -362,14 +362,14 @@ def test_a_wrong_declaration_is_named(make: Callable[[], object], fault: str) ->
         make()
 
 
-def test_a_name_that_the_library_uses_is_refused() -> None:
+def test_a_name_that_the_library_uses_is_rejected() -> None:
     with pytest.raises((ObeliskConfigError, RuntimeError)) as raised:
         type("Hidden", (ObeliskNode,), {"params_path": Parameter("x")})
     reported = str(raised.value.__cause__ or raised.value)
     assert "hides ObeliskNode.params_path: choose another name" in reported
 
 
-def test_obk_param_reports_what_happened() -> None:
+def test_obk_param_reports_the_outcome() -> None:
     with spinning(Tuned, EventLoopExecutor) as node:
         activate(node)
 

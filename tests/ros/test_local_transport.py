@@ -201,7 +201,7 @@ def test_a_killed_subscription_disturbs_no_other_and_its_successor_is_found(
             assert is_gapless(each.numbers)
 
 
-def test_a_frozen_subscription_keeps_its_depth_and_holds_no_one_up(
+def test_a_frozen_subscription_keeps_its_depth_and_blocks_no_publisher(
     sent: list[int], peers: Peers, with_and_without: bool
 ) -> None:
     depth = 20
@@ -226,7 +226,7 @@ def test_a_frozen_subscription_keeps_its_depth_and_holds_no_one_up(
 
 
 @pytest.mark.usefixtures("with_and_without")
-def test_a_killed_publisher_leaves_what_it_sent_and_its_successor_is_heard(peers: Peers) -> None:
+def test_messages_of_a_killed_publisher_and_of_its_successor_are_received(peers: Peers) -> None:
     with world() as made:
         got: list[int] = []
         node = made.node()
@@ -285,7 +285,7 @@ def test_a_node_that_subscribes_twice_gets_each_message_twice(
     assert all(map(is_gapless, got))
 
 
-def test_a_large_message_takes_its_place_between_small_ones(sent: list[int]) -> None:
+def test_a_large_message_keeps_its_order_between_small_ones(sent: list[int]) -> None:
     del sent
     with world() as made, world() as other:
         got: list[int] = []

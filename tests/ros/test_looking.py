@@ -108,7 +108,7 @@ def test_topics_are_listed_and_shown_with_their_ends(talker: Talker) -> None:
     assert "best_effort, volatile" in done("topic", "info", "joints")
 
 
-def test_messages_are_shown_whatever_their_publishers_offer(talker: Talker) -> None:
+def test_messages_are_shown_for_any_offered_qos(talker: Talker) -> None:
     assert done("topic", "echo", "/arm/manual", "--once") == 'data: "turn it on"\n---\n'
     (message, end) = done("topic", "echo", "/arm/joints", "--once").split("---\n")
     assert end == ""
@@ -143,7 +143,7 @@ def test_bytes_that_are_no_message_of_the_type_are_reported(talker: Talker) -> N
 
 
 @pytest.mark.slow
-def test_a_topic_without_messages_and_one_that_is_not_there_end_with_a_sentence(
+def test_a_silent_topic_and_a_missing_one_end_with_a_message(
     talker: Talker,
 ) -> None:
     # On a busy machine, even the topic may not be found that soon.
@@ -185,7 +185,7 @@ def test_delays_are_reported_by_stamps(talker: Talker) -> None:
     assert "/arm/joints are zero" in zero
 
 
-def test_messages_are_published_once_they_fit_and_someone_listens(talker: Talker) -> None:
+def test_messages_are_published_once_matched_with_a_subscription(talker: Talker) -> None:
     text = "{header: auto, point: {x: 1, y: -0.5}}"
     output = done("topic", "pub", "goal", text, "-n", "3", "--rate", "100")
     assert output == "published 3 messages on /arm/goal\n"
@@ -260,7 +260,7 @@ def test_services_are_listed_and_called(talker: Talker) -> None:
 
 
 @pytest.mark.slow
-def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stack_can_be_inspected_from_any_domain(monkeypatch: pytest.MonkeyPatch) -> None:
     domain = os.environ["ROS_DOMAIN_ID"]
     # In its first seconds, a launch considers any other publisher of commands a danger.
     with launched(DUMMY, "--quiet", "--allow-foreign"):
@@ -325,7 +325,7 @@ def test_nodes_of_a_stack_are_asked_by_its_launcher_and_others_by_ros(talker: Ta
         assert reported("node", "info", "talker")["parameters"] > 3
 
 
-def test_a_look_imports_no_generators_with_the_types() -> None:
+def test_inspecting_imports_no_generators_of_types() -> None:
     code = """
 import sys
 from obk_cli.ros.environment import ros_environment

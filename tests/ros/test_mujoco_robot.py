@@ -154,7 +154,7 @@ def test_it_publishes_while_it_is_active_and_only_then() -> None:
         assert request(node, "configure")
 
 
-def test_every_finding_about_the_block_is_reported_and_a_mended_one_is_taken() -> None:
+def test_every_finding_about_the_block_is_reported_and_a_corrected_block_is_accepted() -> None:
     bad = {**BLOCK, "sensor_settings": [{**ENCODERS, "sensor_names": {"joint_pso": "jointpos"}}]}
     with simulator(bad, ic_keyframe="stand") as (node, _):
         assert not request(node, "configure")
@@ -395,7 +395,7 @@ def test_any_number_above_or_at_zero_is_a_realtime_factor(factor: float) -> None
 
 
 @pytest.mark.parametrize("factor", [-1.0, "fast", True, float("nan")])
-def test_anything_else_is_refused(factor: Any) -> None:
+def test_anything_else_is_rejected(factor: Any) -> None:
     with simulator(realtime_factor=factor) as (node, _):
         assert not request(node, "configure")
         assert node.last_fault is not None
@@ -448,7 +448,7 @@ def realtime_factors(reported: Iterable[DiagnosticArray]) -> list[float]:
     ]
 
 
-def test_a_control_message_without_a_control_is_refused() -> None:
+def test_a_control_message_without_a_control_is_rejected() -> None:
     setting = "{topic: /ctrl, msg_type: VelocityCommand}"
     with simulator(sub_ctrl_setting=setting) as (node, _):
         assert not request(node, "configure")

@@ -156,7 +156,7 @@ def test_a_call_that_does_not_return_holds_the_action_up_and_is_reported() -> No
         ),
     ],
 )
-def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, reported: list[str]) -> None:
+def test_a_rejected_command_does_not_count(refused: PDFeedForward, reported: list[str]) -> None:
     with arm(max_age_sec=100.0) as node:
         publisher = active(node)
         publisher.publish(COMMAND)
@@ -179,7 +179,7 @@ def test_a_controller_that_is_ended_before_its_robot_is_no_error() -> None:
         assert node.errors == []
 
 
-def test_a_robot_that_is_deactivated_soon_after_the_last_command_says_nothing(
+def test_a_robot_deactivated_soon_after_the_last_command_reports_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(command_watchdog, "SILENCE_GRACE_S", 1000.0)
@@ -214,7 +214,7 @@ def test_rejections_that_were_a_warning_become_an_error_in_rclpys_own_log(
     assert reported == ["[WARN]", "[ERROR]", "[WARN]"]
 
 
-def test_to_hold_is_only_to_tell() -> None:
+def test_hold_only_reports() -> None:
     with arm(stale_action="hold", max_age_sec=0.01) as node:
         active(node).publish(COMMAND)
         eventually(lambda: node.reported, "what is reported")
@@ -239,7 +239,7 @@ def test_a_robot_that_cannot_brake_is_not_configured_to() -> None:
         )
 
 
-def test_what_the_action_raises_takes_the_robot_to_error_processing() -> None:
+def test_an_exception_in_the_action_takes_the_robot_to_error_processing() -> None:
     class Broken(Arm):
         def apply_control(self, control_msg: PDFeedForward) -> None:
             if not any(control_msg.kp):

@@ -112,7 +112,7 @@ def test_stamps_are_exactly_a_period_apart_on_a_busy_machine(
         assert listener.node.count_subscribers("/clock") == 1  # this node itself
 
 
-def test_the_key_gives_wall_time(listener: Listener) -> None:
+def test_the_key_selects_wall_time(listener: Listener) -> None:
     with launched(DUMMY, "--quiet", "--set", "obk.use_sim_time=false"):
         assert min(listener.receive(ENCODERS, 3)) > IN_1970_NS
         assert listener.node.count_publishers("/clock") == 0

@@ -86,7 +86,7 @@ REFUSED = (
 )
 
 
-def test_whatever_is_set_an_active_node_says_what_is_wrong_and_goes_on() -> None:
+def test_an_active_node_reports_invalid_values_and_continues() -> None:
     with spinning(Controller) as node:
         assert request(node, "configure")
         assert request(node, "activate")
@@ -121,7 +121,7 @@ def test_settings_are_checked_before_configure_and_taken() -> None:
         assert node.obk_timers["timer_ctrl"].timer_period_ns == 20_000_000
 
 
-def test_a_check_of_the_users_that_raises_refuses() -> None:
+def test_a_check_by_the_user_that_raises_rejects() -> None:
     def check(parameters: list[Parameter]) -> SetParametersResult:
         if any(parameter.value > 3 for parameter in parameters if parameter.name == "gain"):
             raise ValueError("too much")
@@ -139,7 +139,7 @@ def test_a_check_of_the_users_that_raises_refuses() -> None:
         assert set_each(node, message("gain", 5)) == [""]
 
 
-def test_a_check_of_the_users_that_forgets_its_answer_refuses_and_is_named() -> None:
+def test_a_check_by_the_user_without_a_result_rejects_and_is_named() -> None:
     def check(_parameters: list[Parameter]) -> None:
         """Returns nothing."""
 
@@ -155,7 +155,7 @@ def test_a_check_of_the_users_that_forgets_its_answer_refuses_and_is_named() -> 
 
 
 @pytest.mark.mujoco
-def test_a_simulator_takes_only_what_it_could_be_configured_with() -> None:
+def test_a_simulator_accepts_only_parameters_it_could_be_configured_with() -> None:
     from .test_mujoco_robot import simulator
 
     refused = {

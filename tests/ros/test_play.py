@@ -146,7 +146,7 @@ def test_a_mistake_is_reported(recording: Path, words: tuple[object, ...], repor
 
 
 @pytest.mark.mujoco
-def test_recorded_sensors_give_the_recorded_estimates_bit_for_bit(tmp_path: Path) -> None:
+def test_recorded_sensors_reproduce_the_recorded_estimates_exactly(tmp_path: Path) -> None:
     tests = tmp_path / "test_it.py"
     tests.write_text(TESTS.format(config=EXAMPLE))
     done = obk("test", EXAMPLE, tests, "--keep-all", "--output", tmp_path / "kept")

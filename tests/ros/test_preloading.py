@@ -67,7 +67,7 @@ def test_nodes_are_forked_but_for_one_with_a_variable_of_its_own(tmp_path: Path)
     assert not run.left_over()
 
 
-def test_a_restarted_node_is_forked_while_there_is_a_server() -> None:
+def test_a_restarted_node_is_forked_while_the_server_is_running() -> None:
     name = f"__node:={NODES[0]}"
     with launched(DUMMY, "--quiet", "--on-crash", "restart") as run:
         for activations, has_server in ((2, True), (3, False)):

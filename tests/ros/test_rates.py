@@ -179,7 +179,7 @@ def test_only_an_active_node_reports_of_its_rates() -> None:
 
 
 @pytest.mark.slow
-def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_stands() -> None:
+def test_on_simulated_time_rates_use_it_and_none_is_expected_while_it_is_paused() -> None:
     """Simulated time runs at a fifth of wall time: 10 Hz of it are 2 Hz."""
 
     def make() -> ObeliskNode:
@@ -211,7 +211,7 @@ def test_a_node_is_silenced_by_its_parameter() -> None:
         assert node.count_publishers(DIAGNOSTICS_TOPIC) == 0
 
 
-def test_a_status_says_whose_it_is_and_what_is_wrong() -> None:
+def test_a_status_has_its_node_and_its_fault() -> None:
     from diagnostic_msgs.msg import DiagnosticArray
 
     with listening(Two, EventLoopExecutor) as (node, _):
@@ -285,7 +285,7 @@ def test_a_throttled_node_is_reported_once_and_shown_by_ps(
 
 
 @pytest.mark.mujoco
-def test_a_stack_that_keeps_its_promises_runs_on_with_strict_rates(config: Path) -> None:
+def test_a_stack_that_keeps_its_rates_continues_with_strict_rates(config: Path) -> None:
     config.write_text(config.read_text().replace(FAST, SLOW))
     options = ("--strict-rates", "--quiet", "--duration", 5, "--format", "json")
     result = obk("launch", config, *options)
@@ -297,7 +297,7 @@ def test_a_stack_that_keeps_its_promises_runs_on_with_strict_rates(config: Path)
 
 @pytest.mark.slow
 @pytest.mark.mujoco
-def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
+def test_a_simulator_expects_rates_of_its_steps_and_its_sensors(config: Path) -> None:
     config.write_text(config.read_text().replace(MUTE, "", 2))
     with launched(config, "--quiet"):
         rates = rates_reported_of("robot")["robot"]

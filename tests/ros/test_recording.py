@@ -102,7 +102,7 @@ def test_a_recorded_launch_has_every_message_to_the_last() -> None:
     assert (qos["reliability"], qos["durability"]) == ("reliable", "volatile")
 
 
-def test_a_recording_begins_with_what_it_was_made_from() -> None:
+def test_a_recording_starts_with_its_config() -> None:
     with launched(DUMMY, "--record-topic", "*/imu"):
         run = only_run()
         eventually(lambda: counts(run / "recording.mcap"), "a message in the file")
@@ -120,7 +120,7 @@ def test_a_recording_begins_with_what_it_was_made_from() -> None:
     assert set(read_back(run / "recording.mcap")) == {IMU}
 
 
-def test_a_recorder_that_ros_does_not_start_for_says_so_in_a_sentence(tmp_path: Path) -> None:
+def test_a_recorder_for_which_ros_does_not_start_reports_it(tmp_path: Path) -> None:
     job = tmp_path / "recording.json"
     job.write_text(
         job_to_json(
@@ -142,7 +142,7 @@ def test_a_recorder_that_ros_does_not_start_for_says_so_in_a_sentence(tmp_path: 
     assert not (tmp_path / "recording.mcap").exists()
 
 
-def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
+def test_a_killed_recorder_leaves_its_messages_and_the_stack_continues() -> None:
     with launched(DUMMY, "--record", "--quiet") as run:
         recording = only_run() / "recording.mcap"
         eventually(lambda: sum(counts(recording).values()) > 20, "messages in the file")
@@ -215,7 +215,7 @@ def recorder(path: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
         process.wait(DEADLINE_S)
 
 
-def test_publishers_that_offer_less_or_more_are_heard_all_the_same(tmp_path: Path) -> None:
+def test_publishers_that_offer_less_or_more_are_received(tmp_path: Path) -> None:
     """One publisher is unreliable; the other one published before any subscription existed."""
     path = tmp_path / "odd.mcap"
     rclpy.init()

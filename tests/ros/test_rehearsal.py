@@ -67,7 +67,7 @@ def are_right(verdicts: Sequence[Verdict], count: int) -> bool:
 
 
 @pytest.mark.slow
-def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path: Path) -> None:
+def test_with_the_rule_stop_the_stack_stops_and_names_the_node(tmp_path: Path) -> None:
     verdicts = rehearsed(tmp_path, "stop", ["freeze", "kill"], nodes=["/obelisk_estimation_0"])
     assert are_right(verdicts, 2)
     frozen, killed = (verdict.run for verdict in verdicts)
@@ -79,7 +79,7 @@ def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path
 
 
 @pytest.mark.parametrize("transport", ["on", pytest.param("off", marks=pytest.mark.slow)])
-def test_where_the_rule_is_restart_the_node_is_brought_back_and_no_other_is_touched(
+def test_with_the_rule_restart_only_the_node_is_restarted(
     transport: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, transport)
@@ -92,7 +92,7 @@ def test_where_the_rule_is_restart_the_node_is_brought_back_and_no_other_is_touc
 
 
 @pytest.mark.slow
-def test_where_the_rule_is_ignore_the_others_run_on(tmp_path: Path) -> None:
+def test_with_the_rule_ignore_the_other_nodes_continue(tmp_path: Path) -> None:
     verdicts = rehearsed(tmp_path, "ignore", ["freeze", "kill"], nodes=["/obelisk_control_0"])
     assert are_right(verdicts, 2)
     assert not marked()
@@ -105,7 +105,7 @@ def test_nodes_in_one_process_hang_and_come_back_together(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_a_promise_that_is_not_kept_is_reported_with_its_evidence(tmp_path: Path) -> None:
+def test_a_broken_expectation_is_reported_with_its_evidence(tmp_path: Path) -> None:
     """The cases expect a restart, but the launch stops."""
     verdicts = rehearsed(
         tmp_path, "restart", ["kill"], "--on-crash=stop", nodes=["/obelisk_robot_0"]

@@ -161,7 +161,7 @@ def _wxyz(field: Any) -> list[float]:
     return [field.w, field.x, field.y, field.z]
 
 
-def test_what_arrives_is_what_mujoco_has_computed(
+def test_received_messages_have_the_values_of_mujoco(
     got: tuple[ObeliskMujocoRobot, dict[str, list[Any]]],
 ) -> None:
     node, received = got

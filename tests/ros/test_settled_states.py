@@ -134,7 +134,7 @@ def test_nothing_is_left_of_a_node_that_is_unconfigured(forgets: str) -> None:
         assert not list(node.timers)
 
 
-def test_a_configure_without_its_super_call_is_a_fault_that_says_so() -> None:
+def test_a_configure_without_its_super_call_is_a_reported_fault() -> None:
     with spun(lambda: Ticking(forgets="on_configure")) as node:
         node.trigger_configure()
         eventually(lambda: node.state_label == "unconfigured", "the end of error processing")
@@ -286,7 +286,7 @@ def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
 
 
 @pytest.mark.parametrize("period", [".inf", "1e300", "1e-12"])
-def test_a_period_that_no_timer_can_hold_is_refused(period: str) -> None:
+def test_a_period_that_no_timer_can_hold_is_rejected(period: str) -> None:
     with spun(Ticking) as node:
         text = f"{{timer_period_sec: {period}}}"
         client = node.create_client(SetParameters, "~/set_parameters")

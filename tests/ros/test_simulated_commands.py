@@ -180,7 +180,7 @@ def test_a_command_out_of_order_is_kept_out_and_reported(tmp_path: Path, make: A
 
 @pytest.mark.parametrize("message", [VelocityCommand, ExecutionFSM])
 @pytest.mark.parametrize("by", ["config", "code"])
-def test_a_message_without_a_control_is_refused_when_it_is_configured(
+def test_a_message_without_a_control_is_rejected_at_configure(
     tmp_path: Path, message: type[Any], by: str
 ) -> None:
     with simulator(tmp_path, message, by) as node:
@@ -230,7 +230,7 @@ def test_the_simulator_brakes_a_robot_whose_commands_stop(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("wrong", [setpoint(1.0), setpoint(NAN, 0.0)])
-def test_refused_commands_do_not_count(tmp_path: Path, wrong: PositionSetpoint) -> None:
+def test_rejected_commands_do_not_count(tmp_path: Path, wrong: PositionSetpoint) -> None:
     with simulator(tmp_path, PositionSetpoint, max_age_sec=100.0) as node:
         active(node, PositionSetpoint)
         node._take_control(setpoint(1.0, 2.0))
@@ -248,7 +248,7 @@ def test_no_thread_but_the_stepping_one_watches_the_commands_of_a_simulator(tmp_
         assert "command watchdog" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_a_simulator_that_gets_nothing_but_refused_commands_says_so(
+def test_a_simulator_that_gets_only_rejected_commands_reports_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(command_watchdog, "LASTING_S", 0.0)

@@ -108,7 +108,7 @@ def test_timers_fire_at_each_period_of_simulated_time(followers: Followers, grou
     assert ticks == {1: list(range(1, 21)), 5: [5, 10, 15, 20]}
 
 
-def test_nothing_fires_while_simulated_time_stands_still(followers: Followers) -> None:
+def test_nothing_fires_while_simulated_time_is_paused(followers: Followers) -> None:
     node = followers.node()
     ticks: list[int] = []
     other: list[None] = []

@@ -25,7 +25,7 @@ def addresses(run: Launched) -> set[str]:
     return {end.laddr.ip for one in processes for end in one.net_connections("inet") if end.laddr}
 
 
-def test_no_socket_is_open_to_another_host_whatever_lies_in_the_working_folder(
+def test_no_socket_is_open_to_another_host_whatever_the_working_folder_contains(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml"):

@@ -143,7 +143,7 @@ def warden_of(run: Launched) -> psutil.Process:
 
 
 @pytest.mark.usefixtures("preload")
-def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> None:
+def test_a_killed_warden_ends_the_nodes_and_the_launcher_reports_it() -> None:
     with launched(DUMMY, "--quiet") as run:
         warden = warden_of(run)
         warden.kill()
@@ -194,7 +194,7 @@ def test_a_config_with_errors_starts_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / "home").exists()
 
 
-def test_a_scaffolded_controller_runs_in_place_of_the_example(tmp_path: Path) -> None:
+def test_a_scaffolded_controller_replaces_the_one_of_the_example(tmp_path: Path) -> None:
     (tmp_path / "ws" / "src").mkdir(parents=True)
     made = obk("new", "controller", "foo", "--dest", tmp_path / "ws" / "src")
     assert made.returncode == 0, made.stderr
@@ -215,7 +215,7 @@ def with_controller(config: Path, package: str) -> Path:
     return config
 
 
-def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on() -> None:
+def test_a_second_launch_in_the_domain_is_rejected_and_the_first_continues() -> None:
     with launched(DUMMY, "--quiet") as run:
         second = obk("launch", DUMMY, "--quiet")
         assert second.returncode == 1
@@ -259,7 +259,7 @@ def test_a_duration_in_simulated_time_ends_a_run_at_any_speed() -> None:
 
 
 @pytest.mark.slow
-def test_output_that_no_one_reads_holds_up_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
+def test_unread_output_blocks_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
     read_fd, write_fd = os.pipe()
     events = tmp_path / "home" / "runs"
     command = [OBK, *patient("launch", chatty(tmp_path))]
@@ -316,7 +316,7 @@ def chatty(folder: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_without_a_log_folder_and_the_rmw_that_is_asked_for_the_stack_runs_and_says_so(
+def test_without_a_log_folder_and_the_requested_rmw_the_stack_runs_and_reports_it(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -329,7 +329,9 @@ def test_without_a_log_folder_and_the_rmw_that_is_asked_for_the_stack_runs_and_s
     assert "stopped cleanly" in result.stdout
 
 
-def test_a_fault_in_a_transition_asked_for_elsewhere_leaves_the_stack_up(tmp_path: Path) -> None:
+def test_a_fault_in_a_transition_requested_elsewhere_keeps_the_stack_running(
+    tmp_path: Path,
+) -> None:
     config = broken(tmp_path)
     override = ("--ignore", "OBK2,OBK407", "--set", _wrong_type())
     with launched(config, "--quiet", "--until", "none", *override, phase="started") as run:
@@ -366,7 +368,9 @@ def is_killing(run: Launched) -> bool:
     return any("was ended by SIGKILL" in line for line in run.lines)
 
 
-def test_a_raise_beside_our_ros_node_leaves_none_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exception_next_to_our_ros_node_leaves_none_behind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     environment = ros_environment()
     for name, value in environment.variables.items():
         monkeypatch.setenv(name, value)  # removed at the end

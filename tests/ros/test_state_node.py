@@ -118,7 +118,7 @@ def world(environment: RosEnvironment) -> Iterator[World]:
         yield World(host, client)
 
 
-def test_a_change_is_answered_when_the_stack_got_there_and_the_state_meanwhile(
+def test_a_change_is_answered_when_complete_and_the_state_in_between(
     world: World,
 ) -> None:
     world.node.show("inactive")
@@ -147,7 +147,7 @@ def test_a_change_is_answered_when_the_stack_got_there_and_the_state_meanwhile(
     assert seen == [("inactive", "activating", 3), ("activating", "active", 30)]
 
 
-def test_transitions_by_number_and_by_label_and_what_went_wrong(world: World) -> None:
+def test_transitions_by_number_and_by_label_and_their_errors(world: World) -> None:
     done = ChangeAnswer(success=True)
     assert world.take("unconfigured", done, id=1) == ("configure", True)
     assert world.take("active", done, id=7) == ("shutdown", True)
@@ -166,7 +166,7 @@ def test_transitions_by_number_and_by_label_and_what_went_wrong(world: World) ->
     assert world.client.state("/my_stack", DEADLINE_S) == "unconfigured"
 
 
-def test_what_is_possible_is_reported(world: World) -> None:
+def test_possible_transitions_are_reported(world: World) -> None:
     assert world.call("get_state").current_state.label == "unknown"
     world.node.show("inactive")
     assert world.call("get_state").current_state.id == 2
@@ -204,7 +204,7 @@ class Ears:
         return self.received.count(what)
 
 
-def test_a_restarted_node_is_ready_when_its_new_process_answers(
+def test_a_restarted_node_is_ready_when_its_new_process_replies(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ready = Ready(node="/n")
@@ -257,7 +257,7 @@ def test_a_others_that_publishes_on_a_control_topic_is_found(
         assert ros.foreign_publishers(["/control"], ["/n"], OWN_DISCOVERY_S) == ()
 
 
-def test_a_node_that_never_comes_is_no_longer_looked_for_at_the_end(
+def test_a_node_that_never_appears_is_no_longer_awaited_at_the_end(
     environment: RosEnvironment,
 ) -> None:
     before = set(threading.enumerate())

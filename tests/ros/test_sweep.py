@@ -141,7 +141,7 @@ def test_a_sweep_runs_reports_and_has_the_results_of_any_order(config: Path) -> 
     assert "test_dummy.py changed" in changed.stderr
 
 
-def test_a_sweep_that_was_killed_continues_where_it_was(config: Path) -> None:
+def test_a_killed_sweep_is_resumed(config: Path) -> None:
     folder = config.parent / "out"
     command = ["sweep", str(config), "tests/test_dummy.py::test_it_stays", "--seeds", "9"]
     command += ["-j", "2", "--output", str(folder), "--vary", f"{SIGMA}=0.001..0.1"]
@@ -235,7 +235,7 @@ def test_a_case_whose_worker_always_dies_is_reported(config: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_cannot_be_collected_is_reported(config: Path) -> None:
+def test_collection_errors_are_reported(config: Path) -> None:
     tests = config.parent / "tests" / "test_dummy.py"
     tests.write_text(f"import no_such_module\n{TESTS}")
     result = obk("sweep", config, "--output", config.parent / "out")
@@ -319,7 +319,7 @@ def test_misuse_is_found_before_anything_runs(
     assert not list(folder.glob("report.html"))
 
 
-def test_shared_programs_give_the_bits_of_a_fresh_load(config: Path) -> None:
+def test_shared_programs_give_the_results_of_a_fresh_load(config: Path) -> None:
     changed = (f"{SIGMA}=0.05", "robot.sim[0].num_steps_per_viz=8")
 
     def digest(stacks: LoadedStacks, *overrides: str) -> str:
@@ -378,7 +378,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.slow
-def test_two_dask_workers_give_the_bits_of_local_ones(config: Path) -> None:
+def test_two_dask_workers_give_the_results_of_local_ones(config: Path) -> None:
     pytest.importorskip("distributed", reason="it is in the extra `sweep`")
     folder, test = config.parent, "tests/test_dummy.py::test_it_stays"
     local = run_alone(config, [*make_cases([STAYS], seeds=6)], workers=2)

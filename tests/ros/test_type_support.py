@@ -36,7 +36,7 @@ def _package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         del sys.modules[name]
 
 
-def test_they_are_reported_in_a_sentence() -> None:
+def test_they_are_reported_with_a_message() -> None:
     reported = "the type alien_msgs/msg/Number cannot be used here: no library"
     with pytest.raises(CommandFailedError, match=reported):
         require_message(find_type("alien_msgs/msg/Number"))

@@ -59,7 +59,7 @@ def test_the_page_shows_the_model_and_that_it_moves() -> None:
     assert run.left_over() == []
 
 
-def test_a_viewer_that_is_killed_is_reported_and_the_stack_goes_on() -> None:
+def test_a_killed_viewer_is_reported_and_the_stack_continues() -> None:
     pytest.importorskip("mjviser")
     with launched(DUMMY, "--viewer", "web") as run:
         address(run)
@@ -71,7 +71,7 @@ def test_a_viewer_that_is_killed_is_reported_and_the_stack_goes_on() -> None:
     assert run.left_over() == []
 
 
-def test_without_a_display_the_stack_runs_and_says_what_would_do(
+def test_without_a_display_the_stack_runs_and_reports_a_fix(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)

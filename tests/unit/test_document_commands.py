@@ -39,7 +39,7 @@ EXAMPLES = EXAMPLE.findall(HELP.read_text())
 
 
 @pytest.mark.parametrize("page", SHOWING, ids=page_name)
-def test_the_command_line_takes_what_a_document_shows(page: Path) -> None:
+def test_the_command_line_accepts_the_commands_of_a_document(page: Path) -> None:
     for words in commands(page):
         if not words[0].startswith("-"):
             take(words)

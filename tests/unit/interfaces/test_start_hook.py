@@ -79,7 +79,7 @@ def test_wheels_keep_a_sourced_ros_out_and_the_rest_of_the_shell_in(
     assert python == ["/mine/python"]
 
 
-def test_a_sourced_ros_is_left_alone_where_there_are_no_wheels(prefix: Path, sourced: Path) -> None:
+def test_a_sourced_ros_is_kept_if_there_are_no_wheels(prefix: Path, sourced: Path) -> None:
     _, ament, libraries, python = start(
         prefix,
         AMENT_PREFIX_PATH=str(sourced),

@@ -72,13 +72,13 @@ def test_how_long_none_has_come_is_known_while_the_newest_is_too_old(age):
     assert age.silence_s(13.5) is None
 
 
-def test_a_command_that_is_late_but_comes_before_anybody_looks_is_in_time(age):
+def test_a_late_command_that_arrives_before_the_check_is_in_time(age):
     age.accept(10.0)
     assert age.accept(11.0) is None
     assert age.look(11.4) is None
 
 
-def test_a_command_that_comes_while_someone_looks_is_in_time():
+def test_a_command_that_arrives_during_the_check_is_in_time():
     class Overtaken(CommandAge):
         """Another thread's command arrives right after the first check of the deadline."""
 
@@ -152,7 +152,7 @@ def test_it_reports_again_after_commands_have_come_again():
     assert watchdog.stop(DEADLINE_S)
 
 
-def test_it_ends_at_once_although_its_deadline_is_far():
+def test_it_ends_immediately_although_its_deadline_is_far():
     age, watchdog, reported = _watchdog(1e9)
     age.accept(time.monotonic())
     watchdog.start()
@@ -214,7 +214,7 @@ def test_a_silence_that_lasts_is_reported_as_such_among_others(silences):
     assert text == "commands stopped 2x, and none has come for 8.550 s"
 
 
-def test_what_is_forgotten_is_not_reported(silences):
+def test_forgotten_entries_are_not_reported(silences):
     silences.begin(100.0)
     silences.forget()
     assert silences.due_s is None
@@ -282,7 +282,7 @@ def test_accepted_messages_in_between_leave_it_a_warning(world):
     assert not any(report.is_lasting for _, report in reported)
 
 
-def test_without_an_end_sentence_nothing_is_an_error():
+def test_without_an_end_message_nothing_is_an_error():
     now_s = 0.0
     late = RejectionLog("late control applied", lambda: now_s)
     late.add("its stamp is old")

@@ -49,7 +49,7 @@ def test_a_program_ends_as_in_a_process_of_its_own(function: str | None, code: o
     assert sys.argv == before
 
 
-def test_the_file_gives_the_programs_in_its_order(tmp_path: Path) -> None:
+def test_the_file_lists_the_programs_in_order(tmp_path: Path) -> None:
     path = tmp_path / "composed.json"
     listed = [
         {"node": "/ns/a", "module": "m", "function": "main", "arguments": ["--ros-args"]},

@@ -180,7 +180,7 @@ def test_a_buffer_that_dds_does_not_match_gets_nothing(
     assert taken(box) == []
 
 
-def test_nothing_overtakes_what_dds_still_holds_for_a_subscription() -> None:
+def test_no_message_overtakes_those_that_dds_still_holds() -> None:
     world = World()
     box = world.listen()
     world.dds.listeners = 2
@@ -194,7 +194,7 @@ def test_nothing_overtakes_what_dds_still_holds_for_a_subscription() -> None:
     assert taken(box) == [Int64(data=3)]
 
 
-def test_nothing_overtakes_what_was_on_its_way_when_a_subscription_came() -> None:
+def test_no_message_overtakes_those_in_transit_when_a_subscription_was_created() -> None:
     world = World()
     boxes: list[MessageBuffer] = []
     world.dds.on_send = lambda: boxes.append(world.listen())
@@ -218,7 +218,7 @@ def test_one_who_goes_while_one_comes_is_not_taken_for_the_other() -> None:
     assert taken(box) == []
 
 
-def test_bytes_are_handed_over_too() -> None:
+def test_bytes_are_passed_on_too() -> None:
     world = World()
     box = world.listen()
     world.publisher.publish(bytes(serialize_message(Int64(data=5))))
@@ -226,7 +226,7 @@ def test_bytes_are_handed_over_too() -> None:
     assert not world.dds.sent
 
 
-def test_what_is_no_message_of_the_class_is_rejected() -> None:
+def test_messages_of_another_class_are_rejected() -> None:
     world = World()
     box = world.listen()
     with pytest.raises(TypeError, match="Expected"):
@@ -302,7 +302,7 @@ def test_each_message_signals_unless_another_user_is_to_be_reported() -> None:
         os.eventfd_read(box.signal_fd)
 
 
-def test_dds_is_empty_only_as_of_the_mark_that_was_there_before_it_was_looked_at() -> None:
+def test_dds_counts_as_empty_only_up_to_the_mark_before_the_check() -> None:
     box = buffer()
     mark = box.dds_mark
     box.mark_dds_empty(mark)
@@ -395,7 +395,7 @@ def test_a_subscription_keeps_its_buffer_and_a_buffer_no_subscription() -> None:
     ],
     ids=["bytes", "infos", "late joining"],
 )
-def test_what_only_dds_gives_is_taken_from_dds(by_dds: Subscription) -> None:
+def test_messages_only_from_dds_are_taken_from_dds(by_dds: Subscription) -> None:
     assert buffer_of(by_dds) is None
 
 
@@ -427,7 +427,7 @@ def test_depth_and_reliability_need_no_dds(qos: QoSProfile) -> None:
         qos_profile_system_default,
     ],
 )
-def test_what_else_a_profile_asks_for_is_left_to_dds(qos: QoSProfile) -> None:
+def test_other_settings_of_a_profile_are_left_to_dds(qos: QoSProfile) -> None:
     assert not is_plain(qos)
 
 

@@ -84,13 +84,13 @@ def test_a_packet_ends_with_its_stamp() -> None:
     assert (stamp.published_ns, stamp.packets, stamp.number) == (1, 2, 2**40)
 
 
-def test_a_folder_that_others_can_enter_is_refused(path: Path) -> None:
+def test_a_folder_that_others_can_enter_is_rejected(path: Path) -> None:
     path.chmod(0o701)
     with pytest.raises(PermissionError, match="0700"):
         SocketFolder(str(path))
 
 
-def test_there_is_no_folder_without_the_variable_or_after_the_run(
+def test_the_folder_is_missing_without_the_variable_or_after_the_run(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.delenv(LOCAL_TRANSPORT_VARIABLE, raising=False)
@@ -110,14 +110,14 @@ def test_a_socket_is_reached_below_a_path_longer_than_an_address(tmp_path: Path)
         connection.close()
 
 
-def test_what_a_killed_process_leaves_is_no_socket(folder: SocketFolder, path: Path) -> None:
+def test_leftovers_of_a_killed_process_are_not_sockets(folder: SocketFolder, path: Path) -> None:
     folder.listen(gid(1), DEPTH).close()
     assert (path / f"{gid(1).hex()}-{DEPTH}").exists()
     assert folder.connect(gid(1), DEPTH) is None
     assert folder.connect(gid(2), DEPTH) is None
 
 
-def test_the_other_end_has_to_be_of_the_same_user(
+def test_the_other_end_must_belong_to_the_same_user(
     folder: SocketFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sockets_module, "peer_process", lambda _connection: None)
@@ -406,7 +406,7 @@ def test_packets_are_delivered_in_their_order(subscription: Subscription) -> Non
         assert subscription.taken() == [0, 1, 2, 3, 4]
 
 
-def test_a_packet_waits_for_what_went_through_dds_before(subscription: Subscription) -> None:
+def test_a_packet_waits_for_earlier_dds_messages(subscription: Subscription) -> None:
     with subscription.connect() as publisher:
         publisher.send(packet(3, 2))
         subscription.read()
@@ -420,7 +420,7 @@ def test_a_packet_waits_for_what_went_through_dds_before(subscription: Subscript
         assert subscription.taken() == [4]
 
 
-def test_what_was_taken_before_the_connection_is_known(subscription: Subscription) -> None:
+def test_messages_taken_before_the_connection_are_known(subscription: Subscription) -> None:
     subscription.dds.hold(1, 7)
     assert subscription.taken() == [1]
     with subscription.connect() as publisher:
@@ -429,7 +429,7 @@ def test_what_was_taken_before_the_connection_is_known(subscription: Subscriptio
         assert subscription.taken() == [2]
 
 
-def test_packets_precede_what_went_through_dds_later(subscription: Subscription) -> None:
+def test_packets_precede_later_dds_messages(subscription: Subscription) -> None:
     with subscription.connect() as publisher:
         subscription.read()
         publisher.send(packet(1, 0))
@@ -517,7 +517,7 @@ def test_only_the_newest_messages_are_kept(subscription: Subscription) -> None:
 
 
 @pytest.mark.parametrize("is_accepted", [True, False], ids=["connected", "not accepted yet"])
-def test_what_was_sent_before_a_stop_is_kept_and_nothing_can_be_sent_after(
+def test_messages_sent_before_a_stop_are_kept_and_later_ones_cannot_be_sent(
     folder: SocketFolder, path: Path, is_accepted: bool
 ) -> None:
     subscription = Subscription(folder, QoSProfile(depth=DEPTH))

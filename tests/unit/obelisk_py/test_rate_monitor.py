@@ -84,7 +84,7 @@ def test_the_first_second_is_forgiven_the_next_is_off_and_two_are_broken() -> No
         ((5.0, 1.0), ["off", "broken"]),
     ],
 )
-def test_what_is_broken_was_off_for_two_seconds_however_the_reads_come(
+def test_a_broken_rate_was_off_for_two_seconds_for_any_times_of_reading(
     reads_s: tuple[float, ...], standings: list[str]
 ) -> None:
     world = _World(100.0)
@@ -137,7 +137,7 @@ def test_a_timer_slower_than_the_reports_is_not_off_between_its_ticks() -> None:
     assert seen[-1] == "broken"
 
 
-def test_what_catches_up_is_not_off() -> None:
+def test_a_rate_that_catches_up_is_not_off() -> None:
     world = _World(2.0)
     world.second([500, 999])
     world.second([450, 999])
@@ -155,7 +155,7 @@ def test_while_no_rate_is_expected_none_is_broken_and_the_next_second_is_ignored
     assert standings == ["kept", "kept", "off"]
 
 
-def test_while_simulated_time_stands_still_nothing_is_broken() -> None:
+def test_while_simulated_time_is_paused_nothing_is_broken() -> None:
     world = _World(100.0)
     for _ in range(3):
         world.second(every(20))
@@ -255,7 +255,7 @@ def counted(late_ns: list[int]) -> TickCounter:
 
 
 @given(st.lists(LATE_NS, min_size=1, max_size=300))
-def test_what_is_read_is_never_too_little_and_at_most_a_sixteenth_too_much(
+def test_reported_percentiles_are_never_too_low_and_at_most_a_sixteenth_too_high(
     late_ns: list[int],
 ) -> None:
     ordered = sorted(late_ns)
@@ -269,7 +269,7 @@ def test_less_than_a_microsecond_is_nothing_and_ahead_of_time_too() -> None:
     assert late_ns_of(counted([-5, 0, 999]).buckets, SHARES) == (0.0, 0.0, 0.0)
 
 
-def test_hours_of_lateness_are_counted_as_the_longest_there_is() -> None:
+def test_hours_of_lateness_are_counted_in_the_last_bucket() -> None:
     (longest,) = late_ns_of(counted([10**13]).buckets, (1.0,))
     assert longest > 120e9
 

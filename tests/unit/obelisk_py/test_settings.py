@@ -131,7 +131,7 @@ def test_how_old_a_command_may_become_is_taken(
         ),
     ],
 )
-def test_an_age_or_an_action_that_is_none_is_named(raw: dict[str, object], fault: str) -> None:
+def test_an_invalid_age_or_action_is_named(raw: dict[str, object], fault: str) -> None:
     with pytest.raises(
         ObeliskConfigError, match=re.escape(f"the publisher `pub_ctrl_setting`: {fault}")
     ):
@@ -156,7 +156,7 @@ def test_a_key_that_is_no_text_is_named(own: str, settings: str) -> None:
         check_component(publisher(), own, settings)
 
 
-def test_a_table_finds_every_spelling_and_lists_what_exists() -> None:
+def test_a_table_finds_every_format_and_lists_existing_names() -> None:
     table: ComponentTable[int] = ComponentTable(ComponentKind.PUBLISHER)
     table.add("pub_ctrl", publisher().names | {"asdf"}, 7)
     for name in ("pub_ctrl", "pub_ctrl_setting", "publisher_ctrl", "asdf"):

@@ -13,7 +13,7 @@ from obk_cli.launch.commands import closed_gate, gate_path
 from ...waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
 
-def test_without_a_gate_there_is_no_wait(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_a_gate_nothing_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv(GATE_VARIABLE, raising=False)
     wait_at_startup_barrier()
     monkeypatch.setenv(GATE_VARIABLE, str(gate_path(tmp_path)))

@@ -77,7 +77,7 @@ def test_other_text_is_an_error_that_quotes_it(text: str) -> None:
 
 
 @given(st.dictionaries(st.text(), VALUES, max_size=4))
-def test_what_is_written_is_read_back_equal(value: dict[str, object]) -> None:
+def test_written_data_is_read_back_equal(value: dict[str, object]) -> None:
     text = format_setting(value)
     assert "\n" not in text
     assert parse_mapping(text) == value

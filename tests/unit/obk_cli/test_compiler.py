@@ -50,7 +50,7 @@ def test_a_file_that_cannot_be_read_is_a_finding(tmp_path: Path) -> None:
     )
 
 
-def test_a_file_that_is_not_there_may_be_meant_to_be_one_that_is(
+def test_a_missing_file_gets_a_suggestion_of_an_existing_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "stack.yaml").touch()
@@ -59,14 +59,14 @@ def test_a_file_that_is_not_there_may_be_meant_to_be_one_that_is(
     assert fault.help == "did you mean `stack.yaml`?"
 
 
-def test_a_sound_config_has_a_plan() -> None:
+def test_a_valid_config_has_a_plan() -> None:
     outcome = compile_text(SOUND)
     assert outcome.diagnostics == ()
     assert outcome.plan is not None
     assert [p.section for p in outcome.plan.nodes] == ["control", "estimation", "robot"]
 
 
-def test_programs_whose_source_says_what_they_spin_are_known() -> None:
+def test_programs_whose_source_shows_what_they_spin_are_known() -> None:
     outcome = compile_config(str(DUMMY), options(DUMMY.parent))
     assert outcome.plan is not None
     gated = gated_executables(outcome.plan, outcome.environment)
@@ -95,13 +95,13 @@ def test_a_family_may_be_silenced_for_a_run() -> None:
     assert codes(compile_text(SOUND.replace("/est\n", "/e\n", 1), ignore=("OBK4", "OBK2"))) == []
 
 
-def test_what_no_plan_could_be_made_of_is_always_heard() -> None:
+def test_findings_that_prevent_a_plan_are_never_silenced() -> None:
     outcome = compile_text(SOUND.replace("    executable: controller\n", ""), ignore=("OBK",))
     assert codes(outcome) == ["OBK102"]
     assert outcome.plan is None
 
 
-def test_a_code_that_silences_nothing_is_reported_where_it_was_asked_for() -> None:
+def test_a_code_that_silences_nothing_is_reported_at_its_location() -> None:
     outcome = compile_text(f"{SOUND}obk: {{ignore: [OBK013]}}\n", ignore=("OBK4", "OBK9", ""))
     assert [(str(d.span), d.code, d.message) for d in outcome.diagnostics] == [
         ("<command line>:1:10", "OBK014", "unknown rule `OBK9`"),
@@ -119,9 +119,7 @@ def test_a_code_that_silences_nothing_is_reported_where_it_was_asked_for() -> No
         ("everything", "list the rules with `obk explain`"),
     ],
 )
-def test_a_code_that_is_none_is_reported_with_the_one_that_was_meant(
-    written: str, help: str
-) -> None:
+def test_an_unknown_code_is_reported_with_a_suggestion(written: str, help: str) -> None:
     assert near_codes(written) == help
 
 
@@ -213,7 +211,7 @@ def test_the_bytes_of_a_config_count_and_not_its_letters(letter: str, is_too_lon
     assert any("OBK007" in fault for fault in found) == is_too_long
 
 
-def test_a_file_whose_name_stands_for_the_standard_input_is_a_file() -> None:
+def test_a_file_named_like_the_standard_input_is_a_file() -> None:
     assert compile_files({"main.yaml": 'include: "-"\n', "./-": "vars: 1\n"}) == []
     (fault,) = compile_files({"main.yaml": 'include: "-"\n', "-": "vars: 1\n"})
     assert "included file `-` cannot be read: file not found" in fault

@@ -67,7 +67,7 @@ def overlay(workspace: Path) -> Path:
     return folder
 
 
-def test_a_folder_for_everybody_makes_what_others_put_there_theirs(
+def test_in_a_world_writable_folder_files_belong_to_their_owners(
     shared: Path, give_away: Give
 ) -> None:
     (shared / "link").symlink_to("mine")
@@ -87,7 +87,7 @@ def test_it_makes_no_workspace(shared: Path, give_away: Give, mark: str) -> None
     assert not is_workspace(shared)
 
 
-def test_it_is_no_package_beside_a_config(shared: Path, give_away: Give) -> None:
+def test_it_is_no_package_next_to_a_config(shared: Path, give_away: Give) -> None:
     package(shared / "demo")
     assert package_names_in(shared) == ("demo",)
     give_away(shared / "demo")
@@ -114,13 +114,13 @@ def test_it_is_no_overlay(shared: Path, give_away: Give) -> None:
         pass
 
 
-def test_what_lies_in_a_folder_of_ones_own_may_be_anybodys(shared: Path, give_away: Give) -> None:
+def test_in_a_private_folder_files_of_any_owner_are_used(shared: Path, give_away: Give) -> None:
     package(shared / "mine" / "demo")
     give_away(shared / "mine" / "demo")
     assert package_names_in(shared / "mine") == ("demo",)
 
 
-def test_it_is_no_place_for_runs_and_its_runs_are_nobodys(shared: Path, give_away: Give) -> None:
+def test_it_cannot_contain_runs_and_its_runs_are_ignored(shared: Path, give_away: Give) -> None:
     runs = shared / "logs" / "runs"
     pid, started = this_process()
     run = Run(name="s", pid=pid, started=started, domain=80, config="c.yaml", nodes=("/a",))

@@ -58,7 +58,7 @@ def test_a_folder_is_installed_as_it_was(tmp_path: Path) -> None:
     assert source.is_local
 
 
-def test_the_messages_are_found_beside_a_wheel() -> None:
+def test_the_messages_are_found_next_to_a_wheel() -> None:
     wheel = "file:///dist/obelisk_cli-0.1.0-py3-none-any.whl"
     source = parse_direct_url({"url": wheel, "archive_info": {}})
     *find, requirement = installed(source, "ros")

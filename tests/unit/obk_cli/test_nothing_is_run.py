@@ -85,9 +85,7 @@ def test_a_command_that_only_reads_runs_nothing_of_a_workspace(
 
 
 @pytest.mark.parametrize("code", ["import conftest", "import demo.run"])
-def test_the_traps_spring_where_something_is_run(
-    workspace: Path, tmp_path: Path, code: str
-) -> None:
+def test_the_traps_trigger_if_something_is_run(workspace: Path, tmp_path: Path, code: str) -> None:
     sprung = tmp_path / "sprung"
     path = os.pathsep.join((str(workspace), str(workspace / "src" / "demo")))
     subprocess.run(

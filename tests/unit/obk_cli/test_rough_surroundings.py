@@ -44,7 +44,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
         ),
     ],
 )
-def test_what_the_machine_lacks_is_reported_in_a_sentence(
+def test_missing_resources_of_the_machine_are_reported_with_a_message(
     error: Exception,
     reported: str,
     capsys: pytest.CaptureFixture[str],
@@ -130,7 +130,7 @@ def test_an_output_on_a_full_disk_is_reported() -> None:
         ("click", "x = 1", "No module named 'click."),
     ],
 )
-def test_a_module_in_the_place_of_a_library_is_named(
+def test_a_module_that_shadows_a_library_is_named(
     tmp_path: Path, module: str, text: str, reported: str
 ) -> None:
     (tmp_path / f"{module}.py").write_text(text)
@@ -149,7 +149,7 @@ def test_a_module_in_the_place_of_a_library_is_named(
     assert ended.stderr.endswith("\n  help: unset PYTHONPATH\n")
 
 
-def test_what_fails_in_obk_itself_is_its_own_fault_wherever_it_lies(
+def test_internal_failures_are_reported_as_such_anywhere(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(Path(errors.__file__).parents[1]))

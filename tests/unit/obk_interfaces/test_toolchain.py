@@ -86,7 +86,7 @@ def test_clashing_sources_stay_alone_and_the_others_are_one_unit(tree: PackageTr
     assert len({object_of(library, unit, tree.objects) for unit in units}) == 3
 
 
-def test_a_missing_compiler_names_what_to_install(
+def test_a_missing_compiler_names_the_package_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -117,7 +117,7 @@ def test_a_compiler_of_the_environment_keeps_its_options(
     assert find_compilers() == ((str(compiler), "-m64"), (str(compiler),))
 
 
-def test_missing_python_headers_name_what_to_install(
+def test_missing_python_headers_name_the_package_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     paths = {"include": str(tmp_path), "platinclude": str(tmp_path)}

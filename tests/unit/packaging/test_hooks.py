@@ -54,13 +54,13 @@ def test_the_action_keeps_and_annotates_the_findings_and_fails_by_them(
     assert (tmp_path / "outputs").read_text() == f"sarif={tmp_path / 'obk.sarif'}\n"
 
 
-def test_the_action_passes_sound_configs(steps: list[dict[str, Any]], tmp_path: Path) -> None:
+def test_the_action_passes_valid_configs(steps: list[dict[str, Any]], tmp_path: Path) -> None:
     done = check(steps, tmp_path, f"{SOUND.parent}/topic_tw*.yaml")
     assert (done.returncode, done.stdout) == (0, "")
     assert json.loads((tmp_path / "obk.sarif").read_text())["runs"][0]["results"] == []
 
 
-def test_the_action_uploads_nothing_where_nothing_could_be_checked(
+def test_the_action_uploads_nothing_if_nothing_could_be_checked(
     steps: list[dict[str, Any]], tmp_path: Path
 ) -> None:
     done = check(steps, tmp_path, str(SOUND), "--ignore OBK9")
@@ -69,13 +69,13 @@ def test_the_action_uploads_nothing_where_nothing_could_be_checked(
     assert not (tmp_path / "outputs").exists()
 
 
-def test_what_is_given_to_the_action_is_never_a_part_of_a_script(
+def test_inputs_of_the_action_are_never_a_part_of_a_script(
     steps: list[dict[str, Any]],
 ) -> None:
     assert [step for step in steps if "${{" in step.get("run", "")] == []
 
 
-def test_the_hook_checks_the_files_that_it_is_given(repository: Path, tmp_path: Path) -> None:
+def test_the_hook_checks_the_given_files(repository: Path, tmp_path: Path) -> None:
     (hook,) = yaml.safe_load((repository / ".pre-commit-hooks.yaml").read_text())
     command = [*hook["entry"].split(), str(FAULTY)]
     done = subprocess.run(

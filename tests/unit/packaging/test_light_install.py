@@ -95,7 +95,7 @@ def test_a_command_that_needs_no_extra(output: Callable[[str], Result], verb: st
 
 
 @pytest.mark.parametrize("verb", NEEDS)
-def test_a_command_that_needs_one_says_which_and_how(
+def test_a_command_that_needs_one_reports_which_and_how(
     output: Callable[[str], Result], verb: str
 ) -> None:
     code, out, err = output(verb)

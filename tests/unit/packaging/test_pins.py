@@ -21,14 +21,14 @@ def test_the_lock_has_names_and_versions_and_nothing_else(repository: Path) -> N
     assert [line for line in lines if not re.fullmatch(r"[a-z0-9-]+==[\w.]+", line)] == []
 
 
-def test_the_extras_are_pinned_to_what_is_locked(repository: Path) -> None:
+def test_the_extras_are_pinned_to_the_lock(repository: Path) -> None:
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     wheels = project["optional-dependencies"]["ros-wheels"]
     assert exact(wheels) <= set(locked(repository))
     assert [r for r in wheels if r.startswith("ros-") and "==" not in r] == []
 
 
-def test_messages_are_compiled_against_what_they_run_with(repository: Path) -> None:
+def test_messages_are_compiled_against_their_run_time(repository: Path) -> None:
     build = tomllib.loads((repository / "interfaces" / "pyproject.toml").read_text())
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     assert exact(build["build-system"]["requires"]) <= set(locked(repository))

@@ -98,7 +98,7 @@ def _assert_same(sent, message):
 
 
 @pytest.mark.parametrize("name", [*OWN, *OTHERS])
-def test_a_packed_message_is_what_rclpy_would_have_written(name):
+def test_a_packed_message_equals_the_output_of_rclpy(name):
     random = Random(name)
     for _ in range(20):
         message = _message(name, random)
@@ -133,7 +133,7 @@ def test_a_field_with_parts_of_one_type_is_one_view():
     _assert_same(packed.to_bytes(0), message)
 
 
-def test_bytes_that_were_given_do_not_change_any_more():
+def test_returned_bytes_do_not_change_any_more():
     packed = PackedMessage(ObkJointEncoders(joint_pos=[1.0], joint_names=["a"]))
     before = packed.to_bytes(1)
     kept = bytes(bytearray(before))
@@ -160,7 +160,7 @@ def test_bytes_that_hold_numbers_can_be_seen_as_them():
 
 
 @pytest.mark.parametrize("field", ["joint_pso", "joint_names", "header", "header.stamp", "joint_"])
-def test_what_is_no_field_of_numbers_of_one_type_is_rejected(field):
+def test_fields_other_than_numbers_of_one_type_are_rejected(field):
     packed = PackedMessage(ObkJointEncoders(joint_pos=[1.0], joint_names=["a"]))
     with pytest.raises(KeyError, match=field):
         packed.numbers(field)

@@ -142,7 +142,7 @@ def test_a_control_without_a_stamp_is_neither_late_nor_old(stamped):
     assert not stamped.offer(_sent(99.8, 3.0))
 
 
-def test_where_the_clock_was_set_back_the_next_control_counts(stamped, time):
+def test_after_the_clock_was_set_back_the_next_control_counts(stamped, time):
     assert stamped.offer(_sent(99.9, 1.0))
     time.now_s = 3.0
     assert stamped.offer(_sent(2.9, 2.0))
@@ -161,7 +161,7 @@ def test_clearing_forgets_the_control(inbox):
     assert inbox.newest is None
 
 
-def test_the_field_is_u_mujoco_where_the_message_has_both():
+def test_the_field_is_u_mujoco_if_the_message_has_both():
     class Both:
         u = u_mujoco = ()
 

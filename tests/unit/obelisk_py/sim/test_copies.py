@@ -36,7 +36,7 @@ def test_elements_are_copied_in_the_order_of_their_index(numbers, index):
     assert numbers.tolist() == [10.0 + place for place in index]
 
 
-def test_several_blocks_are_copied_at_once_each_to_its_place():
+def test_several_blocks_are_copied_together_each_to_its_position():
     numbers, source = np.zeros(7), np.zeros(7)
     _after(
         copy_blocks(

@@ -41,7 +41,7 @@ def test_a_period_that_is_no_whole_number_of_nanoseconds_does_not_drift():
     assert deadlines[-1] == 1_000 * MS
 
 
-def test_a_short_delay_is_made_up_for_by_steps_that_are_due_at_once():
+def test_a_short_delay_is_caught_up_by_steps_that_are_due_immediately():
     pace = Pace(0.001)
     pace.start(0)
     late = [pace.next_deadline_ns(10 * MS) for _ in range(10)]
@@ -59,7 +59,7 @@ def test_a_long_delay_is_counted_and_the_schedule_starts_from_there():
     assert pace.overruns == 1
 
 
-def test_starting_again_forgets_what_was_missed():
+def test_a_restart_forgets_missed_steps():
     pace = Pace(0.001)
     pace.start(0)
     pace.next_deadline_ns(500 * MS)

@@ -57,7 +57,7 @@ def test_an_mp4_is_h264_and_shows_each_picture_from_its_frame_on():
         assert_same(frame.to_ndarray(format="rgb24"), pixels)
 
 
-def test_an_mp4_is_as_long_as_what_it_shows_however_uneven():
+def test_an_mp4_is_as_long_as_its_content_however_uneven():
     numbers = [0, 1, 12, 26, 41, 54, 68, 85, 106, 123, 141, 154]
     pixels = [picture((20 * n, 0, 255 - 20 * n), GREEN) for n in range(len(numbers))]
     with av.open(video(".mp4", 30, list(zip(pixels, numbers, strict=True)))) as read:
@@ -68,7 +68,7 @@ def test_an_mp4_is_as_long_as_what_it_shows_however_uneven():
     assert seconds == pytest.approx(155 / 30, abs=1e-3)
 
 
-def test_an_mp4_says_which_colours_its_numbers_are():
+def test_an_mp4_declares_its_colour_space():
     with av.open(video(".mp4", 30)) as read:
         (frame, *_) = read.decode(video=0)
     assert (frame.colorspace, frame.color_range) == (1, 1)
@@ -99,7 +99,7 @@ def test_times_of_a_gif_add_up():
     assert sum(times) == pytest.approx(1000 * len(pixels) / 30, abs=10)
 
 
-def test_a_gif_of_what_stands_still_is_one_picture_seen_for_long():
+def test_a_gif_of_a_static_scene_is_one_long_frame():
     with Image.open(video(".gif", 15, [(picture(RED, GREEN), n) for n in range(30)])) as read:
         assert read.n_frames == 1
         assert read.info["duration"] == 2000

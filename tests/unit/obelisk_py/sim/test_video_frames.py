@@ -26,7 +26,7 @@ def test_a_second_state_of_one_frame_is_not_seen():
     assert taken(10, [0.0, 0.1, 0.15])[0] == [0, 1, None]
 
 
-def test_after_a_reset_the_video_goes_on():
+def test_after_a_reset_the_video_continues():
     assert taken(10, [0.0, 0.1, 0.2, 0.0, 0.1])[0] == [0, 1, 2, 3, 4]
 
 
@@ -35,7 +35,7 @@ def test_a_video_starts_with_its_first_state_at_any_time():
 
 
 @given(rate_hz=st.integers(1, 240), steps_per_s=st.integers(1, 10_000))
-def test_no_frame_is_missing_where_every_sample_comes(rate_hz, steps_per_s):
+def test_no_frame_is_missing_if_every_sample_arrives(rate_hz, steps_per_s):
     """Samples occur a part of a step after the multiple of their period."""
     rate_hz = min(rate_hz, steps_per_s)
     step_s = 1 / steps_per_s

@@ -79,7 +79,7 @@ def test_the_examples_have_no_hazard_but_hardware(config: str, codes: list[str])
     assert [hazard.code for hazard in outcome.hazards] == codes
 
 
-def test_hazards_are_infos_and_looked_for_on_request_only(workspace: Path) -> None:
+def test_hazards_are_infos_and_checked_on_request_only(workspace: Path) -> None:
     write_node(workspace, "threading.Thread(target=print).start()")
     outcome = compiled(workspace)
     assert [(h.code, h.severity) for h in outcome.hazards] == [("OBK601", "info")]

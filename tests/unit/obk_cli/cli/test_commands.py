@@ -208,7 +208,7 @@ def test_an_interruption_while_the_tool_is_being_imported_is_silent() -> None:
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"")
 
 
-def test_validate_a_sound_config(capsys: pytest.CaptureFixture[str]) -> None:
+def test_validate_a_valid_config(capsys: pytest.CaptureFixture[str]) -> None:
     result = Result(capsys, "validate", str(SOUND), "--ignore", "OBK4")
     assert (result.code, result.out) == (0, f"{SOUND}: no findings\n")
 
@@ -309,7 +309,7 @@ def test_standard_input(
         ("service call /s --type Trigger", "`--type Trigger`: expected a type such as"),
     ],
 )  # fmt: skip
-def test_misuse_is_reported_with_what_would_be_right(
+def test_misuse_is_reported_with_a_correction(
     capsys: pytest.CaptureFixture[str], line: str, reported: str
 ) -> None:
     result = Result(capsys, *line.split())
@@ -365,7 +365,7 @@ def test_compile_into_a_folder_names_the_file_by_the_stack(
     assert path.read_text() == printed.out
 
 
-def test_compile_into_what_is_no_folder_fails(
+def test_compile_to_a_missing_folder_fails(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     (tmp_path / "file").touch()
@@ -376,7 +376,9 @@ def test_compile_into_what_is_no_folder_fails(
     assert "cannot be written" in result.err
 
 
-def test_compile_of_a_faulty_config_says_why_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+def test_compile_of_a_faulty_config_reports_why_on_stderr(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     result = Result(capsys, "compile", str(FAULTY), "--ignore", "OBK4")
     assert (result.code, result.out) == (1, "")
     assert "OBK203" in result.err
@@ -389,7 +391,7 @@ def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
     assert "OBK506" in Result(capsys, "explain").out
 
 
-def test_a_fault_of_our_own_is_said_to_be_one(
+def test_an_internal_error_is_reported_as_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:

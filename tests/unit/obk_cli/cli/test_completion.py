@@ -116,7 +116,7 @@ def refusal(option: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 @pytest.mark.parametrize("option", ["--install-completion", "--show-completion"])
-def test_without_a_shell_it_is_reported_where_to_type_it(
+def test_without_a_shell_it_reports_where_to_type_the_command(
     option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def detect() -> tuple[str, str]:

@@ -31,19 +31,19 @@ def refused(capsys, *arguments, code=2):
     return capsys.readouterr().err
 
 
-def test_a_kind_of_file_that_there_is_not(capsys) -> None:
+def test_an_unknown_file_type(capsys) -> None:
     assert refused(capsys, "--render", "out.avi") == (
         "error: `--render`: `out.avi`: expected a file named .mp4, .gif or .png\n"
     )
 
 
-def test_a_size_that_is_none(capsys) -> None:
+def test_an_invalid_size(capsys) -> None:
     assert refused(capsys, "--render", "out.mp4", "--render-size", "big") == (
         "error: `--render`: the size `big`; expected width and height in pixels, `640x480`\n"
     )
 
 
-def test_a_rate_that_is_none(capsys) -> None:
+def test_an_invalid_rate(capsys) -> None:
     assert refused(capsys, "--render", "out.mp4", "--render-fps", "0") == (
         "error: `--render-fps 0`: expected a number of at least 1\n"
     )
@@ -56,7 +56,7 @@ def test_a_camera_that_the_model_has_not(capsys) -> None:
     assert output.endswith("dummy.xml has no such camera\n  help: did you mean `overview`?\n")
 
 
-def test_how_without_what(capsys) -> None:
+def test_options_without_a_video(capsys) -> None:
     assert refused(capsys, "--render-camera", "overview") == (
         "error: `--render-camera` has an effect only with `--render FILE`\n"
     )
@@ -68,13 +68,13 @@ def test_a_stack_whose_robot_is_not_simulated(capsys) -> None:
     assert "error: `--render out.mp4`: there is no simulated robot in `dummy`\n" in output
 
 
-def test_a_folder_that_is_not_there(capsys, folder) -> None:
+def test_a_missing_folder(capsys, folder) -> None:
     assert refused(capsys, "--render", "none/out.mp4", code=1) == (
         f"error: {folder}/none/out.mp4: the folder {folder}/none does not exist\n"
     )
 
 
-def test_a_file_that_is_there(capsys, folder) -> None:
+def test_an_existing_file(capsys, folder) -> None:
     (folder / "out.mp4").write_text("mine")
     assert refused(capsys, "--render", "out.mp4", code=1) == (
         f"error: {folder}/out.mp4 already exists\n  help: name another file\n"

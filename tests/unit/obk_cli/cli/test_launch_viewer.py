@@ -17,7 +17,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return capsys.readouterr().err
 
 
-def test_a_viewer_that_there_is_not(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_viewer(capsys: pytest.CaptureFixture[str]) -> None:
     assert refused(capsys, "--viewer", "wbe") == (
         "error: `--viewer wbe`: expected one of `none`, `native`, `web`\n"
         "  help: did you mean `web`?\n"

@@ -101,7 +101,7 @@ def test_standard_input(
     assert Result(capfdbinary, "-").out == KEY
 
 
-def test_what_stays_is_reported_on_stderr(
+def test_unmigrated_parts_are_reported_on_stderr(
     config: Path, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
     config.write_bytes(b"include: a.yaml\n")

@@ -122,7 +122,7 @@ def test_accepts_what_the_checker_accepts(
     [p for p in sorted(CASES.glob("reject/*/*.yaml")) if is_about_its_own_shape(p)],
     ids=lambda p: f"{p.parent.name}-{p.stem}",
 )
-def test_refuses_the_shapes_that_the_checker_refuses(
+def test_rejects_the_shapes_that_the_checker_rejects(
     path: Path, validator: jsonschema.Draft202012Validator
 ) -> None:
     assert not validator.is_valid(load_yaml_core(path.read_text(encoding="utf-8")))

@@ -22,7 +22,7 @@ OWN = "import pytest\n@pytest.fixture\ndef stack():\n    return 1\ndef test_x(st
         ("test_x.py", "def test_x(:\n", True),  # pytest reports it
     ],
 )
-def test_the_tests_beside_a_config_are_those_that_use_the_fixture(
+def test_the_tests_next_to_a_config_are_those_that_use_the_fixture(
     tmp_path: Path, name: str, text: str, is_found: bool
 ) -> None:
     path = tmp_path / "tests" / name

@@ -56,7 +56,7 @@ def test_the_schema_is_written_and_the_line_for_each_config_printed(
     assert "obelisk.schema.json: nothing to change\n" in install(capsys, folder)[1]
 
 
-def test_nothing_is_asked_for_once_every_config_has_its_line(
+def test_nothing_is_read_once_every_config_has_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line = f"{LINE}.vscode/obelisk.schema.json\n"
@@ -64,7 +64,7 @@ def test_nothing_is_asked_for_once_every_config_has_its_line(
     assert LINE not in install(capsys, tmp_path)[1]
 
 
-def test_a_folder_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = install(capsys, tmp_path / "none")
     assert (code, err) == (1, "error: `DIR` is not a folder\n")
 

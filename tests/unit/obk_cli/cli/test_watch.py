@@ -85,7 +85,7 @@ def test_every_file_that_took_part_is_marked(tmp_path: Path) -> None:
     }
 
 
-def test_the_sources_of_nodes_and_what_names_them_are_marked(tmp_path: Path) -> None:
+def test_the_sources_of_nodes_and_of_their_names_are_marked(tmp_path: Path) -> None:
     package = tmp_path / "src" / "demo"
     (package / "demo").mkdir(parents=True)
     (package / "package.xml").write_text("<package><name>demo</name></package>")

@@ -92,7 +92,7 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("right", "wrong", "where", "what", "fix"), MISTAKES)
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"], ids=["lf", "crlf"])
-def test_a_usual_mistake_is_reported_where_it_is_made(
+def test_a_common_mistake_is_reported_at_its_location(
     right: str, wrong: str, where: str, what: str, fix: str, line_end: str
 ) -> None:
     assert right in NODE
@@ -102,7 +102,7 @@ def test_a_usual_mistake_is_reported_where_it_is_made(
     assert fix in (finding.help or "")
 
 
-def test_what_was_noticed_far_below_an_open_bracket_is_shown_too() -> None:
+def test_an_error_far_below_an_open_bracket_is_shown_too() -> None:
     finding = reported(NODE.replace("topic: /ctrl", "qos: [1"))
     assert [(r.message, r.span.line) for r in finding.related] == [("noticed here", 7)]
 
@@ -118,6 +118,6 @@ def test_a_mistake_of_no_usual_kind_is_reported_in_the_parsers_words() -> None:
     assert finding.message.startswith("not YAML: ")
 
 
-def test_nothing_is_looked_for_in_a_line_that_no_one_typed() -> None:
+def test_mistakes_are_not_searched_in_generated_lines() -> None:
     finding = reported("a: '" + " " * 100_000)
     assert finding.message.startswith("not YAML: ")

@@ -76,7 +76,7 @@ def test_line_ends_are_those_of_the_file_and_a_last_line_without_one_stays_so(
     assert with_node(before + line_end) == with_node(before) + line_end
 
 
-def test_a_topic_of_its_own_is_one_that_no_one_has() -> None:
+def test_a_new_topic_is_an_unused_one() -> None:
     text = SOUND.replace("/a/q", "/a/new_node/imu")
     assert "topic: /a/new_node/new_node/imu" in with_node(text)
 
@@ -108,7 +108,7 @@ VALUES = [
 
 
 @pytest.mark.parametrize("value", VALUES, ids=repr)
-def test_a_value_is_written_as_what_it_is(value: object) -> None:
+def test_a_value_is_written_by_its_type(value: object) -> None:
     new = json.dumps([{"pkg": "new_node", "executable": "new_node", "params": {"a": value}}])
     rejected = add_to(FLOW["the list"], new=new)
     assert isinstance(rejected, Rejected)
@@ -127,7 +127,7 @@ def test_a_section_that_is_not_in_block_style_is_rejected_with_a_snippet(what: s
 
 
 @pytest.mark.parametrize("text", ["", "a", "[]", "- a", "- {}", "- pkg: a", "- {pkg: a}\n- {}"])
-def test_what_is_no_entry_is_refused(text: str) -> None:
+def test_an_invalid_entry_is_rejected(text: str) -> None:
     with pytest.raises(ValueError, match="a new node "):
         read_new_node("control", text)
 

@@ -70,7 +70,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[object, st
     return ended.value.code, out, err
 
 
-def test_slips_of_the_pen_are_mended(tmp_path: Path) -> None:
+def test_typing_mistakes_are_fixed(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(with_faults())
     fixed = fix(path)
@@ -81,7 +81,7 @@ def test_slips_of_the_pen_are_mended(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("right", "wrong"), FAULTS)
-def test_each_slip_alone_is_mended(tmp_path: Path, right: str, wrong: str) -> None:
+def test_each_mistake_alone_is_fixed(tmp_path: Path, right: str, wrong: str) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(SOUND.replace(right, wrong))
     fixed = fix(path)
@@ -89,14 +89,14 @@ def test_each_slip_alone_is_mended(tmp_path: Path, right: str, wrong: str) -> No
     assert (text, fixed.refused, fixed.after.diagnostics) == (SOUND, (), ())
 
 
-def test_a_sound_config_stays(tmp_path: Path) -> None:
+def test_a_valid_config_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(SOUND)
     fixed = fix(path)
     assert (fixed.files, fixed.done) == ((), ())
 
 
-def test_a_cure_that_would_change_the_stack_is_taken_back(tmp_path: Path) -> None:
+def test_a_fix_that_would_change_the_stack_is_undone(tmp_path: Path) -> None:
     inner = tmp_path / "inner.yaml"
     inner.write_text(SOUND.replace("topic: /ctrl,", "topic: /ctrl, history_depth: 5,"))
     path = tmp_path / "c.yaml"
@@ -124,7 +124,7 @@ def test_a_fix_that_moves_a_rate_to_another_line_is_kept(tmp_path: Path) -> None
     assert text == sound
 
 
-def test_a_cure_that_leads_to_more_errors_is_taken_back(tmp_path: Path) -> None:
+def test_a_fix_that_leads_to_more_errors_is_undone(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(SOUND + "  sim: {model_xml_path: m.xml, sensor_setings: [{a: 1}, {b: 2}]}\n")
     fixed = fix(path)
@@ -190,7 +190,7 @@ def test_diff_shows_and_writes_nothing(
     assert Path("c.yaml").read_text() == wrong
 
 
-def test_an_included_file_is_mended_in_the_folder_and_not_outside(
+def test_an_included_file_is_fixed_inside_the_folder_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wrong = SOUND.replace("executable: c", "excutable: c")
@@ -235,7 +235,7 @@ def test_misuse(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], 
     assert run(capsys, *arguments) == (2, "", f"error: {error}\n")
 
 
-def test_a_file_that_is_included_by_two_paths_is_mended_once_and_whole(
+def test_a_file_that_is_included_by_two_paths_is_fixed_once_and_completely(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

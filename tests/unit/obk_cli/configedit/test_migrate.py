@@ -159,7 +159,7 @@ def test_an_anchored_node_is_migrated_once() -> None:
     assert migrate(text).text == text.replace("ros_parameter: pub_a_setting", "key: pub_a")
 
 
-def test_what_stays_is_reported_word_for_word(request: pytest.FixtureRequest) -> None:
+def test_unmigrated_parts_are_reported_literally(request: pytest.FixtureRequest) -> None:
     migrated = migrate((HERE / "kept.yaml").read_text())
     assert not migrated.is_changed
     expected = HERE / "kept.txt"
@@ -251,7 +251,7 @@ def test_aliases_that_tie_places_together_leave_the_file_alone() -> None:
         ("control: 1\ncontrol: 2\n", "OBK004"),
     ],
 )
-def test_a_text_that_is_no_config_is_refused(text: str, fault: str) -> None:
+def test_a_text_that_is_no_config_is_rejected(text: str, fault: str) -> None:
     migrated = migrate(text)
     assert [finding.code for finding in migrated.faults] == [fault]
     assert migrated.text == text

@@ -37,12 +37,12 @@ def test_named_checks_run_alone_in_the_tables_order(capsys: pytest.CaptureFixtur
     assert [line[:3] for line in capsys.readouterr().out.splitlines()[:2]] == ["ros", "cpu"]
 
 
-def test_the_list_looks_at_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_runs_no_check(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--list") == 0
     assert capsys.readouterr().out == "ros  which ROS\ncpu  processors\nrmw  middleware\n"
 
 
-def test_a_check_that_is_none_is_reported_with_the_one_that_was_meant(
+def test_an_unknown_check_is_reported_with_a_suggestion(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert run("rwm") == 2

@@ -17,7 +17,7 @@ def check(name: str, *findings: Finding) -> Check:
     return Check(name=name, about="", find=lambda: findings)
 
 
-def test_answers_come_in_the_order_of_the_checks_whoever_is_ready_first() -> None:
+def test_results_have_the_order_of_the_checks_in_any_order_of_completion() -> None:
     is_second_done = threading.Event()
 
     def slow() -> Iterator[Finding]:
@@ -65,7 +65,7 @@ def test_a_fault_of_the_surroundings_is_an_error_with_its_help() -> None:
     assert (found.message, found.fix) == ("no domain is free", "end a stack")
 
 
-def test_a_check_that_is_broken_itself_says_so() -> None:
+def test_a_broken_check_reports_itself() -> None:
     def fail() -> tuple[Finding, ...]:
         raise KeyError("oops")
 

@@ -46,7 +46,7 @@ def test_a_parameter_file_word_for_word() -> None:
 
 
 @given(st.dictionaries(TEXT.filter(bool), VALUES))
-def test_another_reader_reads_what_was_meant(parameters: dict[str, object]) -> None:
+def test_another_reader_reads_the_intended_values(parameters: dict[str, object]) -> None:
     text = emit_params([process(**parameters)])
     loaded = load_yaml_core(text)
     assert isinstance(loaded, dict)

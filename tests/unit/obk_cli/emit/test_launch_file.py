@@ -50,7 +50,7 @@ def test_a_node_that_does_not_get_active_ends_the_launch(
     assert ("/obelisk_control_0", "active") not in world.states
 
 
-def test_what_someone_asks_for_later_brings_nothing_up_again(
+def test_later_requests_start_nothing_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = run_launch_file(emit_launch_file(loop()), tmp_path, monkeypatch)

@@ -26,7 +26,7 @@ def svg_texts(text: str) -> list[str]:
     return [element.text or "" for element in ElementTree.fromstring(text).iter(f"{SVG}text")]
 
 
-def test_the_graph_stands_in_bring_up_order() -> None:
+def test_the_graph_is_in_bring_up_order() -> None:
     assert [n.title for n in GRAPH.nodes] == [
         "obelisk_robot_a",
         "/left/obelisk_robot_b",
@@ -53,7 +53,7 @@ def test_every_picture_shows_every_node_topic_and_sensor() -> None:
         assert 'arm <"&">: 5 nodes, 5 topics' in text
 
 
-def test_a_live_picture_has_a_line_for_what_is_measured_in_every_box() -> None:
+def test_a_live_picture_has_a_line_for_measurements_in_every_box() -> None:
     groups = [*ElementTree.fromstring(emit_svg(GRAPH, is_live=True)).iter(f"{SVG}g")]
     named = {
         (kind, name): group
@@ -90,7 +90,7 @@ def test_a_graphviz_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> N
         emit_svg(GRAPH)
 
 
-def test_mermaid_names_what_it_cannot_write() -> None:
+def test_mermaid_names_unsupported_characters() -> None:
     text = emit_mermaid(GRAPH)
     assert "gyro g#quot;1 +1<br/>accelerometer #lt;a#gt;" in text
     assert 'title: "arm <\\"&\\">: 5 nodes, 5 topics"' in text
@@ -100,7 +100,7 @@ def test_mermaid_names_what_it_cannot_write() -> None:
         assert not re.search(r"<(?!b>|/b>|br/>)", label)
 
 
-def test_dot_escapes_what_graphviz_reads() -> None:
+def test_dot_escapes_special_characters() -> None:
     text = emit_dot(GRAPH)
     assert text.startswith('digraph "arm <\\"&amp;\\">" {')
     assert 'gyro g\\"1 +1\\naccelerometer <a>' in text
@@ -130,7 +130,7 @@ def test_the_json_graph_names_each_edge() -> None:
 @pytest.mark.parametrize(
     "letter", ["\x00", "\x1b", "\ud800", "\uffff", "\n", "]]>", "--", '"', "漢", "`"]
 )
-def test_any_letter_gives_a_picture(letter: str) -> None:
+def test_any_character_gives_a_picture(letter: str) -> None:
     end = Endpoint(topic=f"/t{letter}", msg_type=f"a/msg/T{letter}")
     strange = node("robot", publishes=(end,), package=f"p{letter}", device=f"d{letter}")
     graph = graph_of(Plan(name=f"n{letter}", nodes=(strange,)))

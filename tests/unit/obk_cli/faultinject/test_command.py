@@ -38,7 +38,7 @@ def test_the_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
         ((str(DUMMY), "--node", "contrl_0"), "no such node", "`control_0`"),
     ],
 )
-def test_what_cannot_be_meant_is_misuse_and_says_what_can(
+def test_impossible_requests_are_misuse_with_the_possible_ones(
     capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str, help_: str
 ) -> None:
     code, output = obk(capsys, *arguments)
@@ -57,7 +57,7 @@ def test_a_config_with_errors_starts_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_hardware_is_refused_and_reported_how_it_is_simulated(
+def test_hardware_is_rejected_with_a_hint_how_to_simulate_it(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))

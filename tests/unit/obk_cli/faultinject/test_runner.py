@@ -43,7 +43,7 @@ def test_a_launch_that_fails_is_reported_in_its_own_words_and_tried_again(tmp_pa
     assert verdicts[0].faults[0].endswith("error: no room")
 
 
-def test_a_launcher_that_has_said_its_last_word_is_waited_for(tmp_path: Path) -> None:
+def test_a_finished_launcher_is_waited_for(tmp_path: Path) -> None:
     leave = "import os, time; os.close(1); os.close(2); time.sleep(0.3); os._exit(1)"
     stack = LaunchedStack((sys.executable, "-c", leave), dict(os.environ), tmp_path)
     assert not stack.wait_until(lambda _: False, 20.0)
@@ -52,13 +52,13 @@ def test_a_launcher_that_has_said_its_last_word_is_waited_for(tmp_path: Path) ->
     stack.end(0.0)
 
 
-def test_a_launcher_that_may_still_say_something_is_not_waited_for(tmp_path: Path) -> None:
+def test_a_launcher_that_may_still_report_is_not_waited_for(tmp_path: Path) -> None:
     stack = LaunchedStack(("sleep", "60"), dict(os.environ), tmp_path)
     assert stack.outcome(20.0) is None
     stack.end(0.0)
 
 
-def test_a_stack_that_runs_is_refused_with_its_process(tmp_path: Path) -> None:
+def test_a_running_stack_is_rejected_with_its_process(tmp_path: Path) -> None:
     pid, started = this_process()
     run = Run(name="s", pid=pid, started=started, domain=7, config="c.yaml", nodes=("/a",))
     claim_run(tmp_path, run, local_time())
@@ -74,7 +74,7 @@ def test_ten_rehearsals_keep_their_logs(tmp_path: Path) -> None:
     assert all(home.exists() for home in later)
 
 
-def test_where_no_logs_can_be_kept_nothing_is_rehearsed(tmp_path: Path) -> None:
+def test_without_a_log_folder_nothing_is_rehearsed(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(CommandFailedError, match="logs of a rehearsal"):
         make_rehearsal_folder(tmp_path / "file", "s")
@@ -85,7 +85,7 @@ def stopped(*processes: psutil.Process) -> int:
     return sum(process.status() == psutil.STATUS_STOPPED for process in processes)
 
 
-def test_a_process_freezes_with_what_it_started_thaws_and_dies() -> None:
+def test_a_process_freezes_thaws_and_dies_with_its_children() -> None:
     with subprocess.Popen(["sh", "-c", "sleep 60 & wait"], start_new_session=True) as shell:
         family = psutil.Process(shell.pid)
         eventually(family.children, "the grandchild")

@@ -143,7 +143,7 @@ def test_a_restart_that_is_not_as_expected_is_reported(seen: Observation, fault:
     assert any(fault in one for one in verdict_of(case("kill", "restart"), seen).faults)
 
 
-def test_a_stack_that_goes_on_without_the_node_is_right() -> None:
+def test_a_stack_that_continues_without_the_node_is_correct() -> None:
     after = status(pids=LOST, states={ROBOT: "gone"})
     verdict = verdict_of(case("kill", "ignore"), observation(DIED, WITHOUT, after=after))
     assert verdict.is_right
@@ -156,7 +156,7 @@ def test_a_stack_that_takes_others_along_is_reported() -> None:
     assert verdict.faults == (f"{ESTIMATOR}: no process",)
 
 
-def test_a_frozen_node_that_is_gone_on_without_has_to_be_heard_again() -> None:
+def test_a_frozen_ignored_node_must_be_received_again() -> None:
     seen = observation(HUNG, WITHOUT, after=status())
     verdict = verdict_of(case("freeze", "ignore"), seen)
     (fault,) = verdict.faults
@@ -189,7 +189,7 @@ VERDICTS = (
 )
 
 
-def test_the_table_shows_every_row_and_the_evidence_of_what_is_wrong() -> None:
+def test_the_table_shows_every_row_and_the_evidence_of_faults() -> None:
     table = [line.split("  ") for line in rehearsal_text(VERDICTS).splitlines()[:3]]
     assert [[cell.strip() for cell in line if cell] for line in table] == [
         ["node", "fault", "expected", "observed", "detected [s]", "settled [s]"],
@@ -210,7 +210,7 @@ def test_the_table_of_a_terminal_reports_the_same() -> None:
     assert re.split(r" {2,}", plain.splitlines()[0].strip()) == [title for title in HEAD if title]
 
 
-def test_the_rows_for_a_program_say_whether_all_is_right() -> None:
+def test_the_json_rows_state_whether_all_is_correct() -> None:
     reported = json.loads(rehearsal_json(VERDICTS))
     assert reported["ok"] is False
     assert [verdict["ok"] for verdict in reported["rows"]] == [True, False]

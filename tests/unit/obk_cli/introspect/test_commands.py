@@ -63,7 +63,7 @@ def environment(home: Path, **variables: str) -> RosEnvironment:
     )
 
 
-def test_where_all_stacks_run_in_one_domain_it_is_looked_at(home: Path) -> None:
+def test_the_domain_of_all_running_stacks_is_inspected(home: Path) -> None:
     runs_in(home, arm=7, leg=7)
     graph_target = target_of(environment(home), None)
     assert graph_target.domain == 7
@@ -90,7 +90,7 @@ def test_stacks_in_several_domains_leave_it_to_the_user(home: Path) -> None:
     )
 
 
-def test_stacks_whose_nodes_were_not_found_in_time_are_not_said_not_to_run(home: Path) -> None:
+def test_stacks_with_undiscovered_nodes_are_not_reported_as_stopped(home: Path) -> None:
     runs_in(home, arm=7, leg=7)
     no_nodes_error = target_of(environment(home), None).no_nodes_error()
     assert (

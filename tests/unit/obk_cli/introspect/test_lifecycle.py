@@ -157,7 +157,7 @@ def test_of_two_launchers_of_one_stack_the_one_with_the_nodes_is_asked_else_the_
         assert (len(changes(onboard)), len(changes(offboard))) == (1, 1)
 
 
-def test_a_run_that_is_not_there_is_reported_with_near_names(
+def test_a_missing_run_is_reported_with_similar_names(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with (
@@ -170,7 +170,7 @@ def test_a_run_that_is_not_there_is_reported_with_near_names(
     assert raised.value.help == "did you mean `dummy`?"
 
 
-def test_the_graph_is_asked_where_no_launcher_has_the_nodes(
+def test_the_graph_is_used_if_no_launcher_has_the_nodes(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {**ACTIVE, "/nav": "inactive"})
@@ -182,7 +182,7 @@ def test_the_graph_is_asked_where_no_launcher_has_the_nodes(
     assert "`/obelisk_control_0`" in raised.value.help
 
 
-def test_the_graph_is_asked_where_the_launcher_does_not_answer(
+def test_the_graph_is_used_if_the_launcher_does_not_reply(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {ROBOT: "inactive"})
@@ -217,7 +217,7 @@ def test_in_the_graph_the_state_node_is_left_out_and_down_goes_control_first(
         ("configure", "`configure` is possible in state unconfigured, but the node is active"),
     ],
 )
-def test_in_the_graph_a_refusal_says_why(
+def test_in_the_graph_a_rejection_has_a_reason(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch, transition: str, fault: str
 ) -> None:
     state = "inactive" if transition == "activate" else "active"
@@ -227,7 +227,7 @@ def test_in_the_graph_a_refusal_says_why(
     assert answer.why == f"{ROBOT}: {fault}"
 
 
-def test_nothing_in_this_domain_is_reported_with_where_something_is(
+def test_an_empty_domain_is_reported_with_the_domains_in_use(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {})
@@ -245,7 +245,7 @@ def test_the_transitions_that_are_possible_depend_on_the_state() -> None:
     assert possible_transitions("finalized") == ()
 
 
-def test_over_ros_a_limit_that_is_given_is_for_finding_and_for_answers_too(
+def test_over_ros_a_given_limit_is_for_discovery_and_for_responses(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     waits: list[float] = []

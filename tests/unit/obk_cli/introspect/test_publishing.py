@@ -108,7 +108,7 @@ def test_subscribers_that_come_late_and_want_another_type_are_not_waited_with() 
     assert look.looks == 1
 
 
-def test_a_topic_that_no_one_has_needs_a_name_and_a_type() -> None:
+def test_an_unused_topic_needs_a_name_and_a_type() -> None:
     look, new = cast(Any, Look()), wanted("/new", msg_type="pkg/msg/Empty")
     seen, kind = topic_to_publish(look, place(), new)
     assert (seen.name, kind) == ("/new", "pkg/msg/Empty")
@@ -118,14 +118,14 @@ def test_a_topic_that_no_one_has_needs_a_name_and_a_type() -> None:
         topic_to_publish(look, place(), wanted("/new"))
 
 
-def test_a_message_of_another_type_than_the_subscribers_is_refused() -> None:
+def test_a_message_of_another_type_than_the_subscribers_is_rejected() -> None:
     look = Look(("/b", "pkg/msg/Other"))
     look.looks = 1
     with pytest.raises(CommandFailedError, match="is of the type pkg/msg/Other"):
         topic_to_publish(cast(Any, look), place(), wanted(msg_type="pkg/msg/State"))
 
 
-def test_a_topic_that_a_robot_subscribes_to_is_refused() -> None:
+def test_a_topic_with_a_robot_as_subscriber_is_rejected() -> None:
     look = Look((ROBOT, "pkg/msg/State"))
     refuse_robot_commands(look.topic("/arm/state"), place())
     look.looks = 1

@@ -53,7 +53,7 @@ def test_an_empty_domain_is_known_to_be_empty_soon(tmp_path: Path) -> None:
     assert waited_for(place(tmp_path)) == [1.0]
 
 
-def test_someone_is_waited_for_as_long_as_a_user_says(tmp_path: Path) -> None:
+def test_a_name_is_waited_for_as_long_as_the_user_requests(tmp_path: Path) -> None:
     assert waited_for(place(tmp_path, 20.0)) == [20.0]
     assert waited_for(place(tmp_path), wait_s=3.3) == [3.3, 1.0]
 
@@ -63,7 +63,7 @@ def test_nodes_that_are_known_to_run_are_waited_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["/arm/joints", "joints"])
-def test_what_is_named_is_not_waited_for_where_no_one_is(tmp_path: Path, name: str) -> None:
+def test_a_full_name_is_not_waited_for_in_an_empty_graph(tmp_path: Path, name: str) -> None:
     for find in (find_topic, find_node):
         look = Nobody()
         with pytest.raises(CommandFailedError, match="no stack is running"):
@@ -84,7 +84,7 @@ class Later(Nobody):
         return True
 
 
-def test_a_node_that_is_not_of_the_stack_is_given_time_to_tell_of_itself(tmp_path: Path) -> None:
+def test_a_node_outside_the_stack_gets_time_to_announce_itself(tmp_path: Path) -> None:
     look = Later()
     where = place(tmp_path, runs=True)
     assert find_node(cast(RosParticipant, look), where, "talker", 5.0) == "/talker"

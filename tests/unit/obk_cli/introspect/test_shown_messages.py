@@ -103,7 +103,7 @@ def test_one_selected_number_is_a_line() -> None:
     assert list(shower("q[1]").lines(whole())) == ["-0.25"]
 
 
-def test_an_element_that_is_not_there_is_null_as_in_yaml() -> None:
+def test_a_missing_element_is_null_as_in_yaml() -> None:
     assert list(shower("q[9]").lines(whole())) == ["null"]
 
 
@@ -136,7 +136,7 @@ def test_csv_names_its_columns_once_and_warns_once_of_others() -> None:
     assert "1 more columns than the first one, starting with `q[2]`" in warning
 
 
-def test_a_column_of_csv_stays_what_its_name_says() -> None:
+def test_a_column_of_csv_keeps_its_meaning() -> None:
     shown = shower("q", "mark", format="csv")
     list(shown.lines(Message(q=[1.0, 2.0], mark=7)))
     assert list(shown.lines(Message(q=[5.0], mark=8))) == ["5.0,,8"]

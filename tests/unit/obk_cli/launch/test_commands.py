@@ -94,7 +94,7 @@ def test_nodes_that_share_a_process_are_one_command(tmp_path: Path) -> None:
     assert "__node:=obelisk_control_1" in listed
 
 
-def test_a_package_below_a_folder_with_a_colon_is_refused_with_the_reason(tmp_path: Path) -> None:
+def test_a_package_below_a_folder_with_a_colon_is_rejected_with_the_reason(tmp_path: Path) -> None:
     package = tmp_path / "a:b" / "src" / "p"
     package.mkdir(parents=True)
     (package / "package.xml").write_text("<package><name>p</name></package>")

@@ -69,12 +69,12 @@ def look_twice(graph: Graph) -> None:
         assert graph.looked.acquire(timeout=20)
 
 
-def test_a_name_that_someone_has_is_refused() -> None:
+def test_a_name_in_use_is_rejected() -> None:
     with pytest.raises(CommandFailedError, match="domain 7 there is already /obelisk_robot_0"):
         refuse_taken_names(("/obelisk_robot_0",), Graph(("/x", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
 
 
-def test_whoever_else_moves_the_robot_is_named() -> None:
+def test_another_publisher_of_robot_commands_is_named() -> None:
     with pytest.raises(CommandFailedError, match="/teleop publishes on /ctrl") as raised:
         refuse_unknown_publishers(PLAN, Graph(("/ctrl", "/teleop")), 7)  # type: ignore[arg-type]
     assert "--allow-foreign" in (raised.value.help or "")
@@ -94,7 +94,7 @@ def test_a_publisher_of_an_external_topic_is_accepted() -> None:
     assert received.empty()
 
 
-def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
+def test_for_a_real_robot_the_check_takes_as_long_as_necessary() -> None:
     real = Plan(name="s", nodes=(replace(ROBOT, model=None),))
     assert has_hardware(real)
     assert not has_hardware(PLAN)
@@ -118,7 +118,7 @@ def test_one_without_a_name_yet_is_no_others_once_our_nodes_have_started() -> No
     assert received.empty()
 
 
-def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
+def test_a_command_allowed_to_publish_after_the_start_is_not_foreign(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     received: SimpleQueue[InputEvent] = SimpleQueue()
@@ -138,7 +138,7 @@ def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
         assert received.empty()
 
 
-def test_a_publisher_of_that_name_whose_process_is_not_here_is_a_stranger() -> None:
+def test_a_publisher_of_that_name_with_a_remote_process_is_foreign() -> None:
     with _child() as pid:
         name = f"/{ALLOWED_PUBLISHER}_{pid}"
         assert is_allowed_publisher(name, 0.0)
@@ -159,7 +159,7 @@ def _child() -> Iterator[int]:
         child.wait()
 
 
-def test_the_look_ends_with_the_run() -> None:
+def test_the_check_ends_with_the_run() -> None:
     graph = Graph()
     with watching_publishers(PLAN, graph, lambda _: None):  # type: ignore[arg-type]
         look_twice(graph)

@@ -40,7 +40,7 @@ def test_lines_come_out_in_order(pipe: tuple[int, int]) -> None:
     assert read_to_the_end_of(read_fd, "99") == [str(n) for n in range(100)]
 
 
-def test_while_no_one_reads_lines_are_left_out_and_counted(pipe: tuple[int, int]) -> None:
+def test_without_a_reader_lines_are_dropped_and_counted(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     with Screen(write_fd, room=10) as screen:
         large = "x" * (1 << 20)  # more than a pipe holds, so the writer stalls in the middle
@@ -75,7 +75,7 @@ def test_a_reader_that_leaves_is_reported(pipe: tuple[int, int]) -> None:
         screen.put("nor this")
 
 
-def test_a_reader_that_left_before_anybody_asked_is_reported_too(pipe: tuple[int, int]) -> None:
+def test_a_reader_that_left_before_the_question_is_reported_too(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     os.close(read_fd)
     screen = Screen(write_fd)
@@ -99,7 +99,7 @@ def test_a_pipe_that_does_not_wait_is_not_taken_for_closed(pipe: tuple[int, int]
     assert not is_reported.is_set()
 
 
-def test_a_full_disk_ends_nothing_and_what_it_does_not_take_is_counted(
+def test_a_full_disk_ends_nothing_and_lost_lines_are_counted(
     pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read_fd, write_fd = pipe
@@ -187,7 +187,7 @@ def test_a_stack_of_many_nodes_wraps_no_line_and_leaves_the_log_two_thirds(
     assert terminal.wrapped == 0
 
 
-def test_while_no_one_reads_lines_are_taken_and_the_end_comes(
+def test_without_a_reader_lines_are_accepted_and_it_ends(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("obk_cli.launch.console.END_S", 0.01)
@@ -198,7 +198,7 @@ def test_while_no_one_reads_lines_are_taken_and_the_end_comes(
     terminal.read_until("lines left out")  # so that the writing thread continues
 
 
-def test_what_has_not_changed_is_not_written_again(terminal: Terminal) -> None:
+def test_unchanged_rows_are_not_written_again(terminal: Terminal) -> None:
     footer = Footer(terminal.slave, lambda width, height: ["status"])
     assert footer.below("") == "status\n"
     assert footer.below("") == ""

@@ -297,9 +297,7 @@ def test_a_server_that_breaks_down_at_its_imports_forks_nothing(
     assert run.line() == "False"
 
 
-def test_a_server_leaves_out_what_is_not_installed(
-    bench: MakeBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_server_skips_missing_modules(bench: MakeBench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(preloading, "MODULES", ("no_such_module", LOADED))
     run = bench({"a": python(FORKED)})
     run.start("a")
@@ -335,7 +333,7 @@ def test_no_forked_process_outlives_a_killed_warden(bench: MakeBench, who: str) 
         process.wait(DEADLINE_S)
 
 
-def test_what_a_forked_process_forks_into_a_session_of_its_own_goes_with_it(
+def test_children_of_a_forked_process_in_their_own_session_end_with_it(
     bench: MakeBench,
 ) -> None:
     code = (

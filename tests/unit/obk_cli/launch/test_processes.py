@@ -90,7 +90,7 @@ def test_output_environment_folder_and_exit_code_come_through(
     assert run.ended() == ProcessEnded(process="/a", code=3, text=f"hi {tmp_path}")
 
 
-def test_a_program_that_is_not_there_is_reported_with_its_reason(bench: MakeBench) -> None:
+def test_a_missing_program_is_reported_with_the_reason(bench: MakeBench) -> None:
     run = bench({})
     run.processes._commands = {"/a": NodeCommand(arguments=("/no/such",), environment={})}
     run.processes.start(unit("a"))
@@ -137,7 +137,7 @@ print(child.pid, flush=True)
 """Starts a child in its own session, which starts another one; prints both IDs."""
 
 
-def test_what_hides_in_sessions_of_its_own_goes_with_its_node_and_not_with_another(
+def test_children_in_their_own_sessions_end_with_their_node_only(
     bench: MakeBench,
 ) -> None:
     run = bench({"a": f"{HIDING}time.sleep(600)", "b": f"{HIDING}time.sleep(600)"})
@@ -203,7 +203,7 @@ def test_at_the_end_each_process_is_asked_once_and_may_come_down_in_order(
     assert sent == [("group", leader, signal.SIGTERM), ("process", other, signal.SIGTERM)]
 
 
-def test_nothing_outlives_the_client_not_even_what_hides_in_a_session_of_its_own(
+def test_nothing_outlives_the_client_not_even_children_in_their_own_session(
     bench: MakeBench,
 ) -> None:
     deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
@@ -247,7 +247,7 @@ def test_the_loss_of_the_warden_is_reported_as_the_end_of_its_nodes(bench: MakeB
     assert isinstance(run.ended(), ProcessEnded)
 
 
-def test_the_loss_of_the_warden_is_reported_once_of_what_it_had_not_started_yet(
+def test_the_loss_of_the_warden_is_reported_once_for_unstarted_processes(
     bench: MakeBench,
 ) -> None:
     run = bench({"a": "import time; time.sleep(60)"})
@@ -261,7 +261,7 @@ def test_the_loss_of_the_warden_is_reported_once_of_what_it_had_not_started_yet(
     assert run.received.empty()
 
 
-def test_what_hides_in_a_session_of_its_own_does_not_outlive_a_killed_warden(
+def test_children_in_their_own_session_do_not_outlive_a_killed_warden(
     bench: MakeBench,
 ) -> None:
     code = (
@@ -290,7 +290,7 @@ def test_an_environment_larger_than_a_packet_comes_through(bench: MakeBench) -> 
 
 
 @pytest.mark.parametrize("environment", [{"A": "b\0c"}, {"A=B": "c"}])
-def test_what_cannot_be_started_leaves_the_other_nodes_alone(
+def test_a_program_that_cannot_start_does_not_affect_other_nodes(
     bench: MakeBench, environment: dict[str, str]
 ) -> None:
     run = bench({"a": "", "b": "import time; time.sleep(60)"})
@@ -315,7 +315,7 @@ def _is_alive(one: psutil.Process) -> bool:
     return one.is_running() and one.status() != psutil.STATUS_ZOMBIE
 
 
-def test_a_process_that_can_writes_where_it_is(bench: MakeBench) -> None:
+def test_a_process_that_can_dumps_its_stack(bench: MakeBench) -> None:
     code = (
         "import faulthandler, signal, time\n"
         "faulthandler.register(signal.SIGUSR1)\n"

@@ -32,7 +32,7 @@ def test_through_these_a_node_comes_only_when_asked(passed: str) -> None:
 
 
 @pytest.mark.parametrize("passed", ["deactivate", "cleanup"])
-def test_through_these_it_depends_on_what_failed(passed: str) -> None:
+def test_these_transitions_show_the_failed_step(passed: str) -> None:
     assert failed_transition(passed, f"on_{passed}: ValueError: x") == passed
     assert failed_transition(passed, "Controller.compute_control: ValueError: x") == ""
     assert failed_transition(passed, "") == passed
@@ -56,7 +56,7 @@ def status(name: str, node: str, values: tuple[tuple[str, str], ...]) -> Any:
     return SimpleNamespace(level=b"\x01", name=name, hardware_id=node, values=pairs)
 
 
-def test_what_else_is_reported_beside_rates_is_left_aside() -> None:
+def test_other_diagnostics_are_ignored() -> None:
     own = status("c: timer_ctrl", "/c", rate_values(RATE))
     other = status("c: motor", "/c", (("celsius", "41"),))
     assert rates_of(SimpleNamespace(status=[other, own])) == RatesReported(node="/c", rates=(RATE,))
@@ -82,7 +82,7 @@ def test_an_activation_without_a_time_is_none() -> None:
         assert activation_of(SimpleNamespace(status=[wrong])) is None
 
 
-def test_only_the_nodes_that_are_listened_to_are_heard() -> None:
+def test_only_subscribed_nodes_are_received() -> None:
     received: list[RatesReported] = []
     callbacks: list[Any] = []
     node = SimpleNamespace(create_subscription=lambda *given: callbacks.append(given[2]))

@@ -31,7 +31,7 @@ def test_a_configs_name_becomes_one_that_ros_takes(config: str, name: str) -> No
         ("finalized", "none"),
     ],
 )
-def test_a_refusal_says_what_is_possible(state: str, possible: str) -> None:
+def test_a_rejection_lists_the_possible_values(state: str, possible: str) -> None:
     assert rejection(state, "", 1) == (
         f"refused the transition `1` in the state `{state}`; possible here: {possible}"
     )

@@ -66,7 +66,7 @@ def test_a_robot_that_accepts_commands_again_does_not_fail_the_run() -> None:
     assert World(later=deque([rejecting(3.0), 1.0, rejecting(0.0)])).run().exit_code == 0
 
 
-def test_until_configured_activates_no_one() -> None:
+def test_until_configured_activates_no_node() -> None:
     world = World()
     world.run(until="configured")
     assert "activate" not in {transition for _, transition in world.done}
@@ -79,7 +79,7 @@ def test_until_none_makes_no_transition_but_the_last() -> None:
     assert {transition for _, transition in world.done} == {"shutdown"}
 
 
-def test_a_stop_that_is_asked_for_ends_in_order() -> None:
+def test_a_requested_stop_ends_cleanly() -> None:
     world = World(later=deque([StopRequested(reason="SIGINT")]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
@@ -97,7 +97,7 @@ def test_a_process_that_runs_no_node_such_as_the_recorder_is_ignored() -> None:
     assert end not in world.published
 
 
-def test_a_refused_activate_takes_its_tier_back_and_fails_with_the_nodes_own_words() -> None:
+def test_a_rejected_activate_rolls_its_tier_back_and_fails_with_the_nodes_own_message() -> None:
     world = World(refuses={(ESTIMATOR, "activate"): "on_activate: ValueError: no gain\nTraceback"})
     ended = world.run()
     assert ended.exit_code == 1
@@ -148,7 +148,7 @@ def test_a_process_that_dies_takes_the_stack_down_and_is_the_cause() -> None:
     assert not world.alive
 
 
-def test_a_process_that_dies_while_it_is_asked_ends_the_wait_at_once() -> None:
+def test_a_process_that_dies_during_a_request_ends_the_wait_immediately() -> None:
     world = World(silent={(ROBOT, "configure")}, later=deque([ProcessEnded(process=ROBOT, code=3)]))
     ended = world.run()
     assert ended.cause == f"{ROBOT}: the process exited with code 3"
@@ -230,7 +230,7 @@ def test_a_stop_before_a_node_is_ready_ends_it_without_a_word_of_python() -> Non
     assert ended.exit_code == 0
 
 
-def test_a_failure_in_a_transition_that_was_asked_for_is_reported_once() -> None:
+def test_a_failure_in_a_requested_transition_is_reported_once() -> None:
     world = World(
         silent={(ROBOT, "configure")},
         later=deque(
@@ -282,7 +282,7 @@ def test_a_node_that_became_active_after_its_deadline_is_deactivated() -> None:
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
 
 
-def test_a_node_in_the_middle_of_a_transition_is_asked_for_everything_in_turn() -> None:
+def test_a_node_in_the_middle_of_a_transition_gets_its_requests_in_turn() -> None:
     world = World(silent={(ROBOT, "activate")}, refuses={(ROBOT, "deactivate"): "not possible"})
     answer = world.ask_state
 
@@ -328,7 +328,7 @@ def test_a_process_that_knows_nothing_of_sigint_ends_in_order_by_it() -> None:
     assert world.run(duration_s=None).exit_code == 0
 
 
-def test_a_stop_during_the_bring_up_ends_the_wait_at_once() -> None:
+def test_a_stop_during_the_bring_up_ends_the_wait_immediately() -> None:
     world = World(silent={(ROBOT, "configure")}, mute={ROBOT})
     world.later.append(StopRequested(reason="SIGINT"))
     ended = world.run()
@@ -351,21 +351,21 @@ def test_a_second_stop_skips_the_transitions_that_are_left_and_shortens_the_grac
     assert world.now == 1.0 + 2 * 0.5
 
 
-def test_two_signals_at_once_are_one_request() -> None:
+def test_two_simultaneous_signals_are_one_request() -> None:
     stop = StopRequested(reason="SIGTERM", is_urgent=True)
     world = World(silent={(CONTROLLER, "deactivate")}, later=deque([stop, stop]))
     world.run(duration_s=None)
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
 
 
-def test_a_stop_that_is_not_urgent_hurries_no_one() -> None:
+def test_a_stop_that_is_not_urgent_does_not_hurry_nodes() -> None:
     stop = StopRequested(reason="SIGHUP")
     world = World(silent={(CONTROLLER, "deactivate")}, later=deque([stop, 1.0, stop]))
     world.run(duration_s=None)
     assert (ROBOT, "deactivate") in world.done
 
 
-def test_a_fault_in_a_transition_that_was_asked_for_elsewhere_leaves_the_stack_up() -> None:
+def test_a_fault_in_a_transition_requested_elsewhere_keeps_the_stack_running() -> None:
     fault = Failed(node=ROBOT, fault="on_configure: x", transition="configure")
     world = World(later=deque([fault]))
     ended = world.run(until="none")

@@ -15,7 +15,7 @@ from obk_cli.launch.transitions import (
 from obk_cli.runs.lifecycle import RESTING, TRANSITIONS
 
 
-def test_what_can_be_asked_for_is_what_the_launcher_knows() -> None:
+def test_possible_requests_are_those_known_to_the_launcher() -> None:
     asked = {(edge.label, edge.start) for state in RESTING for edge in edges_from(state)}
     assert asked == {(t.name, start) for t in TRANSITIONS.values() for start in t.starts}
     for name, transition in TRANSITIONS.items():

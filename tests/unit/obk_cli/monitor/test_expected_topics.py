@@ -29,7 +29,7 @@ def plan_of(*processes: PlannedNode) -> Plan:
     return Plan(name="arm", nodes=processes)
 
 
-def test_topics_stand_along_the_way_of_data_with_what_they_promise() -> None:
+def test_topics_are_in_the_order_of_the_data_with_their_expected_rates() -> None:
     plan = plan_of(
         process("c", "control", [end("/ctrl", 100.0)], [end("/est")]),
         process("e", "estimation", [end("/est", 50.0)], [end("/q"), end("/imu")]),
@@ -48,7 +48,7 @@ def test_topics_stand_along_the_way_of_data_with_what_they_promise() -> None:
     assert topics[1].made_from == ()
 
 
-def test_what_two_publish_is_wanted_from_both() -> None:
+def test_topics_with_two_publishers_are_expected_from_both() -> None:
     one, other = process("a", "control", [end("/x", 10.0)], []), end("/x", 5.0)
     both = planned_topics(plan_of(one, process("b", "control", [other], [])))
     assert both[0].expected_hz == 15.0
@@ -105,7 +105,7 @@ def test_a_simulation_that_is_too_slow_is_not_the_fault_of_its_topics(
     assert {topic.name: topic.expected_hz for topic in topics} == {**scaled, "/w": 10.0}
 
 
-def test_what_runs_as_fast_as_possible_is_not_judged() -> None:
+def test_simulations_as_fast_as_possible_are_not_judged() -> None:
     assert wanted_at(0) == {"/q0": None, "/est": None, "/ctrl": 100.0}
 
 

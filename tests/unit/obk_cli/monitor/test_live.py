@@ -137,7 +137,7 @@ def live(
     return world
 
 
-def test_before_anything_runs_it_says_so_and_then_shows_the_stack() -> None:
+def test_before_a_stack_runs_it_reports_that_and_then_shows_the_stack() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "looking for a stack")
         await world.press("a")
@@ -157,7 +157,7 @@ def test_before_anything_runs_it_says_so_and_then_shows_the_stack() -> None:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (40, 10), (20, 5)])
-def test_what_has_no_room_is_left_out_without_a_scrollbar(size: tuple[int, int]) -> None:
+def test_parts_without_room_are_left_out_without_a_scrollbar(size: tuple[int, int]) -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "dummy")
         await world.pilot.pause()
@@ -166,7 +166,7 @@ def test_what_has_no_room_is_left_out_without_a_scrollbar(size: tuple[int, int])
     live(steps, HEALTHY, size=size)
 
 
-def test_a_transition_of_the_stack_is_asked_for_before_it_is_carried_out() -> None:
+def test_a_transition_of_the_stack_is_confirmed_before_it_is_executed() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "dummy")
         await world.press("a")
@@ -222,7 +222,7 @@ def test_a_failure_is_shown_with_its_cause_and_ends_the_rest() -> None:
     assert [verb for verb, _ in live(steps, HEALTHY).asked] == ["configure", "cleanup"]
 
 
-def test_while_one_transition_goes_on_no_other_is_asked_for() -> None:
+def test_during_a_transition_no_other_is_requested() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "dummy")
         world.may_answer.clear()
@@ -255,7 +255,7 @@ def test_the_log_is_filtered_while_its_words_are_written() -> None:
     assert not live(steps, HEALTHY).asked
 
 
-def test_help_takes_the_place_of_topics_and_log_to_be_seen_whole() -> None:
+def test_help_replaces_topics_and_log_to_be_fully_visible() -> None:
     async def steps(world: World) -> None:
         await world.shows("log_text", "simulation")
         await world.press("question_mark")
@@ -316,7 +316,7 @@ def test_it_ends_by_its_keys(key: str) -> None:
 
 
 @pytest.mark.parametrize("error", [CommandFailedError("ROS 2 is not here"), KeyError("a fault")])
-def test_what_watching_fails_of_is_reported(error: Exception) -> None:
+def test_failures_of_monitoring_are_reported(error: Exception) -> None:
     async def steps(world: World) -> None:
         async with asyncio.timeout(30):
             while world.app.return_value is None:

@@ -36,7 +36,7 @@ def test_a_stamp_that_was_taken_over_reports_the_age_of_the_chain() -> None:
     assert not own.is_carried
 
 
-def test_stamps_that_were_never_set_or_are_of_another_clock_tell_nothing() -> None:
+def test_unset_stamps_and_those_of_another_clock_give_no_age() -> None:
     meter = MessageAgeMeter(2.0)
     meter.take(NOW, message(0))
     meter.take(NOW, b"\x00\x01\x00\x00")
@@ -67,7 +67,7 @@ def test_a_topic_on_which_nothing_comes_any_more_has_no_age() -> None:
     assert meter.age(NOW + 4 * S) is None
 
 
-def test_stamps_of_a_slower_topic_are_held_against_those_that_are_still_known() -> None:
+def test_stamps_of_a_slower_topic_are_compared_with_those_still_known() -> None:
     up, down = MessageAgeMeter(2.0), MessageAgeMeter(5.0)
     for number in range(20_000):  # 20 s at 1 kHz, 1 s of which is kept
         stamp = NOW + number * S // 1000

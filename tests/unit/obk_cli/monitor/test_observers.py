@@ -59,7 +59,7 @@ def answering(monkeypatch: pytest.MonkeyPatch, status: StackStatus | None) -> No
     monkeypatch.setattr(observers, "ask_status", lambda _: status)
 
 
-def test_nodes_of_a_launcher_that_never_answered_are_those_of_its_run(
+def test_nodes_of_a_silent_launcher_are_those_of_its_run(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answering(monkeypatch, None)

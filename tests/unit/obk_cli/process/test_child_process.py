@@ -24,7 +24,7 @@ def is_there(pid: int) -> bool:
         return False
 
 
-def test_a_child_is_heard_line_by_line_to_its_end() -> None:
+def test_the_output_of_a_child_is_received_line_by_line() -> None:
     lines: list[str] = []
     over = threading.Event()
     code = (
@@ -47,7 +47,7 @@ def test_a_child_has_a_session_of_its_own_and_is_killed_at_the_close() -> None:
     assert child.exit_code == -signal.SIGKILL
 
 
-def test_a_program_in_the_foreground_gives_its_exit_code() -> None:
+def test_a_program_in_the_foreground_returns_its_exit_code() -> None:
     program = [sys.executable, "-c", "import sys; sys.exit(3)"]
     assert run_in_foreground(program, os.environ) == 3
 
@@ -97,7 +97,7 @@ def test_a_child_does_not_outlive_a_starter_that_is_killed(tmp_path: Path) -> No
         eventually(lambda: not is_there(pid), "the end of the child")
 
 
-def test_two_that_ask_at_once_get_two_domains() -> None:
+def test_two_simultaneous_requests_get_two_domains() -> None:
     with free_domain() as one, free_domain() as other:
         assert one != other
         assert {one, other} <= set(range(1, 101))
@@ -105,7 +105,7 @@ def test_two_that_ask_at_once_get_two_domains() -> None:
         assert again == one
 
 
-def test_where_every_domain_is_in_use_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_if_every_domain_is_in_use_it_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("obk_cli.ros.environment._is_bound", lambda *_: False)
     output = "on this host every ROS domain from 1 to 100 is in use"
     with pytest.raises(CommandFailedError, match=output), free_domain():

@@ -142,7 +142,7 @@ def test_a_command_that_a_script_starts_in_the_background_ends_on_ctrl_c() -> No
             process.kill()
 
 
-def test_each_is_heard_and_afterwards_all_is_as_before() -> None:
+def test_each_signal_is_received_and_handlers_are_restored() -> None:
     received: list[signal.Signals] = []
     before = signal.getsignal(signal.SIGTERM)
     with handle_end_signals(received.append):

@@ -91,7 +91,7 @@ def test_parts_of_any_size_give_the_same(tmp_path: Path, monkeypatch: pytest.Mon
         assert parts.rms == pytest.approx(whole.rms)
 
 
-def test_what_the_runs_were_made_from_is_compared(tmp_path: Path) -> None:
+def test_the_configs_of_the_runs_are_compared(tmp_path: Path) -> None:
     first = written(tmp_path / "a.mcap", np.sin)
     second = written(
         tmp_path / "b.mcap", np.sin, gain=25.0, obk="0.2.0", definition=DEFINITION + "# new\n"

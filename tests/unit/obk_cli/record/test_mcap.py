@@ -49,7 +49,7 @@ def written(path: Path) -> Path:
     return path
 
 
-def test_a_recording_reports_what_is_in_it(tmp_path: Path) -> None:
+def test_a_recording_reports_its_content(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap")
     bag = read_bag(path)
     assert bag.is_complete
@@ -63,7 +63,7 @@ def test_a_recording_reports_what_is_in_it(tmp_path: Path) -> None:
     assert bag.attachments == {"plan.json": 2}
 
 
-def test_what_was_made_from_stands_before_the_messages(tmp_path: Path) -> None:
+def test_the_config_precedes_the_messages(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap")
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
@@ -108,7 +108,7 @@ def test_a_damaged_chunk_is_an_error_of_the_file(tmp_path: Path) -> None:
         open_run(path).read(["/speed"])
 
 
-def test_what_was_flushed_is_there_without_an_end(tmp_path: Path) -> None:
+def test_flushed_messages_exist_without_an_end(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     writer = BagWriter(path)
     channel = writer.add_topic("/speed", TYPE, "float64 data\n", {})
@@ -120,7 +120,7 @@ def test_what_was_flushed_is_there_without_an_end(tmp_path: Path) -> None:
     assert read_bag(path).is_complete
 
 
-def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
+def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("mine")
     with pytest.raises(CommandFailedError, match=r"a\.mcap"):
@@ -128,7 +128,7 @@ def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-def test_what_is_no_recording_is_reported(tmp_path: Path) -> None:
+def test_invalid_recordings_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("some text that is no recording")
     with pytest.raises(RecordingError, match="MCAP"):
@@ -162,7 +162,7 @@ def test_a_picture_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
-def test_a_picture_that_was_there_stays_where_no_new_one_can_be_drawn(
+def test_an_existing_picture_is_kept_if_no_new_one_can_be_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
@@ -175,7 +175,7 @@ def test_a_picture_that_was_there_stays_where_no_new_one_can_be_drawn(
     assert (tmp_path / "a.png").read_text() == "the one before"
 
 
-def test_a_recording_that_cannot_be_begun_is_reported(tmp_path: Path) -> None:
+def test_a_recording_that_cannot_be_started_is_reported(tmp_path: Path) -> None:
     gone = re.escape(f"`{tmp_path}/no/a.mcap` cannot be written: the folder {tmp_path}/no does")
     with pytest.raises(CommandFailedError, match=gone):
         BagWriter(tmp_path / "no" / "a.mcap")

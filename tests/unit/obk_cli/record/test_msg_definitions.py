@@ -43,12 +43,12 @@ def test_a_type_with_plain_fields_is_its_own_text() -> None:
     assert schema_text("builtin_interfaces/msg/Time", find) == "int32 sec\nuint32 nanosec\n"
 
 
-def test_a_text_that_misses_a_part_is_none() -> None:
+def test_an_incomplete_definition_is_none() -> None:
     texts = {("a", "A"): "b/B part\n"}
     assert schema_text("a/msg/A", lambda *name: texts.get(name)) is None
 
 
-def test_a_definition_is_read_whatever_its_comments_are_written_in(
+def test_a_definition_is_read_with_any_encoding_of_comments(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "share" / "arm_msgs" / "msg"

@@ -46,7 +46,7 @@ def test_commands_by_the_config_or_by_the_type_are_left_out(run: RecordedRun) ->
 
 
 @pytest.mark.parametrize("name", ["/arm/ctrl", "/legs/torques"])
-def test_a_command_that_is_named_is_refused_unless_on_purpose(run: RecordedRun, name: str) -> None:
+def test_a_named_command_is_rejected_unless_allowed(run: RecordedRun, name: str) -> None:
     with pytest.raises(CommandFailedError, match=f"`{name}`, which commands a robot"):
         playable_topics(run, [name], may_move=False)
     assert playable_topics(run, [name], may_move=True) == ([name], [])

@@ -44,7 +44,7 @@ def test_a_run_is_named_by_config_or_folder_and_else_the_newest_that_was_recorde
         (None, "obk launch --record"),
     ],
 )
-def test_a_missing_recording_is_reported_with_what_to_do(
+def test_a_missing_recording_is_reported_with_a_hint(
     runs: Path, name: str | None, expected: str
 ) -> None:
     if name is None:

@@ -25,13 +25,13 @@ from obk_cli.ros.parameters import KINDS, NodeParameter, fit_parameter, parse_pa
         ("[]", "bool_array", ()),
     ],
 )
-def test_a_text_stands_for_a_value_and_its_type(text: str, kind: str, value: object) -> None:
+def test_a_text_represents_a_value_and_its_type(text: str, kind: str, value: object) -> None:
     assert parse_parameter(text) == NodeParameter(kind=kind, value=value)  # type: ignore[arg-type]
     assert kind in KINDS
 
 
 @pytest.mark.parametrize("text", ["[1, a]", "[[1]]", "{a: 1}", "", "[true, 1]", "[", "9" * 20])
-def test_what_no_parameter_can_have_is_misuse(text: str) -> None:
+def test_impossible_parameters_are_misuse(text: str) -> None:
     with pytest.raises(MisuseError):
         parse_parameter(text)
 

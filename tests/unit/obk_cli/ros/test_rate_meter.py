@@ -72,14 +72,14 @@ def test_a_rate_in_simulated_time_is_that_of_its_clock(look: Any) -> None:
     assert rate.rate_hz == pytest.approx(20.0)
 
 
-def test_what_was_published_before_anybody_listened_is_no_part_of_the_rate(look: Look) -> None:
+def test_messages_from_before_the_subscription_do_not_count(look: Look) -> None:
     old = [(99 * S + n, 100 * S + n) for n in range(10)]
     new = [(100 * S + n, 100 * S + n) for n in range(10, 13)]
     assert counted(look, *old) == 0
     assert counted(look, *old, *new) == 3
 
 
-def test_what_came_while_the_asker_rested_is_counted(look: Any) -> None:
+def test_messages_during_a_pause_are_counted(look: Any) -> None:
     meter = RosMeter(look, 10.0, turn_s=0.0)
     meter.add("/imu", "p/msg/M", object)
     meter.turn()

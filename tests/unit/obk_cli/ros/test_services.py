@@ -79,13 +79,15 @@ def test_a_question_is_asked_again(client: ServiceClient, lossy: LossyClient) ->
     assert lossy.asked == 2
 
 
-def test_what_may_change_something_is_asked_once(client: ServiceClient, lossy: LossyClient) -> None:
+def test_requests_with_side_effects_are_sent_once(
+    client: ServiceClient, lossy: LossyClient
+) -> None:
     with pytest.raises(CommandFailedError, match=r"/n/get_state gave no answer within 0\.02 s"):
         client.call("request", 0.02)
     assert lossy.asked == 1
 
 
-def test_a_nodes_state_is_asked_for_again() -> None:
+def test_a_request_for_a_nodes_state_is_repeated() -> None:
     ros, node = object.__new__(LifecycleClient), LossyNode()
     vars(ros).update(_clients=node, _wait=node.answer)
     assert ros.state("/n", 60.0) == "active"

@@ -45,7 +45,7 @@ def test_a_time_that_goes_back_starts_an_epoch() -> None:
     assert clock.at(BEGIN + 3 * MS) == 1 * MS
 
 
-def test_the_pace_is_that_of_the_time_asked_for() -> None:
+def test_the_speed_is_that_at_the_requested_time() -> None:
     assert SimulatedClock().pace(BEGIN) is None
     fast = [(n, n) for n in range(2000)]
     slow = [(2000 + n, 2000 + n // 4) for n in range(2001)]

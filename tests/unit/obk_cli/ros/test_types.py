@@ -47,6 +47,6 @@ def test_nothing_is_imported_that_holds_no_messages(packages: Path, name: str) -
     assert list(packages.rglob("imported")) == []
 
 
-def test_what_is_no_type_is_none(packages: Path) -> None:
+def test_invalid_types_are_none(packages: Path) -> None:
     with pytest.raises(CommandFailedError, match="the package odd_msgs has no type"):
         find_type("odd_msgs/msg/other")

@@ -50,7 +50,7 @@ def test_get_shows_nodes_and_states(parent: Path, capsys: pytest.CaptureFixture[
         assert json.loads(capsys.readouterr().out) == {CONTROL: "inactive"}
 
 
-def test_a_state_that_no_one_knows_fails(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_state_fails(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with fake_stack(parent, {ROBOT: "unknown", CONTROL: "active"}) as stack:
         assert obk("lifecycle", "get") == 1
         stack.states[ROBOT] = "gone"
@@ -61,7 +61,9 @@ def test_a_state_that_no_one_knows_fails(parent: Path, capsys: pytest.CaptureFix
     assert f"{CONTROL}  no answer" in capsys.readouterr().out
 
 
-def test_list_shows_what_is_possible(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_shows_the_possible_transitions(
+    parent: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with fake_stack(parent, {ROBOT: "finalized", CONTROL: "inactive"}):
         assert obk("lifecycle", "list") == 0
         assert capsys.readouterr().out == (
@@ -126,7 +128,7 @@ def test_every_command_has_help_with_an_example(
     assert f"Example: obk {verb}" in capsys.readouterr().out
 
 
-def test_ros_stays_out_where_the_launcher_answers(parent: Path) -> None:
+def test_ros_is_not_used_if_the_launcher_replies(parent: Path) -> None:
     code = (
         "import sys\n"
         "from obk_cli.cli.main import main\n"
@@ -140,7 +142,7 @@ def test_ros_stays_out_where_the_launcher_answers(parent: Path) -> None:
     assert result.stdout.splitlines()[-1] == "0 False"
 
 
-def test_a_launcher_that_dies_before_it_answers_is_reported(
+def test_a_launcher_that_dies_before_it_replies_is_reported(
     parent: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lifecycle, "ask_change", lambda *_, **__: None)
@@ -224,7 +226,7 @@ def test_logs_show_the_newest_run_and_its_nodes(
         assert "does not exist" in capsys.readouterr().err
 
 
-def test_reap_ends_what_is_left_and_says_so(
+def test_reap_ends_orphans_and_reports_them(
     parent: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     marks = {"OBK_RUN": f"reaped_{os.getpid()}", "OBK_LAUNCHER": f"{PID}:{STARTED - 60}"}

@@ -24,7 +24,7 @@ def folders(tmp_path: Path) -> list[Path]:
     return made
 
 
-def test_the_newest_run_is_meant_unless_one_is_named(tmp_path: Path, folders: list[Path]) -> None:
+def test_the_newest_run_is_the_default(tmp_path: Path, folders: list[Path]) -> None:
     old, new, other = folders
     assert find_log(tmp_path, None, None) == other / "launch.log"
     assert find_log(tmp_path, "dummy", None) == new / "launch.log"
@@ -57,7 +57,7 @@ def test_a_log_of_a_run_that_reports_nothing_is_found(tmp_path: Path) -> None:
         (("dummy", "control"), "`control` is ambiguous", "choose one of `control_0`, `left/"),
     ],
 )
-def test_what_is_not_there_is_reported_with_what_is(
+def test_a_missing_name_is_reported_with_the_existing_ones(
     tmp_path: Path, folders: list[Path], names: tuple[str, str | None], message: str, help: str
 ) -> None:
     with pytest.raises(CommandFailedError, match=message) as raised:

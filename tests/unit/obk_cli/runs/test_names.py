@@ -28,7 +28,7 @@ def test_the_section_is_read_from_a_nodes_name() -> None:
     assert section_of("/obelisk_control_fast_one") == "control"
 
 
-def test_a_name_that_is_none_of_ours_has_no_section() -> None:
+def test_a_foreign_name_has_no_section() -> None:
     assert section_of("/camera") is None
     assert section_of("/obelisk_dance_0") is None
 

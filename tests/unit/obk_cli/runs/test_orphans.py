@@ -67,7 +67,7 @@ def running(code: str, marks: Mapping[str, str]) -> Iterator["subprocess.Popen[s
             process.kill()
 
 
-def test_a_process_whose_launcher_is_gone_is_found(tmp_path: Path) -> None:
+def test_a_process_whose_launcher_has_ended_is_found(tmp_path: Path) -> None:
     with running(WAIT, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
         assert process.stdout is not None
         process.stdout.readline()
@@ -77,7 +77,7 @@ def test_a_process_whose_launcher_is_gone_is_found(tmp_path: Path) -> None:
         assert not find_orphans(tmp_path, run="another")
 
 
-def test_a_process_whose_launcher_is_there_is_none(tmp_path: Path) -> None:
+def test_a_process_whose_launcher_is_running_is_no_orphan(tmp_path: Path) -> None:
     marks = launch_marks(tmp_path / RUN)
     assert marks == {"OBK_RUN": RUN, "OBK_LAUNCHER": f"{PID}:{STARTED}"}
     with running(WAIT, marks) as process:
@@ -124,7 +124,7 @@ def test_one_that_ignores_sigterm_is_killed(
         assert process.wait(DEADLINE_S) == -9
 
 
-def test_what_is_started_meanwhile_is_ended_too(
+def test_processes_started_during_the_scan_are_ended_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("obk_cli.runs.orphans.GRACE_S", 0.5)
@@ -135,7 +135,7 @@ def test_what_is_started_meanwhile_is_ended_too(
         assert start_s(int(process.stdout.readline())) is None
 
 
-def test_whoever_clears_up_is_spared(tmp_path: Path) -> None:
+def test_the_reaping_process_itself_is_spared(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; "
         "from obk_cli.runs.orphans import find_orphans; "
@@ -151,7 +151,7 @@ def test_whoever_clears_up_is_spared(tmp_path: Path) -> None:
     assert result.stdout == "0\n"
 
 
-def test_what_runs_in_a_container_is_left_to_it(
+def test_processes_in_a_container_are_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with running(WAIT, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:

@@ -122,12 +122,12 @@ def test_an_answer_of_a_later_version_is_read_as_far_as_it_is_known() -> None:
     "nodes",
     [["/a"], {}, 7, [{"node": "/a"}], [{**msgspec.to_builtins(STATUS.nodes[0]), "pid": "7"}]],
 )
-def test_an_answer_of_another_shape_is_none(nodes: object) -> None:
+def test_a_reply_of_another_shape_is_none(nodes: object) -> None:
     data = {**msgspec.to_builtins(STATUS), "nodes": nodes}
     assert decode_answer(json.dumps(data).encode(), StackStatus) is None
 
 
-def test_an_answer_to_another_request_is_none() -> None:
+def test_a_reply_to_another_request_is_none() -> None:
     assert decode_answer(encode_line(STATUS), ChangeAnswer) is None
     assert decode_answer(encode_line(Stopping()), StackStatus) is None
 
@@ -167,7 +167,9 @@ def test_the_data_of_a_change_has_no_words_of_the_wire() -> None:
         (b'{"ask": "change", "transition": "activate", "nodes": [7]}', "$.nodes[0]"),
     ],
 )
-def test_what_is_no_request_is_answered_by_a_fault_with_its_place(line: bytes, place: str) -> None:
+def test_an_invalid_request_is_answered_by_a_fault_with_its_location(
+    line: bytes, place: str
+) -> None:
     fault = decode_request(line)
     assert isinstance(fault, Fault)
     assert fault.error.startswith("invalid request: ")

@@ -47,7 +47,7 @@ def test_a_launcher_without_a_socket_gets_sigint(tmp_path: Path) -> None:
         assert process.wait(DEADLINE_S) == -signal.SIGINT
 
 
-def test_a_launcher_that_was_stopped_goes_on_to_its_end(tmp_path: Path) -> None:
+def test_a_stopped_launcher_is_continued_until_it_ends(tmp_path: Path) -> None:
     with launcher(WAIT, tmp_path) as (process, run):
         process.send_signal(signal.SIGSTOP)
         assert end_launcher(tmp_path, run, reason="test", timeout_s=DEADLINE_S) == "ended"
@@ -62,7 +62,7 @@ def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path)
         assert process.wait(DEADLINE_S) == -signal.SIGKILL
 
 
-def test_a_launcher_that_answers_is_asked_and_not_signalled(
+def test_a_launcher_that_replies_is_requested_and_not_signalled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(registry, "EXIT_S", 0.0)

@@ -71,7 +71,7 @@ def hazards(config: Path) -> set[str]:
     ],
     ids=" ".join,
 )
-def test_the_config_is_as_sound_with_the_new_node(
+def test_the_config_is_as_valid_with_the_new_node(
     arguments: tuple[str, ...], config: Path, workspace: Path
 ) -> None:
     reported = obk_new(*arguments, "--add-to", "config/dummy.yaml")
@@ -150,7 +150,7 @@ def test_its_test_leaves_out_a_stack_that_cannot_be_in_lock_step(fresh: Path) ->
 
 @pytest.mark.ros
 @pytest.mark.mujoco
-def test_its_test_passes_at_once(fresh: Path) -> None:
+def test_its_test_passes_immediately(fresh: Path) -> None:
     obk_new("controller", "foo", "--replace", "obelisk_control_0", "--add-to", "arm.yaml")
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "src/foo"],
@@ -165,12 +165,12 @@ def test_its_test_passes_at_once(fresh: Path) -> None:
     assert "3 passed" in done.stdout
 
 
-def test_a_type_that_was_asked_for_is_not_exchanged(fresh: Path) -> None:
+def test_a_requested_type_is_not_exchanged(fresh: Path) -> None:
     error = refused("estimator", "foo", "--sensor-msg", "JointEncoders", "--add-to", "arm.yaml")
     assert error.message.startswith("nothing in `robot` or `sensing` publishes JointEncoders")
 
 
-def test_the_usual_type_stays_where_the_config_has_it(config: Path) -> None:
+def test_the_usual_type_is_kept_if_the_config_has_it(config: Path) -> None:
     assert "(JointEncoders)" in obk_new("estimator", "foo", "--add-to", str(config), "--dry-run")
 
 
@@ -208,7 +208,7 @@ def test_from_outside_every_workspace_the_package_goes_into_the_configs(
     assert (workspace / "src/foo/package.xml").is_file()
 
 
-def test_what_stands_in_a_workspace_of_its_own_stays_there(
+def test_a_package_in_another_workspace_is_kept(
     config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "other" / "src").mkdir(parents=True)
@@ -258,7 +258,7 @@ def test_a_dry_run_shows_the_diff_of_the_config_and_changes_nothing(
     assert list((workspace / "src").iterdir()) == []
 
 
-def test_json_says_what_was_wired_to_what(config: Path) -> None:
+def test_json_lists_the_connections(config: Path) -> None:
     reported = json.loads(obk_new("robot", "foo", "--add-to", str(config), "--format", "json"))
     added = reported["added_to"]
     assert added["node"] == "/obelisk_robot_1"
@@ -272,11 +272,11 @@ def test_json_says_what_was_wired_to_what(config: Path) -> None:
 @pytest.mark.parametrize(
     "options", [("--device", "onboard"), ("--replace", "a"), ("--add-to", "-")], ids=" ".join
 )
-def test_options_that_need_a_config_are_refused_without_one(options: tuple[str, ...]) -> None:
+def test_options_that_need_a_config_are_rejected_without_one(options: tuple[str, ...]) -> None:
     assert isinstance(refused("controller", "foo", *options), MisuseError)
 
 
-def test_a_config_that_is_not_there_is_reported(workspace: Path) -> None:
+def test_a_missing_config_is_reported(workspace: Path) -> None:
     error = refused("controller", "foo", "--add-to", "none.yaml")
     assert error.message.startswith("`none.yaml` cannot be read")
     assert list((workspace / "src").iterdir()) == []

@@ -116,9 +116,7 @@ def test_the_difference_is_shown_and_the_question_comes_again(
     [("q", 1), ("\x03", 130), ("\x04", 1)],
     ids=["quit", "ctrl-c", "ctrl-d"],
 )
-def test_whoever_leaves_leaves_everything_as_it_was(
-    root: Path, dialogue: Dialogue, key: str, code: int
-) -> None:
+def test_quitting_changes_nothing(root: Path, dialogue: Dialogue, key: str, code: int) -> None:
     dialogue.answer("r")
     dialogue.answer(key)
     assert dialogue.end() == code
@@ -127,7 +125,9 @@ def test_whoever_leaves_leaves_everything_as_it_was(
     assert b"Traceback" not in dialogue.seen
 
 
-def test_what_cannot_be_replaced_is_not_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_that_cannot_be_replaced_are_skipped_in_questions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     for stream in ("stdin", "stderr"):
         monkeypatch.setattr(f"sys.{stream}.isatty", lambda: True)
     file = RenderedFile(path=PurePosixPath("a"), content=b"")

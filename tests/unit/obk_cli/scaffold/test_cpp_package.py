@@ -168,7 +168,7 @@ def message_stand_in(header: str, code: str) -> str:
         ("A", "a"),
     ],
 )
-def test_a_header_has_the_name_that_ros_gives_it(name: str, header: str) -> None:
+def test_a_header_has_the_name_used_by_ros(name: str, header: str) -> None:
     """Source: rosidl's generators, which convert `X2Y` to `x2_y`."""
     assert cpp_header(MessageType(package="a_msgs", name=name)) == f"a_msgs/msg/{header}.hpp"
 

@@ -55,7 +55,7 @@ def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
     assert not [path for path in made if "{" in path or path.endswith(".jinja")]
 
 
-def test_it_says_what_to_type_next(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_prints_the_next_commands(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
     output = obk_init("my_robot")
     assert output.endswith(
@@ -74,7 +74,7 @@ def test_a_dot_is_this_folder_and_its_name_the_stacks(
     assert (here / "arm/arm.yaml").read_text().count("config: arm\n") == 1
 
 
-def test_the_config_names_the_schema_that_is_there(here: Path) -> None:
+def test_the_config_names_the_existing_schema(here: Path) -> None:
     obk_init("my_robot")
     first, *_ = (here / "my_robot/my_robot.yaml").read_text().splitlines()
     marker, _, schema = first.partition("$schema=")
@@ -100,7 +100,7 @@ def test_its_config_is_valid_without_a_finding(here: Path) -> None:
         (InstallSource(archive="file:///dist/obelisk_cli-0.1.0-py3-none-any.whl"), True),
     ],
 )
-def test_every_file_installs_obk_from_where_it_came(
+def test_every_file_installs_obk_from_its_source(
     here: Path, tree: Tree, monkeypatch: pytest.MonkeyPatch, source: InstallSource, is_local: bool
 ) -> None:
     monkeypatch.setattr("obk_cli.cli.init.read_install_source", lambda: source)
@@ -177,7 +177,7 @@ def test_a_folder_whose_name_no_stack_can_have_is_misuse(here: Path, tree: Tree,
     assert tree(here) == {}
 
 
-def test_a_name_whose_packages_are_taken_is_refused(here: Path) -> None:
+def test_a_name_whose_packages_exist_is_rejected(here: Path) -> None:
     (here / "arm/src/group/mine").mkdir(parents=True)
     (here / "arm/src/group/mine/package.xml").write_text(
         "<package><name>arm_controller</name></package>"
@@ -185,19 +185,19 @@ def test_a_name_whose_packages_are_taken_is_refused(here: Path) -> None:
     assert "`arm_controller` is taken" in refused("arm").message
 
 
-def test_a_workspace_beside_another_may_have_its_name(here: Path) -> None:
+def test_a_workspace_next_to_another_may_have_its_name(here: Path) -> None:
     obk_init("one/arm")
     obk_init("two/arm")
     assert (here / "two/arm/arm.yaml").is_file()
 
 
-def test_a_package_is_no_place_for_a_workspace(here: Path) -> None:
+def test_a_package_cannot_contain_a_workspace(here: Path) -> None:
     (here / "pkg").mkdir()
     (here / "pkg/package.xml").write_text("<package/>")
     assert "is a package" in refused("pkg").message
 
 
-def test_a_file_is_no_place_for_a_workspace(here: Path) -> None:
+def test_a_file_cannot_contain_a_workspace(here: Path) -> None:
     (here / "arm").write_text("")
     assert "arm is a file" in refused("arm").message
 
@@ -209,7 +209,7 @@ def test_a_link_to_a_folder_is_that_folder_under_the_links_name(here: Path) -> N
     assert (here / "real/arm.yaml").is_file()
 
 
-def test_a_link_to_nothing_is_refused(here: Path) -> None:
+def test_a_dangling_link_is_rejected(here: Path) -> None:
     (here / "arm").symlink_to("nowhere")
     assert "which is not there" in refused("arm").message
     assert not (here / "nowhere").exists()
@@ -247,7 +247,7 @@ def test_the_workspace_passes_ruff_and_mypy(here: Path, mypy_cache: Path) -> Non
     run(here / "my_robot", "mypy", "--cache-dir", str(mypy_cache))
 
 
-def test_ruff_leaves_alone_what_building_makes_in_a_workspace_without_git(here: Path) -> None:
+def test_ruff_ignores_build_output_in_a_workspace_without_git(here: Path) -> None:
     obk_init("my_robot")
     for made_by in (".obk/build", "build", "install", "log"):
         folder = here / "my_robot" / made_by / "my_msgs"
@@ -281,7 +281,7 @@ def test_the_commands_of_its_readme_work_in_their_order(here: Path) -> None:
 
 @pytest.mark.ros
 @pytest.mark.mujoco
-def test_the_tests_of_the_workspace_pass_and_it_launches_at_once(
+def test_the_tests_of_the_workspace_pass_and_it_launches_immediately(
     here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))

@@ -163,7 +163,7 @@ def test_an_attached_model_brings_the_files_of_its_own_folder(here: Path) -> Non
     assert findings("robot/robot.yaml") == []
 
 
-def test_the_result_as_json_notes_what_was_added(here: Path) -> None:
+def test_the_json_result_contains_the_added_parts(here: Path) -> None:
     (here / "given.xml").write_text(CART)
     result = json.loads(obk_init("robot", "--model", "given.xml", "--format", "json"))
     assert len(result["notes"]) == 2
@@ -196,7 +196,7 @@ UNSTABLE = MIXED.replace('kv="0.2"', 'kv="1e6"')
         (XACRO, "is a xacro file"),
     ],
 )
-def test_what_cannot_be_a_robot_is_refused_and_nothing_is_made(
+def test_an_invalid_robot_is_rejected_and_nothing_is_created(
     here: Path, text: str, part: str
 ) -> None:
     (here / "given.xml").write_text(text)
@@ -206,5 +206,5 @@ def test_what_cannot_be_a_robot_is_refused_and_nothing_is_made(
     assert not (here / "robot").exists()
 
 
-def test_a_file_that_is_not_there_is_refused() -> None:
+def test_a_missing_file_is_rejected() -> None:
     assert "nothing.xml cannot be read" in refused("robot", "--model", "nothing.xml").message

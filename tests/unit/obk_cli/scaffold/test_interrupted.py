@@ -75,7 +75,7 @@ def prepare(root: Path, *, exists: bool) -> None:
 
 @pytest.mark.parametrize("exists", [False, True], ids=["new folder", "folder that is there"])
 @pytest.mark.parametrize("fault", [KeyboardInterrupt(), NO_ROOM], ids=["interrupt", "disk full"])
-def test_whichever_step_fails_everything_is_as_before(
+def test_after_a_failure_at_any_step_everything_is_as_before(
     tmp_path: Path, fault: BaseException, exists: bool
 ) -> None:
     prepare(tmp_path / "trial/src/foo", exists=exists)
@@ -93,7 +93,7 @@ def test_whichever_step_fails_everything_is_as_before(
         assert whole(folder) == before, f"step {at} of {count}"
 
 
-def test_a_file_that_has_changed_since_it_was_looked_at_is_kept(tmp_path: Path) -> None:
+def test_a_file_that_has_changed_since_the_check_is_kept(tmp_path: Path) -> None:
     root = tmp_path / "foo"
     prepare(tmp_path / "foo", exists=True)
     decisions = plan(root)
@@ -105,7 +105,7 @@ def test_a_file_that_has_changed_since_it_was_looked_at_is_kept(tmp_path: Path) 
     assert whole(tmp_path) == before
 
 
-def test_what_the_user_wants_to_keep_is_kept(tmp_path: Path) -> None:
+def test_files_that_the_user_keeps_are_kept(tmp_path: Path) -> None:
     root = tmp_path / "foo"
     prepare(root, exists=True)
     kept = Decision(

@@ -52,7 +52,7 @@ def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) 
     assert "amplitude = Parameter(" in (workspace / "src/foo/foo/foo.py").read_text()
 
 
-def test_the_snippet_says_who_would_wire_it(workspace: Path) -> None:
+def test_the_snippet_names_the_option_that_adds_it(workspace: Path) -> None:
     output = obk_new("estimator", "foo")
     assert "under `estimation:` in your config and replace /STACK" in output
     assert "--add-to CONFIG" in output
@@ -65,7 +65,7 @@ def test_a_misspelt_kind_is_reported_with_the_near_one() -> None:
     assert error.help == "did you mean `controller`?"
 
 
-def test_a_message_package_that_is_not_there_is_reported_of(workspace: Path) -> None:
+def test_a_missing_message_package_is_reported(workspace: Path) -> None:
     obk_new("msgs", "arm_msgs")
     result = CliRunner().invoke(app, ["controller", "foo", "--ctrl-msg", "arm_msg/Example"])
     assert result.exit_code == 0
@@ -157,14 +157,14 @@ def test_a_package_elsewhere_in_the_workspace_is_not_doubled(workspace: Path) ->
     assert f"is taken: it is a ROS package ({workspace / 'src/group/foo'})" in fault.message
 
 
-def test_all_wrong_answers_are_in_one_message() -> None:
+def test_all_invalid_options_are_in_one_message() -> None:
     fault = refused("controller", "foo", "--ctrl-msg", "PositionSetpont", "--est-msg", "x")
     assert "`PositionSetpont`" in fault.message
     assert "did you mean `PositionSetpoint`?" in fault.message
     assert "`x`" in fault.message
 
 
-def test_a_link_that_leads_out_of_the_workspace_is_refused(
+def test_a_link_that_leads_out_of_the_workspace_is_rejected(
     workspace: Path, tmp_path: Path, tree: Tree
 ) -> None:
     elsewhere = tmp_path / "elsewhere"
@@ -232,7 +232,7 @@ def test_a_dry_run_shows_a_diff_that_patch_takes(
     assert tree(patched) == tree(root)
 
 
-def test_a_dry_run_shows_what_is_in_the_way_and_fails(workspace: Path, tree: Tree) -> None:
+def test_a_dry_run_shows_existing_files_and_fails(workspace: Path, tree: Tree) -> None:
     obk_new("controller", "foo")
     (workspace / "src/foo/package.xml").write_text("mine\n")
     before = tree(workspace)

@@ -19,9 +19,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.mujoco
-def test_what_the_config_is_to_say_is_valid_in_place_of_the_example(
-    workspace: Path, repository: Path
-) -> None:
+def test_the_printed_entry_is_valid_in_the_example(workspace: Path, repository: Path) -> None:
     example = (repository / "examples/dummy/dummy_new.yaml").read_text()
     shutil.copy(repository / "examples/dummy/dummy.xml", workspace)
     made = [
@@ -72,7 +70,7 @@ def test_a_config_joins_the_nodes_of_the_workspace(workspace: Path) -> None:
 
 
 @pytest.mark.mujoco
-def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: Path) -> None:
+def test_a_config_without_a_robot_simulates_the_existing_model(workspace: Path) -> None:
     obk_new("controller", "my_control")
     obk_new("estimator", "my_estimate", "--sensor-msg", "ObkImu")
     obk_new("config", "one")
@@ -90,7 +88,7 @@ def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: P
     assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
 
 
-def test_a_config_says_which_sensors_its_model_lacks(workspace: Path) -> None:
+def test_a_config_lists_the_sensors_that_its_model_lacks(workspace: Path) -> None:
     obk_new("estimator", "my_estimate", "--sensor-msg", "ObkJointEncoders")
     (workspace / "arm.xml").write_text("<mujoco/>")
     obk_new("config", "arm")

@@ -83,7 +83,7 @@ def test_a_setup_that_is_not_plain_stops_the_addition(
         (("controller", "bar", "--lang", "cpp"), "a C++ node needs a package of its own"),
     ],
 )
-def test_what_cannot_go_into_a_package_is_reported(
+def test_invalid_package_contents_are_reported(
     workspace: Path,
     tree: Tree,
     monkeypatch: pytest.MonkeyPatch,

@@ -37,7 +37,7 @@ def found(**bodies: str) -> list[str]:
 
 
 @pytest.mark.parametrize("where", ["update", "helper", "tick", "constructor"])
-def test_a_call_of_a_service_is_found_in_whatever_the_executor_runs(where: str) -> None:
+def test_a_service_call_is_found_in_anything_the_executor_runs(where: str) -> None:
     assert found(**{where: CALL}) == ["OBK426"]
 
 

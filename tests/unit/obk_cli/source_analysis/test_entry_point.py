@@ -87,7 +87,7 @@ def test_a_method_that_the_constructor_calls_registers_too() -> None:
     assert found.components[0].is_required
 
 
-def test_a_method_registers_what_its_calls_name() -> None:
+def test_a_method_registers_the_components_named_by_its_calls() -> None:
     found = code(node("self.add('pub_a')\nself.add(name='pub_b')\nself.add('pub_c_setting')"))
     assert names(found) == ["pub_a", "pub_b", "pub_c_setting"]
     assert found.knows_components
@@ -132,7 +132,7 @@ def test_the_class_may_come_from_another_module_by_a_reexport() -> None:
         "[self.register_obk_publisher(name) for name in names]",
     ],
 )
-def test_what_is_computed_leaves_open_which_components_there_are(constructor: str) -> None:
+def test_computed_names_leave_the_components_open(constructor: str) -> None:
     assert not code(node(constructor)).knows_components
 
 
@@ -280,7 +280,7 @@ def test_parameters_of_a_list_are_of_the_kinds_of_their_defaults_behind_its_name
     assert found.items() >= {"arm.a": "float", "arm.b": "int", "arm.c": None}.items()
 
 
-def test_what_a_branch_declares_is_of_a_kind_that_is_not_known() -> None:
+def test_a_declaration_in_a_branch_has_an_unknown_kind() -> None:
     found = kinds(code(node("if x:\n    self.declare_parameter('a', 1.0)")))
     assert found["a"] is None
 
@@ -318,12 +318,12 @@ def test_only_lists_that_are_written_out_into_control_messages_have_a_length() -
         "from elsewhere import *\n",
     ],
 )
-def test_an_entry_point_whose_class_is_not_named_says_nothing(tail: str) -> None:
+def test_an_entry_point_with_an_unknown_class_reports_nothing(tail: str) -> None:
     text = f"from elsewhere import A, B, Other, make, make_main, run, x\n{HEAD}{node('pass')}{tail}"
     assert read_node_code("m", "main", lambda name: load_from({"m": text}, name)) is None
 
 
-def test_a_class_that_is_no_obelisk_node_says_nothing() -> None:
+def test_a_class_that_is_no_obelisk_node_reports_nothing() -> None:
     assert read("class Mine:\n    pass\n") is None
 
 
@@ -331,7 +331,7 @@ def test_bases_in_a_circle_end() -> None:
     assert read("class Mine(Other):\n    pass\nclass Other(Mine):\n    pass\n") is None
 
 
-def test_a_fault_in_a_base_is_reported_at_its_place() -> None:
+def test_a_fault_in_a_base_is_reported_at_its_location() -> None:
     found = read("from base import Mine\n", base="class Mine(\n")
     assert isinstance(found, CodeFault)
     assert str(found.span) == "base.py:1:11"

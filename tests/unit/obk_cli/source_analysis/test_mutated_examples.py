@@ -127,7 +127,7 @@ def findings(folder: Path, config: str) -> list[Diagnostic]:
     ],
     ids=str,
 )
-def test_one_mistake_gives_one_finding_at_its_place(mistake: Mistake, tmp_path: Path) -> None:
+def test_one_mistake_gives_one_finding_at_its_location(mistake: Mistake, tmp_path: Path) -> None:
     folder = tmp_path / mistake.stack
     shutil.copytree(EXAMPLES / mistake.stack, folder)
     file = tmp_path / mistake.file

@@ -219,13 +219,13 @@ def test_nothing_is_reported_to_a_page_of_another_name(path: str) -> None:
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_every_answer_says_what_may_run(path: str) -> None:
+def test_every_response_states_what_may_run(path: str) -> None:
     for headers in ({}, {"cookie": ""}, {"host": "robot.example"}):
         reported = asked(path, headers=headers).headers
         assert {name: reported[name.lower()] for name in HEADERS} == HEADERS
 
 
-def test_the_address_with_its_token_gives_the_page_and_a_cookie() -> None:
+def test_the_url_with_its_token_returns_the_page_and_a_cookie() -> None:
     answer = asked("/", query=f"token={TOKEN}", headers={"cookie": "", "origin": ""})
     assert answer.status == 200
     assert "<!doctype html>" in answer.body
@@ -235,7 +235,7 @@ def test_the_address_with_its_token_gives_the_page_and_a_cookie() -> None:
     assert asked("/graph", headers={"cookie": "", "x-obk-token": TOKEN}).status == 200
 
 
-def test_every_file_of_the_page_is_there_and_nothing_else() -> None:
+def test_only_the_files_of_the_page_exist() -> None:
     for name, path in FILES.items():
         answer = asked(f"/{name}")
         assert (answer.status, answer.body) == (200, path.read_text())
@@ -258,7 +258,7 @@ def test_a_stream_reports_the_stack_and_its_log() -> None:
     assert "red [ERROR]" in reported["lines"][2]
 
 
-def test_a_stream_reports_only_what_is_new() -> None:
+def test_a_stream_reports_only_changes() -> None:
     first = Snapshot(number=1, view=HEALTHY)
     same_log = Snapshot(number=2, view=replace(HEALTHY, state="inactive"))
     more_log = Snapshot(number=3, view=replace(HEALTHY, lines=("<b>bold</b>",)))
@@ -268,11 +268,11 @@ def test_a_stream_reports_only_what_is_new() -> None:
     assert events[-1][1] == {"lines": ["<b>bold</b>"]}
 
 
-def test_a_stream_says_that_nothing_runs() -> None:
+def test_a_stream_reports_that_nothing_runs() -> None:
     assert asked("/events", behind=Behind(moments=[Snapshot()])).events == [("waiting", {})]
 
 
-def test_a_stream_reports_a_field_from_where_it_was() -> None:
+def test_a_stream_resumes_a_field_at_its_position() -> None:
     behind = Behind(looks=2)
     curve = quote("/obelisk/dummy/est q")
     events = asked("/events", query=f"curve={curve}&curve={curve}", behind=behind).events
@@ -290,7 +290,7 @@ def test_a_stream_reports_a_field_from_where_it_was() -> None:
 
 
 @pytest.mark.parametrize("path", ["/events", "/history"])
-def test_too_many_fields_are_refused(path: str) -> None:
+def test_too_many_fields_are_rejected(path: str) -> None:
     query = "&".join(f"curve=/t%20f{n}" for n in range(13))
     assert asked(path, query=query).json["why"] == "more than 12 curves"
 
@@ -333,7 +333,7 @@ def test_why_a_transition_failed_is_reported() -> None:
         ("activate", 400),
     ],
 )
-def test_a_change_that_makes_no_sense_is_refused(body: object, status: int) -> None:
+def test_an_invalid_change_is_rejected(body: object, status: int) -> None:
     behind = Behind()
     answer = change(body, behind)
     assert answer.status == status

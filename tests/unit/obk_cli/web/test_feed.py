@@ -53,11 +53,11 @@ def test_the_last_stack_stays_while_the_next_one_is_waited_for(tmp_path: Path) -
     assert not last_moment(tmp_path, ended, None, HEALTHY).is_waiting
 
 
-def test_without_a_stack_there_is_nothing_to_show(tmp_path: Path) -> None:
+def test_without_a_stack_nothing_is_shown(tmp_path: Path) -> None:
     assert last_moment(tmp_path, None) == Snapshot(number=1)
 
 
-def test_what_ends_watching_is_reported_where_the_server_ends(tmp_path: Path) -> None:
+def test_the_end_of_monitoring_is_reported_at_the_end_of_the_server(tmp_path: Path) -> None:
     is_over = threading.Event()
     feed = Feed(Script(MisuseError("several stacks run")), tmp_path, is_over.set)
     feed.start()

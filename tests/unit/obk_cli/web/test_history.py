@@ -59,7 +59,7 @@ def test_a_long_run_keeps_its_extremes(tmp_path: Path) -> None:
     assert (values[0], values[-1]) == (0.0, count - 1)
 
 
-def test_a_field_that_is_not_there_does_not_take_the_others_away(tmp_path: Path) -> None:
+def test_a_missing_field_does_not_remove_the_others(tmp_path: Path) -> None:
     wrong, right = read(recorded(tmp_path, 2), "y", "x")
     assert "no field `y`" in wrong["fault"]
     assert right["lines"]

@@ -34,7 +34,7 @@ HTML = (PAGE / "index.html").read_text()
 TAGS = Tags(HTML).tags
 
 
-def test_nothing_stands_in_the_page_that_its_policy_forbids() -> None:
+def test_the_page_contains_nothing_forbidden_by_its_policy() -> None:
     for tag, attributes in TAGS:
         assert tag != "style"
         assert "style" not in attributes
@@ -42,7 +42,7 @@ def test_nothing_stands_in_the_page_that_its_policy_forbids() -> None:
         assert tag != "script" or attributes["src"]
 
 
-def test_files_that_are_asked_for_are_there() -> None:
+def test_requested_files_exist() -> None:
     named = [a.get("src") or a.get("href") for tag, a in TAGS if tag in ("script", "link")]
     assert named
     for script in SCRIPTS:

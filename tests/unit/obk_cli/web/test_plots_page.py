@@ -141,7 +141,7 @@ def test_fields_share_a_plot_or_have_their_own() -> None:
         seen(lambda: page.locator(".plot canvas").count() == 2, "the plots of the address")
 
 
-def test_a_paused_picture_stands_and_is_zoomed_and_moved() -> None:
+def test_a_paused_plot_stops_and_is_zoomed_and_moved() -> None:
     with page_of(Stack(is_recorded=False), EST, CTRL) as page:
         seen(lambda: re.search(r"q_joints\[1\]\s*\S*\d", legend(page)), "values")
         page.get_by_role("button", name="Pause").click()

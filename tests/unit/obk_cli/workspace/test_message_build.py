@@ -54,7 +54,7 @@ def asked(environment: dict[str, str]) -> list[str]:
     return Path(environment["NOTES"]).read_text().splitlines()
 
 
-def test_colcon_builds_where_a_ros_is_sourced_and_is_reported_of(
+def test_colcon_builds_with_a_sourced_ros_and_is_reported(
     workspace: Path, sourced: dict[str, str]
 ) -> None:
     notes: list[str] = []
@@ -69,7 +69,7 @@ def test_colcon_builds_where_a_ros_is_sourced_and_is_reported_of(
     assert (record["builder"], list(record["packages"])) == ("colcon", ["my_msgs"])
 
 
-def test_for_a_launch_colcon_is_asked_for_stale_messages_only(
+def test_for_a_launch_colcon_builds_stale_messages_only(
     workspace: Path, sourced: dict[str, str]
 ) -> None:
     options = BuildOptions(environment=sourced, only_messages=True)
@@ -80,7 +80,7 @@ def test_for_a_launch_colcon_is_asked_for_stale_messages_only(
     assert not Path(sourced["NOTES"]).exists()
 
 
-def test_what_colcon_does_not_build_leaves_the_overlay_as_it_was(
+def test_packages_that_colcon_does_not_build_leave_the_overlay_unchanged(
     workspace: Path, sourced: dict[str, str]
 ) -> None:
     options = BuildOptions(environment={**sourced, "EXIT_CODE": "3"})

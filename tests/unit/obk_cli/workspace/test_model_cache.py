@@ -111,7 +111,7 @@ def test_entries_do_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_the_cache_is_where_the_user_keeps_caches(tmp_path: Path) -> None:
+def test_the_cache_is_in_the_users_cache_folder(tmp_path: Path) -> None:
     assert cache_folder({}) is None
     assert cache_folder({"HOME": str(tmp_path / "nowhere")}) is None
     assert cache_folder({"HOME": str(tmp_path)}) == tmp_path / ".cache" / "obelisk" / "models"
@@ -124,7 +124,7 @@ def test_a_distribution_is_found_by_any_spelling_of_its_name() -> None:
     assert distribution_version("no-such-distribution") is None
 
 
-def test_a_model_is_compiled_once_the_files_that_it_wants_are_there(tmp_path: Path) -> None:
+def test_a_model_is_compiled_once_its_files_exist(tmp_path: Path) -> None:
     model = tmp_path / "model.xml"
     model.write_text(
         '<mujoco><asset><mesh file="part.obj"/></asset><worldbody><body><joint name="elbow"/>'

@@ -86,7 +86,7 @@ def test_a_shell_script_that_runs_a_module_leads_to_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"\x7fELF\x00\x01", b"#!/bin/sh\nexec ./other\n"])
-def test_a_program_that_is_not_python_says_nothing(tmp_path: Path, content: bytes) -> None:
+def test_a_program_that_is_not_python_reports_nothing(tmp_path: Path, content: bytes) -> None:
     scripts = package(tmp_path / "src" / "demo", "setup()") / "scripts"
     scripts.mkdir()
     (scripts / "run").write_bytes(content)
@@ -94,7 +94,7 @@ def test_a_program_that_is_not_python_says_nothing(tmp_path: Path, content: byte
     assert read(tmp_path) is None
 
 
-def test_a_package_that_lies_elsewhere_says_nothing(tmp_path: Path) -> None:
+def test_a_package_elsewhere_reports_nothing(tmp_path: Path) -> None:
     package(tmp_path / "src" / "demo")
     assert read(tmp_path) is None
 

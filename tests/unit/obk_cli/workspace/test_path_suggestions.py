@@ -33,7 +33,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("", None),
     ],
 )
-def test_a_path_where_nothing_is_may_stand_for_one(
+def test_a_missing_path_gets_a_suggestion(
     workspace: Path, written: str, suggestion: str | None
 ) -> None:
     assert did_you_mean_config(written) == suggestion

@@ -97,7 +97,7 @@ def test_a_list_is_spread_over_the_samples() -> None:
 
 
 @pytest.mark.parametrize("text", ["gain", "=1..2", "gain=", "gain=1", "gain=2..1", "gain=1..2:0"])
-def test_what_is_no_range_and_no_list_is_rejected(text: str) -> None:
+def test_invalid_ranges_and_lists_are_rejected(text: str) -> None:
     with pytest.raises(MisuseError):
         parse_varied(text)
 

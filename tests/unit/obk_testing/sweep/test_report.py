@@ -99,7 +99,7 @@ def test_the_text_names_the_command_for_a_failed_case() -> None:
     assert "out/report.html" in text
 
 
-def test_the_json_has_what_a_program_needs() -> None:
+def test_the_json_has_everything_for_programs() -> None:
     data: dict[str, Any] = summary_json(SOME, "report.html", "sweep.sqlite")
     assert json.loads(json.dumps(data)) == data
     assert (data["ok"], data["cases"], data["done"]) == (False, 5, 5)
