@@ -114,7 +114,7 @@ def test_a_robot_has_no_finding(name: str, repository: Path) -> None:
     assert outcome.diagnostics == ()
 
 
-def test_the_same_config_gives_the_same_bytes_in_every_process(repository: Path) -> None:
+def test_the_same_config_gives_identical_output_in_every_process(repository: Path) -> None:
     outputs = {
         subprocess.run(
             [sys.executable, "-c", PRINT_ALL_FORMS, *EXAMPLES],

@@ -114,7 +114,7 @@ def test_await_works_in_every_kind_of_callback(world: World) -> None:
 
 
 @pytest.mark.parametrize("has_executor", [True, False])
-def test_a_future_of_the_users_own_is_awaited(world: World, has_executor: bool) -> None:
+def test_a_future_of_the_user_is_awaited(world: World, has_executor: bool) -> None:
     node = world.node()
     future = Future(executor=node.executor if has_executor else None)
     seen: list[Any] = []

@@ -46,7 +46,7 @@ def test_runs_of_one_process_have_one_digest(start_config: Start, config: Path) 
     assert len(digests) == 1
 
 
-def test_other_seeds_have_other_bits(start_config: Start) -> None:
+def test_other_seeds_have_other_results(start_config: Start) -> None:
     digests = {start_config(ARM, seed=seed).run(0.1).digest() for seed in (0, 1, 2)}
     assert len(digests) == 3
 

@@ -82,7 +82,7 @@ def test_a_restarted_simulator_steps_on(start_config: Start) -> None:
     assert abs(trial.run(0.01).qvel[-1, 0] - before) > 0.1
 
 
-def test_a_frozen_simulator_loses_the_time(start_config: Start) -> None:
+def test_a_frozen_simulator_skips_the_time(start_config: Start) -> None:
     trial = start_config(DUMMY)
     trial.run(0.1)
     trial.freeze("robot", 0.1)

@@ -67,7 +67,7 @@ with intercepted():
 """
 
 
-def test_generators_of_modules_begin_each_trial_of_any_process_alike(start: Start) -> None:
+def test_global_random_generators_are_reset_for_each_trial(start: Start) -> None:
     def views(seed: int) -> list[str]:
         return [*map(str, start(seed=seed).run(0.1)["/hazards/views"].data[-1, 3:])]
 
@@ -79,7 +79,7 @@ def test_generators_of_modules_begin_each_trial_of_any_process_alike(start: Star
 
 
 @pytest.mark.parametrize("loop", ["sleep", "wait", "existing"])
-def test_a_simulator_with_a_thread_of_its_own_is_a_guest(start: Start, loop: str) -> None:
+def test_a_simulator_with_its_own_thread_is_a_guest(start: Start, loop: str) -> None:
     digests = set()
     for _ in range(2):
         trial = start(parameters={ROBOT: {"loop": loop}})
@@ -249,7 +249,7 @@ def test_a_restarted_node_continues(start: Start, node: str) -> None:
     assert run["/hazards/views"].at(0.7).data[2] > 0.1
 
 
-def test_a_node_is_killed_or_restarted_while_it_comes_up(start: Start) -> None:
+def test_a_node_is_killed_or_restarted_while_it_starts(start: Start) -> None:
     schedule = Schedule(bring_up={"control": 0.3, "estimation": 0.2})
     trial = start(schedule=schedule)
     trial.run(0.1)

@@ -44,7 +44,7 @@ def test_messages_of_one_time_come_in_the_order_of_publication(world: World) -> 
     assert seen == [f"{name} {number}" for number in range(3) for name in ("first", "second")]
 
 
-def test_every_subscription_has_a_copy_of_its_own(world: World) -> None:
+def test_every_subscription_has_its_own_copy(world: World) -> None:
     sender, one, two = world.node("sender"), world.node("one"), world.node("two")
     seen: list[str] = []
 
@@ -177,7 +177,7 @@ def test_a_message_of_another_type_is_an_error_of_the_publisher(world: World) ->
     assert "TypeError" in str(node.last_fault)
 
 
-def test_a_destroyed_subscription_receives_nothing_that_is_on_its_way(
+def test_a_destroyed_subscription_receives_no_messages_in_transit(
     make_world: Callable[..., World],
 ) -> None:
     world = make_world(timing=TimingModel(latency=0.01))

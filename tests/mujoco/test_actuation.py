@@ -69,7 +69,7 @@ def test_the_next_command_is_applied_immediately(action):
 
 
 @pytest.mark.parametrize("action", ["zero", "hold", "damp"])
-def test_before_the_first_command_the_robot_stays_as_it_starts(action):
+def test_before_the_first_command_the_robot_keeps_its_initial_pose(action):
     run = Run(arm(MOTORS), action)
     run.data.ctrl[:] = [3.0, 4.0]
     run.now_s += 1e6

@@ -175,7 +175,7 @@ def test_a_model_that_cannot_follow_reports_why(actuators, rejection):
     assert JointTorques(model).read(PDFeedForward(**GAINS)) == rejection
 
 
-def test_a_law_beyond_all_bounds_is_held_within_them():
+def test_an_unbounded_law_is_clipped_to_its_bounds():
     model = arm(MOTORS)
     torques = JointTorques(model)
     data = mujoco.MjData(model)

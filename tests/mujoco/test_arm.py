@@ -78,7 +78,7 @@ def test_the_speed_of_the_motion_is_that_of_its_angles():
         assert motion.at(time_s)[1] == pytest.approx((after - before) / 2e-5, abs=1e-6)
 
 
-def test_a_constant_stays_as_it_is_smoothed_and_a_step_is_followed():
+def test_a_constant_is_not_changed_by_smoothing_and_a_step_is_followed():
     assert smoothed(np.ones(6), np.ones(6), 0.002, 0.005) == pytest.approx(np.ones(6))
     value = np.zeros(6)
     for _ in range(50):

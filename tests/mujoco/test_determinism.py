@@ -84,7 +84,7 @@ def _trajectory(model, seed):
     return np.array(states), steps
 
 
-def test_two_runs_of_a_scripted_controller_are_the_same_to_the_bit(everything):
+def test_two_runs_of_a_scripted_controller_are_identical(everything):
     one, one_steps = _trajectory(everything, seed=1)
     other, other_steps = _trajectory(everything, seed=2)
     assert len(one) > 500

@@ -145,7 +145,7 @@ with mujoco.Renderer(model, 30, 40) as renderer:
 """MuJoCo's own renderer, which reads its back end from the environment when it is imported."""
 
 
-def test_a_picture_is_the_one_that_mujocos_own_renderer_draws(feed):
+def test_a_picture_equals_that_of_mujocos_own_renderer(feed):
     camera = _opened(feed)
     if isinstance(camera, str):
         pytest.skip(camera)
@@ -266,7 +266,7 @@ def test_a_missing_back_end_is_reported_with_a_hint(environment, part):
     assert part in str(caught.value)
 
 
-def test_a_back_end_that_does_not_work_is_reported_with_its_own_words():
+def test_a_broken_back_end_is_reported_with_its_own_message():
     def load(name):
         assert name == "mujoco.osmesa"
         raise AttributeError("'NoneType' object has no attribute 'glGetError'")

@@ -174,7 +174,7 @@ def test_a_model_that_does_not_compile_is_reported_in_its_words(load, tmp_path):
         ("{num_steps_per_viz: 5}", "key `model_xml_path` is missing"),
     ],
 )
-def test_a_text_that_is_no_block_is_named(tmp_path, text, part):
+def test_an_invalid_block_is_named(tmp_path, text, part):
     with pytest.raises(ObeliskConfigError) as caught:
         load_model(text, keyframe="", folder=tmp_path, share_of=lambda _: None, warn=print)
     assert part in str(caught.value)

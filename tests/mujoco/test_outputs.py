@@ -92,7 +92,7 @@ def test_stamps_are_the_multiples_of_the_period(example):
     assert stamps == [2_000_000 * number for number in range(1, 11)]
 
 
-def test_markers_go_to_both_topics_every_second(example):
+def test_markers_are_published_on_both_topics_every_second(example):
     sent = example(2_000)
     for topic in ("~/viz_geoms", "obelisk/sim/mujoco_scene_viz"):
         assert [len(message.markers) for message in sent[topic].messages] == [3, 3]

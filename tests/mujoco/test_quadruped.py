@@ -36,7 +36,7 @@ def test_the_masses_are_those_of_a_robot_of_this_size(model):
 
 
 @pytest.mark.parametrize("keyframe", ["ic", "home"])
-def test_it_stays_as_a_keyframe_has_it(model, keyframe):
+def test_it_keeps_the_pose_of_a_keyframe(model, keyframe):
     data = at_keyframe(model, keyframe)
     assert min((contact.dist for contact in data.contact), default=0.0) > -0.001
     within = (model.jnt_range[1:, 0] < data.qpos[7:]) & (data.qpos[7:] < model.jnt_range[1:, 1])
@@ -73,7 +73,7 @@ def test_a_foot_out_of_reach_gets_as_close_as_possible():
     assert far[:, 2] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_quaternion_becomes_the_matrix_that_mujoco_makes_of_it():
+def test_a_quaternion_gives_the_matrix_of_mujoco():
     x, y, z, w = quaternion = np.array([0.1, 0.2, -0.3, 0.9]) / np.sqrt(0.95)
     expected = np.zeros(9)
     mujoco.mju_quat2Mat(expected, np.array([w, x, y, z]))

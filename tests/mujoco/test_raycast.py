@@ -247,13 +247,13 @@ ROW = {"type": "height_scan", "resolution": 0.5, "size": [0.0, 2.0], "direction"
         ({"direction": [0.0, 0.0, 1.0]}, [math.nan] * 5),
     ],
 )
-def test_a_height_scan_holds_the_z_of_each_hit(steps, more, wanted):
+def test_a_height_scan_contains_the_z_of_each_hit(steps, more, wanted):
     model, data = steps
     message = _sample(model, data, "ObkScan", _settings({**ROW, **more}, site="eye"))
     assert list(message.data) == pytest.approx(wanted, nan_ok=True, abs=1e-6)
 
 
-def test_a_height_scan_along_another_direction_still_holds_heights(steps):
+def test_a_height_scan_along_another_direction_still_contains_heights(steps):
     model, data = steps
     pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0]}
     settings = _settings({**pattern, "direction": [0.0, 3.0, -3.0]}, site="eye")
@@ -438,7 +438,7 @@ def test_a_depth_camera_hits_the_ground_along_its_pixels(through, shift):
     assert np.frombuffer(message.data, np.float32) == pytest.approx(10.0 / (rows + 9.0), rel=1e-6)
 
 
-def test_the_own_body_is_not_hit_and_others_of_the_robot_are(scene, still):
+def test_rays_ignore_their_own_body_but_hit_other_bodies_of_the_robot(scene, still):
     up = {**LIDAR, "channels": 1, "vertical_fov_range": [90.0, 90.0], "offset": None}
     pattern = {**up, "horizontal_fov_range": [0.0, 0.0]}
     message = _sample(scene, still, "ObkScan", _settings(pattern, site="eye"))

@@ -53,7 +53,7 @@ def test_joint_encoders_stand_in_the_order_of_the_config(everything, moving):
     _same(message.joint_vel, moving, "right_hip_vel", "left_hip_vel")
 
 
-def test_joint_encoders_that_measure_no_velocity_have_none(everything, moving):
+def test_joint_encoders_without_velocity_sensors_have_none(everything, moving):
     message = _sample(everything, moving, "ObkJointEncoders", {"left_slide_pos": "jointpos"})
     assert message.joint_names == ["left_slide"]
     _same(message.joint_pos, moving, "left_slide_pos")

@@ -36,7 +36,7 @@ def _controls(model, step):
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_the_trajectory_is_that_of_mj_step_to_the_bit(everything, integrator):
+def test_the_trajectory_is_identical_to_that_of_mj_step(everything, integrator):
     model = _with_integrator(everything, integrator)
     simulation, inbox = _simulation(model)
     simulation.reset(None)
@@ -98,7 +98,7 @@ def test_a_reset_goes_to_the_keyframe_with_its_control(dummy):
     assert simulation.data.ctrl.tolist() == [-1.0], "a control from before the reset is forgotten"
 
 
-def test_without_a_keyframe_a_reset_goes_to_the_models_own_start(dummy):
+def test_without_a_keyframe_a_reset_restores_the_models_default(dummy):
     simulation, _ = _simulation(dummy)
     simulation.reset("other")
     simulation.advance(10)
@@ -141,7 +141,7 @@ def test_a_control_acts_on_the_next_step_until_a_newer_one_arrives(everything):
     assert simulation.data.ctrl.tolist() == [0.5, -0.5]
 
 
-def test_two_runs_with_the_same_controls_are_equal_to_the_bit(dummy):
+def test_two_runs_with_the_same_controls_are_identical(dummy):
     def run():
         simulation, inbox = _simulation(dummy)
         simulation.reset("ic")

@@ -13,7 +13,7 @@ def _done(text):
     return lambda: StepResult(is_done=True, text=text)
 
 
-def test_actions_are_carried_out_in_the_order_in_which_they_came():
+def test_actions_are_executed_in_order_of_arrival():
     requests = StepQueue()
     asked = [requests.submit(_done(text)) for text in ("one", "two")]
     assert requests.is_waiting()
@@ -33,7 +33,7 @@ def test_a_canceled_request_is_not_executed():
     assert wanted.result(0).is_done
 
 
-def test_a_fault_is_reported_to_both_sides():
+def test_a_fault_is_reported_on_both_ends():
     def fail():
         raise RuntimeError("the simulation diverged")
 

@@ -56,7 +56,7 @@ def trial(step: float = 0.1) -> TrialResult:
     )
 
 
-def test_a_recording_holds_the_trial(result: TrialResult, tmp_path: Path) -> None:
+def test_a_recording_contains_the_trial(result: TrialResult, tmp_path: Path) -> None:
     path = tmp_path / "trial.mcap"
     path.write_text("of an earlier run")
     write_recording(path, result, {"test": "t.py::test_x"})

@@ -212,7 +212,7 @@ def test_size_and_rate_are_the_requested_ones_or_the_cameras(simulation):
     assert (order.width, order.height, order.rate_hz) == (320, 200, 100)
 
 
-def test_a_camera_whose_pictures_do_not_fit_is_reported_with_a_size_that_does(simulation):
+def test_a_camera_with_oversized_pictures_is_reported_with_a_valid_size(simulation):
     with pytest.raises(ObeliskConfigError) as caught:
         video_job(simulation.model, read_video("out.mp4", "odd", "", 0))
     assert str(caught.value) == (

@@ -67,7 +67,7 @@ def test_until_the_first_state_the_model_is_in_its_initial_state(model: mujoco.M
         assert states.data.geom_xpos[1].tolist() == [0.0, 0.0, 1.0]
 
 
-def test_states_come_in_order_or_only_the_newest(model: mujoco.MjModel) -> None:
+def test_states_arrive_in_order_or_only_the_newest(model: mujoco.MjModel) -> None:
     data = mujoco.MjData(model)
     with link() as (ours, theirs):
         states, sender = States(model, theirs), StateSender(model, data, ours, lambda *_: None)
@@ -136,7 +136,7 @@ def test_a_state_of_100_kilobytes_arrives() -> None:
     assert states.data.userdata[-1] == 3.0
 
 
-def test_a_state_that_no_packet_holds_is_reported_once() -> None:
+def test_a_state_too_large_for_a_packet_is_reported_once() -> None:
     large = with_user_data(2_000_000)
     received: list[tuple[str, str]] = []
     with link() as (ours, _):
@@ -151,7 +151,7 @@ def test_a_state_that_no_packet_holds_is_reported_once() -> None:
     assert "sysctl -w net.core.wmem_max=" in text
 
 
-def test_words_cross_the_same_link_until_it_ends() -> None:
+def test_texts_use_the_same_link_until_it_ends() -> None:
     with link() as (ours, theirs):
         send_message(theirs, "info", "shown at http://127.0.0.1:8080")
         send_message(theirs, "warning", "größer: als")

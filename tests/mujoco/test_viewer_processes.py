@@ -151,7 +151,7 @@ def test_a_port_that_is_taken_is_reported(looking: Callable[..., Looked]) -> Non
     ]
 
 
-def test_a_library_that_is_not_installed_is_reported_with_the_extra_that_brings_it(
+def test_a_missing_library_is_reported_with_its_extra(
     looking: Callable[..., Looked], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     missing = 'raise ModuleNotFoundError("No module named \'viser\'", name="viser")\n'

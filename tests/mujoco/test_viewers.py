@@ -30,7 +30,7 @@ def test_no_viewer_is_the_default() -> None:
     assert requested_viewers(parameters()) == ()
 
 
-def test_a_web_viewer_has_a_port_and_a_native_one_has_none() -> None:
+def test_only_a_web_viewer_has_a_port() -> None:
     assert requested_viewers(parameters(viewer="web")) == (
         ViewerRequest(kind="web", arguments=("0",)),
     )

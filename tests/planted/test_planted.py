@@ -86,7 +86,7 @@ def test_every_planted_fault_is_found_at_its_location_with_its_help(
     assert sorted(received, key=str) == expected
 
 
-def test_there_are_sixty_kinds_of_faults_in_the_one_file() -> None:
+def test_the_file_has_sixty_kinds_of_faults() -> None:
     codes = {fault[3] for fault in planted(HERE / "stack.yaml")}
     assert len(codes) >= 60
 

@@ -139,7 +139,7 @@ def test_no_value_is_too_odd_anywhere(text: str, odd: str, seed: int) -> None:
 
 
 @given(NEARLY_YAML)
-def test_places_lie_inside_the_text(text: str) -> None:
+def test_locations_are_inside_the_text(text: str) -> None:
     source = SourceFile.of("f", text)
     parsed = parse_source(source)
     for diagnostic in parsed.diagnostics:

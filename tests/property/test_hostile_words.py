@@ -157,7 +157,7 @@ def test_a_message_of_any_content_moves_no_terminal(value: object) -> None:
 
 
 @given(st.text(), st.integers(-9, 9), st.dictionaries(st.sampled_from(RATE_KEYS), st.text()))
-def test_a_status_of_any_content_is_a_rate_or_none(
+def test_a_status_of_any_content_is_a_rate_or_ignored(
     name: str, level: int, values: dict[str, str]
 ) -> None:
     parse_rate(name, level, values)

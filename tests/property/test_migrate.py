@@ -55,7 +55,7 @@ def comments(text: str) -> list[str]:
 
 @pytest.mark.mujoco
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)
-def test_a_config_compiles_to_the_same_plan_in_either_spelling(path: Path) -> None:
+def test_a_config_compiles_to_the_same_plan_in_either_format(path: Path) -> None:
     text = path.read_bytes().decode()
     there = migrated(text, "key")
     back = migrated(there, "seed")
@@ -66,7 +66,7 @@ def test_a_config_compiles_to_the_same_plan_in_either_spelling(path: Path) -> No
 
 
 @pytest.mark.parametrize("name", ["seed/dummy.yaml", "seed/dummy_py_sections.yaml"])
-def test_the_seeds_come_back_byte_for_byte(name: str) -> None:
+def test_the_seeds_round_trip_byte_for_byte(name: str) -> None:
     text = (CORPUS / name).read_text()
     there = migrated(text, "key")
     assert "\nonboard:" not in there

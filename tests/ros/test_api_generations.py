@@ -265,7 +265,7 @@ def test_a_base_class_with_message_types_warns_of_missing_settings(
     assert capfd.readouterr().err.count("left out") == 2
 
 
-def test_a_base_class_whose_settings_are_separate_parameters_requires_all() -> None:
+def test_a_base_class_with_separate_parameters_requires_all() -> None:
     settings = {"timer_ctrl_setting": "timer_period_sec:0.1"}
     with spinning(lambda: TypedController(**settings)) as node:
         assert not request(node, "configure")
@@ -278,7 +278,7 @@ def test_existing_code_reads_the_node_name() -> None:
         assert node.node_name == "typed"
 
 
-def test_a_wrong_argument_names_the_node() -> None:
+def test_an_invalid_argument_names_the_node() -> None:
     with spinning(lambda: ObeliskNode("arm")) as node:
         sentence = "register_obk_timer of the node `arm`: `callback` is 3"
         with pytest.raises(ObeliskConfigError, match=sentence):

@@ -84,7 +84,7 @@ def test_without_the_run_registry_the_graph_alone_is_enough(
     assert run.process.returncode == 0, run.text
 
 
-def test_stop_brings_the_stack_down_in_order_and_waits_for_it() -> None:
+def test_stop_ends_the_stack_cleanly_and_waits_for_it() -> None:
     with launched(DUMMY, "--quiet") as run:
         result = obk("stop")
         assert (result.returncode, result.stdout) == (0, "dummy: ended\n")

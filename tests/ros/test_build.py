@@ -140,7 +140,7 @@ def test_a_deleted_package_is_removed_from_the_overlay(workspace: Path) -> None:
     assert (overlay / "share" / "task_msgs").is_dir()
 
 
-def test_a_wrong_definition_leaves_the_overlay_as_it_was(workspace: Path) -> None:
+def test_an_invalid_definition_leaves_the_overlay_unchanged(workspace: Path) -> None:
     overlay = workspace / ".obk" / "overlay"
     before = overlay.resolve()
     (workspace / "src" / "task_msgs" / "msg" / "Task.msg").write_text("arm_msgs/Raech step\n")
@@ -152,7 +152,7 @@ def test_a_wrong_definition_leaves_the_overlay_as_it_was(workspace: Path) -> Non
     assert [f.name for f in overlay.parent.glob("overlay-*")] == [before.name]
 
 
-def test_interrupted_the_overlay_stays_as_it_was(workspace: Path) -> None:
+def test_an_interrupt_leaves_the_overlay_unchanged(workspace: Path) -> None:
     overlay = workspace / ".obk" / "overlay"
     before = overlay.resolve()
     command = [OBK, "build", "--clean", "--workspace", workspace]
@@ -237,7 +237,7 @@ def test_a_launch_that_is_interrupted_while_it_builds_starts_nothing(workspace: 
     assert "starting" not in launch.text
 
 
-def test_a_launch_does_not_start_with_a_definition_that_is_wrong(workspace: Path) -> None:
+def test_a_launch_does_not_start_with_an_invalid_definition(workspace: Path) -> None:
     config = make_nodes(workspace)
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("uint8 a 256\n")
     done = obk("launch", config)

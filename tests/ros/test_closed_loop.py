@@ -152,6 +152,6 @@ def test_hardware_is_rejected_without_a_traceback(repository: Path, tmp_path: Pa
     assert "Traceback" not in done.stdout + done.stderr
 
 
-def test_no_test_and_no_such_test_are_misuse(folder: Path) -> None:
+def test_an_empty_selection_and_an_unknown_test_are_misuse(folder: Path) -> None:
     assert run(folder, "-k", "nothing_at_all").returncode == 2
     assert run(folder, "--again", "tests/no.py::test_x[seed1]").returncode == 2

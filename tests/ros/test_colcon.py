@@ -108,7 +108,7 @@ def test_colcon_runs_the_tests_of_generated_packages(colcon: Path, built: Path) 
         assert sum(int(suite.attrib["tests"]) for suite in suites) >= 2
 
 
-def test_pip_installs_a_generated_package_so_that_its_source_stays_in_use(
+def test_pip_installs_a_generated_package_in_editable_mode(
     colcon: Path, workspace: Path, tmp_path: Path
 ) -> None:
     prefix = tmp_path / "prefix"

@@ -95,7 +95,7 @@ def test_ros_arguments_hold_for_their_node_only(
     assert [line.rpartition("] ")[2] for line in details] == ["[left.arm]: a detail"]
 
 
-def test_a_signal_brings_all_down_in_order_and_lets_the_programs_finish(
+def test_a_signal_stops_all_cleanly_and_lets_the_programs_finish(
     compose: Callable[..., Composed],
 ) -> None:
     composed = compose(entry("/a", "held"), entry("/b"))
@@ -107,7 +107,7 @@ def test_a_signal_brings_all_down_in_order_and_lets_the_programs_finish(
     ]
 
 
-def test_a_callback_that_raises_fails_its_own_node_only(compose: Callable[..., Composed]) -> None:
+def test_a_callback_that_raises_fails_only_its_node(compose: Callable[..., Composed]) -> None:
     composed = compose(entry("/a"), entry("/b", "raising"))
     composed.activate("/a")
     composed.set_off("/b")
@@ -174,7 +174,9 @@ def test_a_missing_module_is_reported_for_its_node(
     assert composed.lines[-1] == ("/b: python -m no_such: ImportError: No module named no_such")
 
 
-def test_wrong_ros_arguments_are_reported_for_their_node(compose: Callable[..., Composed]) -> None:
+def test_invalid_ros_arguments_are_reported_for_their_node(
+    compose: Callable[..., Composed],
+) -> None:
     composed = compose(entry("/a"), entry("/b", "main", "-p", "gain"))
     assert composed.end() == 1
     assert composed.lines[-1].startswith("/b: the node cannot be made: RCLInvalidROSArgsError")

@@ -141,7 +141,7 @@ def both(hosts: tuple[Host, Host], config: Path) -> Iterator[tuple[Launched, Lau
             yield lead, follower
 
 
-def test_the_lead_brings_all_up_and_down(hosts: tuple[Host, Host], config: Path) -> None:
+def test_the_lead_starts_and_stops_all(hosts: tuple[Host, Host], config: Path) -> None:
     with both(hosts, config) as (lead, follower):
         for node in (ROBOT, ESTIMATOR, CONTROLLER):
             state = hosts[0].obk("lifecycle", "get", node)

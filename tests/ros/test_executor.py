@@ -69,7 +69,7 @@ def test_parameters_and_services_work_while_it_runs(one: World) -> None:
     assert answers[1].values[0].integer_value == 7
 
 
-def test_a_coroutine_service_may_wait_for_a_client_of_its_own_group(one: World) -> None:
+def test_a_coroutine_service_may_wait_for_a_client_of_the_same_group(one: World) -> None:
     node = one.node()
     client = node.create_client(GetState, "inner")
     node.create_service(GetState, "inner", _label("inner"), callback_group=ReentrantCallbackGroup())

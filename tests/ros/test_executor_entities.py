@@ -190,7 +190,7 @@ def test_a_thousand_rounds_of_every_entity_leak_no_descriptor(one: World) -> Non
     assert after[1] <= after[0] + 2
 
 
-def test_nodes_that_come_and_go_leak_no_descriptor(one: World) -> None:
+def test_created_and_destroyed_nodes_leak_no_descriptor(one: World) -> None:
     one.node()
     counts = []
     with one.spinning():
@@ -223,7 +223,7 @@ def test_after_shutdown_neither_descriptor_nor_thread_is_left() -> None:
         assert threading.active_count() <= before_threads
 
 
-def test_a_shutdown_within_a_callback_leaves_no_descriptor_either() -> None:
+def test_a_shutdown_within_a_callback_leaks_no_descriptor() -> None:
     with world() as made:
         node = Node("node", context=made.context)
         before_fds = open_fds()
@@ -254,7 +254,7 @@ def test_an_unreferenced_executor_releases_everything() -> None:
 
 
 @pytest.mark.parametrize("num_threads", [1, 2])
-def test_a_removed_node_is_let_go_without_another_spin(num_threads: int) -> None:
+def test_a_removed_node_is_released_without_another_spin(num_threads: int) -> None:
     with world(num_threads) as made:
         node = Node("node", context=made.context)
         made.executor.spin_once(0)
@@ -287,7 +287,7 @@ def test_a_guard_condition_that_was_triggered_and_destroyed_calls_nothing(one: W
     assert not called
 
 
-def test_entities_of_reentrant_groups_may_go_while_other_threads_run_them() -> None:
+def test_entities_of_reentrant_groups_may_be_destroyed_while_other_threads_run_them() -> None:
     with world(num_threads=3) as made:
         node = made.node()
         group = ReentrantCallbackGroup()

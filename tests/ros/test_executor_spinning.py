@@ -160,7 +160,7 @@ def test_shutdown_reports_of_a_callback_that_takes_too_long(one: World) -> None:
     assert one.executor.shutdown(timeout_sec=DEADLINE_S)
 
 
-def test_an_exception_on_another_thread_comes_out_of_spin() -> None:
+def test_an_exception_on_another_thread_leaves_spin() -> None:
     with world(num_threads=2) as made:
         node = made.node()
 

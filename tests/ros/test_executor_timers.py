@@ -31,7 +31,7 @@ def one() -> Iterator[World]:
 
 
 @pytest.mark.parametrize("clock_type", [ClockType.STEADY_TIME, ClockType.SYSTEM_TIME])
-def test_a_timer_is_never_early_and_rests_while_it_is_cancelled(
+def test_a_timer_is_never_early_and_stops_while_it_is_cancelled(
     one: World, clock_type: ClockType
 ) -> None:
     node = one.node()

@@ -121,7 +121,7 @@ def test_a_second_configure_replaces_the_entities_of_the_first(node: Any) -> Non
         ("callback_group_settings", "fast:Nope", ValueError),
     ],
 )
-def test_configure_raises_for_a_wrong_setting_and_works_once_it_is_right(
+def test_configure_raises_for_an_invalid_setting_and_works_once_corrected(
     node: Any, parameter: str, value: str, error: type[Exception]
 ) -> None:
     give(node, **{**SETTINGS, parameter: value})

@@ -45,7 +45,7 @@ def findings(config: Path, capsys: Capture) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("config", ["lab_simulated.yaml", "lab_hardware.yaml"])
-def test_nothing_is_wrong_with_it(workspace: Path, config: str, capsys: Capture) -> None:
+def test_it_has_no_findings(workspace: Path, config: str, capsys: Capture) -> None:
     assert findings(workspace / "config" / config, capsys) == []
 
 
@@ -58,7 +58,7 @@ def test_a_cpp_package_that_is_not_built_is_the_only_finding(
 
 
 @pytest.mark.parametrize("config", ["lab_simulated.yaml", "lab_hardware.yaml"])
-def test_the_other_spelling_has_the_same_parameters(
+def test_the_other_format_has_the_same_parameters(
     workspace: Path, config: str, capsys: Capture
 ) -> None:
     original = workspace / "config" / config

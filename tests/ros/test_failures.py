@@ -107,7 +107,7 @@ def test_a_raise_in_a_transition_is_shown_with_its_traceback_and_taken_back(
     assert "failed: /obelisk_control_0: " in shown
 
 
-def test_a_launcher_started_with_sigint_ignored_ends_at_sigint_all_the_same() -> None:
+def test_a_launcher_started_with_sigint_ignored_still_ends_at_sigint() -> None:
     """As a shell script starts background processes."""
     command = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", OBK]
     command += patient("launch", DUMMY, "--quiet")

@@ -46,7 +46,7 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_killed_launcher_leaves_a_whole_film_or_none(tmp_path: Path) -> None:
+def test_a_killed_launcher_leaves_a_complete_film_or_none(tmp_path: Path) -> None:
     require_opengl()
     path = tmp_path / "out.mp4"
     with launched(DUMMY, "--render", path, "--render-size", "160x120", *PATIENT) as run:

@@ -103,7 +103,7 @@ def test_the_joint_follows_the_controller_and_nothing_is_left(watcher: Watcher) 
 
 
 @pytest.mark.slow
-def test_a_dead_drive_is_reported_and_the_robot_comes_back_with_it(watcher: Watcher) -> None:
+def test_a_dead_drive_is_reported_and_the_robot_recovers_with_it(watcher: Watcher) -> None:
     with drive() as (process, port):
         with launched(CONFIG, *at(port)) as run:
             watcher.wait_for_a_swing()

@@ -113,7 +113,7 @@ def is_read(source: Numbered, count: int = 1) -> bool:
     return len(buffers) == count and not any(buffer.dds_may_hold_messages for buffer in buffers)
 
 
-def test_without_a_listener_outside_no_message_goes_by_dds(sent: list[int]) -> None:
+def test_without_an_outside_subscriber_no_message_uses_dds(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         received = [listener(made.node("one")), listener(made.node("other"))]
@@ -124,7 +124,7 @@ def test_without_a_listener_outside_no_message_goes_by_dds(sent: list[int]) -> N
     assert not sent
 
 
-def test_a_listener_outside_comes_and_goes_and_each_end_gets_each_message_once(
+def test_an_outside_subscriber_joins_and_leaves_and_each_end_gets_each_message_once(
     sent: list[int],
 ) -> None:
     with world() as made:

@@ -38,7 +38,7 @@ def seed() -> str:
     ],
     ids=lambda path: Path(path).stem,
 )
-def test_a_listing_is_the_documents_word_for_word(path: str, seed: str) -> None:
+def test_a_listing_is_the_documents_literally(path: str, seed: str) -> None:
     listing = Path(path).read_text()
     # The module's own first docstring is not in the listing.
     _, _, body = listing.partition('"""\n') if listing.startswith('"""') else ("", "", listing)
@@ -46,7 +46,7 @@ def test_a_listing_is_the_documents_word_for_word(path: str, seed: str) -> None:
 
 
 @pytest.mark.parametrize("path", sorted(MAINS.glob("*.py")), ids=lambda path: path.stem)
-def test_a_main_listing_comes_up_and_ends_by_a_signal(path: Path) -> None:
+def test_a_main_listing_starts_and_ends_by_a_signal(path: Path) -> None:
     query = [Path(sys.executable).with_name("obk"), "lifecycle", "get", "listing"]
     with subprocess.Popen([sys.executable, path, "--ros-args", "-r", "__node:=listing"]) as process:
         try:

@@ -139,7 +139,7 @@ def test_the_config_sets_the_initial_values() -> None:
         ({"limits": [1, 2, 3]}, "`limits` has 3 items, expected 2"),
     ],
 )
-def test_a_wrong_value_of_the_config_is_named(given: dict[str, Any], fault: str) -> None:
+def test_an_invalid_value_of_the_config_is_named(given: dict[str, Any], fault: str) -> None:
     rclpy.init()
     try:
         with pytest.raises(ObeliskConfigError, match=fault):
@@ -178,7 +178,7 @@ def ask_each(node: Any, *sent: Any) -> list[tuple[bool, str]]:
     return [(result.successful, result.reason) for result in results]
 
 
-def test_a_stored_value_is_used_at_configure_and_seen_there() -> None:
+def test_a_stored_value_is_used_at_configure() -> None:
     with spinning(Tuned) as node:
         activate(node)
         assert ask_each(node, message("horizon", 20)) == [(True, STORED)]
@@ -357,7 +357,7 @@ def test_subclasses_change_defaults_and_replace_parameters() -> None:
         (lambda: Parameter(None), "is None, expected a bool"),  # type: ignore[type-var]
     ],
 )
-def test_a_wrong_declaration_is_named(make: Callable[[], object], fault: str) -> None:
+def test_an_invalid_declaration_is_named(make: Callable[[], object], fault: str) -> None:
     with pytest.raises(ObeliskConfigError, match=fault):
         make()
 

@@ -166,7 +166,7 @@ def test_subscriptions_of_the_run_need_no_dds(sent: list[int], peers: Peers) -> 
     assert is_gapless(own)
 
 
-def test_a_listener_outside_comes_and_goes_and_each_end_gets_each_message_once(
+def test_an_outside_subscriber_joins_and_leaves_and_each_end_gets_each_message_once(
     sent: list[int], peers: Peers
 ) -> None:
     with published(sent) as (_made, source, await_bypass):
@@ -310,7 +310,7 @@ def test_a_large_message_keeps_its_order_between_small_ones(sent: list[int]) -> 
     assert is_gapless(got)
 
 
-def test_a_tap_counts_each_message_once_while_listeners_come_and_go(
+def test_a_tap_counts_each_message_once_while_subscribers_join_and_leave(
     sent: list[int], peers: Peers
 ) -> None:
     with published(sent) as (_made, source, await_bypass), world() as other:
@@ -346,7 +346,7 @@ def test_a_tap_counts_each_message_once_while_listeners_come_and_go(
     assert drops.count == len(got) - 1
 
 
-def test_turned_off_everything_goes_through_dds(
+def test_if_disabled_everything_uses_dds(
     sent: list[int], peers: Peers, monkeypatch: pytest.MonkeyPatch, sockets: Path
 ) -> None:
     monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, LOCAL_TRANSPORT_OFF)

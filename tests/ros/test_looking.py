@@ -134,7 +134,7 @@ def test_fields_are_shown_as_text_json_and_csv(talker: Talker) -> None:
 
 
 @pytest.mark.slow
-def test_bytes_that_are_no_message_of_the_type_are_reported(talker: Talker) -> None:
+def test_invalid_bytes_are_reported(talker: Talker) -> None:
     reported = (
         "a message came on /arm/broken that is no geometry_msgs/msg/PointStamped as it is built"
     )
@@ -164,7 +164,7 @@ def test_a_silent_topic_and_a_missing_one_end_with_a_message(
     eventually(is_near, "the topic that is meant")
 
 
-def test_an_empty_domain_is_reported_to_be_empty() -> None:
+def test_an_empty_domain_is_reported_as_empty() -> None:
     for words in (
         ("topic", "list"),
         ("node", "list"),

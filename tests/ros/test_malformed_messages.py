@@ -43,7 +43,7 @@ def is_refused(publisher: Any, run: Launched) -> bool:
     return "`u_mujoco` has the length 3" in run.text
 
 
-def test_bytes_that_are_no_message_end_neither_robot_nor_stack() -> None:
+def test_invalid_bytes_end_neither_robot_nor_stack() -> None:
     with launched(DUMMY, "--allow-foreign") as run:
         rclpy.init()
         try:

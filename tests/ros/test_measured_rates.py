@@ -65,7 +65,7 @@ def measured(node: Node, topic: str) -> tuple[Any, float]:
     return rate, 999 / own_s
 
 
-def test_a_measured_rate_is_the_publishers_own() -> None:
+def test_a_measured_rate_is_that_of_the_publisher() -> None:
     rclpy.init()
     try:
         node = rclpy.create_node("quick")

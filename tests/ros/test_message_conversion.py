@@ -28,7 +28,7 @@ def one() -> Iterator[World]:
         yield made
 
 
-def test_bytes_that_are_no_message_are_reported_of_and_reach_no_callback(
+def test_invalid_bytes_are_reported_and_reach_no_callback(
     one: World, capfd: pytest.CaptureFixture[str]
 ) -> None:
     node = one.node()

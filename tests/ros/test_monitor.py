@@ -109,7 +109,7 @@ def test_each_period_is_a_line_until_the_stack_ends_and_then_nothing_runs() -> N
     assert "`obk monitor --once`" in in_a_pipe.stderr
 
 
-def test_a_stack_whose_launcher_is_not_here_is_reported_by_its_nodes(tmp_path: Path) -> None:
+def test_a_stack_with_a_remote_launcher_is_reported_by_its_nodes(tmp_path: Path) -> None:
     elsewhere = {"OBK_HOME": str(tmp_path / "other_host")}
     seen: dict[str, Any] = {}
 

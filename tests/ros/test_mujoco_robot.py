@@ -170,7 +170,7 @@ def test_every_finding_about_the_block_is_reported_and_a_corrected_block_is_acce
         assert request(node, "configure")
 
 
-def test_rays_and_pictures_are_published_or_it_is_reported_why_there_are_none(
+def test_rays_and_pictures_are_published_or_their_absence_is_explained(
     tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "seeing.xml").write_text(SEEING)
@@ -237,7 +237,7 @@ class _SteppingRobot(_VelocityRobot):
 @pytest.mark.parametrize(
     "robot", [_VelocityRobot, _TranslatingRobot, _SteppingRobot, _EndlessRobot]
 )
-def test_an_inheriting_robot_reads_control_messages_of_its_own(
+def test_an_inheriting_robot_reads_its_own_control_messages(
     robot: type[ObeliskMujocoRobot],
 ) -> None:
     with simulator(None, robot, VelocityCommand, sub_ctrl_setting="topic:/ctrl") as (node, _):
@@ -267,7 +267,7 @@ def test_a_run_starts_from_the_keyframe_with_its_control() -> None:
         assert all(message.y[0] == pytest.approx(-1.0, abs=0.02) for message in encoders)
 
 
-def test_a_control_is_followed_and_a_wrong_one_is_not() -> None:
+def test_a_valid_control_is_followed_and_an_invalid_one_is_not() -> None:
     with simulator() as (node, collect):
         encoders = collect(JointEncoders, "/joint_encoders")
         control = node.create_publisher(PositionSetpoint, "/ctrl", 10)
@@ -292,7 +292,7 @@ def _asked(node: Any, kind: type[Any], name: str, **fields: Any) -> Any:
     return answer.result()
 
 
-def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
+def test_it_pauses_steps_and_resets() -> None:
     with simulator(use_sim_time=True) as (node, collect):
         clock = collect(Clock, "/clock")
         assert request(node, "configure")

@@ -81,7 +81,7 @@ def active(node: Any) -> Any:
     return publisher
 
 
-def test_zeros_are_applied_once_and_the_next_command_goes_through() -> None:
+def test_zeros_are_applied_once_and_the_next_command_is_executed() -> None:
     with arm() as node:
         publisher = active(node)
         publisher.publish(COMMAND)
@@ -105,7 +105,7 @@ def test_zeros_are_applied_once_and_the_next_command_goes_through() -> None:
         assert again.startswith("commands resumed after ")
 
 
-def test_no_command_at_all_is_not_an_old_one_and_neither_is_that_of_the_last_run() -> None:
+def test_neither_a_missing_command_nor_that_of_the_last_run_is_old() -> None:
     with arm(max_age_sec=0.01) as node:
         publisher = active(node)
         publisher.publish(COMMAND)
@@ -133,7 +133,7 @@ def test_a_busy_executor_does_not_keep_the_robot_from_being_made_safe() -> None:
         node.is_free.set()
 
 
-def test_a_call_that_does_not_return_holds_the_action_up_and_is_reported() -> None:
+def test_a_call_that_does_not_return_blocks_the_action_and_is_reported() -> None:
     with arm(max_age_sec=0.01) as node:
         active(node)
         with node._applying:  # because apply_control is called with it
@@ -168,7 +168,7 @@ def test_a_rejected_command_does_not_count(refused: PDFeedForward, reported: lis
         assert node.reported == reported
 
 
-def test_a_controller_that_is_ended_before_its_robot_is_no_error() -> None:
+def test_a_controller_that_ends_before_its_robot_is_no_error() -> None:
     with arm() as node:
         publisher = active(node)
         publisher.publish(COMMAND)

@@ -92,7 +92,7 @@ def played(node: Node, *words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(process.args, process.returncode, out, error)
 
 
-def test_every_message_comes_again_in_order_and_no_command(recording: Path) -> None:
+def test_every_message_is_replayed_in_order_except_commands(recording: Path) -> None:
     with listening() as (node, received):
         done = played(node, recording, "--rate", "4")
         assert done.returncode == 0, done.stderr

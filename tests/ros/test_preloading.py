@@ -51,7 +51,7 @@ def is_forked(process: psutil.Process) -> bool:
     return arguments < start_stack
 
 
-def test_nodes_are_forked_but_for_one_with_a_variable_of_its_own(tmp_path: Path) -> None:
+def test_nodes_are_forked_except_one_with_its_own_variable(tmp_path: Path) -> None:
     config = shutil.copytree(DUMMY.parent, tmp_path / "dummy") / DUMMY.name
     entry = "executable: example_position_setpoint_controller"
     text = DUMMY.read_text()
@@ -88,7 +88,7 @@ def _wait_for_activations(run: Launched, count: int) -> None:
 
 
 @pytest.mark.parametrize("is_up", [False, True])
-def test_the_loss_of_the_server_is_no_loss_of_the_stack(is_up: bool) -> None:
+def test_the_stack_survives_the_loss_of_the_server(is_up: bool) -> None:
     with started(DUMMY, "--quiet") as run:
         if is_up:
             run.wait_for("active")

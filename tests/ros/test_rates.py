@@ -253,7 +253,7 @@ MUTE = "        report_rates: False\n"
 
 
 @pytest.mark.mujoco
-def test_strict_rates_end_a_stack_whose_node_is_throttled_and_name_it(config: Path) -> None:
+def test_strict_rates_end_a_stack_with_a_throttled_node_and_name_it(config: Path) -> None:
     result = obk("launch", config, "--strict-rates", "--quiet", "--duration", 60)
     assert result.returncode == 1, result.stdout
     (failed,) = [line for line in result.stdout.splitlines() if line.startswith("failed: ")]

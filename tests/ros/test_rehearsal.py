@@ -99,7 +99,7 @@ def test_with_the_rule_ignore_the_other_nodes_continue(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_nodes_in_one_process_hang_and_come_back_together(tmp_path: Path) -> None:
+def test_nodes_in_one_process_hang_and_recover_together(tmp_path: Path) -> None:
     assert are_right(rehearsed(tmp_path, "restart", ["freeze", "kill"], "--composed"), 2)
     assert not marked()
 

@@ -21,7 +21,7 @@ SETTINGS = {
 }
 
 
-def test_both_nodes_command_the_same() -> None:
+def test_both_nodes_send_the_same_commands() -> None:
     known: dict[str, Any] = {
         "Node": Node,
         "PositionSetpoint": PositionSetpoint,

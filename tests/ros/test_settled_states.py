@@ -349,7 +349,7 @@ def test_settings_of_no_component_are_reported(capfd: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_brings_the_node_down_in_order(number: int, tmp_path: Path) -> None:
+def test_a_signal_shuts_the_node_down_cleanly(number: int, tmp_path: Path) -> None:
     module = tmp_path / "reported.py"
     module.write_text(
         "from obelisk_py.core.node import ObeliskNode\n"
@@ -408,7 +408,7 @@ def test_an_existing_simulator_reads_the_shared_control_and_is_ended() -> None:
         assert node.last_fault is None
 
 
-def test_a_simulator_may_bring_its_own_shared_control() -> None:
+def test_a_simulator_may_provide_its_own_shared_control() -> None:
     with spun(OlderSimulator) as node:
         for own in (multiprocessing.Array("d", 2), np.zeros(2)):
             node.shared_ctrl, node.lock = own, multiprocessing.Lock()

@@ -112,7 +112,7 @@ def stamp(node: Any, ago_s: float) -> Header:
 
 @OBEYED
 @pytest.mark.parametrize("by", ["config", "code"])
-def test_a_right_command_reaches_the_actuators(tmp_path: Path, make: Any, by: str) -> None:
+def test_a_valid_command_reaches_the_actuators(tmp_path: Path, make: Any, by: str) -> None:
     message = type(make(0.0, 0.0))
     with simulator(tmp_path, message, by) as node:
         active(node, message).publish(make(0.5, -0.25))
@@ -132,7 +132,7 @@ def test_a_right_command_reaches_the_actuators(tmp_path: Path, make: Any, by: st
         ((1e11, 0.0), "[0]` is 1e+11"),
     ],
 )
-def test_a_wrong_command_is_kept_out_and_reported(
+def test_an_invalid_command_is_rejected_and_reported(
     tmp_path: Path, make: Any, values: tuple[float, ...], refusal: str
 ) -> None:
     message = type(make(0.0, 0.0))

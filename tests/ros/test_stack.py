@@ -51,7 +51,7 @@ def states(*arguments: str) -> dict[str, str]:
 @pytest.mark.parametrize(
     "config", [pytest.param("dummy.yaml", marks=pytest.mark.slow), "dummy_new.yaml"]
 )
-def test_both_spellings_come_up_and_end_in_order(config: str) -> None:
+def test_both_formats_start_and_end_cleanly(config: str) -> None:
     result = obk("launch", EXAMPLE.with_name(config), "--duration", "1", "--color", "never")
     assert result.returncode == 0, result.stdout + result.stderr
     lines = [line.strip() for line in result.stdout.splitlines()]
@@ -67,7 +67,7 @@ def test_both_spellings_come_up_and_end_in_order(config: str) -> None:
     assert lines[-1] == "stopped cleanly"
 
 
-def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
+def test_all_nodes_run_through_the_life_cycle_from_another_terminal() -> None:
     with launched(DUMMY, "--quiet") as run:
         assert states("get") == dict.fromkeys(NODES, "active")
         for verb, goal in (
@@ -104,7 +104,7 @@ def _not_under_nohup() -> Iterator[None]:
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
 )  # SIGINT stops the others
-def test_a_signal_to_the_launcher_ends_the_stack_in_order(number: int) -> None:
+def test_a_signal_to_the_launcher_ends_the_stack_cleanly(number: int) -> None:
     with launched(DUMMY, "--quiet") as run:
         run.process.send_signal(number)
         run.process.wait(DEADLINE_S)
@@ -165,7 +165,7 @@ def test_a_launcher_killed_together_with_its_warden_leaves_no_node() -> None:
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-def test_a_node_that_fails_to_configure_is_shown_with_its_own_words(tmp_path: Path) -> None:
+def test_a_node_that_fails_to_configure_is_shown_with_its_own_message(tmp_path: Path) -> None:
     result = obk("launch", broken(tmp_path), "--ignore", "OBK2,OBK407", "--set", _wrong_type())
     assert result.returncode == 1, result.stdout
     assert "estimation_0: configure FAILED" in result.stdout
@@ -279,7 +279,7 @@ def test_unread_output_blocks_neither_the_stack_nor_its_end(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_a_reader_that_leaves_brings_the_stack_down_in_order(tmp_path: Path) -> None:
+def test_a_reader_that_leaves_ends_the_stack_cleanly(tmp_path: Path) -> None:
     with subprocess.Popen(
         [OBK, *patient("launch", chatty(tmp_path))],
         stdout=subprocess.PIPE,
@@ -351,7 +351,7 @@ def test_a_node_that_is_stopped_is_listed_without_an_answer() -> None:
         run.node("obelisk_estimation_0").resume()
 
 
-def test_a_second_sigint_ends_a_stack_that_hangs_on_its_way_down() -> None:
+def test_a_second_sigint_ends_a_stack_that_hangs_during_shutdown() -> None:
     with launched(DUMMY, "--quiet") as run:
         for name in NODES:
             run.node(name.strip("/")).suspend()

@@ -270,7 +270,7 @@ def test_a_node_that_never_appears_is_no_longer_awaited_at_the_end(
     assert ears.received == []
 
 
-def test_of_a_client_only_its_own_node_stays_in_the_graph(environment: RosEnvironment) -> None:
+def test_only_the_clients_own_node_stays_in_the_graph(environment: RosEnvironment) -> None:
     with (
         open_ros_nodes("probe", environment) as ros,
         open_participant(environment, name="beside") as beside,

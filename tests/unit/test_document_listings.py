@@ -129,11 +129,11 @@ CHECKS: dict[str, Callable[[Block, Path], None]] = {
 @pytest.mark.parametrize(
     "block", [block for block in LISTINGS if block.kind not in RUN], ids=lambda block: block.name
 )
-def test_a_listing_holds(block: Block, folder: Path) -> None:
+def test_a_listing_is_valid(block: Block, folder: Path) -> None:
     CHECKS[block.kind](block, folder)
 
 
-def test_the_older_spelling_becomes_the_newer_one() -> None:
+def test_the_older_format_becomes_the_newer_one() -> None:
     older, newer, _ = listings("docs/how-to/migrating.md", "yaml")
     assert migrate_source(SourceFile.of("arm.yaml", older), "key").text == newer
 
@@ -193,7 +193,7 @@ def test_variables_hold_a_period(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("spelling", ["key", "seed"])
-def test_the_watched_config_compiles_in_either_spelling(folder: Path, spelling: str) -> None:
+def test_the_watched_config_compiles_in_either_format(folder: Path, spelling: str) -> None:
     (config,) = listings("docs/how-to/safety.md", "yaml")
     text = migrate_source(SourceFile.of("watched.yaml", config), spelling).text  # type: ignore[arg-type]
     outcome = compile_text(text, folder)

@@ -28,7 +28,7 @@ def test_no_generated_file_is_stale(
 
 
 @pytest.mark.parametrize("code", ["OBK001", "OBK205", "OBK504"])
-def test_explain_shows_a_wrong_and_a_right_example(
+def test_explain_shows_a_wrong_and_a_correct_example(
     code: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command(code.lower())

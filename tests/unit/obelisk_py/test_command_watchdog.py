@@ -30,7 +30,7 @@ def test_nothing_is_counted_before_the_first_command(age):
     assert not age.is_stale
 
 
-def test_a_command_is_too_old_right_after_its_deadline_and_not_at_it(age):
+def test_a_command_is_too_old_right_after_its_deadline_but_not_at_it(age):
     age.accept(10.0)
     assert age.deadline_s == 10.5
     assert age.look(10.5) is None
@@ -53,7 +53,7 @@ def test_each_command_counts_again(age):
     assert age.look(19.9 + 0.6) == pytest.approx(0.6)
 
 
-def test_the_command_that_ends_the_silence_reports_how_long_it_was(age):
+def test_the_command_that_ends_the_silence_reports_its_duration(age):
     age.accept(10.0)
     age.look(10.6)
     assert age.accept(12.5) == pytest.approx(2.5)
@@ -62,7 +62,7 @@ def test_the_command_that_ends_the_silence_reports_how_long_it_was(age):
     assert age.look(13.2) == pytest.approx(0.6)
 
 
-def test_how_long_none_has_come_is_known_while_the_newest_is_too_old(age):
+def test_the_duration_without_a_command_is_known_while_the_newest_is_too_old(age):
     assert age.silence_s(9.0) is None
     age.accept(10.0)
     assert age.silence_s(11.0) is None
@@ -110,7 +110,7 @@ def test_a_pause_does_not_count(age):
     assert age.accept(31.0) == pytest.approx(11.0)
 
 
-def test_after_forgetting_nothing_is_counted_until_a_command_comes(age):
+def test_after_forgetting_nothing_is_counted_until_a_command_arrives(age):
     age.accept(10.0)
     age.look(11.0)
     age.forget()
@@ -131,7 +131,7 @@ def _watchdog(max_age_s):
     return age, WatchdogThread(lambda: age.deadline_s, check), reported
 
 
-def test_it_reports_of_a_command_that_none_follows():
+def test_it_reports_a_command_that_no_other_follows():
     age, watchdog, reported = _watchdog(0.01)
     watchdog.start()
     age.accept(time.monotonic())
@@ -180,7 +180,7 @@ def test_a_silence_is_reported_once_a_grace_is_over(silences):
     assert silences.due_s is None
 
 
-def test_that_commands_come_again_is_news_only_after_it_was_reported_that_none_came(silences):
+def test_the_return_of_commands_is_reported_only_after_their_absence_was(silences):
     silences.begin(100.0)
     assert not silences.end(0.2)
     assert silences.report(100.5, None) == "commands stopped 1x, for 0.200 s at most"
@@ -203,7 +203,7 @@ def test_silences_now_and_then_are_counted_and_reported_each_ten_seconds(silence
     assert reported[1][1] == "commands stopped 50x, for 0.100 s at most"
 
 
-def test_a_silence_that_lasts_is_reported_as_such_among_others(silences):
+def test_a_lasting_silence_is_reported_as_such_among_others(silences):
     silences.begin(100.0)
     silences.report(100.5, 0.55)
     silences.end(0.6)

@@ -41,7 +41,7 @@ def program(function: str | None) -> Program:
         (None, "__main__/--x/y"),
     ],
 )
-def test_a_program_ends_as_in_a_process_of_its_own(function: str | None, code: object) -> None:
+def test_a_program_ends_as_in_its_own_process(function: str | None, code: object) -> None:
     before = list(sys.argv)
     with pytest.raises(SystemExit) as end:
         program(function).run()

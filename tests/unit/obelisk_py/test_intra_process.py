@@ -125,7 +125,7 @@ def test_without_a_listener_outside_nothing_is_sent() -> None:
     assert world.dds.sent == []
 
 
-def test_each_gets_a_copy_of_its_own() -> None:
+def test_each_subscription_gets_its_own_copy() -> None:
     world = World(message_class=Float64MultiArray)
     one, other = world.listen(), world.listen()
     message = Float64MultiArray(data=[1.0])
@@ -145,7 +145,7 @@ def test_with_a_listener_outside_all_get_it_by_dds() -> None:
     assert taken(box) == []
 
 
-def test_without_a_local_subscription_everything_goes_through_dds() -> None:
+def test_without_a_local_subscription_everything_uses_dds() -> None:
     world = World()
     world.publisher.publish(Int64(data=1))
     assert world.dds.sent == [Int64(data=1)]
@@ -205,7 +205,7 @@ def test_no_message_overtakes_those_in_transit_when_a_subscription_was_created()
     assert len(world.dds.sent) == 2
 
 
-def test_one_who_goes_while_one_comes_is_not_taken_for_the_other() -> None:
+def test_a_leaving_and_a_joining_subscription_are_not_confused() -> None:
     world = World()
     box = world.listen()
 
@@ -268,7 +268,7 @@ def numbers(box: MessageBuffer) -> list[int]:
     return taken
 
 
-def test_messages_come_out_in_the_order_in_which_they_came_in() -> None:
+def test_messages_leave_in_order_of_arrival() -> None:
     box = buffer()
     for number in range(3):
         box.put(Int64(data=number))

@@ -73,7 +73,7 @@ def contents(packet: bytes) -> tuple[bytes, int]:
     return packet[: -len(stamped(b"", 0))], number_of(packet)
 
 
-def test_a_greeting_names_its_publisher_and_nothing_else_is_one() -> None:
+def test_a_greeting_names_its_publisher_and_nothing_else_is_a_greeting() -> None:
     assert greeting_of(bytes(GREETING)) == GREETING
     assert greeting_of(bytes(GREETING)[:-1]) is None
     assert greeting_of(bytes(len(bytes(GREETING)))) is None
@@ -218,7 +218,7 @@ def test_dds_is_bypassed_once_each_has_confirmed_a_message_of_it(
             assert contents(connection.recv(100)) == (b"message", 1)
 
 
-def test_a_count_that_is_right_by_chance_is_no_reason_to_bypass_dds(
+def test_an_accidentally_matching_count_does_not_bypass_dds(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     """One has a socket and is not matched yet; the matched one is outside."""
@@ -268,7 +268,7 @@ def test_a_large_message_is_left_to_dds(
         assert not sender.send(bytes(LARGEST_MESSAGE + 1))
 
 
-def test_who_has_got_a_message_by_its_socket_drops_the_one_of_dds(
+def test_a_subscription_that_received_by_socket_drops_the_dds_message(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     graph.add(1)
@@ -319,7 +319,7 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
     assert sender.peers == ()
 
 
-def test_who_does_not_read_gets_the_newest_messages_later() -> None:
+def test_a_subscription_that_does_not_read_gets_the_newest_messages_later() -> None:
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     near.setblocking(False)
     peer = Peer(near, gid(1), 3, bytes(GREETING))

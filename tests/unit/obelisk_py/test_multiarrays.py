@@ -17,7 +17,7 @@ SHAPES = array_shapes(min_dims=1, max_dims=4, max_side=5)
 
 
 @given(arrays(np.float64, SHAPES, elements=st.floats(-9, 9)), st.integers(0, 7))
-def test_an_array_comes_back_equal_in_both_forms(array: NDArray[np.float64], offset: int) -> None:
+def test_an_array_round_trips_in_both_forms(array: NDArray[np.float64], offset: int) -> None:
     message = np_to_multiarray(array)
     message.layout.data_offset = offset
     message.data = [-1.0] * offset + [*message.data]

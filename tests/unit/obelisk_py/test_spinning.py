@@ -20,7 +20,7 @@ def test_without_a_gate_nothing_waits(monkeypatch: pytest.MonkeyPatch, tmp_path:
     wait_at_startup_barrier()
 
 
-def test_a_closed_gate_holds_until_it_opens(
+def test_a_closed_gate_blocks_until_it_opens(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(GATE_VARIABLE, str(gate_path(tmp_path)))

@@ -198,7 +198,7 @@ def test_any_form_of_the_file_gives_the_messages_in_order_of_receipt(
     assert sum(len(part) for part in run.parts(["/a"])) == 9
 
 
-def test_a_file_that_breaks_off_is_read_up_to_there(tmp_path: Path) -> None:
+def test_a_truncated_file_is_read_up_to_its_end(tmp_path: Path) -> None:
     whole = written(tmp_path / "a.mcap", (arm(n, data=bytes(30_000)) for n in range(200)))
     data = whole.read_bytes()
     # The content is compressed, so cut within the chunks.

@@ -164,7 +164,7 @@ def test_without_a_model_only_model_independent_settings_are_checked() -> None:
         ("ObkImu", {"acc": "accelerometer", "q": "framequats"}, "did you mean `framequat`?"),
     ],
 )
-def test_a_wrong_sensor_type_is_reported_once_with_the_right_one(
+def test_an_invalid_sensor_type_is_reported_once_with_the_valid_one(
     msg_type: str, names: dict[str, str], help: str
 ) -> None:
     block = {"model_xml_path": "m", "sensor_settings": [group(msg_type, names=names)]}
@@ -193,7 +193,7 @@ def test_a_misspelt_sensor_name_is_reported_once() -> None:
         ),
     ],
 )
-def test_a_block_of_the_wrong_shape_has_no_other_findings(
+def test_a_block_of_an_invalid_shape_has_no_other_findings(
     block: dict[str, Any], place: tuple[str | int, ...]
 ) -> None:
     faults = check_sim(block, {}, FACTS)
@@ -416,6 +416,6 @@ def test_noise_of_a_field_is_for_sensors_that_the_message_takes(msg_type: str) -
         assert "OBK306" not in codes({"sensor_settings": [settings]})
 
 
-def test_noise_is_not_reported_if_its_sensor_has_a_wrong_type() -> None:
+def test_noise_is_not_reported_if_its_sensor_has_an_invalid_type() -> None:
     settings = group("ObkJointEncoders", names={"q": "jointpso"}, noise={"joint_pos": {}})
     assert codes({"sensor_settings": [settings]}) == ["OBK305"]

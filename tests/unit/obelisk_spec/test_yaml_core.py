@@ -99,7 +99,7 @@ def test_aliases_have_the_value_of_their_anchor() -> None:
     ]
 
 
-def test_references_are_replaced_and_all_else_is_left_alone() -> None:
+def test_references_are_replaced_and_other_text_is_kept() -> None:
     text = "${A}/$B/${C:-c}/${C:-}/${A:-a}/$${A}"
     assert expand_variables(text, {"A": "1"}) == "1/$B/c//1/${A}"
 

@@ -123,13 +123,13 @@ def test_an_unknown_code_is_reported_with_a_suggestion(written: str, help: str) 
     assert near_codes(written) == help
 
 
-def test_of_many_codes_that_are_none_only_the_first_are_compared_with_those_that_are() -> None:
+def test_of_many_unknown_codes_only_the_first_are_compared_with_known_ones() -> None:
     text = SOUND + "vars:\n" + "".join(f"  a{i}: 1 # obk: ignore[OBK9{i}]\n" for i in range(60))
     helps = [fault.help for fault in compile_text(text).diagnostics if fault.code == "OBK014"]
     assert (len(helps), helps.count(None)) == (60, 10)
 
 
-def test_many_keys_that_are_none_are_reported_without_comparing_all() -> None:
+def test_many_unknown_keys_are_reported_without_comparing_all() -> None:
     faults = compile_text(SOUND + "".join(f"x{i}: 1\n" for i in range(500)) + "jostick: 1\n")
     assert faults.diagnostics[0].code == "OBK101"
     assert not any("did you mean" in (fault.help or "") for fault in faults.diagnostics[-20:])
@@ -163,7 +163,7 @@ def test_one_cause_is_reported_once(text: str, code: str) -> None:
     assert codes(compile_text(text)) == [code]
 
 
-def test_a_file_that_holds_null_is_empty() -> None:
+def test_a_file_with_null_is_empty() -> None:
     (fault,) = compile_text("~\n").diagnostics
     assert fault.message == "the file is empty, not a config"
 

@@ -146,7 +146,7 @@ def test_external_topics_of_an_included_file_are_merged_by_name(tmp_path: Path) 
     assert found(compiled(tmp_path, outer, {"inner.yaml": inner})) == []
 
 
-def test_a_topic_that_is_read_outside_is_no_loose_end(tmp_path: Path) -> None:
+def test_a_topic_with_an_outside_subscriber_is_no_loose_end(tmp_path: Path) -> None:
     unread = CONFIG.replace(
         "publishers: [{key: pub_est,",
         "publishers: [{key: pub_path, topic: /path, msg_type: nav_msgs/Path}, {key: pub_est,",
@@ -310,7 +310,7 @@ def test_whole_numbers_may_have_a_decimal_point(tmp_path: Path, entry: str) -> N
 
 
 @pytest.mark.mujoco
-def test_both_names_of_a_key_with_one_value_are_no_error(tmp_path: Path) -> None:
+def test_both_names_of_a_key_with_equal_values_are_no_error(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_text(MODEL)
     head, tail = SIMULATED.split("dt: 0.01, msg")
     both = compiled_here(tmp_path, f"{head}dt: 0.01, sensor_type: ObkJointEncoders, msg{tail}")

@@ -106,7 +106,7 @@ def test_private_files_are_private(tmp_path: Path) -> None:
     assert mode_of(tmp_path / "run.json") == 0o600
 
 
-def test_a_file_that_holds_it_already_is_left_alone(tmp_path: Path) -> None:
+def test_a_file_with_the_same_content_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     write_text(path, "{}")
     before = path.stat()
@@ -115,7 +115,7 @@ def test_a_file_that_holds_it_already_is_left_alone(tmp_path: Path) -> None:
     assert (after.st_ino, after.st_ctime_ns) == (before.st_ino, before.st_ctime_ns)
 
 
-def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
+def test_a_link_is_kept_and_its_file_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("file")
     for text in ("first", "second"):
         assert write_text(tmp_path / "link", text)
@@ -123,7 +123,7 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
         assert (tmp_path / "file").read_text() == text
 
 
-def test_a_pipe_takes_the_data_and_stays_a_pipe(tmp_path: Path) -> None:
+def test_a_pipe_receives_the_data_and_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
     read: list[str] = []
@@ -136,7 +136,7 @@ def test_a_pipe_takes_the_data_and_stays_a_pipe(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_name_that_is_no_utf8_is_written_as_it_is(tmp_path: Path) -> None:
+def test_a_name_with_invalid_utf8_is_written_unchanged(tmp_path: Path) -> None:
     write_text(tmp_path / "setup.sh", os.fsdecode(b"caf\xe9"))
     assert (tmp_path / "setup.sh").read_bytes() == b"caf\xe9"
 
@@ -185,7 +185,7 @@ def test_the_owner_is_kept_if_the_system_allows(
     assert path.read_bytes() == b"new"
 
 
-def test_a_disk_that_fails_at_the_end_leaves_the_old_file_and_nothing_else(
+def test_a_disk_that_fails_at_the_end_leaves_only_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "c.yaml"

@@ -40,7 +40,7 @@ def clone(tmp_path: Path) -> Path:
     return clone
 
 
-def test_a_git_url_keeps_its_commit_and_brings_the_messages() -> None:
+def test_a_git_url_keeps_its_commit_and_includes_the_messages() -> None:
     record = {"url": HOST, "vcs_info": {"vcs": "git", "commit_id": COMMIT}}
     tool, messages = map(Requirement, installed(parse_direct_url(record), "ros", "sim"))
     assert (tool.name, tool.extras) == ("obelisk-cli", {"ros", "sim"})
@@ -113,7 +113,7 @@ def test_a_remote_on_this_machine_is_of_no_use_elsewhere(clone: Path, scheme: st
     assert source.for_other_machines() == source
 
 
-def test_an_unpublished_commit_stays_a_folder(clone: Path) -> None:
+def test_an_unpublished_commit_is_installed_from_the_folder(clone: Path) -> None:
     git(clone, "commit", "--quiet", "--allow-empty", "--message", "mine")
     source = InstallSource(folder=clone, is_editable=True)
     assert source.for_other_machines() == InstallSource(folder=clone)
@@ -133,7 +133,9 @@ def test_a_folder_in_another_repository_is_not_that_repository(clone: Path) -> N
         ("ssh://git@git.invalid:22/lab/obelisk", "ssh://git@git.invalid:22/lab/obelisk"),
     ],
 )
-def test_a_remote_becomes_a_url_of_pip_without_secrets(clone: Path, remote: str, url: str) -> None:
+def test_a_remote_is_converted_to_a_pip_url_without_secrets(
+    clone: Path, remote: str, url: str
+) -> None:
     git(clone, "remote", "set-url", "origin", remote)
     other = InstallSource(folder=clone).for_other_machines()
     assert other.git.rpartition("@")[0] == f"git+{url}"

@@ -17,7 +17,7 @@ FINDING = found(
 )
 
 
-def test_a_report_word_for_word() -> None:
+def test_a_report_literally() -> None:
     assert report_text([FINDING], colour=False) == (
         "f.yaml:2:5: error[OBK101]: no such key\n"
         "  2 | \tb: xyz\n"

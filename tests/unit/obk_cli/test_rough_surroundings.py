@@ -66,7 +66,7 @@ def test_missing_resources_of_the_machine_are_reported_with_a_message(
         BlockingIOError(errno.EAGAIN, "write could not complete without blocking", 3),
     ],
 )
-def test_other_errors_are_no_lack(error: Exception) -> None:
+def test_other_errors_are_not_missing_resources(error: Exception) -> None:
     assert resource_error(error) is None
 
 

@@ -51,7 +51,7 @@ def test_tabs_and_letters_of_all_languages_stay() -> None:
     assert only_colour("\tgrün 机器人 °") == "\tgrün 机器人 °"
 
 
-def test_bytes_that_are_no_text_are_taken_out() -> None:
+def test_invalid_utf8_is_removed() -> None:
     assert plain(b"caf\xe9".decode(errors="surrogateescape")) == "caf"
 
 

@@ -56,7 +56,7 @@ def test_run_paths_are_relative_to_the_library(tree: PackageTree, tmp_path: Path
     assert (lib / "lib").resolve() == tree.install / "lib"
 
 
-def test_the_module_brings_the_type_supports_that_are_opened_by_name(tree: PackageTree) -> None:
+def test_the_module_loads_the_type_supports_that_are_opened_by_name(tree: PackageTree) -> None:
     module = libraries_of(tree, [])[-1]
     assert module.forced_links == (
         "my_msgs__rosidl_typesupport_fastrtps_c",

@@ -41,7 +41,7 @@ def test_a_topic_has_the_rate_that_the_config_expects(rate_hz: int) -> None:
     assert problem == f"/x is published at {rate_hz:.1f} Hz, expected 100 Hz"
 
 
-def test_a_topic_that_is_never_published_has_a_wrong_rate() -> None:
+def test_an_unpublished_topic_has_a_wrong_rate() -> None:
     assert problems(promised={"/x": 1.0}) == ["/x is published at 0.0 Hz, expected 1 Hz"]
 
 

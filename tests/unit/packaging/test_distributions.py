@@ -54,7 +54,7 @@ def test_the_pages_of_an_index_have_no_link_into_the_checkout(repository: Path) 
         assert [target for target in targets if not target.startswith("https://")] == []
 
 
-def test_the_page_of_an_index_names_extras_that_there_are(repository: Path) -> None:
+def test_the_page_of_an_index_names_existing_extras(repository: Path) -> None:
     core = WheelBuilder(str(repository)).metadata.core
     (named,) = re.findall(r"pip install 'obelisk-cli\[(.+)\]'", core.readme)
     assert set(named.split(",")) <= core.optional_dependencies.keys()

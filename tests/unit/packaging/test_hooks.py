@@ -91,7 +91,7 @@ def test_the_action_takes_no_library_out_of_the_checkout(steps: list[dict[str, A
     assert all(script.startswith("python -P -m pip ") for script in scripts)
 
 
-def test_the_name_of_a_config_is_no_option(steps: list[dict[str, Any]], tmp_path: Path) -> None:
+def test_the_name_of_a_config_is_not_an_option(steps: list[dict[str, Any]], tmp_path: Path) -> None:
     done = check(steps, tmp_path, "--help")
     assert done.returncode == 1
     assert done.stdout.startswith("::error file=--help,")

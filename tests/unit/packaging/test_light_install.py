@@ -105,7 +105,7 @@ def test_a_command_that_needs_one_reports_which_and_how(
     assert f"help: install it with `{install_command(extra)}`" in err
 
 
-def test_the_document_reports_the_same(repository: Path) -> None:
+def test_the_document_agrees(repository: Path) -> None:
     text = (repository / "docs" / "how-to" / "installing.md").read_text()
     _, _, parts = text.partition("\nWithout extras these commands work:")
     listed, _, rest = parts.partition("Every other command")

@@ -16,7 +16,7 @@ def exact(requirements: list[str]) -> set[str]:
     return {re.sub(r"\[.*\]", "", r) for r in requirements if "==" in r}
 
 
-def test_the_lock_has_names_and_versions_and_nothing_else(repository: Path) -> None:
+def test_the_lock_has_only_names_and_versions(repository: Path) -> None:
     lines = locked(repository)
     assert [line for line in lines if not re.fullmatch(r"[a-z0-9-]+==[\w.]+", line)] == []
 

@@ -30,7 +30,7 @@ def steps(workflow: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield from job["steps"]
 
 
-def test_it_may_read_the_repository_and_nothing_else(workflow: dict[str, Any]) -> None:
+def test_it_may_only_read_the_repository(workflow: dict[str, Any]) -> None:
     assert workflow["permissions"] == {"contents": "read"}
     assert not any("permissions" in job for job in workflow["jobs"].values())
     checkouts = [step for step in steps(workflow) if "checkout" in step.get("uses", "")]

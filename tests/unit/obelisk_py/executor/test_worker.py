@@ -233,7 +233,7 @@ def test_an_exclusive_group_waits_for_its_suspended_coroutine(world: World) -> N
     assert world.log[2] == "over"
 
 
-def test_one_that_need_not_wait_runs_while_its_group_is_held(world: World) -> None:
+def test_a_callback_that_need_not_wait_runs_while_its_group_is_held(world: World) -> None:
     future, group = Future(), MutuallyExclusiveCallbackGroup()
     response = world.source(
         lambda _worker: future.set_result(None), group=group, waits_for_group=False
@@ -311,7 +311,7 @@ def test_a_closed_worker_can_still_be_called() -> None:
     worker.interrupt()
 
 
-def test_jobs_of_no_worker_are_run_one_per_turn_in_order(world: World) -> None:
+def test_jobs_without_a_worker_run_one_per_turn_in_order(world: World) -> None:
     jobs = TaskQueue()
     world.worker.add(jobs, shared=False)
     for name in ("a", "b", "c"):

@@ -41,7 +41,7 @@ def test_the_newest_control_is_the_one_that_is_applied(inbox):
     assert reported(inbox) == []
 
 
-def test_a_control_does_not_change_with_the_message_that_brought_it(inbox):
+def test_a_control_does_not_change_with_its_message(inbox):
     message = _message(1.0, 2.0)
     inbox.offer(message)
     message.u_mujoco[0] = 9.0
@@ -54,7 +54,7 @@ def test_a_control_that_is_one_number_is_one_for_one_actuator(time):
     assert inbox.newest.tolist() == [2.0]
 
 
-def test_a_control_of_the_wrong_length_is_kept_out(inbox):
+def test_a_control_of_the_wrong_length_is_rejected(inbox):
     inbox.offer(_message(1.0, 2.0))
     assert not inbox.offer(_message(5.0))
     (text,) = reported(inbox)

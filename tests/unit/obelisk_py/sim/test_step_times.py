@@ -33,7 +33,7 @@ def test_an_hour_of_late_wakings_does_not_drift():
     assert pace.overruns == 0
 
 
-def test_a_period_that_is_no_whole_number_of_nanoseconds_does_not_drift():
+def test_a_fractional_period_in_nanoseconds_does_not_drift():
     pace = Pace(0.001 / 3)
     pace.start(0)
     deadlines = [pace.next_deadline_ns(0) for _ in range(3_000)]
@@ -50,7 +50,7 @@ def test_a_short_delay_is_caught_up_by_steps_that_are_due_immediately():
     assert pace.overruns == 0
 
 
-def test_a_long_delay_is_counted_and_the_schedule_starts_from_there():
+def test_a_long_delay_is_counted_and_restarts_the_schedule():
     pace = Pace(0.001)
     pace.start(0)
     assert pace.next_deadline_ns(501 * MS) == 501 * MS
@@ -135,7 +135,7 @@ def test_the_next_sample_follows_the_first_step_that_reaches_a_multiple(step, pe
 
 
 @given(step=SECONDS, steps=st.integers(0, 10**9))
-def test_the_time_of_a_step_is_right_to_the_nanosecond(step, steps):
+def test_the_time_of_a_step_is_exact_to_the_nanosecond(step, steps):
     exact_ns = steps * step * 1_000 * MS
     assert abs(StepTime(float(step)).ns(steps) - exact_ns) <= Fraction(1, 2)
 
@@ -157,7 +157,7 @@ def test_the_clock_does_not_wait_once_it_is_stopped():
     assert clock.sleep_until_ns(far_ns, lambda: True) < far_ns
 
 
-def test_the_clock_sleeps_and_does_not_spin_in_parts_after_which_it_can_be_stopped(monkeypatch):
+def test_the_clock_sleeps_in_parts_and_can_be_stopped_after_each(monkeypatch):
     now_ns, slept_s = 0, []
 
     def sleep(seconds):

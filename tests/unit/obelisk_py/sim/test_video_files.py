@@ -117,7 +117,7 @@ def test_of_a_picture_that_changes_in_part_a_gif_keeps_the_rest():
         assert np.abs(np.asarray(read.convert("RGB"))[15, 15].astype(int) - BLUE).max() <= FAR
 
 
-def test_a_png_is_the_last_picture_to_the_bit():
+def test_a_png_is_identical_to_the_last_picture():
     with Image.open(video(".png", 30)) as read:
         assert read.format == "PNG"
         assert np.array_equal(np.asarray(read), SHOWN[-1][0])

@@ -93,7 +93,7 @@ def test_a_comment_in_the_source_silences_a_hazard(workspace: Path) -> None:
     assert found(compiled(workspace)) == []
 
 
-def test_a_callback_that_spins_its_own_node_is_one_warning(workspace: Path) -> None:
+def test_a_callback_that_spins_its_node_is_one_warning(workspace: Path) -> None:
     write_node(workspace, "rclpy.spin_once(self)")
     assert found(compiled(workspace)) == found(compiled(workspace, for_test=False)) == ["OBK426"]
 

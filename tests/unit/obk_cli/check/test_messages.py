@@ -70,7 +70,7 @@ def test_a_package_that_is_nowhere_is_reported_with_near_ones(workspace: Path) -
     )
 
 
-def test_the_usual_packages_of_ros_need_not_be_there(workspace: Path) -> None:
+def test_the_usual_packages_of_ros_are_optional(workspace: Path) -> None:
     assert reported(compile_with(workspace, "nav_msgs/Goals")) == []
 
 
@@ -160,7 +160,7 @@ def test_a_message_named_only_in_code_is_checked_too(workspace: Path) -> None:
 
 
 @pytest.mark.parametrize("prefix", ["", "obelisk_control_msgs/", "obelisk_control_msgs/msg/"])
-def test_a_package_of_obelisk_s_name_may_have_messages_of_its_own(
+def test_a_package_with_a_name_of_obelisk_may_have_its_own_messages(
     workspace: Path, prefix: str
 ) -> None:
     folder = workspace / "src" / "obelisk_control_msgs"

@@ -246,7 +246,7 @@ def test_the_other_formats(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("form", ["text", "json", "sarif", "github"])
-def test_a_file_whose_name_is_no_text_is_checked_like_others(
+def test_a_file_with_a_name_of_invalid_utf8_is_checked_like_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -259,7 +259,7 @@ def test_a_file_whose_name_is_no_text_is_checked_like_others(
         json.loads(result.out)
 
 
-def test_the_diff_of_a_file_whose_name_is_no_text_names_it_by_its_bytes(
+def test_the_diff_of_a_file_with_a_name_of_invalid_utf8_shows_its_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -98,7 +98,7 @@ def test_every_key_has_a_title_and_a_description(schema: dict[str, Any]) -> None
             assert value.get("description"), key
 
 
-def test_every_name_of_the_users_own_has_a_title_and_a_description(schema: dict[str, Any]) -> None:
+def test_every_definition_has_a_title_and_a_description(schema: dict[str, Any]) -> None:
     of_any_name = [
         value
         for mapping in mappings(schema)

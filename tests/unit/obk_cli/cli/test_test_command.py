@@ -31,5 +31,5 @@ def test_the_tests_next_to_a_config_are_those_that_use_the_fixture(
     assert default_tests(tmp_path) == (tmp_path / "tests" if is_found else None)
 
 
-def test_a_config_without_a_folder_of_tests_has_none(tmp_path: Path) -> None:
+def test_a_config_without_a_folder_of_tests_has_no_tests(tmp_path: Path) -> None:
     assert default_tests(tmp_path) is None

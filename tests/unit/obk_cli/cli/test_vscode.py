@@ -84,7 +84,7 @@ def test_every_example_names_its_schema_for_editors(path: Path) -> None:
     assert (path.parent / first.removeprefix(start)).resolve() == SCHEMA
 
 
-def test_a_pipe_and_a_file_without_an_end_are_no_configs(
+def test_a_pipe_and_an_endless_file_are_no_configs(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     os.mkfifo(folder / "pipe.yaml")

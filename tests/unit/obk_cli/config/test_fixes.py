@@ -70,7 +70,7 @@ def test_lines_with_more_than_a_value_are_kept(text: str) -> None:
     assert without(text, "x") == text
 
 
-def test_a_key_that_a_merge_brings_stays() -> None:
+def test_a_key_from_a_merge_is_kept() -> None:
     text = "m: &m {x: 2}\nn:\n  <<: *m\n"
     source, _, entry = entry_of(text, "x")
     mapping = maps(parse_source(source).tree or TreeMap((), entry.key_span))[2]
@@ -92,7 +92,7 @@ def test_a_key_that_a_merge_brings_stays() -> None:
         ("x: >\n  old\n", "new", "x: >\n  old\n"),
     ],
 )
-def test_a_word_is_written_in_its_own_quotes(text: str, new: str, after: str) -> None:
+def test_a_word_is_written_in_its_original_quotes(text: str, new: str, after: str) -> None:
     source, _, entry = entry_of(text, "x")
     assert apply_edits(source, respell(entry.value.span, "old", new)) == after
 

@@ -64,7 +64,7 @@ def include(texts: Mapping[str, str], path: str) -> tuple[object, list[str]]:
     return plain_value(merged), [str(fault) for fault in faults]
 
 
-def test_files_are_merged_in_order_and_the_including_one_on_top() -> None:
+def test_files_are_merged_in_order_with_the_including_one_on_top() -> None:
     files = {
         "d/top.yaml": "include: [a.yaml, ../e/b.yaml]\nx: top\n",
         "d/a.yaml": "{x: a, y: a, z: a}",

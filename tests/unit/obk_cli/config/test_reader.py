@@ -49,7 +49,7 @@ def test_a_namespace_is_prepended() -> None:
     assert stack.nodes[0].full_name == "/left/arm/obelisk_control_0"
 
 
-def test_null_is_the_same_as_not_written() -> None:
+def test_null_equals_a_missing_value() -> None:
     stack, faults = read(f"control: [{{{NODE}, publishers: , callback_groups: , params: ~}}]\nviz:")
     assert faults == []
     assert stack.nodes[0].components == ()

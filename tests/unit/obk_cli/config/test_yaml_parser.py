@@ -57,7 +57,7 @@ def test_in_invalid_yaml_lines_are_those_of_yaml_1_2() -> None:
     assert (fault.span.line, fault.span.text) == (2, "[1, 2")
 
 
-def test_no_text_holds_a_nul_character() -> None:
+def test_no_text_contains_a_nul_character() -> None:
     parsed = parse_source(SourceFile.of("f.yaml", 'a: "x\\0y"\n"k\\0": 1\n'))
     assert [str(fault.span) for fault in parsed.diagnostics] == ["f.yaml:1:4", "f.yaml:2:1"]
     assert parsed.tree is not None

@@ -60,7 +60,7 @@ def with_node(text: str, section: str = "sensing", new: str = NEW) -> str:
 
 
 @pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
-def test_line_ends_are_those_of_the_file_and_a_last_line_without_one_stays_so(
+def test_line_ends_are_kept_and_so_is_a_last_line_without_one(
     line_end: str,
 ) -> None:
     before = SOUND.replace("\n", line_end)

@@ -134,7 +134,7 @@ def test_without_a_display_nothing_is_to_be_done_for_glfw() -> None:
     assert (found.message.endswith("; it needs a display"), found.fix) == (True, "")
 
 
-def test_no_back_end_at_all_is_reported_once() -> None:
+def test_a_missing_back_end_is_reported_once() -> None:
     back_ends = {"egl": CRASHED_DRAWING, "osmesa": CRASHED_DRAWING}
     found = [*judge_mujoco(replace(MUJOCO, back_ends=back_ends))]
     the_one(found, "warning")

@@ -35,7 +35,7 @@ def test_results_have_the_order_of_the_checks_in_any_order_of_completion() -> No
     assert pending == [("a", "b"), ("a",)]
 
 
-def test_a_check_that_hangs_costs_only_its_own_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hanging_check_loses_only_its_own_result(monkeypatch: pytest.MonkeyPatch) -> None:
     for_ever = threading.Event()
     now_s = 0.0
 

@@ -106,7 +106,7 @@ def test_libraries_of_another_ros_next_to_the_wheels_are_reported() -> None:
     assert severities(judge_paths(replace(world, has_wheels=False))) == ["ok"]
 
 
-def test_a_stack_that_runs_is_noted_with_how_to_stop_it() -> None:
+def test_a_running_stack_is_noted_with_the_command_to_stop_it() -> None:
     world = StackFacts(running=(RunningStack(name="arm", domain=3, pid=42),), orphans=())
     found = the_one(judge_stacks(world), "note")
     assert found.fix == "obk stop arm"

@@ -80,7 +80,7 @@ def test_the_nodes_get_the_parameters_that_params_writes(
 
 
 @pytest.mark.parametrize("name", ['"""', "'''", "\\", "a\nb", "${x}", "{x} %s", "../../x", "ä😀"])
-def test_no_text_of_the_users_becomes_code(
+def test_no_text_of_the_user_becomes_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     robot = node("robot", parameters={"x": name}, env={"X": name}, executable=name)

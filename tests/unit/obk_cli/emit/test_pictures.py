@@ -153,7 +153,7 @@ def test_a_plan_without_topics_has_pictures() -> None:
     assert "obelisk_robot_0" in emit_terminal(graph)
 
 
-def test_the_drawing_for_the_terminal_word_for_word() -> None:
+def test_the_drawing_for_the_terminal_literally() -> None:
     plan = Plan(
         name="arm",
         nodes=(

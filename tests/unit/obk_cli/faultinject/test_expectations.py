@@ -41,12 +41,12 @@ def test_an_end_is_noticed_sooner_than_a_hang() -> None:
     assert expectation_of(unit(ROBOT), "kill", "stop", slow).noticed_s == 3.0
 
 
-def test_a_nodes_own_rule_comes_before_the_launchs() -> None:
+def test_a_nodes_own_rule_precedes_the_launchs() -> None:
     own = Unit(name=ROBOT, nodes=(process(ROBOT, "ignore"),))
     assert expectation_of(own, "kill", "stop").reaction == "go on"
 
 
-def test_of_nodes_in_one_process_the_strictest_rule_holds() -> None:
+def test_for_nodes_in_one_process_the_strictest_rule_applies() -> None:
     both = Unit(name="/s/composed", nodes=(process(ROBOT, "ignore"), process(ESTIMATOR)))
     assert expectation_of(both, "kill", "restart").reaction == "restart"
 

@@ -29,7 +29,7 @@ from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folde
 from .made_up import case
 
 
-def test_a_launch_that_fails_is_reported_in_its_own_words_and_tried_again(tmp_path: Path) -> None:
+def test_a_launch_that_fails_is_reported_with_its_message_and_repeated(tmp_path: Path) -> None:
     refuse = "import sys; print('error: no room', file=sys.stderr); sys.exit(1)"
     settings = LaunchSettings(
         command=(sys.executable, "-c", refuse), environment=dict(os.environ), runs=tmp_path

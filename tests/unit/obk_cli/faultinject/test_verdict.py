@@ -62,7 +62,7 @@ def test_a_reaction_is_over_when_the_launcher_has_reported_its_end(
     assert has_concluded(struck, events(begin, end))
 
 
-def test_a_stack_that_stops_and_names_the_node_is_right() -> None:
+def test_a_stack_that_stops_and_names_the_node_is_correct() -> None:
     verdict = verdict_of(
         case("kill", "stop"), observation(DIED, ended(), exit_code=1, ended_after_s=0.6)
     )
@@ -105,7 +105,7 @@ def test_a_stop_that_is_not_as_expected_is_reported(seen: Observation, fault: st
     assert any(fault in one for one in verdict_of(case("kill", "stop"), seen).faults)
 
 
-def test_a_node_that_is_back_with_all_others_untouched_is_right() -> None:
+def test_a_restarted_node_with_all_others_untouched_is_correct() -> None:
     verdict = verdict_of(
         case("kill", "restart"), observation(DIED, RESTARTING, BACK, after=status(pids=RESTARTED))
     )
@@ -165,7 +165,7 @@ def test_a_frozen_ignored_node_must_be_received_again() -> None:
     assert verdict_of(case("freeze", "ignore"), again).is_right
 
 
-def test_a_delay_without_a_reaction_is_right_and_with_one_it_is_not() -> None:
+def test_a_delay_without_a_reaction_is_correct_and_with_one_it_is_not() -> None:
     assert verdict_of(case("delay", "stop"), observation(after=status())).seen == "no reaction"
     assert verdict_of(case("delay", "stop"), observation(after=status())).is_right
     verdict = verdict_of(case("delay", "stop"), observation(HUNG, after=status()))
@@ -173,7 +173,7 @@ def test_a_delay_without_a_reaction_is_right_and_with_one_it_is_not() -> None:
     assert "Hung(" in verdict.faults[0]
 
 
-def test_a_launchers_line_becomes_the_event_that_it_was() -> None:
+def test_a_launchers_line_is_parsed_to_its_event() -> None:
     event = TimedEvent(time_s=2.5, event=RESTARTING[1])
     line = json.dumps(event_record(event.event, event.time_s))
     assert parse_event(line) == event

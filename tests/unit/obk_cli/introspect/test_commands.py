@@ -71,7 +71,7 @@ def test_the_domain_of_all_running_stacks_is_inspected(home: Path) -> None:
     assert graph_target.topics == {"/arm/est": "pkg/msg/State", "/arm/imu": None}
 
 
-def test_a_domain_that_is_named_or_set_comes_first(home: Path) -> None:
+def test_a_named_or_set_domain_comes_first(home: Path) -> None:
     runs_in(home, arm=7)
     assert target_of(environment(home, ROS_DOMAIN_ID="3"), None).domain == 3
     assert target_of(environment(home, ROS_DOMAIN_ID="3"), 7).nodes
@@ -146,7 +146,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("param set arm gain [", "`[` is not YAML"),
     ],
 )
-def test_a_command_that_is_wrong_is_reported_so_before_ros_is_loaded(
+def test_an_invalid_command_is_reported_before_ros_is_loaded(
     words: str, complaint: str, home: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:

@@ -162,7 +162,7 @@ def test_any_reply_of_a_launcher_raises_nothing_else(reported: object, tmp_path:
                 ask(look)
 
 
-def test_a_list_that_is_no_answer_to_all_that_was_asked_is_reported(tmp_path: Path) -> None:
+def test_an_incomplete_reply_is_reported(tmp_path: Path) -> None:
     with (
         launcher(tmp_path, lambda _: {"values": []}) as look,
         pytest.raises(CommandFailedError, match="0 values"),

@@ -138,7 +138,7 @@ def test_of_several_stacks_a_change_is_of_the_one_that_is_named(
         assert len(changes(dummy)) == 2
 
 
-def test_of_two_launchers_of_one_stack_the_one_with_the_nodes_is_asked_else_the_one_that_leads(
+def test_of_two_launchers_of_one_stack_the_one_with_the_nodes_is_used_otherwise_the_lead(
     parent: Path, environment: RosEnvironment
 ) -> None:
     robot, control = {ROBOT: "active"}, {CONTROL: "active"}
@@ -200,7 +200,7 @@ def test_the_graph_is_used_if_the_launcher_does_not_reply(
     ]
 
 
-def test_in_the_graph_the_state_node_is_left_out_and_down_goes_control_first(
+def test_in_the_graph_the_state_node_is_left_out_and_control_stops_first(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {"/dummy": "active", **ACTIVE})

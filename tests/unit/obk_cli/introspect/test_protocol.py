@@ -105,6 +105,6 @@ def test_a_parameter_of_another_shape_is_an_error(wire: WireParameter) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"7", b"[]", b"{}", b"\xff", b'{"reason":' * 10_000])
-def test_bytes_that_are_no_reply_are_an_error(data: bytes) -> None:
+def test_invalid_bytes_of_a_reply_are_an_error(data: bytes) -> None:
     with pytest.raises(CommandFailedError, match="invalid answer"):
         decode_reply(data, SetReply)

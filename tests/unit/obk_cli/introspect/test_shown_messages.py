@@ -58,11 +58,11 @@ def _no_warnings() -> None:
     warnings.clear()
 
 
-def test_a_message_becomes_plain_data() -> None:
+def test_a_message_is_converted_to_plain_data() -> None:
     assert plain_data(whole()) == PLAIN
 
 
-def test_text_is_yaml_that_reads_back_the_same() -> None:
+def test_the_text_output_is_yaml_that_reads_back_equal() -> None:
     text = "\n".join(message_text(PLAIN, is_whole=True))
     assert yaml.safe_load(text) == PLAIN
     assert "\x1b" not in text
@@ -81,7 +81,7 @@ def test_long_arrays_and_texts_are_cut_for_a_person_only() -> None:
     assert cut == f'"{"x" * MOST_LETTERS}..."'
 
 
-def test_numbers_that_are_none_are_reported() -> None:
+def test_non_finite_numbers_are_reported() -> None:
     assert list(message_text([float("nan"), float("-inf")], is_whole=True)) == ["[.nan, -.inf]"]
     assert json_line({"x": [float("nan"), 1.5]}) == '{"x": ["nan", 1.5]}'
 

@@ -80,7 +80,7 @@ def test_another_publisher_of_robot_commands_is_named() -> None:
     assert "--allow-foreign" in (raised.value.help or "")
 
 
-def test_publishers_of_other_topics_and_the_plans_own_do_not_matter() -> None:
+def test_publishers_of_other_topics_and_of_the_plan_are_ignored() -> None:
     refuse_unknown_publishers(PLAN, Graph(("/x", "/teleop"), ("/ctrl", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
 
 
@@ -110,7 +110,7 @@ def test_one_that_is_found_late_is_reported() -> None:
         assert received.get(timeout=20) == UnknownPublisherFound(topic="/ctrl", node="/teleop")
 
 
-def test_one_without_a_name_yet_is_no_others_once_our_nodes_have_started() -> None:
+def test_an_unnamed_publisher_is_not_foreign_once_our_nodes_have_started() -> None:
     received: SimpleQueue[InputEvent] = SimpleQueue()
     graph = Graph(("/ctrl", UNNAMED))
     with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
@@ -223,7 +223,7 @@ def reported_of(
     return reported
 
 
-def test_another_type_is_reported_once_with_both_types_and_whose_it_is(
+def test_another_type_is_reported_once_with_both_types_and_its_node(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     both = {"/ctrl": [CONTROL, STRING]}

@@ -32,7 +32,7 @@ def read_to_the_end_of(read_fd: int, last: str) -> list[str]:
     return data.decode().splitlines()
 
 
-def test_lines_come_out_in_order(pipe: tuple[int, int]) -> None:
+def test_lines_are_printed_in_order(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     with Screen(write_fd) as screen:
         for n in range(100):
@@ -138,7 +138,9 @@ def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("obk_cli.launch.console.PAUSE_S", 0.0)
 
 
-def test_the_log_scrolls_above_the_status_and_nothing_of_that_stays(terminal: Terminal) -> None:
+def test_the_log_scrolls_above_the_status_and_the_status_leaves_no_trace(
+    terminal: Terminal,
+) -> None:
     status = ["-----", "a \x1b[32mactive\x1b[0m"]
     with Screen(terminal.slave) as screen:
         screen.set_footer(lambda width, height: status)

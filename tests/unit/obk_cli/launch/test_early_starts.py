@@ -27,7 +27,7 @@ def early(*nodes: PlannedNode, program: str = sys.executable, together: bool = F
     return [unit.name for unit in early_units(units, executables, {("p", "e")})]
 
 
-def test_a_program_whose_node_the_library_makes_is_early() -> None:
+def test_a_program_whose_node_the_library_creates_is_early() -> None:
     assert early(node("a"), node("b", executable="of_another_kind")) == ["/a"]
 
 

@@ -187,7 +187,7 @@ def test_the_stacks_state_is_reported_if_no_phase_reports_it() -> None:
     ]
 
 
-def test_a_process_that_nodes_share_goes_by_its_own_name() -> None:
+def test_a_shared_process_has_its_own_name() -> None:
     report = LaunchReport((ROBOT,), colour=True, quiet=False)
     assert list(report.event(ProcessStarted(process="/dummy/composed", pid=7))) == [
         "  dummy/composed: process 7"

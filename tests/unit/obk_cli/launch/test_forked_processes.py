@@ -235,7 +235,7 @@ def test_forked_processes_share_no_random_numbers(bench: MakeBench) -> None:
 
 
 @pytest.mark.parametrize("name", ["xmlrpc", "sitecustomize.py"])
-def test_a_node_that_would_import_something_else_starts_by_itself(
+def test_a_node_with_different_imports_is_not_forked(
     bench: MakeBench, tmp_path: Path, name: str
 ) -> None:
     library = tmp_path / "library"
@@ -251,7 +251,7 @@ def test_a_node_that_would_import_something_else_starts_by_itself(
     assert run.line() == "False"
 
 
-def test_a_node_with_a_variable_of_its_own_starts_by_itself(bench: MakeBench) -> None:
+def test_a_node_with_its_own_variable_is_not_forked(bench: MakeBench) -> None:
     run = bench({"a": python(FORKED)}, added={"OMP_NUM_THREADS": "1"})
     run.start("a")
     assert run.line() == "False"

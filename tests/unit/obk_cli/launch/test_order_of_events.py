@@ -56,7 +56,7 @@ def position(world: World, wanted: type[OutputEvent], name: str = "") -> int:
     )
 
 
-def test_controllers_are_not_activated_again_when_a_crash_brings_the_stack_down() -> None:
+def test_controllers_are_not_activated_again_when_a_crash_stops_the_stack() -> None:
     world = World(silent={(ROBOT, "deactivate")})
     world.later.extend([ignored("deactivate"), 1.0, died()])
     world.run(duration_s=None)
@@ -107,7 +107,7 @@ def test_a_node_that_becomes_active_after_its_change_timed_out_is_rolled_back() 
     assert late.seconds == pytest.approx(11.0)
 
 
-def test_a_node_that_is_deactivated_late_stays_so_and_is_known_to_be() -> None:
+def test_a_late_deactivation_is_kept_and_known() -> None:
     answers: list[ChangeAnswer] = []
     world = World(silent={(ROBOT, "deactivate")})
 
@@ -160,7 +160,7 @@ def test_the_last_words_of_a_dead_process_do_not_bring_its_node_to_life() -> Non
     assert after[:2] == ["unconfigured", "inactive"]
 
 
-def test_the_only_node_failing_for_good_is_no_end_in_order() -> None:
+def test_the_permanent_failure_of_the_only_node_is_no_clean_end() -> None:
     end = StateSeen(node=ROBOT, state="finalized")
     failed = Failed(node=ROBOT, fault="compute: boom")
     world = World(plan=Plan(name="s", nodes=(process("robot"),)))
@@ -170,7 +170,7 @@ def test_the_only_node_failing_for_good_is_no_end_in_order() -> None:
     assert ended.cause == f"{ROBOT} failed: compute: boom"
 
 
-def test_a_stack_is_not_up_while_one_that_got_there_has_died_since() -> None:
+def test_a_stack_is_not_up_while_an_already_active_node_has_died() -> None:
     world = World(on_crash="restart", silent={(CONTROLLER, "activate")})
 
     def answer() -> None:
@@ -234,7 +234,7 @@ def test_a_hung_node_gets_no_requests_that_it_would_execute_later() -> None:
     assert "deactivate" not in world.transitions_of(ESTIMATOR)
 
 
-def test_a_restarted_process_that_neither_comes_up_nor_can_be_killed_is_reported() -> None:
+def test_a_restarted_process_that_neither_starts_nor_can_be_killed_is_reported() -> None:
     world = World(on_crash="restart", deaf_to={(ROBOT, n) for n in range(1, 32)})
     world.later.extend([lambda: world.never_ready.add(ROBOT), died()])
     ended = world.run(duration_s=None)

@@ -111,7 +111,7 @@ def test_a_signal_reaches_the_one_that_is_named(bench: MakeBench) -> None:
     assert psutil.pid_exists(second)
 
 
-def test_children_of_a_node_go_with_it(bench: MakeBench) -> None:
+def test_children_of_a_node_end_with_it(bench: MakeBench) -> None:
     code = (
         "import subprocess, sys, time\n"
         "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
@@ -165,7 +165,7 @@ runpy.run_path({warden.__file__!r}, run_name="__main__")
 """The warden, with processes that take 50 ms to load their program."""
 
 
-def test_a_process_that_is_still_loading_its_program_goes_with_its_node(
+def test_a_process_that_is_still_loading_its_program_ends_with_its_node(
     bench: MakeBench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """The kernel shows an empty environment then, so its start is known only later."""
@@ -181,7 +181,7 @@ def test_a_process_that_is_still_loading_its_program_goes_with_its_node(
     hidden.wait(DEADLINE_S)
 
 
-def test_at_the_end_each_process_is_asked_once_and_may_come_down_in_order(
+def test_at_the_end_each_process_gets_one_request_and_may_end_cleanly(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A node treats a second SIGTERM as urgent, and exits immediately."""
@@ -280,7 +280,7 @@ def test_children_in_their_own_session_do_not_outlive_a_killed_warden(
     assert not _is_alive(hidden)
 
 
-def test_an_environment_larger_than_a_packet_comes_through(bench: MakeBench) -> None:
+def test_an_environment_larger_than_a_packet_is_transferred(bench: MakeBench) -> None:
     run = bench({"a": "import os; print(sum(map(len, os.environ.values())))"})
     (command,) = run.processes._commands.values()
     large = {f"LARGE_{n}": "x" * 100_000 for n in range(4)}
@@ -305,7 +305,7 @@ def test_a_program_that_cannot_start_does_not_affect_other_nodes(
     assert psutil.pid_exists(second)
 
 
-def test_output_without_line_ends_comes_in_pieces(bench: MakeBench) -> None:
+def test_output_without_line_ends_is_split(bench: MakeBench) -> None:
     run = bench({"a": "print('x' * 200_000, end='')"})
     run.start("a")
     assert run.line() == "x" * 65536

@@ -48,7 +48,7 @@ def reported_of_rates(world: World) -> list[OutputEvent]:
     return [e for e in world.published if isinstance(e, RateBroken | RateKept | RateMoved)]
 
 
-def test_a_rate_that_is_kept_is_no_news() -> None:
+def test_a_kept_rate_is_not_reported() -> None:
     world = World(plan=PROMISED, later=seconds(KEPT, KEPT, KEPT))
     assert world.run(duration_s=3).exit_code == 0
     assert reported_of_rates(world) == []
@@ -237,7 +237,7 @@ def test_a_rate_without_a_location_in_the_config_is_reported_without() -> None:
     assert ended.origin == "c.yaml:1:1"
 
 
-def test_who_asks_for_the_status_is_reported_the_rates_of_active_nodes() -> None:
+def test_the_status_contains_the_rates_of_active_nodes() -> None:
     answers: list[StackStatus] = []
     world = World(plan=PROMISED, later=seconds(KEPT, OFF))
     world.later += [StatusRequested(reply=answers.append)]

@@ -27,7 +27,7 @@ def test_an_event_begins_a_transition_ends_one_or_fails() -> None:
 
 
 @pytest.mark.parametrize("passed", ["configure", "activate", "shutdown"])
-def test_through_these_a_node_comes_only_when_asked(passed: str) -> None:
+def test_these_transitions_need_a_request(passed: str) -> None:
     assert failed_transition(passed, "on_configure: ValueError: x") == passed
 
 
@@ -62,12 +62,12 @@ def test_other_diagnostics_are_ignored() -> None:
     assert rates_of(SimpleNamespace(status=[other, own])) == RatesReported(node="/c", rates=(RATE,))
 
 
-def test_diagnostics_without_rates_are_none() -> None:
+def test_diagnostics_without_rates_are_ignored() -> None:
     assert rates_of(SimpleNamespace(status=[])) is None
     assert rates_of(SimpleNamespace(status=[status("lidar: x", "lidar", ())])) is None
 
 
-def test_an_activation_without_a_time_is_none() -> None:
+def test_an_activation_without_a_time_is_ignored() -> None:
     own = status("c: active_since_s", "/c", (("active_since_s", "0.024"),))
     first = status("c: first_output_s", "/c", (("first_output_s", "0.03"),))
     assert activation_of(SimpleNamespace(status=[own])) == ActivationReported(

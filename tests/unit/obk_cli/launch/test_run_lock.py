@@ -100,7 +100,7 @@ def test_a_node_without_a_life_cycle_counts_too(tmp_path: Path) -> None:
         claim_run(tmp_path, replace(OTHER_NODES, other_nodes=("/joy",)), NOW)
 
 
-def test_a_run_that_has_ended_is_no_obstacle(tmp_path: Path) -> None:
+def test_a_run_that_has_ended_does_not_block(tmp_path: Path) -> None:
     folder = claim_run(tmp_path, RUN, NOW)
     write_run(folder, replace(RUN, ended=1.0))
     claim_run(tmp_path, RUN, NOW)
@@ -237,7 +237,7 @@ def test_a_launch_that_cannot_replace_another_reports_why(
     assert len(run_folders(tmp_path)) == 1
 
 
-def test_a_claim_that_is_held_is_not_waited_for_without_end(
+def test_a_claim_in_use_is_not_waited_for_endlessly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run_lock, "CLAIM_S", 0.0)

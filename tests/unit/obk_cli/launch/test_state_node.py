@@ -17,7 +17,7 @@ from obk_cli.launch.state_node import rejection, state_node_name
         ("x" * 300, "x" * 200),
     ],
 )
-def test_a_configs_name_becomes_one_that_ros_takes(config: str, name: str) -> None:
+def test_a_configs_name_is_converted_to_a_valid_ros_name(config: str, name: str) -> None:
     assert state_node_name(config) == name
     assert node_name_fault(name) is None
 

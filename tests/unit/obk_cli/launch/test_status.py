@@ -76,7 +76,7 @@ def started(plan: Plan = PLAN) -> tuple[OutputEvent, ...]:
     return tuple(ProcessStarted(process=p.full_name, pid=n) for n, p in enumerate(plan.nodes))
 
 
-def test_the_bring_up_shows_how_many_nodes_are_how_far() -> None:
+def test_the_bring_up_shows_its_progress() -> None:
     starting = started()[:2]
     assert shown(status_after(*starting)) == [
         "dummy  starting  ━━━━────────────────  2 of 3 started  0:00:00  3 nodes",

@@ -24,7 +24,7 @@ from obk_cli.plan.plan import Plan
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, process
 
 
-def test_a_stack_comes_up_robot_first_and_goes_down_controllers_first() -> None:
+def test_a_stack_starts_robot_first_and_stops_controllers_first() -> None:
     world = World()
     ended = world.run()
     assert ended == Ended(exit_code=0, cause="")
@@ -73,7 +73,7 @@ def test_until_configured_activates_no_node() -> None:
     assert "configured" in world.phases
 
 
-def test_until_none_makes_no_transition_but_the_last() -> None:
+def test_until_none_makes_only_the_last_transition() -> None:
     world = World()
     world.run(until="none")
     assert {transition for _, transition in world.done} == {"shutdown"}
@@ -90,7 +90,7 @@ def test_a_requested_stop_ends_cleanly() -> None:
     )
 
 
-def test_a_process_that_runs_no_node_such_as_the_recorder_is_ignored() -> None:
+def test_a_process_without_a_node_such_as_the_recorder_is_ignored() -> None:
     end = ProcessEnded(process="/recorder", code=1)
     world = World(later=deque([ProcessStarted(process="/recorder", pid=7), end]))
     assert world.run() == Ended(exit_code=0, cause="")
@@ -131,7 +131,7 @@ def test_a_transition_without_an_answer_is_a_timeout() -> None:
     )
 
 
-def test_a_node_that_never_comes_up_is_named() -> None:
+def test_a_node_that_never_starts_is_named() -> None:
     world = World(never_ready={ESTIMATOR})
     ended = world.run()
     assert ended.cause == f"no life-cycle services after 20 s: {ESTIMATOR}"
@@ -191,14 +191,14 @@ def test_a_process_that_ignores_sigint_gets_harder_signals() -> None:
     assert not world.alive
 
 
-def test_a_finalized_node_whose_process_takes_long_to_end_has_ended_in_order() -> None:
+def test_a_finalized_node_whose_process_ends_slowly_has_ended_cleanly() -> None:
     world = World(deaf_to={(ROBOT, signal.SIGINT)})
     ended = world.run()
     assert (ROBOT, signal.SIGTERM) in world.signals
     assert (ended.exit_code, ended.cause) == (0, "")
 
 
-def test_a_node_that_does_not_shut_down_and_ends_by_sigterm_has_not_ended_in_order() -> None:
+def test_a_node_that_does_not_shut_down_and_ends_by_sigterm_has_not_ended_cleanly() -> None:
     world = World(silent={(ROBOT, "shutdown")}, deaf_to={(ROBOT, signal.SIGINT)})
     ended = world.run()
     assert ended.exit_code == 1
@@ -206,7 +206,7 @@ def test_a_node_that_does_not_shut_down_and_ends_by_sigterm_has_not_ended_in_ord
     assert ended.consequences == 1
 
 
-def test_a_process_that_had_to_be_killed_is_no_end_in_order() -> None:
+def test_a_killed_process_is_no_clean_end() -> None:
     world = World(deaf_to={(ROBOT, signal.SIGINT), (ROBOT, signal.SIGTERM)})
     ended = world.run()
     assert ended.exit_code == 1
@@ -246,7 +246,7 @@ def test_a_failure_in_a_requested_transition_is_reported_once() -> None:
     assert not [event for event in world.published if isinstance(event, Failed)]
 
 
-def test_a_stack_that_is_shut_down_from_elsewhere_ends_in_order() -> None:
+def test_a_stack_that_is_shut_down_from_elsewhere_ends_cleanly() -> None:
     seen = [
         StateSeen(node=node, state="finalized", transition="shutdown")
         for node in (CONTROLLER, ESTIMATOR, ROBOT)
@@ -321,7 +321,7 @@ def test_the_death_of_a_process_without_a_life_cycle_takes_the_stack_down() -> N
     assert world.run(duration_s=None).cause == f"{JOY.full_name}: the process exited with code 1"
 
 
-def test_a_process_that_knows_nothing_of_sigint_ends_in_order_by_it() -> None:
+def test_a_process_without_a_sigint_handler_ends_cleanly_by_it() -> None:
     world = World(plan=Plan(name="s", nodes=(JOY,)), deaf_to={(JOY.full_name, signal.SIGINT)})
     world.later.append(ProcessEnded(process=JOY.full_name, code=-signal.SIGINT))
     world.later.appendleft(StopRequested(reason="SIGTERM"))

@@ -36,7 +36,7 @@ def died(name: str = ROBOT) -> ProcessEnded:
     return ProcessEnded(process=name, code=-11)
 
 
-def test_a_process_that_is_to_be_restarted_comes_back_to_the_stacks_state() -> None:
+def test_a_restarted_process_returns_to_the_stacks_state() -> None:
     world = World(on_crash="restart", later=deque([died(), 1.0, STOP]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
@@ -74,7 +74,7 @@ def test_an_ignored_node_is_reported_and_left_out_of_the_stack() -> None:
     assert [m.node for m in answers[0].members] == [ESTIMATOR, ROBOT]
 
 
-def test_a_node_that_fails_by_itself_is_brought_back_without_a_new_process() -> None:
+def test_a_node_that_fails_by_itself_recovers_without_a_new_process() -> None:
     failed = Failed(node=ESTIMATOR, fault="compute_state_estimate: boom")
     world = World(on_crash="restart", later=deque([failed, 1.0, STOP]))
     assert world.run(duration_s=None).exit_code == 0
@@ -226,7 +226,7 @@ def test_a_missing_node_is_named() -> None:
     )
 
 
-def test_a_shutdown_of_all_ends_the_run_in_order() -> None:
+def test_a_shutdown_of_all_ends_the_run_cleanly() -> None:
     world = World()
     answers: list[ChangeAnswer] = []
     world.later.append(ChangeRequested(transition="shutdown", reply=answers.append))
@@ -242,7 +242,7 @@ def test_a_change_requested_during_another_one_is_rejected() -> None:
     assert answers == [ChangeAnswer(success=False, why="the stack is on its way up")]
 
 
-def test_how_the_stack_is_can_be_asked_at_any_time() -> None:
+def test_the_status_of_the_stack_can_be_requested_at_any_time() -> None:
     seen: list[StackStatus] = []
     world = World(silent={(ROBOT, "configure")})
     world.later.append(StatusRequested(reply=seen.append))

@@ -42,7 +42,7 @@ def test_edges_have_the_numbers_of_ros(edge: Edge) -> None:
     assert edge.number == getattr(Transition, f"TRANSITION_{name.upper()}")
 
 
-def test_every_edge_joins_known_states_and_has_a_number_of_its_own() -> None:
+def test_every_edge_connects_known_states_and_has_its_own_number() -> None:
     assert all(edge.start in STATES and edge.goal in STATES for edge in EDGES)
     assert len({edge.number for edge in EDGES}) == len(EDGES)
 

@@ -77,7 +77,7 @@ def wanted_at(*factors: float | str) -> dict[str, float | None]:
     return {topic.name: topic.expected_hz for topic in planned_topics(plan_of(*robots, *nodes))}
 
 
-def test_rates_of_simulated_time_are_wanted_at_its_speed() -> None:
+def test_rates_of_simulated_time_are_expected_at_its_speed() -> None:
     assert wanted_at(0.5) == {"/q0": 500.0, "/est": 250.0, "/ctrl": 100.0}
     assert wanted_at(1) == {"/q0": 1000.0, "/est": 500.0, "/ctrl": 100.0}
 
@@ -109,7 +109,7 @@ def test_simulations_as_fast_as_possible_are_not_judged() -> None:
     assert wanted_at(0) == {"/q0": None, "/est": None, "/ctrl": 100.0}
 
 
-def test_whose_time_it_is_among_simulators_of_several_speeds_is_not_known() -> None:
+def test_the_clock_of_a_node_is_unknown_with_several_speeds() -> None:
     assert wanted_at(0.5, 2.0) == {"/q0": 500.0, "/q1": 2000.0, "/est": None, "/ctrl": 100.0}
 
 
@@ -129,5 +129,5 @@ def test_a_plan_without_nodes_has_no_topics() -> None:
     assert planned_topics(plan_of()) == ()
 
 
-def test_at_a_speed_that_is_no_number_nothing_is_judged() -> None:
+def test_at_an_invalid_speed_nothing_is_judged() -> None:
     assert wanted_at(".inf") == {"/q0": None, "/est": None, "/ctrl": 100.0}

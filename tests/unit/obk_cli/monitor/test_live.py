@@ -270,7 +270,7 @@ def test_help_replaces_topics_and_log_to_be_fully_visible() -> None:
     live(steps, HEALTHY)
 
 
-def test_a_stack_that_has_ended_stays_to_be_seen_until_another_begins() -> None:
+def test_a_stack_that_has_ended_stays_visible_until_another_starts() -> None:
     ended = replace(HEALTHY, state="", has_ended=True, cause="/a hangs", nodes=())
 
     async def steps(world: World) -> None:

@@ -57,7 +57,7 @@ def test_simulated_stamps_have_an_age_in_simulated_time() -> None:
     assert meter.age(NOW) == MessageAge(p50_s=0.003, p99_s=0.003, is_carried=False)
 
 
-def test_a_topic_on_which_nothing_comes_any_more_has_no_age() -> None:
+def test_a_silent_topic_has_no_age() -> None:
     meter = MessageAgeMeter(2.0)
     meter.take(NOW + S // 10, message(NOW))
     meter.take(NOW + S, message(NOW + S // 2))

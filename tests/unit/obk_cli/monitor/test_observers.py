@@ -94,7 +94,7 @@ def test_a_run_that_has_ended_has_no_nodes(folder: Path, monkeypatch: pytest.Mon
     assert (view.has_ended, view.nodes) == (True, ())
 
 
-def test_a_speed_that_is_no_float64_is_passed_over() -> None:
+def test_an_invalid_speed_message_is_skipped() -> None:
     watch = TopicWatch(LOOK)
     for data in (b"", b"\0\1\0\0", b"\0\1\0\0" + bytes(7)):
         watch._take_rtf(0, data)
@@ -103,7 +103,7 @@ def test_a_speed_that_is_no_float64_is_passed_over() -> None:
     assert watch.realtime_factor == 1.0
 
 
-def test_the_measured_factor_is_the_mean_of_the_last_ones_and_0_while_none_comes(
+def test_the_measured_factor_is_the_mean_of_the_latest_and_0_without_any(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now = [100.0]

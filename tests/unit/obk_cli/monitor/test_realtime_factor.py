@@ -43,7 +43,7 @@ def test_a_robot_is_asked_once_it_is_configured() -> None:
     assert (robots.asked, factors.factors) == (["/arm/r"], {"/arm/r": 1.0})
 
 
-def test_a_robot_whose_factor_was_set_is_asked_once_it_is_configured_again() -> None:
+def test_a_robot_whose_factor_was_set_is_asked_again_after_configure() -> None:
     robots = Robots()
     factors = RealtimeFactors({"/arm/r"}, robots.ask)
     factors.query_missing([status("active")])

@@ -74,7 +74,7 @@ def test_a_node_becomes_a_process(tmp_path: Path) -> None:
     assert joystick.parameters == {"device_id": 1}
 
 
-def test_the_plan_brings_the_robot_up_first(tmp_path: Path) -> None:
+def test_the_plan_starts_the_robot_first(tmp_path: Path) -> None:
     tiers = lower(tmp_path).tiers
     assert [[p.section for p in tier] for tier in tiers] == [["robot"], ["control"], ["joystick"]]
 
@@ -106,7 +106,7 @@ def test_a_whole_depth_is_written_without_a_fraction() -> None:
     assert process.parameters["sub_q_setting"] == "key:sub_q,topic:/q,history_depth:10"
 
 
-def test_callback_groups_have_a_parameter_of_their_own(tmp_path: Path) -> None:
+def test_callback_groups_have_their_own_parameter(tmp_path: Path) -> None:
     robot, control, _ = lower(tmp_path).nodes
     assert robot.parameters["callback_group_settings"] == "fast:ReentrantCallbackGroup"
     assert "callback_group_settings" not in control.parameters
@@ -127,7 +127,7 @@ def test_a_component_with_only_a_key_gets_its_parameter_and_defaults(tmp_path: P
     assert {**own, "ros_parameter": "pub_true_sim_state_setting"} == setting
 
 
-def test_components_that_share_a_key_have_no_parameter_of_their_own() -> None:
+def test_components_that_share_a_key_have_no_own_parameter() -> None:
     ends = [f"{{key: state, topic: /{topic}}}" for topic in ("in", "out")]
     text = f"subscribers: [{ends[0]}]\n  publishers: [{ends[1]}]"
     (process,) = lower_text(f"robot:\n  pkg: a\n  executable: b\n  {text}\n").nodes

@@ -39,7 +39,7 @@ def test_the_output_of_a_child_is_received_line_by_line() -> None:
     assert lines == ["one", "two"]
 
 
-def test_a_child_has_a_session_of_its_own_and_is_killed_at_the_close() -> None:
+def test_a_child_has_its_own_session_and_is_killed_at_the_close() -> None:
     child = BoundChild(["sleep", "60"], os.environ, on_line=print, on_output_end=lambda: None)
     assert child.exit_code is None
     assert os.getsid(child.pid) != os.getsid(0)

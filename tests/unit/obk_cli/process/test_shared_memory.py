@@ -24,7 +24,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_only_segments_without_an_owner_go(tmp_path: Path) -> None:
+def test_only_segments_without_an_owner_are_removed(tmp_path: Path) -> None:
     make(tmp_path, DEAD, f"{DEAD}_el", ALIVE, f"{ALIVE}_el")
     with (tmp_path / f"{ALIVE}_el").open() as owner:
         fcntl.flock(owner, fcntl.LOCK_EX)
@@ -51,7 +51,7 @@ def test_a_mapped_port_is_kept_completely(tmp_path: Path, used: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["el", "sl"])
-def test_a_port_whose_reader_lives_stays_whole(tmp_path: Path, suffix: str) -> None:
+def test_a_port_with_a_live_reader_is_kept(tmp_path: Path, suffix: str) -> None:
     files = ("fastrtps_port7411", f"fastrtps_port7411_{suffix}")
     make(tmp_path, *files)
     with (tmp_path / files[1]).open() as reader:

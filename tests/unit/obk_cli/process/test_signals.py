@@ -152,7 +152,7 @@ def test_each_signal_is_received_and_handlers_are_restored() -> None:
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_under_nohup_the_terminal_may_go_and_sigint_still_ends() -> None:
+def test_under_nohup_the_terminal_may_close_and_sigint_still_works() -> None:
     received: list[signal.Signals] = []
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)

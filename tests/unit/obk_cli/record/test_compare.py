@@ -50,7 +50,7 @@ def compared(first: Path, second: Path) -> Any:
     return compare_runs(open_run(first), open_run(second))
 
 
-def test_a_run_is_the_same_as_itself(tmp_path: Path) -> None:
+def test_a_run_equals_itself(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap", np.sin)
     found = compared(path, path)
     assert found.is_same
@@ -77,7 +77,9 @@ def test_a_signal_is_compared_at_the_same_time_since_activation(tmp_path: Path) 
     assert not q.is_within(0.2)
 
 
-def test_parts_of_any_size_give_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_of_any_size_give_the_same_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = written(tmp_path / "a.mcap", np.sin)
     second = written(tmp_path / "b.mcap", np.cos, step_ns=3 * MS, count=300)
     (whole, _) = compared(first, second).signals

@@ -73,7 +73,7 @@ def test_the_config_precedes_the_messages(tmp_path: Path) -> None:
     assert min(index.offset for index in summary.metadata_indexes) < first_chunk
 
 
-def test_messages_come_back_by_the_definitions_in_the_file(tmp_path: Path) -> None:
+def test_messages_are_read_by_the_definitions_in_the_file(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap")
     run = open_run(path)
     assert run["/speed"].data.tolist() == [float(n) for n in range(COUNT)]
@@ -83,7 +83,7 @@ def test_messages_come_back_by_the_definitions_in_the_file(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("part", [0.0, 0.001, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.9999])
-def test_a_file_that_breaks_off_anywhere_is_read_up_to_there(tmp_path: Path, part: float) -> None:
+def test_a_truncated_file_is_read_up_to_any_end(tmp_path: Path, part: float) -> None:
     whole = written(tmp_path / "a.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: int(len(whole) * part)])
@@ -141,7 +141,7 @@ def speed_lines(path: Path) -> tuple[PlotPart, ...]:
     return plot_parts([open_run(path)], [parse_field("/speed.data")])
 
 
-def test_a_field_is_drawn_as_png_and_as_svg_the_same_bytes_each_time(tmp_path: Path) -> None:
+def test_a_field_is_drawn_as_png_and_as_svg_reproducibly(tmp_path: Path) -> None:
     (lines,) = speed_lines(written(tmp_path / "a.mcap"))
     for name, begin in (("a.png", b"\x89PNG"), ("a.svg", b"<?xml")):
         draw([lines, lines], "a title", tmp_path / name)
@@ -251,7 +251,7 @@ def test_a_message_that_breaks_off_is_reported_and_not_cut_short(
         _ = open_run(path)["/speed"]["data"]
 
 
-def test_bytes_of_names_that_are_no_utf8_are_escaped(tmp_path: Path) -> None:
+def test_bytes_of_names_with_invalid_utf8_are_escaped(tmp_path: Path) -> None:
     name = os.fsdecode(b"caf\xe9")
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.describe({"obelisk": {"config": name}}, {"plan.json": name}, BEGIN_NS)

@@ -26,7 +26,7 @@ def find(package: str, name: str) -> str | None:
     return TEXTS.get((package, name))
 
 
-def test_a_type_comes_with_everything_that_it_refers_to_each_once() -> None:
+def test_a_type_includes_everything_that_it_refers_to_once() -> None:
     text = schema_text("arm_msgs/msg/Joints", find)
     assert text is not None
     parts = text.split(f"{BAR}\n")
@@ -39,7 +39,7 @@ def test_a_type_comes_with_everything_that_it_refers_to_each_once() -> None:
     assert parts[3] == "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 
 
-def test_a_type_with_plain_fields_is_its_own_text() -> None:
+def test_a_type_with_plain_fields_is_its_own_definition() -> None:
     assert schema_text("builtin_interfaces/msg/Time", find) == "int32 sec\nuint32 nanosec\n"
 
 

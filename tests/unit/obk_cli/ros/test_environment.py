@@ -129,7 +129,7 @@ def test_files_in_the_working_folder_are_no_settings_of_the_user(
     assert "SKIP_DEFAULT_XML_FILE" not in ros_environment().variables
 
 
-def test_messages_go_over_udp_alone_and_here_over_the_loopback_device_alone(
+def test_local_messages_use_udp_over_the_loopback_device_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert reported_to_ros(ros_environment()) == ("SYSTEM_DEFAULT", "dds_localhost.xml")
@@ -148,7 +148,7 @@ def test_another_middleware_ignores_settings_of_fast_dds(
     assert reported_to_ros(ros_environment())[0] == "LOCALHOST"
 
 
-def test_an_environment_made_within_another_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_nested_environment_is_created_again(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in ros_environment().variables.items():
         monkeypatch.setenv(name, value)
     within = ros_environment()

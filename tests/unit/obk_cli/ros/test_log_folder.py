@@ -25,7 +25,7 @@ def blocked(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["HOME", "ROS_HOME", "ROS_LOG_DIR"])
-def test_a_folder_that_ros_can_write_to_or_make_stays(tmp_path: Path, name: str) -> None:
+def test_a_folder_that_ros_can_write_to_or_create_is_kept(tmp_path: Path, name: str) -> None:
     variables = {"HOME": "/no/such", name: str(tmp_path / "to be made")}
     before = dict(variables)
     assert list(set_log_folder(variables)) == []

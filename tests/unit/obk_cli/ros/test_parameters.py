@@ -55,7 +55,7 @@ def test_impossible_parameters_are_misuse(text: str) -> None:
         ("5", "not set", "integer", 5),
     ],
 )
-def test_a_value_is_taken_as_the_parameters_type_wants_it(
+def test_a_value_is_converted_to_the_parameters_type(
     text: str, wanted: str, kind: str, value: object
 ) -> None:
     fitted = fit_parameter(text, parse_parameter(text), wanted)
@@ -78,7 +78,7 @@ def test_a_value_is_taken_as_the_parameters_type_wants_it(
         ("the gain is above 10", "the gain is above 10"),
     ],
 )
-def test_a_refusal_is_in_the_nodes_own_words_not_in_those_of_a_library(
+def test_a_rejection_has_the_nodes_own_message_not_that_of_a_library(
     reason: str, output: str
 ) -> None:
     assert refusal(reason, parse_parameter("fast")) == output

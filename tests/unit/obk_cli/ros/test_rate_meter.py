@@ -87,6 +87,6 @@ def test_messages_during_a_pause_are_counted(look: Any) -> None:
     assert meter.rates()["/imu"].age_s == 0.0
 
 
-def test_a_publisher_whose_clock_is_behind_is_counted_all_the_same(look: Look) -> None:
+def test_a_publisher_with_a_late_clock_is_still_counted(look: Look) -> None:
     behind = [(n * S // 10, 100 * S + n * S // 10) for n in range(20)]
     assert counted(look, *behind) == 14

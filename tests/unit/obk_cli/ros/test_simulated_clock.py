@@ -38,7 +38,7 @@ def test_before_the_first_message_no_time_is_known() -> None:
     assert clock_of([(10, 7)]).at(BEGIN) == 7 * MS
 
 
-def test_a_time_that_goes_back_starts_an_epoch() -> None:
+def test_a_time_that_goes_back_starts_a_new_epoch() -> None:
     clock = clock_of([(0, 900), (1, 901), (2, 0), (3, 1)])
     assert clock.epoch == 1
     assert clock.at(BEGIN) == 0

@@ -87,7 +87,7 @@ def test_a_change_shows_each_member(parent: Path, capsys: pytest.CaptureFixture[
     }
 
 
-def test_the_culprit_comes_first(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_cause_comes_first(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with fake_stack(parent, STATES) as stack:
         stack.broken.add(CONTROL)
         assert obk("lifecycle", "activate") == 1
@@ -174,7 +174,7 @@ def test_stop_ends_the_only_stack(parent: Path, capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().err.startswith("error: no stack is running on this host")
 
 
-def test_stop_wants_to_know_which(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stop_requires_a_choice(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = {"/left/obelisk_control_1": "inactive"}
     with fake_stack(parent, STATES) as dummy, fake_stack(parent, other, name="left") as left:
         assert obk("stop") == 2

@@ -44,7 +44,9 @@ def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
     assert first != second
 
 
-def test_of_a_hundred_runs_in_one_second_the_last_is_reported_why_not(tmp_path: Path) -> None:
+def test_the_last_of_a_hundred_runs_in_one_second_is_rejected_with_the_reason(
+    tmp_path: Path,
+) -> None:
     for _ in range(99):
         make_run_folder(tmp_path, "dummy", NOW)
     output = r"dummy_20310203_040506: 99 runs were started within this second"
@@ -79,7 +81,7 @@ def test_a_run_of_another_shape_is_left_out(tmp_path: Path, field: str, value: o
     assert read_runs(tmp_path) == ()
 
 
-def test_a_run_file_that_is_no_file_or_too_long_is_not_waited_for(tmp_path: Path) -> None:
+def test_an_invalid_run_file_is_not_waited_for(tmp_path: Path) -> None:
     pipe, device, long = (make_run_folder(tmp_path, name, NOW) for name in "abc")
     os.mkfifo(pipe / "run.json")
     (device / "run.json").symlink_to("/dev/zero")
@@ -106,9 +108,7 @@ def test_ros_log_dir_contains_the_runs_if_obk_home_does_not(tmp_path: Path) -> N
     assert runs_folder({**logs, "OBK_HOME": "/home"}) == Path("/home/runs")
 
 
-def test_in_a_folder_that_is_closed_there_are_no_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unreadable_folder_has_no_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_run_folder(tmp_path, "dummy", NOW)
 
     def refused(*_: object) -> None:

@@ -66,6 +66,6 @@ def test_a_missing_name_is_reported_with_the_existing_ones(
     assert raised.value.help.startswith(help)
 
 
-def test_no_runs_at_all(tmp_path: Path) -> None:
+def test_without_runs(tmp_path: Path) -> None:
     with pytest.raises(CommandFailedError, match="no runs in"):
         find_log(tmp_path / "none", None, None)

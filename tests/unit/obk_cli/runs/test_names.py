@@ -43,7 +43,7 @@ def test_robot_first_and_others_last() -> None:
     )
 
 
-def test_a_full_name_means_that_node_and_none_of_another_namespace() -> None:
+def test_a_full_name_means_only_that_node_in_its_namespace() -> None:
     known = ("/obelisk_control_0", "/arm/obelisk_control_0")
     assert select_nodes("/obelisk_control_0", known) == ("/obelisk_control_0",)
     assert select_nodes("control_0", known) == known

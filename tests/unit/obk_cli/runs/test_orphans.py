@@ -87,7 +87,7 @@ def test_a_process_whose_launcher_is_running_is_no_orphan(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("mark", [{}, {"OBK_LAUNCHER": "nonsense"}])
-def test_without_the_launchers_number_the_runs_own_word_counts(
+def test_without_the_launchers_number_the_run_file_is_used(
     tmp_path: Path, mark: Mapping[str, str]
 ) -> None:
     (tmp_path / RUN).mkdir()
@@ -104,7 +104,7 @@ def test_a_run_without_a_folder_is_unrecorded() -> None:
     assert launch_marks(None)["OBK_RUN"] == "unrecorded"
 
 
-def test_a_leftover_is_ended_with_its_children_in_sessions_of_their_own(tmp_path: Path) -> None:
+def test_an_orphan_is_ended_with_its_children_in_their_own_sessions(tmp_path: Path) -> None:
     with running(WITH_CHILD, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
         assert process.stdout is not None
         grandchild = int(process.stdout.readline())

@@ -132,7 +132,7 @@ def test_a_reply_to_another_request_is_none() -> None:
     assert decode_answer(encode_line(Stopping()), StackStatus) is None
 
 
-def test_bytes_that_are_no_text_spoil_no_answer() -> None:
+def test_invalid_utf8_breaks_no_reply() -> None:
     answer = ChangeAnswer(success=False, why="/a: \udcff")
     assert decode_answer(encode_line(answer), ChangeAnswer) == ChangeAnswer(
         success=False, why="/a: ?"

@@ -98,7 +98,7 @@ def test_a_launcher_that_is_slow_to_answer_is_not_hurried(
         assert [number for *_, number in sent] == [signal.SIGCONT]
 
 
-def test_another_process_of_the_same_number_is_left_alone(tmp_path: Path) -> None:
+def test_another_process_with_the_same_id_is_left_alone(tmp_path: Path) -> None:
     with launcher(WAIT, tmp_path) as (process, run):
         other = replace(run, started=run.started - 60)
         write_run(tmp_path, other)

@@ -198,7 +198,7 @@ def test_a_package_that_the_config_would_not_find_is_not_made(
     assert not elsewhere.exists()
 
 
-def test_from_outside_every_workspace_the_package_goes_into_the_configs(
+def test_from_outside_a_workspace_the_package_goes_into_the_configs(
     config: Path, workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -99,9 +99,7 @@ def test_one_is_kept_and_one_is_replaced(root: Path, dialogue: Dialogue) -> None
     assert b"replace   setup.py" in dialogue.seen
 
 
-def test_the_difference_is_shown_and_the_question_comes_again(
-    root: Path, dialogue: Dialogue
-) -> None:
+def test_the_diff_is_shown_and_the_question_repeated(root: Path, dialogue: Dialogue) -> None:
     dialogue.answer("d")
     dialogue.answer("what?")
     dialogue.answer("k")

@@ -66,9 +66,7 @@ def ros_environment(tmp_path: Path) -> dict[str, str]:
     }
 
 
-def test_they_pass_ruff_by_their_own_rules_and_by_the_projects(
-    package: Package, tmp_path: Path
-) -> None:
+def test_they_pass_ruff_with_their_rules_and_the_projects(package: Package, tmp_path: Path) -> None:
     roots = [
         write(package(kind, name, **typed), tmp_path / f"{number}_{kind}" / name)
         for number, (kind, name, typed) in enumerate(VARIANTS)
@@ -81,7 +79,7 @@ def test_they_pass_ruff_by_their_own_rules_and_by_the_projects(
 
 
 @pytest.mark.slow
-def test_they_pass_mypy_by_their_own_rules(
+def test_they_pass_mypy_with_their_rules(
     package: Package, tmp_path: Path, mypy_cache: Path
 ) -> None:
     roots = []

@@ -115,7 +115,7 @@ def test_every_file_installs_obk_from_its_source(
         assert ("only on the machine" in texts[path]) == is_local
 
 
-def test_the_same_again_changes_nothing(here: Path, tree: Tree) -> None:
+def test_repeating_the_command_changes_nothing(here: Path, tree: Tree) -> None:
     obk_init("my_robot")
     before = tree(here)
     output = obk_init("my_robot")
@@ -156,7 +156,7 @@ def test_the_editors_settings_stay_and_an_old_schema_is_replaced(here: Path) -> 
     assert "properties" in json.loads((folder / "obelisk.schema.json").read_text())
 
 
-def test_a_dry_run_shows_the_files_and_makes_none(here: Path, tree: Tree) -> None:
+def test_a_dry_run_shows_the_files_and_creates_none(here: Path, tree: Tree) -> None:
     output = obk_init("my_robot", "--dry-run")
     assert "  create    my_robot.yaml\n" in output
     assert "\n--- /dev/null\n+++ b/my_robot.yaml\n" in output
@@ -170,7 +170,9 @@ def test_the_result_as_json() -> None:
 
 
 @pytest.mark.parametrize("name", ["My-Robot", "2fast", "class", "x" * 30, "with space"])
-def test_a_folder_whose_name_no_stack_can_have_is_misuse(here: Path, tree: Tree, name: str) -> None:
+def test_a_folder_with_a_name_that_is_invalid_for_stacks_is_misuse(
+    here: Path, tree: Tree, name: str
+) -> None:
     fault = refused(name)
     assert isinstance(fault, MisuseError)
     assert fault.message.startswith("the folder's name becomes the stack's name: the name `")

@@ -83,7 +83,7 @@ def test_the_code_of_the_workspace_passes_ruff_and_mypy(here: Path, mypy_cache: 
         assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_a_urdf_becomes_mjcf_with_motors_encoders_and_its_meshes(here: Path) -> None:
+def test_a_urdf_is_converted_to_mjcf_with_motors_encoders_and_its_meshes(here: Path) -> None:
     urdf = package_with_urdf(here / "checkout")
     obk_init("robot", "--model", str(urdf))
     assert findings("robot/robot.yaml") == []
@@ -149,7 +149,7 @@ def test_files_around_the_model_keep_their_places(here: Path) -> None:
     assert findings("robot/robot.yaml") == []
 
 
-def test_an_attached_model_brings_the_files_of_its_own_folder(here: Path) -> None:
+def test_an_attached_model_is_copied_with_the_files_of_its_folder(here: Path) -> None:
     (here / "lab/box/meshes").mkdir(parents=True)
     (here / "lab/box/meshes/box.stl").write_bytes(TETRAHEDRON)
     named = BOX.replace("../meshes", "meshes").replace("<body>", '<body name="box">')
@@ -170,7 +170,7 @@ def test_the_json_result_contains_the_added_parts(here: Path) -> None:
     assert "model/robot.xml" in result["notes"][0]
 
 
-def test_the_same_again_changes_nothing(here: Path, tree: Tree) -> None:
+def test_repeating_the_command_changes_nothing(here: Path, tree: Tree) -> None:
     (here / "given.xml").write_text(MIXED)
     obk_init("robot", "--model", "given.xml")
     before = tree(here)

@@ -118,7 +118,7 @@ def test_the_result_as_json() -> None:
     assert result["section"] == "estimation"
 
 
-def test_the_same_again_changes_nothing(workspace: Path, tree: Tree) -> None:
+def test_repeating_the_command_changes_nothing(workspace: Path, tree: Tree) -> None:
     obk_new("controller", "foo")
     before = tree(workspace)
     assert "  identical setup.py\n" in obk_new("controller", "foo")
@@ -205,7 +205,7 @@ def test_a_controller_writes_as_many_controls_as_the_model_has_actuators(
     assert f"        msg.u_mujoco = {line}\n" in (workspace / "src/foo/foo/foo.py").read_text()
 
 
-def test_a_file_is_no_destination(workspace: Path) -> None:
+def test_a_file_is_an_invalid_destination(workspace: Path) -> None:
     (workspace / "file").write_text("")
     fault = refused("controller", "foo", "--dest", "file")
     assert fault.message == "--dest: file is a file, expected a folder"

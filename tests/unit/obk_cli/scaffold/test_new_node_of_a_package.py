@@ -101,7 +101,7 @@ def test_invalid_package_contents_are_reported(
 
 
 @pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor"])
-def test_a_package_that_keeps_its_scripts_in_pyproject_gets_the_node_there(
+def test_a_package_with_scripts_in_pyproject_gets_the_node_there(
     workspace: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     root = workspace / "src/foo"
@@ -130,7 +130,7 @@ def test_deep_inside_a_package_is_inside_it(
     assert (workspace / "src/foo/foo/second.py").is_file()
 
 
-def test_between_the_packages_of_a_workspace_is_inside_none(
+def test_between_the_packages_of_a_workspace_is_outside_of_all(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (workspace / "src/package.xml").write_text("<package><name>outer</name></package>")

@@ -34,7 +34,7 @@ def mine(tmp_path: Path) -> Path:
     return folder
 
 
-def test_they_are_layered_over_the_tools_own(workspace: Path, mine: Path) -> None:
+def test_they_extend_the_built_in_ones(workspace: Path, mine: Path) -> None:
     (mine / "package_py" / "setup.py").write_text("# mine\n")
     obk_new("controller", "foo", "--templates", str(mine))
     root = workspace / "src/foo"

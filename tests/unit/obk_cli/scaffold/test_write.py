@@ -31,7 +31,7 @@ def test_a_missing_file_is_created() -> None:
     assert action(None, force=True) is Action.CREATE
 
 
-def test_the_same_file_is_left_alone() -> None:
+def test_an_identical_file_is_kept() -> None:
     assert action(Existing(content=b"new")) is Action.IDENTICAL
     assert action(Existing(content=b"new"), force=True) is Action.IDENTICAL
 

@@ -67,7 +67,7 @@ def test_ways_to_wait(body: str) -> None:
         {"constructor": SPIN},
     ],
 )
-def test_waits_that_are_right_or_that_cannot_be_judged(bodies: dict[str, str]) -> None:
+def test_valid_or_undecidable_waits(bodies: dict[str, str]) -> None:
     assert found(**bodies) == []
 
 

@@ -67,7 +67,7 @@ def node(constructor: str, *, bases: str = "ObeliskNode") -> str:
     )
 
 
-def test_components_of_the_bases_come_with_the_types_that_the_constructor_hands_up() -> None:
+def test_components_of_the_bases_have_the_types_of_the_constructor_call() -> None:
     body = "class Mine(ObeliskController):\n    def __init__(self):\n"
     found = code(body + "        super().__init__('n', est_msg_type=ObkImu)\n")
     assert {c.name: c.msg_type for c in found.components} == {
@@ -217,7 +217,7 @@ def test_whether_a_component_may_be_left_out(
     assert component.has_default is has_default
 
 
-def test_parameters_are_those_that_are_declared_anywhere_in_the_life_cycle() -> None:
+def test_parameters_may_be_declared_anywhere_in_the_life_cycle() -> None:
     configure = "    def on_configure(self, state):\n        self.declare_parameter('late', 1)\n"
     found = code(
         node("self.declare_parameter('a', 1)\nself.declare_parameters('', [('b', 1), ('c', 2)])")
@@ -231,7 +231,7 @@ def test_parameters_are_those_that_are_declared_anywhere_in_the_life_cycle() -> 
     "constructor",
     ["self.declare_parameter(name)", "self.declare_parameters('', table)"],
 )
-def test_computed_parameters_leave_open_which_there_are(constructor: str) -> None:
+def test_computed_parameters_leave_the_parameters_open(constructor: str) -> None:
     found = code(node(constructor))
     assert not found.knows_parameters
     assert found.knows_components
@@ -285,7 +285,7 @@ def test_a_declaration_in_a_branch_has_an_unknown_kind() -> None:
     assert found["a"] is None
 
 
-def test_parameters_that_are_declared_by_themselves_leave_open_which_there_are() -> None:
+def test_automatically_declared_parameters_leave_the_parameters_open() -> None:
     body = "class Mine(ObeliskNode):\n    def __init__(self):\n"
     declares = "super().__init__('n', automatically_declare_parameters_from_overrides=True)"
     assert not code(f"{body}        {declares}\n").knows_parameters
@@ -341,7 +341,7 @@ SOURCES = [path.read_text(encoding="utf-8") for path in sorted(LIBRARY.rglob("co
 
 
 @given(st.sampled_from(SOURCES), st.data())
-def test_any_source_is_read_or_reported_to_be_none(text: str, data: st.DataObject) -> None:
+def test_any_source_is_read_or_reported_as_invalid(text: str, data: st.DataObject) -> None:
     at = data.draw(st.integers(0, len(text)))
     cut = data.draw(st.integers(0, 30))
     text = text[:at] + data.draw(st.text(max_size=5)) + text[at + cut :]

@@ -127,7 +127,7 @@ def test_features_that_lockstep_simulates_are_no_hazard(imports: str, callback: 
     assert hazards(f"{imports}\n{node(callback)}") == []
 
 
-def test_the_thread_of_a_simulator_is_no_hazard_but_one_that_it_starts_is() -> None:
+def test_the_thread_of_a_simulator_is_no_hazard_but_its_own_thread_is() -> None:
     loop = "    def run_simulator(self):\n        while self.goes_on():\n            {}\n"
     assert hazards("import time\n" + node() + loop.format("time.sleep(0.001)")) == []
     started = loop.format("threading.Thread(target=f).start()")
@@ -199,7 +199,7 @@ SOURCES = [path.read_text(encoding="utf-8") for path in sorted(LIBRARY.rglob("co
 
 
 @given(st.sampled_from(SOURCES), st.data())
-def test_any_source_has_hazards_or_none(text: str, data: st.DataObject) -> None:
+def test_any_source_has_hazards_or_not(text: str, data: st.DataObject) -> None:
     at = data.draw(st.integers(0, len(text)))
     cut = data.draw(st.integers(0, 30))
     text = text[:at] + data.draw(st.text(max_size=5)) + text[at + cut :]

@@ -213,7 +213,7 @@ def test_nothing_is_reported_without_the_token(path: str) -> None:
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_nothing_is_reported_to_a_page_of_another_name(path: str) -> None:
+def test_nothing_is_reported_to_a_page_of_another_host_name(path: str) -> None:
     assert asked(path, headers={"host": f"robot.example:{PORT}"}).status == 403
     assert asked(path, headers={"origin": "http://robot.example"}).status == 403
 
@@ -315,7 +315,7 @@ def test_a_transition_of_a_node_or_of_the_stack_is_carried_out() -> None:
     ]
 
 
-def test_why_a_transition_failed_is_reported() -> None:
+def test_the_reason_of_a_failed_transition_is_reported() -> None:
     behind = Behind(answer=CommandFailedError("the launcher gave no answer", help="see `obk ps`"))
     answer = change({"transition": "configure", "node": "", **RUN}, behind)
     assert (answer.status, answer.json["success"]) == (200, False)
@@ -459,7 +459,7 @@ def test_only_the_page_itself_writes_the_config(config: Path) -> None:
     assert config.read_text() == "kp: 20.0\n"
 
 
-def test_why_nothing_can_be_saved_is_reported() -> None:
+def test_the_reason_why_nothing_can_be_saved_is_reported() -> None:
     answer = asked("/save")
     assert answer.status == 404
     assert answer.json["why"] == "no node of the config is running: launch it"

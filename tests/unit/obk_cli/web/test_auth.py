@@ -27,7 +27,7 @@ def test_a_request_without_the_token_is_rejected(tokens: tuple[str, ...]) -> Non
     assert status(tokens=tokens) == 401
 
 
-def test_tokens_are_long_and_never_the_same() -> None:
+def test_tokens_are_long_and_unique() -> None:
     assert len(TOKEN) >= 32
     assert new_token() != new_token()
 

@@ -46,7 +46,7 @@ def test_the_newest_view_is_shown(tmp_path: Path) -> None:
     assert snapshot == Snapshot(number=2, view=HEALTHY, is_waiting=False)
 
 
-def test_the_last_stack_stays_while_the_next_one_is_waited_for(tmp_path: Path) -> None:
+def test_the_last_stack_is_shown_while_the_next_one_is_awaited(tmp_path: Path) -> None:
     ended = replace(HEALTHY, has_ended=True)
     assert last_moment(tmp_path, HEALTHY, ended).is_waiting
     assert last_moment(tmp_path, HEALTHY, ended, None).view == ended

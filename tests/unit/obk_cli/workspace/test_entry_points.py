@@ -43,7 +43,7 @@ def test_only_the_lookup_of_the_interpreter_may_precede_it(before: str, tmp_path
         "",
     ],
 )
-def test_any_other_program_runs_none(text: str, tmp_path: Path) -> None:
+def test_any_other_program_runs_no_module(text: str, tmp_path: Path) -> None:
     assert module_of(tmp_path, text) is None
 
 

@@ -95,7 +95,7 @@ def test_without_a_sourced_ros_or_without_colcon_obk_builds(sourced: dict[str, s
     assert find_colcon({**sourced, "PATH": "/nowhere"}) is None
 
 
-def test_overlays_come_before_everything_else(tmp_path: Path) -> None:
+def test_overlays_precede_everything_else(tmp_path: Path) -> None:
     overlay = tmp_path / "overlay"
     given = {"AMENT_PREFIX_PATH": "/ros", "LD_LIBRARY_PATH": f"/ros/lib:{overlay}/lib", "A": "b"}
     merged = with_overlays(given, [overlay])

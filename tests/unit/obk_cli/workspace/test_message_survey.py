@@ -134,7 +134,7 @@ def test_a_name_includes_its_dependencies_and_its_dependents(workspace: Path) ->
     assert len(choose(survey, (), present=())) == 3
 
 
-def test_a_name_that_is_no_package_is_reported_with_near_ones(workspace: Path) -> None:
+def test_an_unknown_package_name_is_reported_with_similar_ones(workspace: Path) -> None:
     with pytest.raises(MisuseError) as refused:
         choose(survey_workspace(workspace, ()), ["c_mgs"], present=())
     assert refused.value.message == f"no message package is called `c_mgs` in {workspace}"

@@ -106,7 +106,7 @@ def test_a_module_that_is_not_in_its_package_is_a_fault(tmp_path: Path) -> None:
     assert found.place == str(tmp_path / "src" / "demo" / "demo" / "run.py")
 
 
-def test_a_file_in_an_encoding_of_its_own_is_read(tmp_path: Path) -> None:
+def test_a_file_with_a_declared_encoding_is_read(tmp_path: Path) -> None:
     folder = package(tmp_path / "src" / "demo") / "demo"
     folder.mkdir()
     (folder / "run.py").write_bytes(f"# -*- coding: latin-1 -*-\n# é\n{NODE}".encode("latin-1"))

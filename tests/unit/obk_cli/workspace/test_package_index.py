@@ -41,7 +41,7 @@ def test_the_workspace_is_the_nearest_folder_with_src_or_git(tmp_path: Path) -> 
     assert find_workspace(inner) == tmp_path / "ws" / "src" / "demo"
 
 
-def test_a_package_with_a_folder_for_its_cpp_is_no_workspace(tmp_path: Path) -> None:
+def test_a_package_with_a_cpp_folder_is_no_workspace(tmp_path: Path) -> None:
     package = make_package(tmp_path / "ws" / "src" / "demo", "demo")
     (package / "src").mkdir()
     assert find_workspace(package / "src") == tmp_path / "ws"
@@ -130,7 +130,7 @@ def test_built_ignored_and_hidden_folders_hold_no_packages(tmp_path: Path) -> No
     assert dict(index(tmp_path).source_packages) == {"kept_by_name": tmp_path / "src" / "kept"}
 
 
-def test_a_script_in_source_runs_with_this_python_and_the_packages_own_path(tmp_path: Path) -> None:
+def test_a_script_in_source_runs_with_this_python_and_the_packages_path(tmp_path: Path) -> None:
     root = make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
     command = index(tmp_path).find_executable("demo", "run")
     assert isinstance(command, Command)

@@ -64,7 +64,7 @@ def test_a_sample_has_one_value_in_each_part_of_the_range() -> None:
         assert 50 + 5 * part <= value <= 50 + 5 * (part + 1)
 
 
-def test_two_samples_are_not_in_step_and_the_same_every_time() -> None:
+def test_two_samples_are_out_of_step_and_reproducible() -> None:
     varied = [parse_varied("a=0..1"), parse_varied("b=0..1")]
     cases = make_cases([PUSH], seeds=20, varied=varied)
     pairs = [[float(value) for _, value in case.overrides] for case in cases]
