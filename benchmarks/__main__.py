@@ -32,34 +32,34 @@ class Program:
     """One benchmark program."""
 
     name: str
-    words: tuple[str, ...]
+    command: tuple[str, ...]
     """Arguments of `python -m`; they shorten programs that would take too long in full."""
     minutes: float
     """Approximate duration on an idle machine."""
 
 
 PROGRAMS: Final = (
-    Program(name="looking", words=("benchmarks.looking", "--runs", "3"), minutes=1.0),
+    Program(name="looking", command=("benchmarks.looking", "--runs", "3"), minutes=1.0),
     Program(
         name="watched",
-        words=("benchmarks.watched", "--seconds", "8", "--rounds", "3"),
+        command=("benchmarks.watched", "--seconds", "8", "--rounds", "3"),
         minutes=3.3,
     ),
-    Program(name="tool", words=("benchmarks.tool", "--repeats", "4"), minutes=1.3),
+    Program(name="tool", command=("benchmarks.tool", "--repeats", "4"), minutes=1.3),
     Program(
         name="launches",
-        words=("benchmarks.launches", "--rounds", "15", "--kills", "5", "--large", "3"),
+        command=("benchmarks.launches", "--rounds", "15", "--kills", "5", "--large", "3"),
         minutes=1.5,
     ),
     Program(
         name="simulator",
-        words=("benchmarks.simulator", "--only", "cost", "realtime"),
+        command=("benchmarks.simulator", "--only", "cost", "realtime"),
         minutes=1.7,
     ),
-    Program(name="lockstep", words=("benchmarks.lockstep", "--rounds", "3"), minutes=2.5),
+    Program(name="lockstep", command=("benchmarks.lockstep", "--rounds", "3"), minutes=2.5),
     Program(
         name="loop",
-        words=("benchmarks.loop", "--parts", "work", "nodes", "rate"),
+        command=("benchmarks.loop", "--parts", "work", "nodes", "rate"),
         minutes=8.5,
     ),
 )
@@ -74,27 +74,27 @@ def left_of(
 
 def main() -> int:
     """Run the programs, report progress and write the summary."""
-    asked = options()
-    done = DONE.read_text(encoding="utf-8").split() if asked.go_on and DONE.exists() else []
-    programs = left_of(PROGRAMS, asked.parts, done)
+    arguments = options()
+    done = DONE.read_text(encoding="utf-8").split() if arguments.go_on and DONE.exists() else []
+    programs = left_of(PROGRAMS, arguments.parts, done)
     DONE.parent.mkdir(parents=True, exist_ok=True)
     DONE.write_text("".join(f"{name}\n" for name in done), encoding="utf-8")
     console = Console()
     console.print(_plan(programs), f"about {_minutes(programs)} on an idle machine", sep="\n")
-    begin_s, failed = time.monotonic(), []
+    start_s, failed = time.monotonic(), []
     for place, program in enumerate(programs):
-        elapsed_min = (time.monotonic() - begin_s) / 60
+        elapsed_min = (time.monotonic() - start_s) / 60
         console.rule(
             f"{program.name}, {place + 1} of {len(programs)}: {elapsed_min:.0f} min elapsed, "
             f"about {_minutes(programs[place:])} left"
         )
-        if subprocess.run(_command(program, asked), cwd=ROOT, check=False).returncode:
+        if subprocess.run(_command(program, arguments), cwd=ROOT, check=False).returncode:
             failed.append(program.name)
         else:
             with DONE.open("a", encoding="utf-8") as ended:
                 ended.write(f"{program.name}\n")
     subprocess.run([sys.executable, "-m", "benchmarks.summary"], cwd=ROOT, check=True)
-    console.print(f"took {(time.monotonic() - begin_s) / 60:.0f} min; see benchmarks/results")
+    console.print(f"took {(time.monotonic() - start_s) / 60:.0f} min; see benchmarks/results")
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
     return int(bool(failed))
@@ -118,15 +118,15 @@ def options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _command(program: Program, asked: argparse.Namespace) -> list[str]:
-    more = {"tool": [asked.peer], "loop": ["--go-on"] if asked.go_on else []}
-    return [sys.executable, "-m", *program.words, *more.get(program.name, [])]
+def _command(program: Program, arguments: argparse.Namespace) -> list[str]:
+    more = {"tool": [arguments.peer], "loop": ["--go-on"] if arguments.go_on else []}
+    return [sys.executable, "-m", *program.command, *more.get(program.name, [])]
 
 
 def _plan(programs: Iterable[Program]) -> Table:
     table = Table("program", "minutes")
     for program in programs:
-        table.add_row(" ".join(program.words), f"{program.minutes:g}")
+        table.add_row(" ".join(program.command), f"{program.minutes:g}")
     return table
 
 

@@ -40,9 +40,9 @@ def bare_second() -> BareSecond:
     """Tick for one second and return the measurements."""
     stolen = StolenTime()
     psutil.cpu_times_percent(None)
-    begin_ns = due_ns = time.monotonic_ns()
+    start_ns = due_ns = time.monotonic_ns()
     late_ns = []
-    while due_ns - begin_ns < 10**9:
+    while due_ns - start_ns < 10**9:
         time.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
         late_ns.append(time.monotonic_ns() - due_ns)
         # Missed ticks are skipped.

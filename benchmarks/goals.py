@@ -33,7 +33,7 @@ class Goal:
     """The reason to print if the goal is not met."""
 
     @property
-    def words(self) -> str:
+    def limits(self) -> str:
         """The expected range as text: `≤ 0.33`, `0.8 to 1.2`."""
         if self.least is not None and self.most is not None:
             return f"{self.least:g} to {self.most:g}{self.unit}"

@@ -75,34 +75,34 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--large", type=int, default=5, help="launches of thirty nodes")
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     before = set(SHARED_MEMORY.iterdir())
     tally, stolen = Tally(), StolenTime()
     with tempfile.TemporaryDirectory(prefix="obk-launches-") as home:
         environment = {**os.environ, "OBK_HOME": home, MARK: home}
         thirty = thirty_nodes(Path(home))
-        for number in range(asked.rounds):
+        for number in range(arguments.rounds):
             launch_and_end(DUMMY, environment, tally, tally.up_s)
-            print(f"\r{number + 1} of {asked.rounds} rounds", end="", flush=True)
-        for number in range(asked.large):
+            print(f"\r{number + 1} of {arguments.rounds} rounds", end="", flush=True)
+        for number in range(arguments.large):
             launch_and_end(thirty, environment, tally, tally.thirty_up_s)
-            print(f"\r{number + 1} of {asked.large} of thirty nodes", end="", flush=True)
-        moments = random.Random(asked.seed)
-        for number in range(asked.kills):
+            print(f"\r{number + 1} of {arguments.large} of thirty nodes", end="", flush=True)
+        moments = random.Random(arguments.seed)
+        for number in range(arguments.kills):
             kill_during_bring_up(environment, moments.uniform(0.0, 2.0), tally)
-            print(f"\r{number + 1} of {asked.kills} kills   ", end="", flush=True)
+            print(f"\r{number + 1} of {arguments.kills} kills   ", end="", flush=True)
     stolen_percent = stolen.percent()
     tally.left_over += unused_files(before)
     print()
     warn_of_stolen_time(stolen_percent)
-    return report(tally, asked, stolen_percent)
+    return report(tally, arguments, stolen_percent)
 
 
 def launch_and_end(
     config: Path, environment: dict[str, str], tally: Tally, up_s: list[float]
 ) -> None:
     """Launch until active, then send SIGINT."""
-    begin = time.monotonic()
+    start = time.monotonic()
     process = subprocess.Popen(
         [OBK, "launch", config, "--format", "json", "--quiet"],
         env=environment,
@@ -116,13 +116,13 @@ def launch_and_end(
             lines.append(line)
             event = json.loads(line)
             if event["event"] == "Phase" and event["name"] == "active":
-                up_s.append(time.monotonic() - begin)
-                begin = time.monotonic()
+                up_s.append(time.monotonic() - start)
+                start = time.monotonic()
                 process.send_signal(2)
     if process.wait() != 0:
         tally.failed.append(lines[-1] if lines else "no output")
     elif config == DUMMY:
-        tally.down_s.append(time.monotonic() - begin)
+        tally.down_s.append(time.monotonic() - start)
     note_processes(environment, tally, 0.0)
 
 
@@ -173,13 +173,13 @@ def unused_files(before: set[Path]) -> list[str]:
     return sorted(path for path in new if not any(stem in path for stem in stems))
 
 
-def report(tally: Tally, asked: argparse.Namespace, stolen_percent: float) -> int:
+def report(tally: Tally, arguments: argparse.Namespace, stolen_percent: float) -> int:
     """Print and write the results."""
     figures = {
         "machine": f"{platform.machine()}, {os.cpu_count()} processors",
         "stolen_percent": stolen_percent,
-        "rounds": asked.rounds,
-        "kills": asked.kills,
+        "rounds": arguments.rounds,
+        "kills": arguments.kills,
         "up_s": spread(tally.up_s),
         "thirty_up_s": spread(tally.thirty_up_s),
         "down_s": spread(tally.down_s),

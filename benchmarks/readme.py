@@ -48,5 +48,5 @@ def with_table(text: str, table: str) -> str:
     Raises:
         ValueError: the markers are missing.
     """
-    begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
-    return f"{text[:begin]}\n\n{table}\n\n{text[end:]}"
+    start, end = text.index(BEGIN) + len(BEGIN), text.index(END)
+    return f"{text[:start]}\n\n{table}\n\n{text[end:]}"

@@ -67,13 +67,13 @@ def write(path: Path, seconds: int, seed: int) -> None:
 
 def measured(*words: object) -> dict[str, float]:
     """Measure time and memory of a command."""
-    begin_s = time.monotonic()
+    start_s = time.monotonic()
     process = subprocess.Popen([OBK, *map(str, words)], stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     if status:
         raise SystemExit(f"obk {words[0]} failed")
     return {
-        "wall_s": time.monotonic() - begin_s,
+        "wall_s": time.monotonic() - start_s,
         "processor_s": usage.ru_utime + usage.ru_stime,
         "memory_bytes": usage.ru_maxrss * 1024,
     }

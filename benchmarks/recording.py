@@ -51,15 +51,15 @@ def publish(topics: int, rate_hz: float, seconds: float) -> None:
         time.sleep(0.01)
     time.sleep(SETTLE_S)
     count = round(seconds * rate_hz)
-    begin = time.monotonic()
+    start = time.monotonic()
     for number in range(count):
         message.joint_pos = [number * 1e-3 + joint for joint in range(JOINTS)]
         message.joint_vel = [number * 1e-6 + joint for joint in range(JOINTS)]
         data = serialize_message(message)
         for publisher in publishers:
             publisher.publish(data)
-        time.sleep(max(0.0, begin + (number + 1) / rate_hz - time.monotonic()))
-    took_s = time.monotonic() - begin
+        time.sleep(max(0.0, start + (number + 1) / rate_hz - time.monotonic()))
+    took_s = time.monotonic() - start
     print(json.dumps({"each": count, "seconds": took_s}))
     time.sleep(1.0)
 

@@ -88,13 +88,13 @@ class NotingClock(MonotonicClock):
 
     def __init__(self) -> None:
         self.late_ns = array("q")
-        self.begin_ns = 0
+        self.start_ns = 0
         self.woke_ns = 0
 
     def now_ns(self) -> int:
         """Read the clock, and record the first time."""
         now_ns = super().now_ns()
-        self.begin_ns = self.begin_ns or now_ns
+        self.start_ns = self.start_ns or now_ns
         return now_ns
 
     def sleep_until_ns(self, deadline_ns: int, stopped: Callable[[], bool]) -> int:
@@ -193,9 +193,9 @@ def _bare_block() -> dict[str, Any]:
 def hour(node: GuardedLifecycleNode, steps: int) -> dict[str, Any]:
     """Part `hour`: missing samples and drift in an hour of simulation time."""
     rig = Rig(node, dummy_block(), "/hour")
-    begin_s = time.monotonic()
+    start_s = time.monotonic()
     rig.run(steps)
-    took_s = time.monotonic() - begin_s
+    took_s = time.monotonic() - start_s
     sent = {topic: rig.publishers[topic].count for topic in rig.periods_s}
     wanted = {
         topic: steps // round(period_s * NS_PER_S / STEP_NS)
@@ -223,7 +223,7 @@ def schedule(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
     # The lateness of the last step is no drift of the schedule.
     due_ns = clock.woke_ns - clock.late_ns[-1]
     behind_s = (
-        due_ns - clock.begin_ns - len(clock.late_ns) * STEP_NS // SCHEDULE_FACTOR
+        due_ns - clock.start_ns - len(clock.late_ns) * STEP_NS // SCHEDULE_FACTOR
     ) / NS_PER_S
     return {
         "seconds": seconds,
@@ -240,9 +240,9 @@ def realtime(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
     steps = round(seconds * NS_PER_S / STEP_NS)
     paced, free = Rig(node, dummy_block(), "/paced"), Rig(node, dummy_block(), "/free")
     pace = Pace(paced.simulation.step_s)
-    before_s, begin_ns = time.process_time(), time.monotonic_ns()
+    before_s, start_ns = time.process_time(), time.monotonic_ns()
     clock = paced.run(steps, pace)
-    took_ns, used_s = time.monotonic_ns() - begin_ns, time.process_time() - before_s
+    took_ns, used_s = time.monotonic_ns() - start_ns, time.process_time() - before_s
     before_s = time.process_time()
     free.run(steps)
     alone_s = time.process_time() - before_s
@@ -264,16 +264,16 @@ def realtime(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
 def bare_loop(simulation: Simulation, steps: int) -> tuple[float, float]:
     """CPU time of `mj_step` called at real time, and of the same calls without pacing [s]."""
     model, data = simulation.model, simulation.data
-    due_ns, begin_s = time.monotonic_ns(), time.process_time()
+    due_ns, start_s = time.monotonic_ns(), time.process_time()
     for _ in range(steps):
         due_ns += STEP_NS
         if (left_ns := due_ns - time.monotonic_ns()) > 0:
             time.sleep(left_ns / NS_PER_S)
         mujoco.mj_step(model, data)
-    paced_s, begin_s = time.process_time() - begin_s, time.process_time()
+    paced_s, start_s = time.process_time() - start_s, time.process_time()
     for _ in range(steps):
         mujoco.mj_step(model, data)
-    return paced_s, time.process_time() - begin_s
+    return paced_s, time.process_time() - start_s
 
 
 def _late_us(clock: NotingClock) -> dict[str, float]:

@@ -21,12 +21,12 @@ class StolenTime:
     """Measures the time stolen since its creation."""
 
     def __init__(self) -> None:
-        self._begin_s = time.monotonic()
+        self._start_s = time.monotonic()
         self._stolen_s = psutil.cpu_times().steal
 
     def percent(self) -> float:
         """Stolen time in percent of one core."""
-        seconds = time.monotonic() - self._begin_s
+        seconds = time.monotonic() - self._start_s
         return round(100 * (psutil.cpu_times().steal - self._stolen_s) / seconds, 1)
 
 

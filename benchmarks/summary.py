@@ -41,10 +41,10 @@ def goals_table(goals: Iterable[Goal], results: Results) -> Iterator[str]:
         try:
             value = goal.figure(results)
         except KeyError:
-            yield f"| {goal.what} | {goal.words} | | not measured |"
+            yield f"| {goal.what} | {goal.limits} | | not measured |"
             continue
         met = "met" if goal.is_met_by(value) else f"**not met**{_reference(goal.why, reasons)}"
-        yield f"| {goal.what} | {goal.words} | {_three_digits(value)}{goal.unit} | {met} |"
+        yield f"| {goal.what} | {goal.limits} | {_three_digits(value)}{goal.unit} | {met} |"
 
     if reasons:
         yield ""

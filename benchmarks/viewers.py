@@ -203,7 +203,7 @@ def measure(launcher: psutil.Popen, seconds: float, *, pages: int = 0) -> Result
     (robot,) = [p for p in below if "__node:=obelisk_robot_0" in p.cmdline()]
     wait_for_pages(viewers, pages)
     time.sleep(SETTLE_S)
-    begin = time.monotonic()
+    start = time.monotonic()
     before = [cpu_s(p) for p in (robot, *viewers)]
     received = subprocess.run(
         [sys.executable, __file__, "--print-factors", str(seconds)],
@@ -211,7 +211,7 @@ def measure(launcher: psutil.Popen, seconds: float, *, pages: int = 0) -> Result
         check=True,
         timeout=seconds + DEADLINE_S,
     )
-    took_s = time.monotonic() - begin
+    took_s = time.monotonic() - start
     robot_s, *viewer_s = (
         cpu_s(p) - used_s for p, used_s in zip((robot, *viewers), before, strict=True)
     )

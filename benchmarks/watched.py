@@ -173,7 +173,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=12.0)
     parser.add_argument("--rounds", type=int, default=5)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     runs: dict[str, list[dict[str, Any]]] = {}
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory(prefix="obk-watched-") as home, free_domain() as domain:
@@ -183,17 +183,17 @@ def main() -> int:
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
         rclpy.init()
-        for _ in range(asked.rounds):
+        for _ in range(arguments.rounds):
             for layout, options in LAYOUTS.items():
                 for is_watched in (False, True):
                     name = f"{layout}, {'watched' if is_watched else 'alone'}"
-                    run = measure(options, asked.seconds, is_watched=is_watched)
+                    run = measure(options, arguments.seconds, is_watched=is_watched)
                     runs.setdefault(name, []).append(run)
                     print(name, json.dumps(run))
         rclpy.shutdown()
     warn_of_stolen_time(max(run["stolen_percent"] for found in runs.values() for run in found))
     result = {
-        "seconds": asked.seconds,
+        "seconds": arguments.seconds,
         "least_kept": {name: min(map(_least_kept, found)) for name, found in runs.items()},
         "watched_to_alone": {layout: watched_to_alone(runs, layout) for layout in LAYOUTS},
         "monitor_cores": statistics.median(

@@ -59,12 +59,12 @@ JOURNAL = "loop.jsonl"
 
 def main() -> int:
     """Measure the cases, print and write the results."""
-    asked = options()
-    efforts = efforts_of(asked)
-    journal = (asked.results if asked.results != RESULTS else BUILD) / JOURNAL
+    arguments = options()
+    efforts = efforts_of(arguments)
+    journal = (arguments.results if arguments.results != RESULTS else BUILD) / JOURNAL
     surroundings = {"machine": machine(), "versions": dict(run_versions())}
     before = read_journal(journal, surroundings)
-    stays = before if asked.go_on else others(before, efforts)
+    stays = before if arguments.go_on else others(before, efforts)
     done = [record for record in stays if isinstance(record, Run) and record.case in efforts]
     try:
         floor = build_floor(BUILD)
@@ -77,7 +77,7 @@ def main() -> int:
             os.environ["ROS_DOMAIN_ID"] = str(stack.enter_context(free_domain()))
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         measure_with_progress(efforts, done, floor, journal)
-    return write_results(asked.results, efforts, read_journal(journal, surroundings))
+    return write_results(arguments.results, efforts, read_journal(journal, surroundings))
 
 
 def measure_with_progress(
@@ -108,11 +108,11 @@ def measure_with_progress(
         run_suite(efforts, done, floor=floor, keep=keep, reported=reported)
 
 
-def write_results(folder: Path, asked: Mapping[Case, Effort], records: Sequence[Record]) -> int:
+def write_results(folder: Path, arguments: Mapping[Case, Effort], records: Sequence[Record]) -> int:
     """Write table, curves and JSON of all existing runs; return the exit code."""
     folder.mkdir(parents=True, exist_ok=True)
     cases = dict.fromkeys(record.case for record in records if isinstance(record, Run))
-    suite = suite_of({case: effort_of(case) for case in cases} | dict(asked), records)
+    suite = suite_of({case: effort_of(case) for case in cases} | dict(arguments), records)
     rows = rows_of(suite)
     write_json(folder / "loop.json", suite)
     write_table(folder / "loop.md", suite)
@@ -130,14 +130,14 @@ def others(before: Sequence[Record], efforts: Mapping[Case, Effort]) -> tuple[Re
     return tuple(r for r in before if not isinstance(r, Run) or r.case not in efforts)
 
 
-def efforts_of(asked: argparse.Namespace) -> dict[Case, Effort]:
+def efforts_of(arguments: argparse.Namespace) -> dict[Case, Effort]:
     """The number and duration of the runs of each case."""
     return {
         case: Effort(
-            rounds=asked.rounds or effort_of(case).rounds,
-            seconds=asked.seconds or effort_of(case).seconds,
+            rounds=arguments.rounds or effort_of(case).rounds,
+            seconds=arguments.seconds or effort_of(case).seconds,
         )
-        for case in cases_of(asked.parts, asked.contestants, asked.layouts)
+        for case in cases_of(arguments.parts, arguments.contestants, arguments.layouts)
     }
 
 
@@ -161,12 +161,12 @@ def options() -> argparse.Namespace:
         help="folder of the results; default: benchmarks/results, with --quick "
         "build/benchmarks/quick",
     )
-    asked = parser.parse_args()
-    asked.parts = asked.parts or (["work"] if asked.quick else list(PARTS))
-    if asked.quick:
-        asked.rounds, asked.seconds = asked.rounds or 1, asked.seconds or 1.0
-    asked.results = asked.results or (BUILD / "quick" if asked.quick else RESULTS)
-    return asked
+    arguments = parser.parse_args()
+    arguments.parts = arguments.parts or (["work"] if arguments.quick else list(PARTS))
+    if arguments.quick:
+        arguments.rounds, arguments.seconds = arguments.rounds or 1, arguments.seconds or 1.0
+    arguments.results = arguments.results or (BUILD / "quick" if arguments.quick else RESULTS)
+    return arguments
 
 
 def sentence(run: Run) -> str:

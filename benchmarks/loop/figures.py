@@ -66,7 +66,7 @@ class Spread:
     max: float
 
 
-def figures_of(records: Iterable[NodeRecord], usage: Usage, begin_ns: int, end_ns: int) -> Figures:
+def figures_of(records: Iterable[NodeRecord], usage: Usage, start_ns: int, end_ns: int) -> Figures:
     """Compute the measures between two times of the monotonic clock [ns].
 
     Raises:
@@ -78,22 +78,22 @@ def figures_of(records: Iterable[NodeRecord], usage: Usage, begin_ns: int, end_n
     for record in records:
         ticks = lateness_ns(record.ticks_ns, period_ns=record.period_ns, phase_ns=record.phase_ns)
         seen = [
-            late for at, late in zip(record.ticks_ns, ticks, strict=True) if begin_ns <= at < end_ns
+            late for at, late in zip(record.ticks_ns, ticks, strict=True) if start_ns <= at < end_ns
         ]
         if not seen:
             raise ValueError(f"{record.name} did not tick")
         late_ns += seen
-        rates_hz.append(len(seen) / (end_ns - begin_ns) * NS_PER_S)
+        rates_hz.append(len(seen) / (end_ns - start_ns) * NS_PER_S)
         delays_ns += [
             delay
             for at, delay in zip(record.arrivals_ns, record.delays_ns, strict=True)
-            if begin_ns <= at < end_ns
+            if start_ns <= at < end_ns
         ]
     if not delays_ns:
         raise ValueError("no simulator received a control message")
     return Figures(
         cpu_percent=usage.own,
-        cpu_per_tick_us=usage.own / 100 * (end_ns - begin_ns) / len(late_ns) / 1e3,
+        cpu_per_tick_us=usage.own / 100 * (end_ns - start_ns) / len(late_ns) / 1e3,
         others_percent=usage.others,
         stolen_percent=usage.stolen,
         rate_hz=min(rates_hz),

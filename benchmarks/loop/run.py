@@ -67,12 +67,12 @@ def measure(case: Case, *, seconds: float, floor: Path, folder: Path) -> Figures
         with _workers(case, floor, folder) as workers:
             _await_ready(workers)
             time.sleep(SETTLE_S)
-            begin = _moment(workers)
+            start = _moment(workers)
             time.sleep(seconds)
             end = _moment(workers)
             _end(workers)
         records = [record for worker in workers for record in read_records(worker.record)]
-        return figures_of(records, _usage(begin, end), begin.at_ns, end.at_ns)
+        return figures_of(records, _usage(start, end), start.at_ns, end.at_ns)
     except (_FailedError, ValueError) as failure:
         return Failed(why=str(failure))
     finally:
@@ -168,11 +168,11 @@ def _used_s(pid: int) -> float:
     return time.clock_gettime(~pid << 3 | 2)
 
 
-def _usage(begin: _Moment, end: _Moment) -> Usage:
-    seconds = (end.at_ns - begin.at_ns) / 1e9
-    own = 100 * (end.own_s - begin.own_s) / seconds
-    machine = 100 * (end.machine_s - begin.machine_s) / seconds
-    stolen = 100 * (end.stolen_s - begin.stolen_s) / seconds
+def _usage(start: _Moment, end: _Moment) -> Usage:
+    seconds = (end.at_ns - start.at_ns) / 1e9
+    own = 100 * (end.own_s - start.own_s) / seconds
+    machine = 100 * (end.machine_s - start.machine_s) / seconds
+    stolen = 100 * (end.stolen_s - start.stolen_s) / seconds
     return Usage(own=own, others=max(0.0, machine - own), stolen=stolen)
 
 

@@ -61,24 +61,28 @@ class Soak:
         self.stack.launch()
         calm_at_s = self.stack.now() + self._calm_s
         while self.stack.now() < seconds or len(self.troubles) < least:
-            begin_s = time.monotonic()
+            start_s = time.monotonic()
             nodes = self.sample()
             if self.stack.now() >= calm_at_s:
                 if timer is not None:
                     self.rates.look(nodes.values(), timer.newest(), self.stack.now())
                 kind = next(turns)
-                begun_s = self.stack.now()
+                started_s = self.stack.now()
                 trouble(self.stack, kind, self._draw)
-                self.note(kind, begun_s)
+                self.note(kind, started_s)
                 calm_at_s = self.stack.now() + self._calm_s
-            time.sleep(max(0.0, min(SAMPLE_S, self._calm_s) - (time.monotonic() - begin_s)))
+            time.sleep(max(0.0, min(SAMPLE_S, self._calm_s) - (time.monotonic() - start_s)))
         self.stack.stop_observers()
         self.stack.stop()
 
-    def note(self, kind: Trouble, begun_s: float) -> None:
+    def note(self, kind: Trouble, started_s: float) -> None:
         """Record and print a fault."""
         now_s = self.stack.now()
-        done = {"time_s": round(begun_s, 1), "took_s": round(now_s - begun_s, 1), "trouble": kind}
+        done = {
+            "time_s": round(started_s, 1),
+            "took_s": round(now_s - started_s, 1),
+            "trouble": kind,
+        }
         self.troubles.append(done)
         print(f"{now_s:.0f} s: {kind}, {len(self.stack.faults)} failures so far", file=sys.stderr)
 
@@ -101,18 +105,18 @@ class Soak:
         return self._mapped & shared_files()
 
 
-def soak(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
+def soak(arguments: argparse.Namespace, home: Path) -> dict[str, Any]:
     """Run the soak and return the result."""
-    draw = random.Random(asked.seed)
-    is_frozen = asked.hang_after <= FROZEN_S
-    least = len(first_deck(random.Random(asked.seed), is_frozen=is_frozen))
-    options = ("--on-crash", "restart", "--hang-after", f"{asked.hang_after:g}")
-    stolen, stack = StolenTime(), Stack.of(asked.config, home, options)
-    run = Soak(stack, draw, asked.calm)
+    draw = random.Random(arguments.seed)
+    is_frozen = arguments.hang_after <= FROZEN_S
+    least = len(first_deck(random.Random(arguments.seed), is_frozen=is_frozen))
+    options = ("--on-crash", "restart", "--hang-after", f"{arguments.hang_after:g}")
+    stolen, stack = StolenTime(), Stack.of(arguments.config, home, options)
+    run = Soak(stack, draw, arguments.calm)
     remove_dead_segments()  # of processes that were killed before
-    with nullcontext() if asked.without_rates else bare_timer_beside() as timer:
-        run.run(asked.seconds, plan(draw, is_frozen=is_frozen), least, timer)
-    left, found = stack.leftovers(), verdicts(run.samples, least_mb=asked.least_mb)
+    with nullcontext() if arguments.without_rates else bare_timer_beside() as timer:
+        run.run(arguments.seconds, plan(draw, is_frozen=is_frozen), least, timer)
+    left, found = stack.leftovers(), verdicts(run.samples, least_mb=arguments.least_mb)
     shared = sorted(run.shared_files())
     faults = [*stack.faults, *(f"traceback: {line}" for line in stack.tracebacks())]
     grown = [one for one in found if not one["is_flat"]]
@@ -120,7 +124,7 @@ def soak(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(stack.now()),
-        "seed": asked.seed,
+        "seed": arguments.seed,
         "cores": os.cpu_count(),
         "load_average": os.getloadavg()[0],
         "stolen_percent": stolen.percent(),
@@ -175,12 +179,12 @@ def options() -> argparse.Namespace:
 
 def main() -> int:
     """Run the soak, write and print the result."""
-    asked = options()
+    arguments = options()
     with ExitStack() as held:
         if "ROS_DOMAIN_ID" not in os.environ:
             os.environ["ROS_DOMAIN_ID"] = str(held.enter_context(free_domain()))
-        result = soak(asked, Path(held.enter_context(tempfile.TemporaryDirectory())))
-    keep_result(result, asked.results / "soak.json")
+        result = soak(arguments, Path(held.enter_context(tempfile.TemporaryDirectory())))
+    keep_result(result, arguments.results / "soak.json")
     shown = ("verdict", "load_average", "stolen_percent", "faults", "left", "rates", "grown")
     print(json.dumps({key: result[key] for key in shown}, indent=1))
     return 0 if result["is_sound"] else 1

@@ -40,13 +40,13 @@ LEAST_JUDGED_S: Final = 1.0
 
 def run_rounds(stack: Stack, rounds: int) -> list[dict[str, Any]]:
     """Run all rounds unless one fails; return the samples."""
-    environment, asked = ros_environment(), LifecycleRequest(timeout_s=TRANSITION_S)
+    environment, arguments = ros_environment(), LifecycleRequest(timeout_s=TRANSITION_S)
     samples: list[dict[str, Any]] = []
     for number in track(range(rounds), "rounds"):
         if number % max(1, rounds // SAMPLES) == 0:
             samples += sample(stack)
         for transition in ROUND:
-            answer = change_states(environment, transition, asked)
+            answer = change_states(environment, transition, arguments)
             if not answer.success:
                 stack.blame(f"{transition} in round {number}: {answer.why}")
                 return samples
@@ -62,15 +62,18 @@ def sample(stack: Stack) -> Iterator[dict[str, Any]]:
             yield {"time_s": round(stack.now(), 2), "who": who, "pid": pid, **counts}
 
 
-def measure(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
+def measure(arguments: argparse.Namespace, home: Path) -> dict[str, Any]:
     """Run the rounds and return the result."""
-    stolen, stack = StolenTime(), Stack.of(asked.config, home, ("--composed", "--hang-after", "20"))
+    stolen, stack = (
+        StolenTime(),
+        Stack.of(arguments.config, home, ("--composed", "--hang-after", "20")),
+    )
     stack.launch()
-    samples = run_rounds(stack, asked.rounds)
+    samples = run_rounds(stack, arguments.rounds)
     stack.stop()
     found = verdicts(samples, LEAST_JUDGED_S)
     return {
-        "rounds": asked.rounds,
+        "rounds": arguments.rounds,
         "seconds": round(stack.now()),
         "cores": os.cpu_count(),
         "stolen_percent": stolen.percent(),
@@ -92,14 +95,14 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=1000)
     parser.add_argument("--config", type=Path, default=CONFIG, help="config; its folder is copied")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the results")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     with ExitStack() as held:
         if "ROS_DOMAIN_ID" not in os.environ:
             os.environ["ROS_DOMAIN_ID"] = str(held.enter_context(free_domain()))
         home = Path(held.enter_context(tempfile.TemporaryDirectory()))
         os.environ |= {"OBK_HOME": str(home), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        result = measure(asked, home)
-    keep_result(result, asked.results / "rounds.json")
+        result = measure(arguments, home)
+    keep_result(result, arguments.results / "rounds.json")
     shown = {key: result[key] for key in ("seconds", "stolen_percent", "is_sound", "faults")}
     print(json.dumps({**shown, "judged": result["judged"]}, indent=1))
     return 0 if result["is_sound"] else 1

@@ -61,7 +61,7 @@ def main(module: str, name: str, engine: str, seconds: float, seed: int) -> None
         _explore(atheris, test.hypothesis.fuzz_one_input, bounded, end, seed)
     else:
         _generate(test, end, seed)
-        _tell(bounded)
+        _report(bounded)
 
 
 def _generate(test: Any, end: float, seed: int) -> None:
@@ -80,7 +80,7 @@ def _explore(
     def run_one(data: bytes) -> None:
         run(data)
         if time.monotonic() > end:
-            _tell(bounded)
+            _report(bounded)
             os._exit(0)  # the library has no other exit hook for Python
 
     with tempfile.TemporaryDirectory() as corpus:
@@ -91,7 +91,7 @@ def _explore(
         atheris.Fuzz()
 
 
-def _tell(bounded: Bounded) -> None:
+def _report(bounded: Bounded) -> None:
     reported = {"executions": bounded.executions, "slowest_s": round(bounded.slowest_s, 3)}
     print(json.dumps({**reported, "findings": bounded.findings}), flush=True)
 

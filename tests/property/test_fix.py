@@ -35,7 +35,7 @@ def errors(result: Fixed) -> tuple[int, int]:
     )
 
 
-def with_slips(text: str, seed: int) -> str:
+def with_typing_mistakes(text: str, seed: int) -> str:
     """Text with a few letters left out, doubled or swapped, like typing mistakes."""
     draw = random.Random(seed)
     for _ in range(draw.randint(1, 6)):
@@ -47,7 +47,7 @@ def with_slips(text: str, seed: int) -> str:
 
 @given(st.sampled_from(SEEDS), st.integers())
 def test_typing_mistakes_in_any_config_are_fixed_or_left(text: str, seed: int) -> None:
-    first = fixed(with_slips(text, seed), CORPUS / "nowhere")
+    first = fixed(with_typing_mistakes(text, seed), CORPUS / "nowhere")
     before, after = errors(first)
     assert after <= before
     for _, new in first.files:

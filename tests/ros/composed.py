@@ -172,11 +172,11 @@ class Composed:
         received: list[Any] = []
         self.client.create_subscription(kind, topic, received.append, 10)
 
-        def has_come() -> bool:
+        def has_arrived() -> bool:
             self._executor.spin_once(0.01)
             return bool(received)
 
-        return has_come
+        return has_arrived
 
     def wait_for_line(self, part: str) -> None:
         """Wait for a line with this text."""

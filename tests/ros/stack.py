@@ -195,14 +195,14 @@ class Launched:
     def wait_for_line(self, part: str, deadline_s: float = DEADLINE_S) -> None:
         """Wait for a line with this text."""
 
-        def is_said() -> bool:
+        def is_shown() -> bool:
             return any(part in line for line in self.lines)
 
         def is_over() -> bool:
-            return is_said() or not self.reader.is_alive()
+            return is_shown() or not self.reader.is_alive()
 
         eventually(is_over, part, seen=lambda: self.text, deadline_s=deadline_s)
-        assert is_said(), self.text
+        assert is_shown(), self.text
 
     def node(self, name: str) -> psutil.Process:
         """The process of a node."""

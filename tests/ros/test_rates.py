@@ -156,7 +156,7 @@ def test_coroutines_of_the_configs_timers_are_counted() -> None:
         assert (newest(received, "timer_slow") or NONE).expected_hz == 2
 
 
-def is_heard_for(received: list[RatesReported], wait_s: float) -> bool:
+def is_received_for(received: list[RatesReported], wait_s: float) -> bool:
     """Whether more reports arrive within a time."""
     before = len(received)
     time.sleep(wait_s)
@@ -169,7 +169,7 @@ def test_only_an_active_node_reports_of_its_rates() -> None:
         eventually(lambda: len(received) >= 2, "reports")
         assert request(node, "deactivate")
         # A report in progress may still arrive.
-        eventually(lambda: not is_heard_for(received, 1.5), "silence")
+        eventually(lambda: not is_received_for(received, 1.5), "silence")
         before = len(received)
         assert request(node, "cleanup")
         assert request(node, "configure")

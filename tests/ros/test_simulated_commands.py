@@ -58,7 +58,7 @@ def older_setpoint(*values: float) -> PositionSetpoint:
     return message
 
 
-OBEYED = pytest.mark.parametrize("make", [setpoint, older_setpoint, written, torques])
+VALID = pytest.mark.parametrize("make", [setpoint, older_setpoint, written, torques])
 
 
 @contextmanager
@@ -110,7 +110,7 @@ def stamp(node: Any, ago_s: float) -> Header:
     return Header(stamp=Time(sec=seconds, nanosec=nanoseconds))
 
 
-@OBEYED
+@VALID
 @pytest.mark.parametrize("by", ["config", "code"])
 def test_a_valid_command_reaches_the_actuators(tmp_path: Path, make: Any, by: str) -> None:
     message = type(make(0.0, 0.0))
@@ -120,7 +120,7 @@ def test_a_valid_command_reaches_the_actuators(tmp_path: Path, make: Any, by: st
         assert node.reported == []
 
 
-@OBEYED
+@VALID
 @pytest.mark.parametrize(
     ("values", "refusal"),
     [
@@ -148,7 +148,7 @@ def test_an_invalid_command_is_rejected_and_reported(
         assert node.state_label == "active"
 
 
-@OBEYED
+@VALID
 def test_a_late_command_is_applied_and_reported(tmp_path: Path, make: Any) -> None:
     message = type(make(0.0, 0.0))
     with simulator(tmp_path, message) as node:
@@ -163,7 +163,7 @@ def test_a_late_command_is_applied_and_reported(tmp_path: Path, make: Any) -> No
         )
 
 
-@OBEYED
+@VALID
 def test_a_command_out_of_order_is_kept_out_and_reported(tmp_path: Path, make: Any) -> None:
     message = type(make(0.0, 0.0))
     with simulator(tmp_path, message) as node:
@@ -191,7 +191,7 @@ def test_a_message_without_a_control_is_rejected_at_configure(
         )
 
 
-@OBEYED
+@VALID
 def test_old_commands_become_zeros_although_the_executor_is_busy(tmp_path: Path, make: Any) -> None:
     message = type(make(0.0, 0.0))
     with simulator(tmp_path, message, max_age_sec=0.3) as node:

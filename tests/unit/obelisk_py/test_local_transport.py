@@ -452,12 +452,12 @@ def test_a_message_of_dds_waits_for_packets_that_the_socket_did_not_take(
     subscription.dds.hold(501, 1)
     got: list[int] = []
 
-    def all_have_come() -> bool:
+    def all_have_arrived() -> bool:
         subscription.worker.run_ready(0.01)
         got.extend(subscription.taken())
         return len(got) >= 501
 
-    eventually(all_have_come, "all messages")
+    eventually(all_have_arrived, "all messages")
     assert got == list(range(1, 502))
     peer.close()
     subscription.close()
@@ -490,7 +490,7 @@ def test_a_packet_does_not_wait_for_ever_for_a_message_that_dds_lost(
     subscription = Subscription(folder, best_effort)
     got: list[int] = []
 
-    def has_come() -> list[int]:
+    def has_arrived() -> list[int]:
         subscription.worker.run_ready(0.01)
         got.extend(subscription.taken())
         return got
@@ -499,7 +499,7 @@ def test_a_packet_does_not_wait_for_ever_for_a_message_that_dds_lost(
         publisher.send(packet(1, 5))
         subscription.read()
         assert subscription.taken() == []
-        eventually(has_come, "the packet")
+        eventually(has_arrived, "the packet")
         publisher.send(packet(2, 5))
         subscription.read()
         assert subscription.taken() == [2]

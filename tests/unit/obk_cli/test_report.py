@@ -116,7 +116,7 @@ def test_json_has_every_location_with_its_end() -> None:
     ]
 
 
-CURED = found(
+FIXABLE = found(
     "OBK101",
     "no such key",
     Span.at(SOURCE, 2, 2),
@@ -125,7 +125,7 @@ CURED = found(
 
 
 def test_json_has_the_edits_of_a_safe_fix() -> None:
-    report = json.loads(report_json(["f.yaml"], [CURED]))
+    report = json.loads(report_json(["f.yaml"], [FIXABLE]))
     assert report["diagnostics"][0]["fix"] == {
         "edits": [
             {
@@ -156,7 +156,7 @@ def test_an_edit_of_a_last_line_without_an_end_stays_within_the_file() -> None:
 
 
 def test_sarif_has_the_edits_of_a_safe_fix() -> None:
-    (run,) = json.loads(report_sarif([CURED, FINDING]))["runs"]
+    (run,) = json.loads(report_sarif([FIXABLE, FINDING]))["runs"]
     fixed, other = run["results"]
     assert "fixes" not in other
     (fix,) = fixed["fixes"]
@@ -185,7 +185,7 @@ def test_sarif_has_the_edits_of_a_safe_fix() -> None:
         }
     ]
     assert fix["description"]["text"]
-    Sarif.model_validate_json(report_sarif([CURED]))
+    Sarif.model_validate_json(report_sarif([FIXABLE]))
 
 
 def test_github_gets_one_line_for_each_finding() -> None:

@@ -13,7 +13,7 @@ from obk_cli import errors
 from obk_cli.cli.main import main
 from obk_cli.errors import pythonpath_shadow, resource_error
 
-SOUND = Path(__file__).parents[2] / "cases/accept/OBK004/topic_twice.yaml"
+VALID_CONFIG = Path(__file__).parents[2] / "cases/accept/OBK004/topic_twice.yaml"
 OBK = Path(sys.executable).with_name("obk")
 
 
@@ -52,7 +52,7 @@ def test_missing_resources_of_the_machine_are_reported_with_a_message(
 ) -> None:
     failing(monkeypatch, error)
     with pytest.raises(SystemExit) as ended:
-        main(["validate", str(SOUND)])
+        main(["validate", str(VALID_CONFIG)])
     assert ended.value.code == 1
     assert capsys.readouterr().err == f"error: {reported}\n"
 
@@ -79,7 +79,7 @@ def test_a_trace_that_cannot_be_kept_is_reported_of_nevertheless(
     failing(monkeypatch, ZeroDivisionError("boom"))
     monkeypatch.setattr("tempfile.NamedTemporaryFile", full)
     with pytest.raises(SystemExit) as ended:
-        main(["validate", str(SOUND)])
+        main(["validate", str(VALID_CONFIG)])
     assert ended.value.code == 1
     reported = (
         "this is a bug in obk (ZeroDivisionError: boom); run `obk --debug` to see the traceback"
@@ -94,7 +94,7 @@ def test_a_standard_stream_that_is_closed_leads_nowhere(
     for name in ("stdin", "stdout", "stderr"):
         monkeypatch.setattr(sys, name, None if name == closed else io.StringIO())
     with pytest.raises(SystemExit) as ended:
-        main(["validate", "-" if closed == "stdin" else str(SOUND)])
+        main(["validate", "-" if closed == "stdin" else str(VALID_CONFIG)])
     stream = getattr(sys, closed)
     assert ended.value.code == (1 if closed == "stdin" else 0)
     assert stream.name == os.devnull
@@ -105,7 +105,7 @@ def test_a_standard_stream_that_is_closed_leads_nowhere(
 def test_a_working_folder_that_was_removed_is_reported(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
     gone.mkdir()
-    command = f"cd '{gone}' && rmdir '{gone}' && exec '{OBK}' validate '{SOUND}'"
+    command = f"cd '{gone}' && rmdir '{gone}' && exec '{OBK}' validate '{VALID_CONFIG}'"
     ended = subprocess.run(
         ["/bin/sh", "-c", command], capture_output=True, text=True, timeout=60, check=False
     )
@@ -135,7 +135,7 @@ def test_a_module_that_shadows_a_library_is_named(
 ) -> None:
     (tmp_path / f"{module}.py").write_text(text)
     ended = subprocess.run(
-        [OBK, "validate", SOUND],
+        [OBK, "validate", VALID_CONFIG],
         capture_output=True,
         text=True,
         timeout=60,

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 CASES = Path(__file__).parents[2] / "cases"
-SOUND = CASES / "accept/OBK004/topic_twice.yaml"
+VALID_CONFIG = CASES / "accept/OBK004/topic_twice.yaml"
 FAULTY = CASES / "reject/OBK203/dangling.yaml"
 
 
@@ -46,7 +46,7 @@ def check(
 def test_the_action_keeps_and_annotates_the_findings_and_fails_by_them(
     steps: list[dict[str, Any]], tmp_path: Path
 ) -> None:
-    done = check(steps, tmp_path, f"{SOUND} {FAULTY}")
+    done = check(steps, tmp_path, f"{VALID_CONFIG} {FAULTY}")
     assert done.returncode == 1
     assert done.stdout.startswith(f"::error file={FAULTY},line=25,")
     findings = json.loads((tmp_path / "obk.sarif").read_text())["runs"][0]["results"]
@@ -55,7 +55,7 @@ def test_the_action_keeps_and_annotates_the_findings_and_fails_by_them(
 
 
 def test_the_action_passes_valid_configs(steps: list[dict[str, Any]], tmp_path: Path) -> None:
-    done = check(steps, tmp_path, f"{SOUND.parent}/topic_tw*.yaml")
+    done = check(steps, tmp_path, f"{VALID_CONFIG.parent}/topic_tw*.yaml")
     assert (done.returncode, done.stdout) == (0, "")
     assert json.loads((tmp_path / "obk.sarif").read_text())["runs"][0]["results"] == []
 
@@ -63,7 +63,7 @@ def test_the_action_passes_valid_configs(steps: list[dict[str, Any]], tmp_path: 
 def test_the_action_uploads_nothing_if_nothing_could_be_checked(
     steps: list[dict[str, Any]], tmp_path: Path
 ) -> None:
-    done = check(steps, tmp_path, str(SOUND), "--ignore OBK9")
+    done = check(steps, tmp_path, str(VALID_CONFIG), "--ignore OBK9")
     assert done.returncode == 2
     assert "`--ignore OBK9`: unknown rule" in done.stderr
     assert not (tmp_path / "outputs").exists()

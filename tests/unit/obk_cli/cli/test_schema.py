@@ -35,7 +35,7 @@ SHAPE_CODES = ("OBK101", "OBK102", "OBK103", "OBK104", "OBK105", "OBK106", "OBK1
 GRID = {"type": "height_scan", "resolution": 0.1, "size": [1, 0]}
 PINHOLE = {"type": "depth_camera", "width": 8, "height": 8}
 MATRIX = [2, 0, 4, 0, 2, 4, 0, 0, 1]
-SOUND_PATTERNS: tuple[dict[str, Any], ...] = (
+VALID_PATTERNS: tuple[dict[str, Any], ...] = (
     GRID,
     GRID | {"offset": {"rot": [0, 0, 0, -1]}},
     PINHOLE | {"intrinsic_matrix": MATRIX},
@@ -128,7 +128,7 @@ def test_rejects_the_shapes_that_the_checker_rejects(
     assert not validator.is_valid(load_yaml_core(path.read_text(encoding="utf-8")))
 
 
-@pytest.mark.parametrize("pattern", [*SOUND_PATTERNS, *BROKEN_PATTERNS], ids=str)
+@pytest.mark.parametrize("pattern", [*VALID_PATTERNS, *BROKEN_PATTERNS], ids=str)
 def test_bounds_the_numbers_of_a_ray_pattern_as_the_checker_does(
     pattern: dict[str, Any], schema: dict[str, Any]
 ) -> None:

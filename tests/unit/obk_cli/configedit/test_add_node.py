@@ -24,7 +24,7 @@ NEW = """\
       topic: /somewhere/imu
       msg_type: ObkImu
 """
-SOUND = """\
+VALID_TEXT = """\
 config: a
 control:
   - pkg: demo
@@ -63,7 +63,7 @@ def with_node(text: str, section: str = "sensing", new: str = NEW) -> str:
 def test_line_ends_are_kept_and_so_is_a_last_line_without_one(
     line_end: str,
 ) -> None:
-    before = SOUND.replace("\n", line_end)
+    before = VALID_TEXT.replace("\n", line_end)
     lines = (
         "  - pkg: new_node",
         "    executable: new_node",
@@ -77,12 +77,12 @@ def test_line_ends_are_kept_and_so_is_a_last_line_without_one(
 
 
 def test_a_new_topic_is_an_unused_one() -> None:
-    text = SOUND.replace("/a/q", "/a/new_node/imu")
+    text = VALID_TEXT.replace("/a/q", "/a/new_node/imu")
     assert "topic: /a/new_node/new_node/imu" in with_node(text)
 
 
 def test_a_topic_that_its_readers_want_kept_is_published_so() -> None:
-    wanting = SOUND.replace(
+    wanting = VALID_TEXT.replace(
         "{key: sub_sensor, topic: /a/q, msg_type: ObkJointEncoders}",
         "{key: sub_sensor, topic: /a/q, msg_type: ObkJointEncoders}, "
         "{key: sub_imu, topic: /a/imu, msg_type: ObkImu, qos: {durability: transient_local}}",

@@ -15,7 +15,7 @@ from obk_cli.runs.folder import Run
 RUN = Run(name="dummy", pid=1, started=0.0, domain=7, config="dummy.yaml", nodes=("/arm",))
 
 
-class Nobody:
+class EmptyGraph:
     """A graph that stays empty; records the waiting time."""
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ def place(tmp_path: Path, no_nodes_s: float = NO_NODES_S, *, runs: bool = False)
 
 
 def waited_for(where: GraphTarget, *, wait_s: float | None = None) -> list[float]:
-    look = Nobody()
+    look = EmptyGraph()
     with pytest.raises(CommandFailedError, match="was found"):
         settle(cast(RosParticipant, look), where, 5.0, wait_s=wait_s)
     return look.waited_s
@@ -65,13 +65,13 @@ def test_nodes_that_are_known_to_run_are_waited_for(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["/arm/joints", "joints"])
 def test_a_full_name_is_not_waited_for_in_an_empty_graph(tmp_path: Path, name: str) -> None:
     for find in (find_topic, find_node):
-        look = Nobody()
+        look = EmptyGraph()
         with pytest.raises(CommandFailedError, match="no stack is running"):
             find(cast(RosParticipant, look), place(tmp_path), name, 5.0)
         assert look.waited_s == [1.0]
 
 
-class Later(Nobody):
+class Later(EmptyGraph):
     """A stack's node immediately, and another one after a pause."""
 
     def nodes(self) -> tuple[str, ...]:

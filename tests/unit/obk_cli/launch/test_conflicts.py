@@ -44,7 +44,7 @@ class Graph:
     def __init__(self, *others: tuple[str, str]) -> None:
         self.others = others
         self.waited: list[float] = []
-        self.looked = threading.Semaphore(0)
+        self.viewed = threading.Semaphore(0)
 
     def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
         return tuple(set(names) & {name for _, name in self.others})
@@ -53,7 +53,7 @@ class Graph:
         self, topics: Iterable[str], ours: Iterable[str], discovery_s: float
     ) -> tuple[tuple[str, str], ...]:
         self.waited.append(discovery_s)
-        self.looked.release()
+        self.viewed.release()
         return tuple(s for s in self.others if s[0] in set(topics) and s[1] not in set(ours))
 
 
@@ -66,7 +66,7 @@ def _looks_often_and_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
 def look_twice(graph: Graph) -> None:
     """Wait until the result of the first check has been handled."""
     for _ in range(2):
-        assert graph.looked.acquire(timeout=20)
+        assert graph.viewed.acquire(timeout=20)
 
 
 def test_a_name_in_use_is_rejected() -> None:
@@ -133,7 +133,7 @@ def test_a_command_allowed_to_publish_after_the_start_is_not_foreign(
             look_twice(graph)
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
-            graph.looked = threading.Semaphore(0)
+            graph.viewed = threading.Semaphore(0)
             look_twice(graph)
         assert received.empty()
 

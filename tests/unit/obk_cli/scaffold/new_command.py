@@ -25,7 +25,7 @@ def printed_by(command: typer.Typer, *arguments: str) -> str:
     return result.stdout
 
 
-def refused_by(command: typer.Typer, *arguments: str) -> ObkError:
+def error_of(command: typer.Typer, *arguments: str) -> ObkError:
     """The error message of a failed command."""
     result = CliRunner().invoke(command, arguments)
     assert isinstance(result.exception, ObkError), result.output
@@ -33,4 +33,4 @@ def refused_by(command: typer.Typer, *arguments: str) -> ObkError:
 
 
 obk_new = partial(printed_by, app)
-refused = partial(refused_by, app)
+refused = partial(error_of, app)

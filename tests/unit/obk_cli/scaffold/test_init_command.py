@@ -16,7 +16,7 @@ from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.install_source import InstallSource
 
-from .new_command import printed_by, refused_by
+from .new_command import error_of, printed_by
 
 Tree = Callable[[Path], dict[str, bytes]]
 
@@ -24,7 +24,7 @@ OBK = "import sys; from obk_cli.cli.main import main; main(sys.argv[1:])"
 app = typer.Typer()
 app.command()(command)
 obk_init = partial(printed_by, app)
-refused = partial(refused_by, app)
+refused = partial(error_of, app)
 
 
 @pytest.fixture(autouse=True)

@@ -78,7 +78,7 @@ class Behind:
     looks: int = 1
     changes: list[tuple[str, str, tuple[str, ...]]] = field(default_factory=list)
     answer: ChangeAnswer | Exception = REACHED
-    heard_after: list[int] = field(default_factory=list)
+    received_after: list[int] = field(default_factory=list)
     is_wanted: bool = False
     updates: list[ConfigUpdate] = field(default_factory=list)
 
@@ -126,7 +126,7 @@ class Behind:
 
     def data_after(self, wish: FieldRequest, after_ns: int) -> FieldData:
         assert self.is_wanted
-        self.heard_after.append(after_ns)
+        self.received_after.append(after_ns)
         values = (1.0, float("nan"), None)
         return FieldData(
             labels=("q[0]", "q[1]", "q[2]"), samples=((5_000_000_000, values),), fault=""
@@ -285,7 +285,7 @@ def test_a_stream_resumes_a_field_at_its_position() -> None:
             "rows": [[5.0, 1.0, "nan", None]],
         }
     ]
-    assert behind.heard_after == [0, 5_000_000_000]
+    assert behind.received_after == [0, 5_000_000_000]
     assert not behind.is_wanted
 
 
