@@ -53,7 +53,7 @@ def report_on(result: AddedNode | Rejected) -> Iterator[str]:
 
 
 @pytest.fixture(autouse=True)
-def _beside_the_cases(monkeypatch: pytest.MonkeyPatch) -> None:
+def _in_case_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(HERE / "add_node")
 
 

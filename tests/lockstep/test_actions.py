@@ -79,7 +79,7 @@ def test_a_server_that_raises_aborts_the_goal(results: dict[str, Any]) -> None:
     assert results["raises"]["seen"] == [[0.5, "accepted"], [0.5, [ABORTED, False]]]
 
 
-def test_a_missing_server_is_noted_and_may_come_later(results: dict[str, Any]) -> None:
+def test_a_missing_server_is_noted_and_may_start_later(results: dict[str, Any]) -> None:
     seen, notes = results["no_server"]["seen"], results["no_server"]["notes"]
     assert seen[0] == [1.0, False]
     assert seen[1:] == [[2.0, "accepted"], [2.1, 1.0], [2.1, [SUCCEEDED, True]]]

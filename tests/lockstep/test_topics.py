@@ -26,7 +26,7 @@ pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=2, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def test_messages_of_one_time_come_in_the_order_of_publication(world: World) -> None:
+def test_simultaneous_messages_arrive_in_order_of_publication(world: World) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")
     seen: list[str] = []
     first = sender.create_publisher(String, "/first", 10)

@@ -157,7 +157,7 @@ def test_a_model_that_mujoco_rejects_is_reported_with_its_message(load, tmp_path
     assert "worldbdy" in rejection
 
 
-def test_a_model_that_does_not_compile_is_reported_in_its_words(load, tmp_path):
+def test_a_model_that_does_not_compile_is_reported_with_mujocos_message(load, tmp_path):
     (tmp_path / "bad.xml").write_text(
         "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>"
     )

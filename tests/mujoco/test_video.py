@@ -221,7 +221,7 @@ def test_a_camera_with_oversized_pictures_is_reported_with_a_valid_size(simulati
     assert video_job(simulation.model, read_video("out.gif", "odd", "", 0)).width == 65
 
 
-def test_without_a_camera_the_whole_model_is_seen(simulation):
+def test_without_a_camera_the_whole_model_is_visible(simulation):
     try:
         view = CameraView(simulation.model, None, choose_back_end(), (80, 60))
     except ObeliskConfigError as error:

@@ -224,7 +224,7 @@ def test_it_ends_with_a_robot_that_is_killed(dummy_xml: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", VIEWER_KINDS)
-def test_an_onlooker_loads_no_ros(kind: str) -> None:
+def test_a_viewer_loads_no_ros(kind: str) -> None:
     program = f"import sys, {VIEWER_KINDS[kind].module}; print('rclpy' in sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True

@@ -75,7 +75,7 @@ class Watching:
         self.is_closed = True
 
 
-def test_every_onlooker_gets_the_start_and_then_a_state_every_so_many_steps(
+def test_every_viewer_gets_the_initial_state_and_then_one_every_n_steps(
     dummy: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Watching.made = []

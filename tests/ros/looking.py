@@ -22,7 +22,7 @@ def done(*words: object) -> str:
     return result.stdout
 
 
-def refused(*words: object, exit_code: int = 1, is_patient: bool = True) -> str:
+def error_of(*words: object, exit_code: int = 1, is_patient: bool = True) -> str:
     result = obk(*words, is_patient=is_patient)
     assert result.returncode == exit_code, (words, result.stdout, result.stderr)
     assert "Traceback" not in result.stderr

@@ -121,7 +121,7 @@ def own_packages(folder: Path) -> None:
     shutil.copytree(ROOT / "ros_packages", folder / "src")
 
 
-def workspace_was_made(folder: Path) -> None:
+def workspace_exists(folder: Path) -> None:
     assert (folder / "my_robot/src/my_controller/package.xml").is_file()
     page = (ROOT / "docs/how-to/scaffolding.md").read_text()
     for made in ("src/my_robot_controller", "src/my_robot_estimator", ".vscode", "model"):
@@ -185,7 +185,7 @@ SETUPS = {
     "docs/how-to/migrating.md": Setup(prepare=own_packages),
     "docs/how-to/own-robot.md": Setup(is_calm=False, varying=((USUAL_PORT, free_port()),)),
     "docs/how-to/recording.md": Setup(is_calm=False, check=plot_is_a_picture),
-    "docs/how-to/scaffolding.md": Setup(check=workspace_was_made),
+    "docs/how-to/scaffolding.md": Setup(check=workspace_exists),
     # The progress line is overwritten.
     "docs/how-to/sweeps.md": Setup(
         varying=(("\ntests/test_arm.py::", "\n...tests/test_arm.py::"),)
@@ -261,16 +261,18 @@ class Walk:
     folder: Path
     setup: Setup
     shell: UserShell
-    seen_beside: dict[str, str] = field(default_factory=dict)
+    second_outputs: dict[str, str] = field(default_factory=dict)
     """The output of the commands in the second terminal."""
 
     def go(self) -> None:
         """Do every step in order."""
         done = steps(self.page)
         lines = [line for step in done if isinstance(step, Commands) for line in step.lines]
-        beside = [line for line in lines if words_of(line)[:1] == ["obk"] and is_beside(line)]
-        if beside and not any(line.startswith("obk launch") for line in lines):
-            self.enter("obk launch examples/dummy/dummy.yaml", beside)
+        second = [
+            line for line in lines if words_of(line)[:1] == ["obk"] and is_for_second_terminal(line)
+        ]
+        if second and not any(line.startswith("obk launch") for line in lines):
+            self.enter("obk launch examples/dummy/dummy.yaml", second)
         for step in done:
             if not isinstance(step, Commands):
                 apply(step, self.folder)
@@ -279,16 +281,16 @@ class Walk:
             for line in step.lines:
                 if words_of(line)[0] not in TYPED:
                     continue
-                if is_beside(line):
-                    seen += self.seen_beside[line]
+                if is_for_second_terminal(line):
+                    seen += self.second_outputs[line]
                     continue
-                code = self.enter(line, beside)
+                code = self.enter(line, second)
                 is_last = line == step.lines[-1]
                 assert code == int(is_last and step.finds_errors), (line, self.shell.seen)
                 seen += self.shell.seen
             assert not missing_lines(step.shown, seen), seen
 
-    def enter(self, line: str, beside: list[str]) -> int:
+    def enter(self, line: str, second: list[str]) -> int:
         """Type a command; interrupt a launch that does not end by itself. Return the exit code."""
         if line.startswith("cd "):
             self.folder /= line.removeprefix("cd ")
@@ -296,9 +298,9 @@ class Walk:
         if line.startswith("obk launch") and "--duration" not in line and "||" not in line:
             self.shell.wait_for(self.setup.is_up)
             self.setup.while_active(self.folder)
-            for other in beside:
+            for other in second:
                 self.type_elsewhere(other)
-            if not any(other.startswith("obk stop") for other in beside):
+            if not any(other.startswith("obk stop") for other in second):
                 self.shell.press_ctrl_c()
         return self.shell.wait_for_prompt()
 
@@ -306,9 +308,9 @@ class Walk:
         """Run a command in a second terminal."""
         done = obk(*shlex.split(line)[1:], folder=self.folder)
         assert done.returncode == 0, (line, done.stdout, done.stderr)
-        self.seen_beside[line] = done.stdout
+        self.second_outputs[line] = done.stdout
 
 
-def is_beside(line: str) -> bool:
+def is_for_second_terminal(line: str) -> bool:
     """Whether a command is for a second terminal."""
     return words_of(line)[1:2] != [] and words_of(line)[1] in ALONE

@@ -139,7 +139,7 @@ def test_guard_conditions_waitables_and_events_are_served(one: World) -> None:
         assert None not in log
 
 
-def test_tasks_come_from_any_thread_and_their_result_is_a_future(one: World) -> None:
+def test_tasks_may_be_created_on_any_thread_and_their_result_is_a_future(one: World) -> None:
     one.node()
     tasks: list[Any] = []
 

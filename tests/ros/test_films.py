@@ -59,7 +59,7 @@ def test_a_killed_launcher_leaves_a_complete_film_or_none(tmp_path: Path) -> Non
             assert next(film.decode(video=0)).width == 160
 
 
-def test_a_film_that_cannot_be_made_keeps_the_stack_from_coming_up(tmp_path: Path) -> None:
+def test_a_film_that_cannot_be_recorded_prevents_the_start(tmp_path: Path) -> None:
     films = f'onboard.robot[0].params.render="{tmp_path}/none/out.mp4"'
     result = obk("launch", DUMMY, "--set", films, "--duration", "1", "--color", "never")
     assert result.returncode == 1

@@ -264,7 +264,7 @@ def test_next_to_a_dds_only_subscription_all_use_dds(sent: list[int]) -> None:
     assert all(info["source_timestamp"] for info in infos)
 
 
-def test_on_an_executor_of_rclpy_messages_come_by_dds(sent: list[int]) -> None:
+def test_on_an_executor_of_rclpy_messages_use_dds(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         node = Node("other", context=made.context)

@@ -280,7 +280,7 @@ def test_invalid_settings_fail_configure_with_a_message(setting: str, sentence: 
         assert sentence in node.last_fault.text
 
 
-def test_settings_come_from_obelisk_settings_alone() -> None:
+def test_settings_come_only_from_obelisk_settings() -> None:
     settings = """
 callback_groups: {fast: ReentrantCallbackGroup}
 publishers: [{key: pub_ctrl, topic: /c, msg_type: PositionSetpoint, callback_group: fast}]

@@ -38,7 +38,7 @@ def _at(node: dict[str, list[dict[str, object]]], publishes: str, subscribes: st
 
 
 @pytest.mark.parametrize("options", [(), ("--composed",)], ids=["apart", "composed"])
-def test_thirty_nodes_come_up_and_down(
+def test_thirty_nodes_start_and_stop(
     repository: Path, tmp_path: Path, options: tuple[str, ...]
 ) -> None:
     config = thirty_nodes(repository, tmp_path)

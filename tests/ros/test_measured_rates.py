@@ -19,7 +19,7 @@ from std_msgs.msg import Int32
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.types import opaque_type
 
-from .looking import announce_as_a_stack_does, refused
+from .looking import announce_as_a_stack_does, error_of
 from .stack import DEADLINE_S, OBK, eventually, obk
 
 pytestmark = pytest.mark.ros
@@ -119,7 +119,7 @@ def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
                 return result.returncode == 0
 
             eventually(is_measured, "messages")
-            complaint = refused("topic", "echo", "/odd", "--once")
+            complaint = error_of("topic", "echo", "/odd", "--once")
         finally:
             is_over.set()
             thread.join()

@@ -343,7 +343,7 @@ class _Viewer:
     def close(self) -> None: ...
 
 
-def test_a_reset_is_seen_though_the_simulation_is_paused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reset_is_visible_while_the_simulation_is_paused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "ViewerProcess", _Viewer)
     with simulator(viewer="web") as (node, _):
         assert request(node, "configure")

@@ -119,7 +119,7 @@ def test_neither_a_missing_command_nor_that_of_the_last_run_is_old() -> None:
         assert "command watchdog" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_a_busy_executor_does_not_keep_the_robot_from_being_made_safe() -> None:
+def test_a_busy_executor_does_not_prevent_a_safe_stop() -> None:
     with arm() as node:
         publisher = active(node)
         publisher.publish(COMMAND)

@@ -106,7 +106,7 @@ def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
             assert '"inactive"' in obk("lifecycle", "get", "control_0", "--format", "json").stdout
 
             hostile_lines_are_text(page)
-            a_change_that_may_move_the_robot_is_asked_about(page)
+            a_change_that_may_move_the_robot_needs_confirmation(page)
 
             run.process.send_signal(signal.SIGINT)
             seen(lambda: "has ended" in text(page, "#notice"), "the end")
@@ -124,7 +124,7 @@ def hostile_lines_are_text(page: "Page") -> None:
     assert page.locator("#log img, #log script").count() == 0
 
 
-def a_change_that_may_move_the_robot_is_asked_about(page: "Page") -> None:
+def a_change_that_may_move_the_robot_needs_confirmation(page: "Page") -> None:
     row = page.locator('#nodes tr[data-key="/obelisk_control_0"]')
     activate = row.get_by_role("button", name="activate", exact=False).first
     activate.click()

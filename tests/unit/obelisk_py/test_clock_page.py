@@ -52,7 +52,7 @@ def test_the_time_is_that_of_the_newest_step(descriptors: ClockDescriptors) -> N
     assert page.time_ns == 3 * MS
 
 
-def test_a_process_is_woken_once_when_its_time_has_come(descriptors: ClockDescriptors) -> None:
+def test_a_process_is_woken_once_at_its_time(descriptors: ClockDescriptors) -> None:
     page, writer = ClockPage(descriptors), ClockWriter(descriptors)
     page.set_due(2 * MS)
     writer.advance(MS)

@@ -140,7 +140,7 @@ def test_it_reports_a_command_that_no_other_follows():
     assert watchdog.stop(DEADLINE_S)
 
 
-def test_it_reports_again_after_commands_have_come_again():
+def test_it_reports_again_after_commands_have_returned():
     age, watchdog, reported = _watchdog(0.01)
     age.accept(time.monotonic())
     watchdog.start()

@@ -282,7 +282,7 @@ def test_one_more_than_the_depth_drops_the_oldest() -> None:
     assert numbers(box) == [3, 4]
 
 
-def test_bytes_come_out_as_a_message() -> None:
+def test_bytes_are_delivered_as_a_message() -> None:
     codec = codec_for(Int64)
     assert codec is not None
     box = buffer()

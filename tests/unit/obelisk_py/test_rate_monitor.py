@@ -233,7 +233,7 @@ def test_a_timer_that_starts_again_has_skipped_nothing() -> None:
     assert timer.counter.overruns == 0
 
 
-def test_samples_that_do_not_come_are_counted() -> None:
+def test_missing_samples_are_counted() -> None:
     counter = TickCounter()
     times_ns = [20 * MS, 40 * MS, 100 * MS, 0, 20 * MS]
     ticks = SampleTicks(counter, period_ns=20 * MS, clock=iter(times_ns).__next__)

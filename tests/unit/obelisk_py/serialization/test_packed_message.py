@@ -151,7 +151,7 @@ def test_numbers_deep_in_a_message_are_reached():
     _assert_same(packed.to_bytes(0), message)
 
 
-def test_bytes_that_hold_numbers_can_be_seen_as_them():
+def test_bytes_with_numbers_can_be_viewed_as_numbers():
     cloud = PointCloud2(fields=[PointField(name="x")], data=bytes(8))
     packed = PackedMessage(cloud)
     packed.numbers("data").view(np.float32)[:] = [1.5, -2.5]

@@ -12,7 +12,7 @@ def taken(rate_hz, times):
     return [numbers.take(time_s) for time_s in times], numbers
 
 
-def test_a_state_is_seen_at_its_time():
+def test_a_state_is_shown_at_its_time():
     assert taken(10, [0.0, 0.1, 0.2, 0.3])[0] == [0, 1, 2, 3]
 
 
@@ -22,7 +22,7 @@ def test_frames_without_a_state_are_dropped_and_the_video_keeps_time():
     assert numbers.count == 6
 
 
-def test_a_second_state_of_one_frame_is_not_seen():
+def test_a_second_state_of_one_frame_is_not_shown():
     assert taken(10, [0.0, 0.1, 0.15])[0] == [0, 1, None]
 
 

@@ -179,7 +179,7 @@ def test_a_number_that_a_launch_cannot_use_is_the_only_one_reported_of(
         CommandFailedError("ROS 2 is not available"),
     ],
 )
-def test_an_interruption_that_a_library_made_an_error_of_is_one(
+def test_an_interrupt_converted_to_an_error_by_a_library_is_still_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     def interrupted(*_: object) -> None:

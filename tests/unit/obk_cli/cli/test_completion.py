@@ -49,7 +49,7 @@ def test_options_of_a_command() -> None:
         (("topic", "list", "--format", "j"), ["json"]),
     ],
 )
-def test_the_words_that_the_help_lists(words: tuple[str, ...], expected: list[str]) -> None:
+def test_the_completions_are_those_in_the_help(words: tuple[str, ...], expected: list[str]) -> None:
     assert offered(*words) == expected
 
 

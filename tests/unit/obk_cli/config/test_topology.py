@@ -33,7 +33,7 @@ def topics(text: str) -> set[str]:
         ("twice", "/first"),
     ],
 )
-def test_topics_are_made_absolute_as_ros_does(written: str, absolute: str) -> None:
+def test_topics_are_converted_to_absolute_names_as_in_ros(written: str, absolute: str) -> None:
     pairs = "[/old:=/new, old:=own, ~/state:=/state, /left/twice:=/first, twice:=/second]"
     node = f"pkg: demo, executable: run, namespace: left, remappings: {pairs}"
     component = f"publishers: [{{key: p, topic: '{written}'}}]"

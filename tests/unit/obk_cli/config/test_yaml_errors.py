@@ -113,7 +113,7 @@ def test_a_bracket_of_several_lines_lacks_a_comma_not_its_end() -> None:
     assert finding.span.line == 3
 
 
-def test_a_mistake_of_no_usual_kind_is_reported_in_the_parsers_words() -> None:
+def test_an_uncommon_mistake_is_reported_with_the_parsers_message() -> None:
     finding = reported("%YAML 9.1\n---\na: 1\n")
     assert finding.message.startswith("not YAML: ")
 

@@ -7,14 +7,14 @@ from obk_cli.cli.main import main
 from obk_cli.doctor.checks import Check
 from obk_cli.doctor.finding import error, ok, warning
 
-VALID_TEXT = Check(name="ros", about="which ROS", find=lambda: (ok("jazzy"),))
+HEALTHY = Check(name="ros", about="which ROS", find=lambda: (ok("jazzy"),))
 WARNS = Check(name="cpu", about="processors", find=lambda: (warning("one", "buy another"),))
 FAILS = Check(name="rmw", about="middleware", find=lambda: (error("none", "install one"),))
 
 
 @pytest.fixture(autouse=True)
 def _made_up_checks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "checks_of", lambda *_: (VALID_TEXT, WARNS, FAILS))
+    monkeypatch.setattr(doctor, "checks_of", lambda *_: (HEALTHY, WARNS, FAILS))
 
 
 def run(*arguments: str) -> int:

@@ -29,7 +29,7 @@ def test_a_program_that_crashes_is_reported_by_its_signal() -> None:
     assert (trial.end, trial.signal, trial.stdout) == ("crashed", "SIGSEGV", "first\n")
 
 
-def test_a_program_that_fails_is_reported_by_its_last_words() -> None:
+def test_a_program_that_fails_is_reported_with_its_last_output() -> None:
     trial = try_program(program("raise ValueError('so')"), timeout_s=20.0)
     assert trial.outcome == "failed: ValueError: so"
 

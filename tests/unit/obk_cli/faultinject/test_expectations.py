@@ -57,7 +57,7 @@ def test_nodes_without_a_life_cycle_are_only_watched_for_their_end() -> None:
     assert expectation_of(joystick, "kill", "stop").reaction == "stop"
 
 
-def test_cases_that_leave_the_stack_whole_come_first_and_share_a_launch() -> None:
+def test_cases_that_keep_the_stack_intact_come_first_and_share_a_launch() -> None:
     cases = make_cases([unit(node) for node in NODES], on_crash="ignore")
     assert [(case.fault, case.unit.name) for case in cases] == [
         (fault, node) for fault in ("delay", "freeze", "kill") for node in reversed(NODES)

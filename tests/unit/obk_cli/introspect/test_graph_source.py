@@ -116,7 +116,9 @@ def test_parameters_are_requested_through_the_launcher(tmp_path: Path) -> None:
     }
 
 
-def test_a_missing_response_of_a_node_is_reported_in_the_launchers_words(tmp_path: Path) -> None:
+def test_a_missing_response_of_a_node_is_reported_with_the_launchers_message(
+    tmp_path: Path,
+) -> None:
     with launcher(tmp_path, lambda _: {"failed": "/arm did not answer", "help": "look"}) as look:
         with pytest.raises(CommandFailedError, match="/arm did not answer") as failed:
             look.parameters("/arm", WAIT_S).names()

@@ -78,7 +78,7 @@ def changes(stack: FakeStack) -> list[tuple[str, tuple[str, ...], float | None]]
     return [(a.transition, a.nodes, a.timeout_s) for a in asked if isinstance(a, ChangeRequested)]
 
 
-def test_a_stack_of_this_host_is_asked_without_ros(
+def test_a_stack_of_this_host_is_queried_without_ros(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with fake_stack(parent, {**ACTIVE, JOY: ""}) as stack:
@@ -103,7 +103,7 @@ def test_a_change_goes_to_the_launcher(parent: Path, environment: RosEnvironment
         ]
 
 
-def test_the_launchers_refusal_is_reported_with_each_member(
+def test_the_launchers_rejection_is_reported_with_each_member(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with fake_stack(parent, ACTIVE) as stack:

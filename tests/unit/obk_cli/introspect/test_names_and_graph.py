@@ -125,7 +125,7 @@ def test_stamps_are_found_by_type() -> None:
         stamp_getter("pkg/Point", fields_of)
 
 
-def test_a_slip_in_a_short_name_is_reported_by_the_whole_one() -> None:
+def test_a_typo_in_a_short_name_is_reported_with_the_full_name() -> None:
     with pytest.raises(CommandFailedError) as caught:
         resolve_one("topic", "ctlr", TOPICS, 7)
     assert caught.value.help == "did you mean `/a/ctrl`?"

@@ -65,7 +65,7 @@ def test_a_graph_of_another_shape_is_an_error(key: str) -> None:
         decode_reply(json.dumps(data).encode(), GraphReply)
 
 
-def test_a_failure_is_raised_in_the_words_of_the_launcher() -> None:
+def test_a_failure_is_raised_with_the_launchers_message() -> None:
     data = encode(FailedReply(failed="/arm did not answer", help="look"))
     with pytest.raises(CommandFailedError, match="/arm did not answer") as failed:
         decode_reply(data, NamesReply)

@@ -101,7 +101,7 @@ def test_subscribers_are_waited_for() -> None:
         wait(Look(), wanted())
 
 
-def test_subscribers_that_come_late_and_want_another_type_are_not_waited_with() -> None:
+def test_late_subscribers_of_another_type_are_not_waited_for() -> None:
     look = Look(("/b", "pkg/msg/Other"), ("/c", "pkg/msg/Other"))
     with pytest.raises(CommandFailedError, match="/a is of the type pkg/msg/Other, not"):
         wait(look, wanted())

@@ -122,7 +122,7 @@ def test_a_late_deactivation_is_kept_and_known() -> None:
     assert world.transitions_of(ROBOT).count("activate") == 1
 
 
-def test_nodes_of_a_restarted_process_come_up_robot_first() -> None:
+def test_nodes_of_a_restarted_process_start_robot_first() -> None:
     world = World(on_crash="restart", together=ALL)
     world.later.extend([died("/s/composed"), 2.0, STOP])
     assert world.run(duration_s=None).exit_code == 0
@@ -151,7 +151,7 @@ def test_unreported_events_of_a_dead_process_are_not_attributed_to_the_next_one(
     assert world.of(StateSeen) == [off, on]
 
 
-def test_the_last_words_of_a_dead_process_do_not_bring_its_node_to_life() -> None:
+def test_the_last_output_of_a_dead_process_does_not_revive_its_node() -> None:
     off = StateSeen(node=ROBOT, state="inactive", transition="deactivate")
     world = World(on_crash="restart", later=deque([died(), off, 1.0, STOP]))
     world.run(duration_s=None)
@@ -318,7 +318,7 @@ def test_a_node_that_failed_and_is_ignored_does_not_keep_the_others_from_a_chang
     assert world.of(GoesOnWithout) == [GoesOnWithout(nodes=(ESTIMATOR,))]
 
 
-def test_the_end_of_a_shared_process_is_blamed_on_the_node_that_its_last_words_name() -> None:
+def test_the_end_of_a_shared_process_is_attributed_to_the_node_in_its_last_output() -> None:
     two = Plan(
         name="s",
         nodes=tuple(

@@ -80,7 +80,7 @@ def bench(tmp_path: Path) -> Iterator[MakeBench]:
         one.close()
 
 
-def test_output_environment_folder_and_exit_code_come_through(
+def test_output_environment_folder_and_exit_code_are_passed_on(
     bench: MakeBench, tmp_path: Path
 ) -> None:
     code = "import os, sys; print(os.environ['GREETING'], os.getcwd()); sys.exit(3)"

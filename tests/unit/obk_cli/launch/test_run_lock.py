@@ -45,7 +45,7 @@ RUN = Run(
 OTHER_NODES = replace(RUN, name="t", nodes=("/c",))
 
 
-def test_a_claim_is_seen_by_other_terminals(tmp_path: Path) -> None:
+def test_a_claim_is_visible_to_other_terminals(tmp_path: Path) -> None:
     folder = claim_run(tmp_path, RUN, NOW)
     assert read_run(folder) == RUN
     assert live_runs(tmp_path) == (RUN,)

@@ -223,7 +223,7 @@ def test_no_size_is_too_small_and_no_name_too_long() -> None:
                     assert all(cell_len(plain(line)) <= max(1, width - 1) for line in lines)
 
 
-def test_a_live_report_words_events_and_draws_the_time_that_passed() -> None:
+def test_a_live_report_describes_events_and_draws_the_elapsed_time() -> None:
     now = 100.0
 
     def clock() -> float:

@@ -213,7 +213,7 @@ def test_a_killed_process_is_no_clean_end() -> None:
     assert ended.cause == f"{ROBOT}: the process was ended by SIGKILL"
 
 
-def test_a_node_without_an_answer_on_the_way_down_is_asked_nothing_more() -> None:
+def test_a_node_without_a_response_during_shutdown_gets_no_more_requests() -> None:
     world = World(silent={(CONTROLLER, "deactivate")})
     ended = world.run()
     assert ended.exit_code == 1
@@ -296,7 +296,7 @@ def test_a_node_in_the_middle_of_a_transition_gets_its_requests_in_turn() -> Non
     assert ended.consequences == 0
 
 
-def test_a_mute_node_hangs_and_is_asked_nothing_more() -> None:
+def test_a_silent_node_hangs_and_gets_no_more_requests() -> None:
     world = World(mute={ROBOT})
     ended = world.run()
     assert world.transitions_of(ROBOT) == ["configure", "activate"]

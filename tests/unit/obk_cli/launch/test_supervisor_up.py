@@ -98,7 +98,7 @@ def test_a_node_that_fails_again_after_its_restart_uses_up_its_budget() -> None:
     assert "the transition `configure` failed after a restart" in ended.cause
 
 
-def test_a_hang_is_seen_within_two_seconds_and_stops_the_stack() -> None:
+def test_a_hang_is_detected_within_two_seconds_and_stops_the_stack() -> None:
     world = World()
     world.later.extend([lambda: world.mute.add(CONTROLLER), 10.0])
     ended = world.run(duration_s=None)

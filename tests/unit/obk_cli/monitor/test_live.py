@@ -182,7 +182,7 @@ def test_a_transition_of_the_stack_is_confirmed_before_it_is_executed() -> None:
     assert live(steps, HEALTHY).asked == [("deactivate", ())]
 
 
-def test_a_yes_is_for_the_stack_that_was_asked_about() -> None:
+def test_a_confirmation_applies_to_the_stack_of_the_question() -> None:
     other = replace(HEALTHY, run="arm_20310203_040507", name="arm")
 
     async def steps(world: World) -> None:
@@ -239,7 +239,7 @@ def test_during_a_transition_no_other_is_requested() -> None:
     assert live(steps, HEALTHY).asked == [("deactivate", ())]
 
 
-def test_the_log_is_filtered_while_its_words_are_written() -> None:
+def test_the_log_is_filtered_while_the_filter_is_typed() -> None:
     async def steps(world: World) -> None:
         await world.shows("log_text", "simulation")
         await world.press("slash", *"GOAL")
@@ -288,7 +288,7 @@ def test_a_stack_that_has_ended_stays_visible_until_another_starts() -> None:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (160, 50), (40, 10)])
-def test_the_chosen_node_of_many_is_to_be_seen(size: tuple[int, int]) -> None:
+def test_the_selected_node_of_many_is_visible(size: tuple[int, int]) -> None:
     nodes = tuple(replace(HEALTHY.nodes[0], node=f"/obelisk_control_{n}") for n in range(60))
 
     async def steps(world: World) -> None:

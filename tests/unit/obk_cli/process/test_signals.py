@@ -20,7 +20,7 @@ from obk_cli.process.signals import (
 )
 
 OBK: Final = Path(sys.executable).with_name("obk")
-VALID_TEXT: Final = Path(__file__).parents[3] / "cases/accept/OBK004/topic_twice.yaml"
+VALID_CONFIG: Final = Path(__file__).parents[3] / "cases/accept/OBK004/topic_twice.yaml"
 REPEATS_S: Final = 0.5
 """Longer than a few repetitions of the interrupt."""
 ENDLESS_S: Final = 60.0
@@ -129,7 +129,7 @@ def test_without_an_interrupt_errors_and_timers_stay() -> None:
 
 def test_a_command_that_a_script_starts_in_the_background_ends_on_ctrl_c() -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell does for `command &`
-    command = [OBK, "validate", "--watch", VALID_TEXT]
+    command = [OBK, "validate", "--watch", VALID_CONFIG]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     signal.signal(signal.SIGINT, before)
     with process:

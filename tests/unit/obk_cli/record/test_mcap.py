@@ -182,7 +182,7 @@ def test_a_recording_that_cannot_be_started_is_reported(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_messages_of_overlapping_chunks_come_in_the_order_of_their_receipt(
+def test_messages_of_overlapping_chunks_are_read_in_order_of_receipt(
     compression: CompressionType, tmp_path: Path
 ) -> None:
     path = tmp_path / "a.mcap"
@@ -271,7 +271,7 @@ OFFER = OfferedQos(
 )
 
 
-def test_offers_are_kept_in_the_words_of_rosbag2() -> None:
+def test_offered_qos_is_stored_in_the_format_of_rosbag2() -> None:
     first, second = yaml.safe_load(offers_text([OFFER, replace(OFFER, reliability="best_effort")]))
     assert first == {
         "history": "keep_last",

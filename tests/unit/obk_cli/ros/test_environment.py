@@ -105,7 +105,7 @@ def test_the_old_switch_is_respected_once_and_never_passed_on(
     assert discovery_range(ros_environment()) == "SUBNET"
 
 
-def test_peers_elsewhere_stay_unless_the_stack_is_to_be_seen_here_only(
+def test_remote_peers_are_kept_unless_the_stack_is_local_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.2")

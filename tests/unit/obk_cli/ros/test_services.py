@@ -74,7 +74,7 @@ def client(lossy: LossyClient) -> ServiceClient:
     return made
 
 
-def test_a_question_is_asked_again(client: ServiceClient, lossy: LossyClient) -> None:
+def test_a_request_is_repeated(client: ServiceClient, lossy: LossyClient) -> None:
     assert client.call("request", 60.0, is_question=True) == "the answer"
     assert lossy.asked == 2
 
@@ -103,7 +103,7 @@ SERVICES = {
 @pytest.mark.parametrize(
     ("name", "asked"), [("/n/on", ["/n/get_state", "/n/on"]), ("/n/get_state", ["/n/get_state"])]
 )
-def test_a_node_is_asked_something_before_it_is_asked_to_do_something(
+def test_a_node_is_queried_before_it_gets_a_request_with_side_effects(
     monkeypatch: pytest.MonkeyPatch, name: str, asked: list[str]
 ) -> None:
     sent: list[str] = []

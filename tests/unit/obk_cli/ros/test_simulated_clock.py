@@ -24,7 +24,7 @@ def clock_of(times: Iterable[tuple[int, int]]) -> SimulatedClock:
     return clock
 
 
-def test_the_time_is_the_last_one_that_had_come() -> None:
+def test_the_time_is_the_last_received_one() -> None:
     clock = clock_of((10 * n, 5 * n) for n in range(20))
     assert clock.at(BEGIN + 100 * MS) == 50 * MS
     assert clock.at(BEGIN + 109 * MS) == 50 * MS

@@ -25,7 +25,7 @@ def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
     assert list(read_lines(path)) == ["one", "", "two"]
 
 
-def test_lines_come_as_they_are_written_whole(tmp_path: Path) -> None:
+def test_only_complete_lines_are_returned(tmp_path: Path) -> None:
     path = tmp_path / "log"
     lines = follow_lines(path)
     assert next(lines) is None  # it does not exist yet

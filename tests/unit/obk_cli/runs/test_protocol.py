@@ -101,7 +101,7 @@ def test_an_answer_is_read_back(answer: object) -> None:
     assert decode_answer(line, type(answer)) == answer
 
 
-def test_the_words_on_the_wire_are_those_of_other_versions() -> None:
+def test_the_wire_format_is_that_of_other_versions() -> None:
     assert json.loads(encode_line(StatusRequest())) == {"ask": "status"}
     change = ChangeRequest(transition="activate", nodes=("/a",))
     expected = {"ask": "change", "transition": "activate", "nodes": ["/a"]}
@@ -146,7 +146,7 @@ def test_a_status_has_a_time_that_json_can_hold() -> None:
     )
 
 
-def test_the_data_of_a_change_has_no_words_of_the_wire() -> None:
+def test_the_data_of_a_change_is_independent_of_the_wire_format() -> None:
     assert list(change_data(ANSWER)) == ["success", "why", "members"]
     assert change_data(ANSWER)["members"][0]["result"] == "refused"
 

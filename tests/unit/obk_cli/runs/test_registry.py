@@ -54,7 +54,7 @@ def test_a_stopped_launcher_is_continued_until_it_ends(tmp_path: Path) -> None:
         assert process.wait(DEADLINE_S) == -signal.SIGINT
 
 
-def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path) -> None:
+def test_a_launcher_that_does_not_end_is_left_or_killed_as_requested(tmp_path: Path) -> None:
     with launcher(IGNORE, tmp_path) as (process, run):
         assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01) == "running"
         assert process.poll() is None

@@ -187,7 +187,7 @@ def test_a_config_that_cannot_take_the_node_leaves_everything(
     assert list((workspace / "src").iterdir()) == []
 
 
-def test_a_package_that_the_config_would_not_find_is_not_made(
+def test_a_package_that_the_config_would_not_find_is_not_created(
     config: Path, workspace: Path, tmp_path: Path
 ) -> None:
     before = config.read_bytes()

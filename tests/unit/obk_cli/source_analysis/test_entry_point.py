@@ -109,7 +109,7 @@ def test_names_may_be_constants_of_the_module_or_of_another() -> None:
     assert found.knows_components
 
 
-def test_the_class_may_come_from_another_module_by_a_reexport() -> None:
+def test_the_class_may_be_reexported_from_another_module() -> None:
     other = HEAD + node("self.register_obk_publisher('pub_a_setting')")
     package = "from other import Mine\n"
     found = code("from package import Mine\n", package=package, other=other)

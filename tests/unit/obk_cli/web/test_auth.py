@@ -63,7 +63,7 @@ def test_another_page_may_not_even_read() -> None:
     assert status(origin="http://evil.example") == 403
 
 
-def test_nothing_is_run_that_does_not_come_from_here() -> None:
+def test_only_code_from_the_page_itself_is_run() -> None:
     policy = dict(part.split(" ", 1) for part in HEADERS["Content-Security-Policy"].split("; "))
     assert policy["default-src"] == "'none'"
     assert policy["script-src"] == "'self'"

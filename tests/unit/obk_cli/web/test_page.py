@@ -53,7 +53,7 @@ def test_requested_files_exist() -> None:
 
 
 @pytest.mark.parametrize("path", sorted(PAGE.iterdir()), ids=lambda path: path.name)
-def test_no_other_host_is_asked(path: Path) -> None:
+def test_no_other_host_is_contacted(path: Path) -> None:
     text = path.read_text().replace('xmlns="http://www.w3.org/2000/svg"', "")
     assert not re.search(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]", text)
     assert "@import" not in text

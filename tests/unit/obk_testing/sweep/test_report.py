@@ -86,7 +86,7 @@ def test_many_values_of_a_range_share_parts() -> None:
     assert [part.passed > 0 for part in parts] == [False] * 3 + [True] * 7
 
 
-def test_words_are_values_too() -> None:
+def test_text_values_are_supported_too() -> None:
     words = summary(result(0, gain="soft"), result(1, "failed", gain="stiff"))
     parts = words.parts(words.results[0].case.test, PATH)
     assert [(part.label, part.passed) for part in parts] == [("soft", 1), ("stiff", 0)]
