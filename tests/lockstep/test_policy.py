@@ -1,4 +1,4 @@
-"""`OnnxPolicy`: what it observes, what it commands, and networks that it rejects."""
+"""`OnnxPolicy`: its observations, its commands, and networks that it rejects."""
 
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ JOINTS = {"joint_names": ["b", "a"], "q_joints": [2.0, 1.0], "v_joints": [20.0, 
 
 
 def policy(world: World, **parameters: Any) -> OnnxPolicy:
-    """A policy of two joints that is active, with some parameters changed."""
+    """An active policy of two joints, with some parameters changed."""
     given = {
         "params_path": str(NETWORK),
         "observation": ["joint_positions", "joint_velocities"],
@@ -55,7 +55,7 @@ def test_the_base_is_observed_in_its_own_frame(world: World) -> None:
     assert observed == pytest.approx([1, 0, 0, 0, 0, 1, 0, 0, 0.5], abs=1e-12)
 
 
-def test_an_estimate_that_lacks_what_is_observed_is_an_error(world: World) -> None:
+def test_an_estimate_without_an_observed_field_is_an_error(world: World) -> None:
     node = policy(world)
     with pytest.raises(ObeliskError, match="no joint a, b"):
         node.observe(EstimatedState(joint_names=["c"], q_joints=[0.0], v_joints=[0.0]))
@@ -105,7 +105,7 @@ def test_no_command_is_published_that_is_not_finite(world: World) -> None:
         ({"params_path": __file__}, "no network"),
     ],
 )
-def test_what_does_not_fit_the_network_is_rejected(
+def test_parameters_that_do_not_match_the_network_are_rejected(
     world: World, parameters: dict[str, Any], message: str
 ) -> None:
     node = policy(world)

@@ -14,12 +14,12 @@ from .two_joints import ARM, arm
 pytestmark = pytest.mark.mujoco
 
 MOTORS = '<motor joint="knee" gear="4"/><motor joint="hip"/>'
-"""In another order than the joints."""
+"""In a different order than the joints."""
 SERVOS = '<position joint="knee" kp="30" kv="2" gear="2"/><velocity joint="hip" kv="5"/>'
 OFFSET = (
     '<general joint="knee" gainprm="30" biastype="affine" biasprm="3 -30 -2"/><motor joint="hip"/>'
 )
-"""A servo whose force is not zero at the position that it is reported."""
+"""A servo whose force is not zero at its current position."""
 GAINS = {
     "pos_target": [0.4, -0.2],
     "vel_target": [0.1, 0.3],
@@ -64,7 +64,7 @@ def test_without_names_the_order_is_that_of_the_actuators():
     assert torques.control(law, data).tolist() == [2.0, 3.0]
 
 
-def test_the_law_is_evaluated_at_every_step_also_of_several_at_once():
+def test_the_law_is_evaluated_at_every_step_even_in_a_batch():
     one, one_inbox = simulation(arm(MOTORS))
     many, many_inbox = simulation(arm(MOTORS))
     for inbox in (one_inbox, many_inbox):
@@ -137,13 +137,13 @@ def test_after_gains_a_message_without_them_counts_again():
         ),
     ],
 )
-def test_what_is_not_one_finite_number_for_each_joint_is_rejected(change, rejection):
+def test_anything_but_one_finite_number_per_joint_is_rejected(change, rejection):
     message = PDFeedForward(**{**GAINS, **change})
     assert JointTorques(arm(MOTORS)).read(message) == rejection
 
 
 @pytest.mark.parametrize("field", ["vel_target", "feed_forward", "kp", "kd"])
-def test_what_is_left_empty_is_zero(field):
+def test_empty_fields_are_zero(field):
     torques = JointTorques(arm(MOTORS))
     empty = torques.read(PDFeedForward(**{**GAINS, field: []}))
     zeros = torques.read(PDFeedForward(**{**GAINS, field: [0.0, 0.0]}))
@@ -168,14 +168,14 @@ def test_what_is_left_empty_is_zero(field):
         ),
     ],
 )
-def test_a_model_that_cannot_follow_says_why(actuators, rejection):
+def test_a_model_that_cannot_follow_reports_why(actuators, rejection):
     model = mujoco.MjModel.from_xml_string(
         ARM.format(actuators=actuators).replace("<body><joint", '<body name="torso"><joint')
     )
     assert JointTorques(model).read(PDFeedForward(**GAINS)) == rejection
 
 
-def test_a_law_beyond_all_bounds_is_held_within_them():
+def test_an_unbounded_law_is_clipped_to_its_bounds():
     model = arm(MOTORS)
     torques = JointTorques(model)
     data = mujoco.MjData(model)

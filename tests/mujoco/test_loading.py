@@ -1,4 +1,4 @@
-"""From a `sim` block to a model: what is found wrong, all of it, and what is chosen."""
+"""Loading a model from a `sim` block: reports all errors, and selects the right settings."""
 
 import pytest
 
@@ -11,7 +11,7 @@ pytestmark = pytest.mark.mujoco
 
 @pytest.fixture
 def load(tmp_path, dummy_xml):
-    """Loads a block about the dummy model; keyword arguments change the block."""
+    """Load a block about the dummy model; keyword arguments change the block."""
     warnings = []
 
     def load(*, keyframe="", share_of=lambda _: None, **changes):
@@ -51,7 +51,7 @@ def test_the_block_of_the_example_is_loaded(load):
     assert load.warnings == []
 
 
-def test_all_findings_are_reported_at_once(load):
+def test_all_findings_are_reported_together(load):
     rejection = _refusal(
         load,
         keyframe="stand",
@@ -119,13 +119,13 @@ def test_variables_in_the_file_of_a_ray_caster_are_replaced(load, tmp_path, monk
         ("site_name: tpi", "site `tpi` is not in the model"),
     ],
 )
-def test_what_is_wrong_with_the_file_of_a_ray_caster_is_reported(load, tmp_path, text, part):
+def test_errors_in_the_file_of_a_ray_caster_are_reported(load, tmp_path, text, part):
     (tmp_path / "rays.yaml").write_text(text)
     group = _group(msg_type="ObkScan", config_path="rays.yaml")
     assert part in _refusal(load, sensor_settings=[group])
 
 
-def test_a_model_that_is_not_there_is_reported_with_the_other_findings(load, tmp_path):
+def test_a_missing_model_is_reported_with_the_other_findings(load, tmp_path):
     rejection = _refusal(
         load,
         model_xml_path="robot.xml",
@@ -157,7 +157,7 @@ def test_a_model_that_mujoco_rejects_is_reported_with_its_message(load, tmp_path
     assert "worldbdy" in rejection
 
 
-def test_a_model_that_does_not_compile_is_reported_in_its_words(load, tmp_path):
+def test_a_model_that_does_not_compile_is_reported_with_mujocos_message(load, tmp_path):
     (tmp_path / "bad.xml").write_text(
         "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>"
     )
@@ -174,14 +174,14 @@ def test_a_model_that_does_not_compile_is_reported_in_its_words(load, tmp_path):
         ("{num_steps_per_viz: 5}", "key `model_xml_path` is missing"),
     ],
 )
-def test_a_text_that_is_no_block_is_named(tmp_path, text, part):
+def test_an_invalid_block_is_named(tmp_path, text, part):
     with pytest.raises(ObeliskConfigError) as caught:
         load_model(text, keyframe="", folder=tmp_path, share_of=lambda _: None, warn=print)
     assert part in str(caught.value)
 
 
 @pytest.mark.parametrize("period", [0, -1.0, "often", True, float("inf")])
-def test_a_period_of_the_geoms_that_is_none_is_named(load, period):
+def test_an_invalid_period_of_the_geoms_is_named(load, period):
     rejection = _refusal(load, viz_geoms={"dt": period, "dummy_box": "box"})
     assert f"viz_geoms.dt: {period!r}, expected a number of seconds greater than 0" in rejection
 
@@ -214,5 +214,5 @@ def test_the_time_step_of_the_config_wins_with_a_warning(load):
     assert "`time_step` is 0.0005 s, the model has 0.001 s" in load.warnings[0]
 
 
-def test_the_keyframe_that_is_asked_for_is_used(load):
+def test_the_requested_keyframe_is_used(load):
     assert load(keyframe="other").keyframe == "other"

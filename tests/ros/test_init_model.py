@@ -1,4 +1,4 @@
-"""Workspaces around robot models: their closed-loop tests pass."""
+"""The closed-loop tests of workspaces for robot models pass."""
 
 import subprocess
 from pathlib import Path

@@ -32,7 +32,7 @@ def test_topic_names(name: str) -> None:
         ("/ä", "'ä' is not a letter, digit or `_`"),
     ],
 )
-def test_what_is_no_topic_name_says_why(name: str, reason: str) -> None:
+def test_an_invalid_topic_name_is_reported_with_the_reason(name: str, reason: str) -> None:
     assert topic_name_fault(name) == reason
 
 
@@ -58,7 +58,7 @@ def test_node_names() -> None:
         ("a" * 256, "it is longer than 255 characters"),
     ],
 )
-def test_what_is_no_node_name_says_why(name: str, reason: str) -> None:
+def test_an_invalid_node_name_is_reported_with_the_reason(name: str, reason: str) -> None:
     assert node_name_fault(name) == reason
 
 
@@ -77,7 +77,7 @@ def test_package_names() -> None:
         ("_demo", "it must start with a letter"),
     ],
 )
-def test_what_is_no_package_name_says_why(name: str, reason: str) -> None:
+def test_an_invalid_package_name_is_reported_with_the_reason(name: str, reason: str) -> None:
     assert package_name_fault(name) == reason
 
 

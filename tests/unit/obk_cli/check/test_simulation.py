@@ -19,7 +19,7 @@ robot:
 """
 
 
-def test_without_mujoco_what_needs_no_model_is_checked_and_the_rest_said_to_be_skipped(
+def test_without_mujoco_model_checks_are_reported_as_skipped(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "arm.xml").touch()

@@ -1,4 +1,4 @@
-"""`migrate_source`: what changes in a text, what stays byte for byte, what is reported."""
+"""`migrate_source`: changed text, unchanged text, reports."""
 
 from pathlib import Path
 
@@ -65,13 +65,13 @@ obk: {ignore: [OBK4]}  # tail
 """
 
 
-def test_level_and_names_change_and_nothing_else() -> None:
+def test_only_level_and_names_change() -> None:
     migrated = migrate(SEED)
     assert migrated.text == KEY
     assert not migrated.kept
 
 
-def test_a_migrated_text_stays_as_it_is() -> None:
+def test_a_migrated_text_is_not_changed_again() -> None:
     assert not migrate(KEY).is_changed
 
 
@@ -88,7 +88,7 @@ def test_line_ends_stay(end: str) -> None:
     assert migrate(SEED.replace("\n", end)).text == KEY.replace("\n", end)
 
 
-def test_a_last_line_without_an_end_stays_without() -> None:
+def test_a_last_line_without_an_end_is_kept() -> None:
     text = "onboard:\n  robot:\n    publishers:\n    - ros_parameter: a_setting"
     assert migrate(text).text == "robot:\n  publishers:\n  - key: a"
 
@@ -106,7 +106,7 @@ def test_tabs_in_comments_and_behind_values_stay() -> None:
         ("{robot: {timers: [{key: a}]}, obk: {}}\n", "seed", "1:2"),
     ],
 )
-def test_a_level_in_braces_stays_and_components_are_migrated(
+def test_a_level_in_braces_is_kept_and_components_are_migrated(
     text: str, to: Spelling, place: str
 ) -> None:
     migrated = migrate(text, to)
@@ -116,7 +116,7 @@ def test_a_level_in_braces_stays_and_components_are_migrated(
     assert (str(only).startswith(f"c.yaml:{place}: info[migrate]"), bool(only.help)) == (True, True)
 
 
-def test_a_key_that_names_the_same_component_is_enough() -> None:
+def test_a_key_that_names_the_same_component_is_sufficient() -> None:
     text = (
         "robot:\n  publishers:\n"
         "  - ros_parameter: pub_a_setting  # one\n    key: pub_a\n"
@@ -159,7 +159,7 @@ def test_an_anchored_node_is_migrated_once() -> None:
     assert migrate(text).text == text.replace("ros_parameter: pub_a_setting", "key: pub_a")
 
 
-def test_what_stays_is_reported_word_for_word(request: pytest.FixtureRequest) -> None:
+def test_unmigrated_parts_are_reported_literally(request: pytest.FixtureRequest) -> None:
     migrated = migrate((HERE / "kept.yaml").read_text())
     assert not migrated.is_changed
     expected = HERE / "kept.txt"
@@ -215,7 +215,7 @@ def test_what_stays_is_reported_word_for_word(request: pytest.FixtureRequest) ->
         ),
     ],
 )
-def test_a_level_that_stays_is_reported(text: str, to: Spelling, message: str) -> None:
+def test_a_kept_level_is_reported(text: str, to: Spelling, message: str) -> None:
     migrated = migrate(text, to)
     assert not migrated.is_changed
     (only,) = migrated.kept
@@ -251,7 +251,7 @@ def test_aliases_that_tie_places_together_leave_the_file_alone() -> None:
         ("control: 1\ncontrol: 2\n", "OBK004"),
     ],
 )
-def test_a_text_that_is_no_config_is_refused(text: str, fault: str) -> None:
+def test_a_text_that_is_no_config_is_rejected(text: str, fault: str) -> None:
     migrated = migrate(text)
     assert [finding.code for finding in migrated.faults] == [fault]
     assert migrated.text == text

@@ -1,4 +1,4 @@
-"""Lines of a run for a person."""
+"""The lines of a run, as text."""
 
 import pytest
 
@@ -52,7 +52,7 @@ def test_a_transition_reports_node_result_and_time() -> None:
     assert lines_of(event) == ["  robot_0: configure ok (72 ms)"]
 
 
-def test_a_refused_transition_shows_the_nodes_own_words_and_traceback() -> None:
+def test_a_rejected_transition_shows_the_nodes_own_message_and_traceback() -> None:
     event = TransitionEnded(
         node=ROBOT,
         transition="configure",
@@ -90,7 +90,7 @@ def test_failures_are_reported_with_their_cause() -> None:
     ]
 
 
-def test_the_first_cause_comes_first_then_its_origin_then_the_count_of_what_followed() -> None:
+def test_the_first_cause_is_shown_first_then_its_origin_then_the_count_of_later_faults() -> None:
     assert lines_of(
         Ended(exit_code=1, cause="a died", consequences=2, origin="dummy.yaml:12:3")
     ) == ["failed: a died", "  defined at dummy.yaml:12:3", "  2 more failures after it"]
@@ -158,7 +158,7 @@ def test_hangs_and_restarts_are_reported() -> None:
     ]
 
 
-def test_evidence_is_shown_where_the_nodes_output_is_not() -> None:
+def test_evidence_is_shown_if_the_nodes_output_is_not() -> None:
     event = Evidence(node=ROBOT, lines=("\x1b[1mlast words", "Stack (most recent call first):"))
     assert lines_of(event) == []
     assert lines_of(event, quiet=True) == [
@@ -168,7 +168,7 @@ def test_evidence_is_shown_where_the_nodes_output_is_not() -> None:
     ]
 
 
-def test_the_stacks_state_is_reported_where_no_phase_says_the_same() -> None:
+def test_the_stacks_state_is_reported_if_no_phase_reports_it() -> None:
     assert lines_of(
         StackStateChanged(state="activating"),
         Phase(name="active", seconds=1),
@@ -187,7 +187,7 @@ def test_the_stacks_state_is_reported_where_no_phase_says_the_same() -> None:
     ]
 
 
-def test_a_process_that_nodes_share_goes_by_its_own_name() -> None:
+def test_a_shared_process_has_its_own_name() -> None:
     report = LaunchReport((ROBOT,), colour=True, quiet=False)
     assert list(report.event(ProcessStarted(process="/dummy/composed", pid=7))) == [
         "  dummy/composed: process 7"
@@ -199,7 +199,7 @@ def test_a_short_name_keeps_the_namespace() -> None:
     assert short_name("/arm/left/obelisk_control_0") == "arm/left/control_0"
 
 
-def test_output_stands_behind_the_nodes_name_unless_it_is_quiet() -> None:
+def test_output_follows_the_nodes_name_unless_it_is_quiet() -> None:
     assert lines_of("hello") == ["robot_0   | hello"]
     assert lines_of("hello", quiet=True) == []
 
@@ -210,6 +210,6 @@ def test_colours_of_a_nodes_output_pass_and_end_with_their_line() -> None:
     assert line == "\x1b[36mrobot_0 |\x1b[0m \x1b[31mred\x1b[0m"
 
 
-def test_what_a_node_says_of_its_fault_does_not_reach_the_terminal_raw() -> None:
+def test_the_fault_message_of_a_node_does_not_reach_the_terminal_raw() -> None:
     assert lines_of(Failed(node=ROBOT, fault="\x1b[2Jboom"))[1] == "    boom"
     assert lines_of(ProcessEnded(process=ROBOT, code=1, text="\x1b]0;x\x07y"))[0].endswith("1: y")

@@ -1,4 +1,4 @@
-"""The recorder beside a stack: the nodes wait for it, and its failure is only a warning."""
+"""The recorder of a stack: nodes wait for it, and its failure is only a warning."""
 
 import json
 import signal
@@ -39,7 +39,7 @@ PLAN = {"name": "x", "processes": [PROCESS]}
 
 
 class Processes:
-    """Keeps what is asked for; a signal ends the recorder at once."""
+    """Stores the requests; a signal ends the recorder immediately."""
 
     def __init__(self) -> None:
         self.started: list[str] = []
@@ -56,7 +56,7 @@ class Processes:
 
 
 class World:
-    """A recorder, and all that it speaks to."""
+    """A recorder, and all objects that it uses."""
 
     def __init__(self, request: RecordRequest | None, folder: Path | None) -> None:
         self.screen = Shown()
@@ -92,7 +92,7 @@ def test_a_launch_that_records_nothing_has_no_recorder() -> None:
     assert not world.screen.lines
 
 
-def test_the_topics_of_the_plan_are_recorded_where_none_are_named(tmp_path: Path) -> None:
+def test_the_topics_of_the_plan_are_recorded_by_default(tmp_path: Path) -> None:
     folder = run_folder(tmp_path)
     (command,) = World(RecordRequest(), folder).recorder.commands({"A": "b"}).values()
     job = json.loads(Path(command.arguments[-1]).read_text(encoding="utf-8"))
@@ -104,7 +104,7 @@ def test_the_topics_of_the_plan_are_recorded_where_none_are_named(tmp_path: Path
     assert job["request"] == {"topics": {}, "patterns": ["/b*"], "excludes": []}
 
 
-def test_the_nodes_wait_until_the_recording_has_begun(tmp_path: Path) -> None:
+def test_the_nodes_wait_until_the_recording_has_started(tmp_path: Path) -> None:
     world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     world.recorder.on_process_event(ProcessStarted(process=UNIT.name, pid=1))
@@ -126,7 +126,7 @@ def test_the_recording_ends_before_the_end_of_the_run_is_reported(tmp_path: Path
     assert not world.screen.lines
 
 
-def test_a_recorder_that_dies_is_reported_and_the_stack_goes_on(tmp_path: Path) -> None:
+def test_a_recorder_that_dies_is_reported_and_the_stack_continues(tmp_path: Path) -> None:
     world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     world.recorder.on_process_event(ProcessEnded(process=UNIT.name, code=1, text="no space left"))

@@ -1,4 +1,4 @@
-"""Where ROS writes its log files, and where it does so instead."""
+"""The folder of ROS's log files, and its fallback."""
 
 import errno
 import os
@@ -18,14 +18,14 @@ def _own_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 @pytest.fixture
 def blocked(tmp_path: Path) -> Path:
-    """What no one can make a folder in, not even root."""
+    """A path in which even root cannot create a folder."""
     path = tmp_path / "a file"
     path.touch()
     return path
 
 
 @pytest.mark.parametrize("name", ["HOME", "ROS_HOME", "ROS_LOG_DIR"])
-def test_a_folder_that_ros_can_write_to_or_make_stays(tmp_path: Path, name: str) -> None:
+def test_a_folder_that_ros_can_write_to_or_create_is_kept(tmp_path: Path, name: str) -> None:
     variables = {"HOME": "/no/such", name: str(tmp_path / "to be made")}
     before = dict(variables)
     assert list(set_log_folder(variables)) == []
@@ -33,9 +33,7 @@ def test_a_folder_that_ros_can_write_to_or_make_stays(tmp_path: Path, name: str)
     assert not (tmp_path / "to be made").exists()
 
 
-def test_a_home_that_takes_nothing_is_reported_with_the_place_that_does(
-    tmp_path: Path, blocked: Path
-) -> None:
+def test_a_read_only_home_is_reported_with_the_folder_in_use(tmp_path: Path, blocked: Path) -> None:
     variables = {"HOME": str(blocked)}
     (sentence,) = set_log_folder(variables)
     (folder,) = tmp_path.glob("obk-ros-*")
@@ -47,7 +45,7 @@ def test_a_home_that_takes_nothing_is_reported_with_the_place_that_does(
 
 
 def test_a_home_that_is_closed_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As `sudo -u robot` leaves it: root's."""
+    """Owned by root, as after `sudo -u robot`."""
     closed = tmp_path / "closed"
     closed.mkdir()
     look, may = os.stat, os.access
@@ -64,7 +62,7 @@ def test_a_home_that_is_closed_is_reported(tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("variables", [{}, {"HOME": ""}, {"ROS_LOG_DIR": "~/logs"}])
-def test_without_a_home_there_is_another_place(variables: dict[str, str]) -> None:
+def test_without_a_home_another_folder_is_used(variables: dict[str, str]) -> None:
     (sentence,) = set_log_folder(variables)
     assert sentence.startswith("ROS finds no place for its log files, as HOME is not set; they go")
     assert "ROS_HOME" in variables
@@ -82,7 +80,7 @@ def test_a_disk_without_room_for_the_folder_is_reported(
     assert list(set_log_folder({"HOME": str(tmp_path)})) == []
 
 
-def test_runs_are_found_where_they_were(blocked: Path) -> None:
+def test_runs_are_found_in_their_original_folder(blocked: Path) -> None:
     given = {"HOME": "/no/such", "ROS_LOG_DIR": str(blocked)}
     variables = dict(given)
     assert len(list(set_log_folder(variables))) == 1

@@ -1,4 +1,4 @@
-"""Entry points in setup.cfg and pyproject.toml; those in setup.py have a file of their own."""
+"""Entry points in setup.cfg and pyproject.toml; those in setup.py have their own test file."""
 
 import configparser
 import tomllib
@@ -134,7 +134,7 @@ def test_the_same_entry_point_again_changes_nothing() -> None:
     assert in_cfg(text) == text
 
 
-def test_scripts_of_setup_py_are_added_to_there() -> None:
+def test_scripts_of_setup_py_are_extended() -> None:
     setup_py = 'setup(entry_points={"console_scripts": ["a = b:c"]})\n'
     texts = PackageTexts(package_xml="", setup_py=setup_py, setup_cfg=CFG, pyproject=TOML)
     changed = add_console_script(texts, NEW)

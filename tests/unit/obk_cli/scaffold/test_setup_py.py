@@ -86,7 +86,7 @@ def test_an_executable_of_another_module_is_not_replaced() -> None:
         setup_py('["a = b:c"]') + "a" + ".a" * 100_000,
     ],
 )
-def test_a_setup_that_is_not_plain_is_refused_with_the_line_to_add(text: str) -> None:
+def test_a_complex_setup_is_rejected_with_the_line_to_add(text: str) -> None:
     problem = add_entry_point(text, NEW)
     assert isinstance(problem, Problem)
     assert "cannot be added without touching the rest" in problem.sentence
