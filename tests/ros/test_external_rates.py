@@ -73,6 +73,7 @@ def test_a_controller_that_is_too_slow_ends_a_strict_run(tmp_path: Path, ros_dom
     assert "timer_ctrl runs at 0." in done.stdout
 
 
+@pytest.mark.slow
 def test_a_controller_that_keeps_its_rate_does_not(tmp_path: Path, ros_domain: int) -> None:
     with launched(stack(tmp_path, period_s=0.25), "--ignore", "OBK201", "--strict-rates") as run:
         run.wait_for_line("measured on its topics: timer_ctrl")

@@ -90,7 +90,9 @@ def test_a_stuck_transition_is_shown_with_its_location(tmp_path: Path, callback:
     assert not marked()
 
 
-@pytest.mark.parametrize("callback", ["on_configure", "on_activate"])
+@pytest.mark.parametrize(
+    "callback", ["on_configure", pytest.param("on_activate", marks=pytest.mark.slow)]
+)
 def test_a_raise_in_a_transition_is_shown_with_its_traceback_and_taken_back(
     tmp_path: Path, callback: str
 ) -> None:

@@ -48,6 +48,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_stack_runs_on_messages_that_lack_types_it_does_not_use(workspace: Path) -> None:
     checked = obk("validate", "my_robot.yaml", "--verbose")
     assert checked.returncode == 0, checked.stdout

@@ -116,7 +116,7 @@ def test_commands_are_published_only_on_purpose(recording: Path) -> None:
     assert refused.returncode == 1
     assert "`/ctrl`" in refused.stderr
     assert "--allow-hardware" in refused.stderr
-    with listening() as (node, heard):
+    with listening() as (node, received):
         done = played(node, recording, "--topic", "ctrl", "--allow-hardware")
         assert done.returncode == 0, done.stderr
         eventually(

@@ -129,7 +129,15 @@ def test_a_killed_launcher_leaves_no_process(preload: str) -> None:
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-@pytest.mark.parametrize("moment", ["logs in", ": process ", "s] ready", ": configure ok"])
+@pytest.mark.parametrize(
+    "moment",
+    [
+        "logs in",
+        pytest.param(": process ", marks=pytest.mark.slow),
+        pytest.param("s] ready", marks=pytest.mark.slow),
+        ": configure ok",
+    ],
+)
 def test_a_launcher_killed_during_the_bring_up_leaves_no_process(moment: str) -> None:
     with started(DUMMY, "--quiet") as run:
         run.wait_for_line(moment)

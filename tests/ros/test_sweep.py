@@ -107,6 +107,7 @@ def run_alone(config: Path, cases: list[SweepCase], workers: int = 1) -> dict[in
     return {seeds[row.key]: row.digest for row in rows}
 
 
+@pytest.mark.slow
 def test_a_sweep_runs_reports_and_has_the_results_of_any_order(config: Path) -> None:
     folder = config.parent / "out"
     command = ("sweep", config, "--seeds", "5", "-j", "2", "--output", folder, "--format", "json")
