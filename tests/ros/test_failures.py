@@ -86,7 +86,9 @@ def test_a_transition_that_gets_stuck_is_shown_with_the_place_where_it_is(
     # What a busy machine has no time to show is in the log.
     (log,) = (tmp_path / "home" / "runs").glob("*/obelisk_control_0.log")
     assert f"in {callback}" in shown + log.read_text()
-    failed = f"failed: /obelisk_control_0: the transition `{name}` was not done within {STUCK_S} s"
+    failed = (
+        f"failed: /obelisk_control_0: the transition `{name}` did not finish within {STUCK_S} s"
+    )
     assert failed in result.stdout
     assert f"{config.name}:" in result.stdout.partition(failed)[2]
     assert not marked()

@@ -149,7 +149,7 @@ def test_a_topic_without_messages_and_one_that_is_not_there_end_with_a_sentence(
     # On a busy machine the topic itself may not be found so soon.
     eventually(
         lambda: (
-            "no message came on /arm/silent within 2 s"
+            "no message received on /arm/silent within 2 s"
             in refused("topic", "echo", "silent", "--timeout", "2")
         ),
         "that nothing is said",

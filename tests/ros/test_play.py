@@ -154,7 +154,7 @@ def test_recorded_sensors_give_the_recorded_estimates_bit_for_bit(tmp_path: Path
     for node in ("estimation", "/obelisk_control_0"):
         done = obk("play", recording, "--into", EXAMPLE, "--nodes", node, "--output", again)
         assert done.returncode == 0, done.stderr
-        assert "1000 messages, the same bits as recorded" in done.stdout
+        assert "1000 messages, bit-identical to the recording" in done.stdout
     change = "onboard.estimation[0].timers[0].timer_period_sec=0.002"
     done = obk(
         "play",

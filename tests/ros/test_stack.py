@@ -221,7 +221,7 @@ def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on() -> Non
         assert second.returncode == 1
         domain = os.environ["ROS_DOMAIN_ID"]
         assert second.stderr.startswith(
-            f"error: the stack `dummy` already runs in the ROS domain {domain} "
+            f"error: the stack `dummy` is already running in the ROS domain {domain} "
             f"(process {run.process.pid}, /obelisk_control_0, "
         )
         assert "ROS_DOMAIN_ID" in second.stderr

@@ -166,7 +166,8 @@ def test_fields_are_offered_and_faults_in_them_reported() -> None:
         assert "angular_velocity.x" in page.locator(".plot .legend").nth(1).inner_text()
         text_reported = page.locator(".plot .fault").nth(2)
         seen(
-            lambda: text_reported.inner_text() == "`header.frame_id` is text, not numbers", "a text"
+            lambda: text_reported.inner_text() == "`header.frame_id` contains text, not numbers",
+            "a text",
         )
         page.get_by_role("button", name="remove /obelisk/dummy/imu angular_velocity.w").click()
         assert page.locator(".plot").count() == 2

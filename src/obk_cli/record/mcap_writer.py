@@ -40,7 +40,7 @@ class BagWriter:
             self._file = path.open("xb")
         except FileExistsError as error:
             raise CommandFailedError(
-                f"{path} already exists", help="name another file with `--output`"
+                f"{path} already exists", help="choose another file with `--output`"
             ) from error
         except OSError as error:
             raise unwritable(path, error) from error

@@ -421,7 +421,7 @@ def serialized(
         now = time.monotonic()
         if now > last_received + timeout_s and (each or not drops.count):
             raise CommandFailedError(
-                f"no message came on {raw.name} within {timeout_s:g} s",
+                f"no message received on {raw.name} within {timeout_s:g} s",
                 help=f"it has {with_number(raw.publishers, 'publisher')}: "
                 f"`obk topic info {raw.name}` shows them, `obk lifecycle get` whether their nodes "
                 "are active",

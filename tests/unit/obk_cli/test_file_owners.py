@@ -128,5 +128,5 @@ def test_it_is_no_place_for_runs_and_its_runs_are_nobodys(shared: Path, give_awa
     assert list(live_folders(runs)) == [folder]
     give_away(shared / "logs")
     assert live_folders(runs) == {}
-    with pytest.raises(PermissionError, match="it is another user's"):
+    with pytest.raises(PermissionError, match="it belongs to another user"):
         claim_run(runs, run, datetime(2031, 2, 3, 4, 5, 7))

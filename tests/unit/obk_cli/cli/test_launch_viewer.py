@@ -27,4 +27,4 @@ def test_a_viewer_that_there_is_not(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_stack_whose_robot_is_not_simulated(capsys: pytest.CaptureFixture[str]) -> None:
     real = ("--set", "onboard.robot[0].is_simulated=False", "--ignore", "OBK")
     said = refused(capsys, "--viewer", "web", *real)
-    assert "error: `--viewer web`: there is no simulated robot in `dummy`\n" in said
+    assert "error: `--viewer web`: no simulated robot in `dummy`\n" in said

@@ -89,7 +89,7 @@ def test_a_file_that_another_user_changes_meanwhile_is_not_written(config: Path)
     file = open_for_edit("c.yaml")
     assert isinstance(file, EditedFile)
     config.write_bytes(KEY)
-    with pytest.raises(CommandFailedError, match="has changed meanwhile, nothing is written"):
+    with pytest.raises(CommandFailedError, match="changed during the edit; nothing was written"):
         write_edited(file, "mine")
     assert config.read_bytes() == KEY
 
@@ -139,9 +139,9 @@ def test_a_file_that_is_no_config_is_left_alone(
         (
             ("-", "--write"),
             2,
-            "error: `--write` does not go with a config from standard input\n",
+            "error: `--write` cannot be combined with a config from standard input\n",
         ),
-        (("c.yaml", "--write", "--check"), 2, "error: `--write` does not go with --check\n"),
+        (("c.yaml", "--write", "--check"), 2, "error: `--write` cannot be combined with --check\n"),
         (
             ("d.yaml",),
             1,

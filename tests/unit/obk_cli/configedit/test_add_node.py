@@ -128,7 +128,7 @@ def test_a_section_that_is_not_in_block_style_is_rejected_with_a_snippet(what: s
 
 @pytest.mark.parametrize("text", ["", "a", "[]", "- a", "- {}", "- pkg: a", "- {pkg: a}\n- {}"])
 def test_what_is_no_entry_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="a new node "):
+    with pytest.raises(ValueError, match="expected "):
         read_new_node("control", text)
 
 

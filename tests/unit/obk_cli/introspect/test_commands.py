@@ -131,7 +131,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("monitor --once --period 1e300", "`--period 1e+300`: expected seconds up to 1000000"),
         ("topic list --format yaml", "`--format yaml`: expected `text` or `json`"),
         ("topic echo est --format yaml", "expected `text`, `json` or `csv`"),
-        ("topic echo est --csv --format json", "`--csv` and `--format json` exclude each other"),
+        ("topic echo est --csv --format json", "`--csv` and `--format json` cannot be combined"),
         (
             "service call a/b --type Trigger",
             "`--type Trigger`: expected a type such as `std_srvs/srv/",

@@ -26,12 +26,12 @@ def test_a_configs_name_becomes_one_that_ros_takes(config: str, name: str) -> No
     ("state", "possible"),
     [
         ("active", "deactivate, shutdown"),
-        ("activating", "none before the stack is through with `activating`"),
+        ("activating", "none before the stack has finished `activating`"),
         ("unknown", "none before the stack has come up"),
         ("finalized", "none"),
     ],
 )
 def test_a_refusal_says_what_is_possible(state: str, possible: str) -> None:
     assert rejection(state, "", 1) == (
-        f"refused the transition `1` in the state `{state}`; possible here: {possible}"
+        f"the transition `1` is not allowed in the state `{state}`; possible now: {possible}"
     )

@@ -132,7 +132,7 @@ def test_a_file_with_other_content_is_never_lost(here: Path, tree: Tree) -> None
     assert isinstance(fault, CommandFailedError)
     assert "README.md: it is there with other content" in fault.message
     assert fault.help is not None
-    assert fault.help.startswith("choose another folder, or move what is in the way")
+    assert fault.help.startswith("choose another folder, or move these files")
     assert "--force" not in fault.help  # which `obk init` does not have
     assert tree(here) == before
 
@@ -211,7 +211,7 @@ def test_a_link_to_a_folder_is_that_folder_under_the_links_name(here: Path) -> N
 
 def test_a_link_to_nothing_is_refused(here: Path) -> None:
     (here / "arm").symlink_to("nowhere")
-    assert "which is not there" in refused("arm").message
+    assert "which does not exist" in refused("arm").message
     assert not (here / "nowhere").exists()
 
 

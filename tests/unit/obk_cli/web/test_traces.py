@@ -57,7 +57,7 @@ def test_only_what_is_new_is_reported() -> None:
 def test_that_messages_have_no_number_there_is_reported_until_one_has() -> None:
     trace = Trace()
     trace.take(5, {})
-    assert trace.data_after(0).fault == "the newest message has no number there"
+    assert trace.data_after(0).fault == "the newest message has no number in this field"
     trace.take(7, {"x": 2.0})
     assert not trace.data_after(0).fault
 
