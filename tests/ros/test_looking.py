@@ -154,7 +154,7 @@ def test_a_topic_without_messages_and_one_that_is_not_there_end_with_a_sentence(
         ),
         "that nothing is said",
     )
-    missing = f"there is no topic `jionts` in the ROS domain {os.environ['ROS_DOMAIN_ID']}"
+    missing = f"no topic `jionts` in the ROS domain {os.environ['ROS_DOMAIN_ID']}"
 
     def is_near() -> bool:
         complaint = refused("topic", "echo", "jionts")

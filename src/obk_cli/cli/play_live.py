@@ -191,7 +191,7 @@ def _keep(run: "RecordedRun", path: Path, replay: LiveReplay, played: Played) ->
     first_ns = played.first_ns
 
     def recorded_ns(time_ns: int) -> int:
-        return first_ns + round((time_ns - played.begin_ns) * replay.speed)
+        return first_ns + round((time_ns - played.start_ns) * replay.speed)
 
     about = {"obelisk": {"replay": run.name, "rate": f"{replay.speed:g}"}}
     rewrite(open_run(path), replay.output, replay.request.outputs, recorded_ns, about)

@@ -120,7 +120,7 @@ def _rename_component(
         return
     reason = _reason_to_keep(name, old, to, offsets)
     if reason is not None:
-        yield _kept(f"`{old.key}: {name}` stays: {reason}", old.value.span)
+        yield _kept(f"`{old.key}: {name}` is kept: {reason}", old.value.span)
     elif new is None:
         yield from _renamed(old, name, to)
     elif component_identity(text_of(new) or "") == component_identity(name):

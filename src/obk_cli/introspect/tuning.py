@@ -92,7 +92,7 @@ def set_parameter(parameters: "Parameters", node: str, name: str, text: str) -> 
     """Set a parameter, and wait briefly for it to take effect.
 
     Args:
-            parameters: the parameters of the node.
+        parameters: the parameters of the node.
         node: full name.
         name: name of the parameter.
         text: the value, as in a ROS parameter file.

@@ -108,7 +108,7 @@ def test_it_is_no_overlay(shared: Path, give_away: Give) -> None:
     assert overlay_prefixes([shared]) == ()
     assert folder not in PackageIndex.around(shared, shared, {}).prefixes
     with (
-        pytest.raises(CommandFailedError, match=r"\.obk is another user's"),
+        pytest.raises(CommandFailedError, match=r"\.obk belongs to another user"),
         build_lock(shared, print),
     ):
         pass

@@ -200,7 +200,8 @@ def test_what_stays_is_reported_word_for_word(request: pytest.FixtureRequest) ->
         (
             "? onboard\n: {robot: {}}\n",
             "key",
-            "1:3: info[migrate]: the device block is kept: it is written with an anchor or with `?`",
+            "1:3: info[migrate]: the device block is kept: it is written with an anchor or with "
+            "`?`",
         ),
         (
             "onboard: {control: {}}\nrobot: {}\n",

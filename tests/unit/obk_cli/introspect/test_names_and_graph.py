@@ -68,7 +68,7 @@ def test_a_name_that_means_several_or_none_is_reported_with_what_is_there() -> N
     assert several.value.help == "choose one of `/a/est`, `/b/est`"
     with pytest.raises(CommandFailedError) as none:
         resolve_one("topic", "/a/esst", TOPICS, 7)
-    assert none.value.message == "there is no topic `/a/esst` in the ROS domain 7"
+    assert none.value.message == "no topic `/a/esst` in the ROS domain 7"
     assert none.value.help is not None
     assert none.value.help.startswith("did you mean `/a/est`")
 
@@ -84,9 +84,9 @@ def test_ends_that_do_not_hear_each_other_are_reported() -> None:
         ),
     )
     assert list(incompatible_ends(topic)) == [
-        "/strong does not receive from /p: it asks for `reliable`, and `best_effort` is offered",
+        "/strong does not receive from /p: it requests `reliable`, but `best_effort` is offered",
         "/strong does not receive from /p: "
-        "it asks for `transient_local`, and `volatile` is offered",
+        "it requests `transient_local`, but `volatile` is offered",
     ]
 
 

@@ -105,6 +105,6 @@ def test_two_that_ask_at_once_get_two_domains() -> None:
 
 def test_where_every_domain_is_in_use_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("obk_cli.ros.environment._is_bound", lambda *_: False)
-    said = "on this host every ROS domain from 1 to 100 is in use"
+    said = "every ROS domain from 1 to 100 is in use on this host"
     with pytest.raises(CommandFailedError, match=said), free_domain():
         pytest.fail("a domain was found")

@@ -80,7 +80,7 @@ def test_a_question_is_asked_again(client: ServiceClient, lossy: LossyClient) ->
 
 
 def test_what_may_change_something_is_asked_once(client: ServiceClient, lossy: LossyClient) -> None:
-    with pytest.raises(CommandFailedError, match=r"/n/get_state gave no answer within 0\.02 s"):
+    with pytest.raises(CommandFailedError, match=r"/n/get_state did not answer within 0\.02 s"):
         client.call("request", 0.02)
     assert lossy.asked == 1
 

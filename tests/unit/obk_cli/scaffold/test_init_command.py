@@ -130,7 +130,7 @@ def test_a_file_with_other_content_is_never_lost(here: Path, tree: Tree) -> None
     before = tree(here)
     fault = refused("my_robot")
     assert isinstance(fault, CommandFailedError)
-    assert "README.md: it is there with other content" in fault.message
+    assert "README.md: it has different content" in fault.message
     assert fault.help is not None
     assert fault.help.startswith("choose another folder, or move these files")
     assert "--force" not in fault.help  # which `obk init` does not have
@@ -220,7 +220,7 @@ def test_a_link_inside_is_not_followed_out(here: Path, tmp_path: Path, tree: Tre
     elsewhere.mkdir()
     (here / "arm").mkdir()
     (here / "arm/src").symlink_to(elsewhere)
-    assert "a symbolic link leads it to" in refused("arm").message
+    assert "a symbolic link redirects it to" in refused("arm").message
     assert tree(elsewhere) == {}
 
 

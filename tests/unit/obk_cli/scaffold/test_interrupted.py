@@ -100,7 +100,7 @@ def test_a_file_that_has_changed_since_it_was_looked_at_is_kept(tmp_path: Path) 
     (root / "mine").write_bytes(b"changed by somebody")
     (root / "a").write_bytes(b"made by somebody")
     before = whole(tmp_path)
-    with pytest.raises(OSError, match="has changed meanwhile"):
+    with pytest.raises(OSError, match="has changed in the meantime"):
         write_decisions(root, decisions)
     assert whole(tmp_path) == before
 

@@ -45,7 +45,7 @@ def test_a_name_of_the_wrong_shape_is_refused_with_the_nearest_right_one(
 def test_a_path_is_refused_as_a_path(name: str) -> None:
     problem = check_name(name, kind="estimator", owner_of=no_owner)
     assert problem is not None
-    assert problem.sentence == f"the name `{name}` is a path; a bare name was expected"
+    assert problem.sentence == f"the name `{name}` is a path, expected a name"
     assert problem.help is not None
     assert problem.help.endswith("--dest DIR chooses the folder")
 

@@ -1,4 +1,4 @@
-"""A workspace where a ROS 2 is sourced: a program in colcon's place notes what it is asked."""
+"""A workspace where building with the sourced ROS 2: a program in colcon's place notes what it is asked."""
 
 import json
 import os
@@ -62,7 +62,7 @@ def test_colcon_builds_where_a_ros_is_sourced_and_is_reported_of(
     built = build_workspace(workspace, BuildOptions(environment=sourced), listener)
     select = ["build", "--packages-select", "my_msgs", "node"]
     assert asked(sourced) == [str(workspace), *select]
-    assert notes == [f"a ROS 2 is sourced: {find_colcon(sourced)} {' '.join(select)}"]
+    assert notes == [f"building with the sourced ROS 2: {find_colcon(sourced)} {' '.join(select)}"]
     assert (built.builder, built.built) == ("colcon", ("my_msgs", "node"))
     assert built.prefixes == (workspace / "install" / "my_msgs",)
     record = json.loads((built.overlay / "overlay.json").read_text())
