@@ -119,10 +119,10 @@ def _keys(kind: Schema, kinds: Schema, besides: Sequence[str]) -> str:
 
 def _words(value: Schema) -> str:
     """What a key means, with its default."""
-    said = str(value.get("description") or value.get("title", ""))
+    text = str(value.get("description") or value.get("title", ""))
     if (default := value.get("default")) is not None:
-        said += f" Where nothing is written: `{json.dumps(default).strip(chr(34))}`."
-    return said
+        text += f" Default: `{json.dumps(default).strip(chr(34))}`."
+    return text
 
 
 def _cell(text: str) -> str:

@@ -140,7 +140,7 @@ def a_change_that_may_move_the_robot_is_asked_about(page: "Page") -> None:
 def test_a_page_waits_for_a_stack_and_shows_the_next_one() -> None:
     chromium()
     with served() as url, opened(url, width=420, height=800) as page:
-        seen(lambda: "No stack runs" in text(page, "#notice"), "that nothing runs")
+        seen(lambda: "No stack is running" in text(page, "#notice"), "that nothing runs")
         for _ in range(2):
             with launched(DUMMY):
                 seen(lambda: text(page, "#state") == "active", "the stack")
@@ -212,7 +212,7 @@ def test_a_browser_is_opened_without_the_token_on_its_command_line(
         assert token not in address
         assert file.parent.stat().st_mode & 0o077 == 0
         with opened(address) as page:
-            seen(lambda: "No stack runs" in text(page, "#notice"), "the page")
+            seen(lambda: "No stack is running" in text(page, "#notice"), "the page")
             assert urlsplit(page.url).netloc == urlsplit(url).netloc
     assert not file.exists()
 

@@ -1,4 +1,4 @@
-"""A workspace where building with the sourced ROS 2: a program in colcon's place notes what it is asked."""
+"""A workspace where a ROS 2 is sourced: a program in colcon's place notes what it is asked."""
 
 import json
 import os
