@@ -136,7 +136,7 @@ def test_fields_are_shown_as_text_json_and_csv(talker: Talker) -> None:
 @pytest.mark.slow
 def test_bytes_that_are_no_message_of_the_type_are_reported(talker: Talker) -> None:
     reported = (
-        "a message came on /arm/broken that is no geometry_msgs/msg/PointStamped as it is built"
+        "a message on /arm/broken does not match geometry_msgs/msg/PointStamped as built here"
     )
     assert reported in refused("topic", "echo", "/arm/broken")
     assert reported in refused("topic", "delay", "/arm/broken")

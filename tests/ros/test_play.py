@@ -128,7 +128,7 @@ def test_commands_are_published_only_on_purpose(recording: Path) -> None:
         (("--nodes", "estimation"), "need `--into CONFIG`"),
         (("--into", EXAMPLE), "`--into` needs `--nodes`"),
         (("--into", EXAMPLE, "--nodes", "estimtion"), "did you mean `estimation`"),
-        (("--into", EXAMPLE, "--nodes", "estimation"), "no message for the nodes"),
+        (("--into", EXAMPLE, "--nodes", "estimation"), "no messages for the selected nodes"),
         (("--topic", "speed"), "no topic `speed`"),
         (("--rate", "0"), "`--rate 0`"),
         (("--real-time",), "needs `--into CONFIG`"),
@@ -162,7 +162,7 @@ def test_recorded_sensors_give_the_recorded_estimates_bit_for_bit(tmp_path: Path
         *("--into", EXAMPLE, "--nodes", "estimation", "--output", again, "--set", change),
     )
     assert done.returncode == 0, done.stderr
-    assert "the first other at" in done.stdout
+    assert "first difference at" in done.stdout
     assert "/obelisk/dummy/est rate [Hz]" in done.stdout
     assert len(open_run(again)["est"]) == 500
 

@@ -93,7 +93,7 @@ class ChangeRequest(
 class StopRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", tag="stop"):
     """Request to shut the stack down."""
 
-    reason: str = "asked to stop"
+    reason: str = "stop requested"
 
 
 class GraphRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", tag="look"):

@@ -119,7 +119,7 @@ def test_what_stays_is_reported_on_stderr(
     [
         (b"a: [", "c.yaml:1:4: error[OBK003]: the `[` opened here"),
         (b"\xff", "c.yaml:1:1: error[OBK002]: byte 0xff is not UTF-8"),
-        (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file holds no section of a config"),
+        (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file contains no section of a config"),
     ],
 )
 def test_a_file_that_is_no_config_is_left_alone(

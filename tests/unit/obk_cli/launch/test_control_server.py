@@ -98,8 +98,8 @@ def test_a_change_is_handed_on_with_all_that_was_asked(tmp_path: Path) -> None:
 
 def test_a_stop_is_heard_without_waiting_for_the_end(tmp_path: Path) -> None:
     with served(tmp_path, leave_open) as heard:
-        assert ask_stop(tmp_path, "asked by `obk stop`")
-    assert heard.get() == StopRequested(reason="asked by `obk stop`")
+        assert ask_stop(tmp_path, "requested by `obk stop`")
+    assert heard.get() == StopRequested(reason="requested by `obk stop`")
 
 
 def test_the_socket_is_its_owners_and_gone_at_the_end(tmp_path: Path) -> None:

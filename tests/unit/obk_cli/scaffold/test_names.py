@@ -47,7 +47,7 @@ def test_a_path_is_refused_as_a_path(name: str) -> None:
     assert problem is not None
     assert problem.sentence == f"the name `{name}` is a path, expected a name"
     assert problem.help is not None
-    assert problem.help.endswith("--dest DIR chooses the folder")
+    assert problem.help.endswith("choose the folder with --dest DIR")
 
 
 @pytest.mark.parametrize("name", ["class", "lambda", "import"])
