@@ -1,8 +1,8 @@
 """The console of a launch: log files and a screen, with a status area on a terminal, or JSON.
 
 `Output` receives events and lines. `Screen` writes in its own thread and never blocks its callers.
-If the output is read slowly, the screen keeps a bounded number of lines and counts those that it
-drops, such as lines that do not fit on a full disk.
+If the output is read slowly, the screen keeps a bounded number of lines, and drops and counts the
+rest. Lines that a full disk rejects are dropped in the same way.
 """
 
 import errno
