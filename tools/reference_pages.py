@@ -119,7 +119,7 @@ def _keys(kind: Schema, kinds: Schema, besides: Sequence[str]) -> str:
 
 
 def _words(value: Schema) -> str:
-    """The meaning of a key, with its default."""
+    """What a key means, with its default."""
     text = str(value.get("description") or value.get("title", ""))
     if (default := value.get("default")) is not None:
         text += f" Default: `{json.dumps(default).strip(chr(34))}`."

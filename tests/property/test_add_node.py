@@ -94,7 +94,7 @@ def test_a_real_config_validates_as_before(path: Path, kind: str) -> None:
     assert after.config is not None
     kept = [node for node in after.config.nodes if node.full_name != added.node_name]
     assert [ends(node) for node in kept] == [ends(node) for node in before.config.nodes]
-    is_list_made = any("is a list now" in note for note in added.notes)
+    is_list_made = any("is now a list" in note for note in added.notes)
     assert is_subsequence(text.replace(" ", "") if is_list_made else text, added.text)
     (new,) = [node for node in after.config.nodes if node not in kept]
     assert {topic for _, topic in ends(new)} == {link.topic for link in added.links}

@@ -84,7 +84,9 @@ def test_a_stuck_transition_is_shown_with_its_location(tmp_path: Path, callback:
     # What a busy machine has no time to show is in the log.
     (log,) = (tmp_path / "home" / "runs").glob("*/obelisk_control_0.log")
     assert f"in {callback}" in shown + log.read_text()
-    failed = f"failed: /obelisk_control_0: the transition `{name}` was not done within {STUCK_S} s"
+    failed = (
+        f"failed: /obelisk_control_0: the transition `{name}` did not finish within {STUCK_S} s"
+    )
     assert failed in result.stdout
     assert f"{config.name}:" in result.stdout.partition(failed)[2]
     assert not marked()

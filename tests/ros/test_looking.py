@@ -136,7 +136,7 @@ def test_fields_are_shown_as_text_json_and_csv(talker: Talker) -> None:
 @pytest.mark.slow
 def test_invalid_bytes_are_reported(talker: Talker) -> None:
     reported = (
-        "a message came on /arm/broken that is no geometry_msgs/msg/PointStamped as it is built"
+        "a message on /arm/broken does not match geometry_msgs/msg/PointStamped as built here"
     )
     assert reported in error_of("topic", "echo", "/arm/broken")
     assert reported in error_of("topic", "delay", "/arm/broken")
@@ -149,12 +149,12 @@ def test_a_silent_topic_and_a_missing_one_end_with_a_message(
     # On a busy machine, even the topic may not be found that soon.
     eventually(
         lambda: (
-            "no message came on /arm/silent within 2 s"
+            "no message received on /arm/silent within 2 s"
             in error_of("topic", "echo", "silent", "--timeout", "2")
         ),
         "the report of a silent topic",
     )
-    missing = f"there is no topic `jionts` in the ROS domain {os.environ['ROS_DOMAIN_ID']}"
+    missing = f"no topic `jionts` in the ROS domain {os.environ['ROS_DOMAIN_ID']}"
 
     def is_near() -> bool:
         complaint = error_of("topic", "echo", "jionts")

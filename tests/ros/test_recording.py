@@ -151,7 +151,7 @@ def test_a_killed_recorder_leaves_its_messages_and_the_stack_continues() -> None
         states = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
         assert len(states) == 3  # it is not a node of the stack
         recorder.kill()
-        run.wait_for_line("warning: the recorder has ended: the process was ended by SIGKILL")
+        run.wait_for_line("warning: the recorder stopped: the process was terminated by SIGKILL")
     assert run.process.returncode == 0, run.text
     assert "stopped cleanly" in run.lines
     assert not run.left_over()

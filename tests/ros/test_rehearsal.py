@@ -73,7 +73,7 @@ def test_with_the_rule_stop_the_stack_stops_and_names_the_node(tmp_path: Path) -
     frozen, killed = (verdict.run for verdict in verdicts)
     assert killed is not None
     assert killed != frozen
-    cause = "/obelisk_estimation_0: the process was ended by SIGKILL"
+    cause = "/obelisk_estimation_0: the process was terminated by SIGKILL"
     assert cause in (killed / "launch.log").read_text()
     assert not marked()
 
@@ -112,7 +112,7 @@ def test_a_broken_expectation_is_reported_with_its_evidence(tmp_path: Path) -> N
     )
     (verdict,) = verdicts
     assert verdict.seen.startswith("stack down")
-    assert any("went down" in fault for fault in verdict.faults)
+    assert any("shut down" in fault for fault in verdict.faults)
     assert verdict.run is not None
     assert "SIGKILL" in (verdict.run / "launch.log").read_text()
 
@@ -131,7 +131,7 @@ def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
         reported = json.loads(result.stdout)
         (verdict,) = reported["rows"]
         assert verdict["nodes"] == ["/obelisk_control_0"]
-        assert verdict["expected"] == "the others run on"
+        assert verdict["expected"] == "other nodes keep running"
         assert f"domain {ros_domain}, logs in {tmp_path}" in result.stderr
         assert result.returncode == (0 if reported["ok"] else 1)
         assert not (tmp_path / "home" / "runs").exists()

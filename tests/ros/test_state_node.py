@@ -159,7 +159,8 @@ def test_transitions_by_number_and_by_label_and_their_errors(world: World) -> No
         assert not world.change(**wrong)
     assert world.asked.empty()
     assert world.refused[0] == (
-        "refused the transition `7` in the state `unconfigured`; possible here: configure, shutdown"
+        "the transition `7` is not allowed in the state `unconfigured`; "
+        "possible now: configure, shutdown"
     )
     assert len(world.refused) == 4
     assert world.client.last_fault("/my_stack", DEADLINE_S) == world.refused[-1]

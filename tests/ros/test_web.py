@@ -140,7 +140,7 @@ def a_change_that_may_move_the_robot_needs_confirmation(page: "Page") -> None:
 def test_a_page_waits_for_a_stack_and_shows_the_next_one() -> None:
     chromium()
     with served() as url, opened(url, width=420, height=800) as page:
-        seen(lambda: "No stack runs" in text(page, "#notice"), "that nothing runs")
+        seen(lambda: "No stack is running" in text(page, "#notice"), "that nothing runs")
         for _ in range(2):
             with launched(DUMMY):
                 seen(lambda: text(page, "#state") == "active", "the stack")
@@ -166,7 +166,8 @@ def test_fields_are_offered_and_faults_in_them_reported() -> None:
         assert "angular_velocity.x" in page.locator(".plot .legend").nth(1).inner_text()
         text_reported = page.locator(".plot .fault").nth(2)
         seen(
-            lambda: text_reported.inner_text() == "`header.frame_id` is text, not numbers", "a text"
+            lambda: text_reported.inner_text() == "`header.frame_id` contains text, not numbers",
+            "a text",
         )
         page.get_by_role("button", name="remove /obelisk/dummy/imu angular_velocity.w").click()
         assert page.locator(".plot").count() == 2
@@ -211,7 +212,7 @@ def test_a_browser_is_opened_without_the_token_on_its_command_line(
         assert token not in address
         assert file.parent.stat().st_mode & 0o077 == 0
         with opened(address) as page:
-            seen(lambda: "No stack runs" in text(page, "#notice"), "the page")
+            seen(lambda: "No stack is running" in text(page, "#notice"), "the page")
             assert urlsplit(page.url).netloc == urlsplit(url).netloc
     assert not file.exists()
 

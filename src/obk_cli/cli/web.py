@@ -86,7 +86,7 @@ def command(
 
 
 def _redirect(folder: Path, url: str) -> Path:
-    """A file that leads a browser to `url`, in a folder that only this user can read.
+    """Create a file that redirects a browser to `url`, in a folder that only this user can read.
 
     Any user of the host can read the command line of a browser, so the token must not be in it.
     Jupyter does the same.

@@ -108,7 +108,7 @@ def test_it_is_no_overlay(shared: Path, give_away: Give) -> None:
     assert overlay_prefixes([shared]) == ()
     assert folder not in PackageIndex.around(shared, shared, {}).prefixes
     with (
-        pytest.raises(CommandFailedError, match=r"\.obk is another user's"),
+        pytest.raises(CommandFailedError, match=r"\.obk belongs to another user"),
         build_lock(shared, print),
     ):
         pass
@@ -128,5 +128,5 @@ def test_it_cannot_contain_runs_and_its_runs_are_ignored(shared: Path, give_away
     assert list(live_folders(runs)) == [folder]
     give_away(shared / "logs")
     assert live_folders(runs) == {}
-    with pytest.raises(PermissionError, match="it is another user's"):
+    with pytest.raises(PermissionError, match="it belongs to another user"):
         claim_run(runs, run, datetime(2031, 2, 3, 4, 5, 7))

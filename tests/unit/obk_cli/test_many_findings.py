@@ -141,6 +141,6 @@ def test_the_rest_of_a_rule_is_counted_in_a_last_finding() -> None:
     faults = [found("OBK204", f"fault {i}", Span.at(source, i, 1)) for i in range(1, 6)]
     assert [str(fault) for fault in counted(faults, most=3)[2:]] == [
         "f.yaml:3:1: info[OBK204]: fault 3",
-        "f.yaml:4:1: info[OBK204]: and 2 more of this rule; the first of them is here",
+        "f.yaml:4:1: info[OBK204]: and 2 more findings of this rule, the first of them here",
     ]
     assert counted(faults, most=5) == tuple(faults)

@@ -305,7 +305,7 @@ def test_standard_input(
             "  help: without a terminal, use `obk monitor --once` or `obk monitor --format "
             "json`"),
         ("topic echo /est --format xml", "`--format xml`: expected `text`, `json` or `csv`"),
-        ("topic echo /est --csv --format json", "`--csv` and `--format json` exclude each other"),
+        ("topic echo /est --csv --format json", "`--csv` and `--format json` cannot be combined"),
         ("service call /s --type Trigger", "`--type Trigger`: expected a type such as"),
     ],
 )  # fmt: skip

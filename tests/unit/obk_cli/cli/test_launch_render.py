@@ -58,14 +58,14 @@ def test_a_camera_that_the_model_has_not(capsys) -> None:
 
 def test_options_without_a_video(capsys) -> None:
     assert refused(capsys, "--render-camera", "overview") == (
-        "error: `--render-camera` has an effect only with `--render FILE`\n"
+        "error: `--render-camera` needs `--render FILE`\n"
     )
 
 
 def test_a_stack_whose_robot_is_not_simulated(capsys) -> None:
     real = ("--set", "onboard.robot[0].is_simulated=False", "--ignore", "OBK")
-    output = refused(capsys, "--render", "out.mp4", *real)
-    assert "error: `--render out.mp4`: there is no simulated robot in `dummy`\n" in output
+    said = refused(capsys, "--render", "out.mp4", *real)
+    assert "error: `--render out.mp4`: no simulated robot in `dummy`\n" in said
 
 
 def test_a_missing_folder(capsys, folder) -> None:
@@ -77,7 +77,7 @@ def test_a_missing_folder(capsys, folder) -> None:
 def test_an_existing_file(capsys, folder) -> None:
     (folder / "out.mp4").write_text("mine")
     assert refused(capsys, "--render", "out.mp4", code=1) == (
-        f"error: {folder}/out.mp4 already exists\n  help: name another file\n"
+        f"error: {folder}/out.mp4 already exists\n  help: choose another file\n"
     )
     assert (folder / "out.mp4").read_text() == "mine"
 

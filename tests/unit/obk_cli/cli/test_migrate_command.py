@@ -89,7 +89,7 @@ def test_a_file_that_another_user_changes_is_not_written(config: Path) -> None:
     file = open_for_edit("c.yaml")
     assert isinstance(file, EditedFile)
     config.write_bytes(KEY)
-    with pytest.raises(CommandFailedError, match="has changed meanwhile, nothing is written"):
+    with pytest.raises(CommandFailedError, match="changed during the edit; nothing was written"):
         write_edited(file, "mine")
     assert config.read_bytes() == KEY
 
@@ -119,7 +119,7 @@ def test_unmigrated_parts_are_reported_on_stderr(
     [
         (b"a: [", "c.yaml:1:4: error[OBK003]: the `[` opened here"),
         (b"\xff", "c.yaml:1:1: error[OBK002]: byte 0xff is not UTF-8"),
-        (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file holds no section of a config"),
+        (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file contains no section of a config"),
     ],
 )
 def test_a_file_that_is_no_config_is_ignored(
@@ -139,9 +139,9 @@ def test_a_file_that_is_no_config_is_ignored(
         (
             ("-", "--write"),
             2,
-            "error: `--write` does not go with a config from standard input\n",
+            "error: `--write` cannot be combined with a config from standard input\n",
         ),
-        (("c.yaml", "--write", "--check"), 2, "error: `--write` does not go with --check\n"),
+        (("c.yaml", "--write", "--check"), 2, "error: `--write` cannot be combined with --check\n"),
         (
             ("d.yaml",),
             1,

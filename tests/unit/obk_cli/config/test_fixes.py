@@ -114,7 +114,7 @@ def test_an_end_is_added_after_plain_text(text: str, after: str) -> None:
 def test_edits_of_one_stretch_contradict_each_other() -> None:
     source = SourceFile.of("f", "abc\n")
     edits = [Edit(Span.at(source, 1, 1, 2), "x"), Edit(Span.at(source, 1, 2, 1), "y")]
-    with pytest.raises(ValueError, match="f:1:2: two edits of one stretch"):
+    with pytest.raises(ValueError, match="f:1:2: overlapping edits"):
         apply_edits(source, edits)
 
 

@@ -127,8 +127,8 @@ def test_a_section_that_is_not_in_block_style_is_rejected_with_a_snippet(what: s
 
 
 @pytest.mark.parametrize("text", ["", "a", "[]", "- a", "- {}", "- pkg: a", "- {pkg: a}\n- {}"])
-def test_an_invalid_entry_is_rejected(text: str) -> None:
-    with pytest.raises(ValueError, match="a new node "):
+def test_what_is_no_entry_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="expected "):
         read_new_node("control", text)
 
 

@@ -226,11 +226,14 @@ def test_other_formats_keep_the_output_to_themselves(
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        (("c.yaml", "--diff"), "`--diff` shows what `--fix` would change: give both"),
+        (("c.yaml", "--diff"), "`--diff` needs `--fix`"),
         (("-", "--fix"), "`--fix` needs files, not standard input"),
         (("-", "--watch"), "`--watch` needs files, not standard input"),
-        (("c.yaml", "--watch", "--fix"), "`--watch` does not go with --fix"),
-        (("c.yaml", "--watch", "--format", "json"), "`--watch` does not go with --format json"),
+        (("c.yaml", "--watch", "--fix"), "`--watch` cannot be combined with `--fix`"),
+        (
+            ("c.yaml", "--watch", "--format", "json"),
+            "`--watch` cannot be combined with `--format json`",
+        ),
     ],
 )
 def test_misuse(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], error: str) -> None:

@@ -174,44 +174,44 @@ def test_unmigrated_parts_are_reported_literally(request: pytest.FixtureRequest)
         (
             "onboard: {robot: {}}\noffboard: {control: {}}\n",
             "key",
-            "2:1: info[migrate]: the device blocks stay: sections at the top level are one device, "
-            "there are 2",
+            "2:1: info[migrate]: the device blocks are kept: the top level can hold one device, "
+            "not 2",
         ),
         (
             "arm: {robot: {}}\n",
             "key",
-            "1:1: info[migrate]: the device block stays: sections at the top level are the device "
-            "`onboard`",
+            "1:1: info[migrate]: the device block is kept: the top level is the device `onboard`",
         ),
         (
             "onboard: {robot: {}}\ncontrol: {}\n",
             "key",
-            "2:1: info[migrate]: section `control` stands beside a device",
+            "2:1: info[migrate]: section `control` is outside the device",
         ),
         (
             "onboard: &all {robot: {}}\n",
             "key",
-            "1:1: info[migrate]: the device block stays: it has an anchor or a tag",
+            "1:1: info[migrate]: the device block is kept: it has an anchor or a tag",
         ),
         (
             "onboard:\n  robot: {}\n  config: a\nconfig: b\n",
             "key",
-            "1:1: info[migrate]: the device block stays: `config` stands outside it too",
+            "1:1: info[migrate]: the device block is kept: `config` also occurs outside it",
         ),
         (
             "? onboard\n: {robot: {}}\n",
             "key",
-            "1:3: info[migrate]: the device block stays: it is written by an anchor or with `?`",
+            "1:3: info[migrate]: the device block is kept: it is written with an anchor or with "
+            "`?`",
         ),
         (
             "onboard: {control: {}}\nrobot: {}\n",
             "seed",
-            "1:1: info[migrate]: device `onboard` stands beside sections",
+            "1:1: info[migrate]: the sections are outside the device `onboard`",
         ),
         (
             "control: {}\nconfig: a\nrobot: {}\n",
             "seed",
-            "2:1: info[migrate]: the sections stay at the top level: `config` stands between them",
+            "2:1: info[migrate]: the sections are kept at the top level: `config` is between them",
         ),
     ],
 )
@@ -237,7 +237,7 @@ def test_aliases_that_tie_places_together_leave_the_file_alone() -> None:
     )
     migrated = migrate(text)
     assert migrated.text == text
-    assert "its anchors or its layout tie the places together" in reported(migrated)
+    assert "because of its anchors or its layout" in reported(migrated)
 
 
 @pytest.mark.parametrize(

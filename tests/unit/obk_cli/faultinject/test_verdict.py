@@ -38,7 +38,7 @@ LOST: dict[str, int | None] = {ROBOT: None}
 
 
 def ended(
-    cause: str = f"{ROBOT}: the process was ended by SIGKILL", origin: str = "c.yaml:1:1"
+    cause: str = f"{ROBOT}: the process was terminated by SIGKILL", origin: str = "c.yaml:1:1"
 ) -> tuple[float, Ended]:
     return 0.5, Ended(exit_code=1, cause=cause, origin=origin)
 
@@ -136,7 +136,7 @@ def test_a_restarted_node_with_all_others_untouched_is_correct() -> None:
             f"{ESTIMATOR}: inactive, not active",
         ),
         (observation(DIED, RESTARTING, BACK), "does not respond"),
-        (observation(DIED, ended(), exit_code=1), "went down"),
+        (observation(DIED, ended(), exit_code=1), "shut down"),
     ],
 )
 def test_a_restart_that_is_not_as_expected_is_reported(seen: Observation, fault: str) -> None:

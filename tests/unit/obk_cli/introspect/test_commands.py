@@ -131,7 +131,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("monitor --once --period 1e300", "`--period 1e+300`: expected seconds up to 1000000"),
         ("topic list --format yaml", "`--format yaml`: expected `text` or `json`"),
         ("topic echo est --format yaml", "expected `text`, `json` or `csv`"),
-        ("topic echo est --csv --format json", "`--csv` and `--format json` exclude each other"),
+        ("topic echo est --csv --format json", "`--csv` and `--format json` cannot be combined"),
         (
             "service call a/b --type Trigger",
             "`--type Trigger`: expected a type such as `std_srvs/srv/",
@@ -142,7 +142,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("topic pub est pkg/msg/State {} {}", "unexpected argument `{}`"),
         ("topic pub est PositionSetpiont {}", "did you mean `PositionSetpoint`"),
         ("topic pub est --rate 0", "`--rate 0`: expected a number above 0"),
-        ("param set arm gain [1,a]", "`[1,a]` is no value of a parameter"),
+        ("param set arm gain [1,a]", "`[1,a]` is not a valid parameter value"),
         ("param set arm gain [", "`[` is not YAML"),
     ],
 )

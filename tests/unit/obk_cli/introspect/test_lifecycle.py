@@ -131,7 +131,9 @@ def test_of_several_stacks_a_change_is_of_the_one_that_is_named(
             environment, "activate", LifecycleRequest(run=dummy.folder.name)
         ).success
         for names in ((), ("control",)):
-            with pytest.raises(MisuseError, match="several stacks run in the ROS domain 7: d") as e:
+            with pytest.raises(
+                MisuseError, match="several stacks are running in the ROS domain 7: d"
+            ) as e:
                 change_states(environment, "deactivate", LifecycleRequest(names=names))
         assert e.value.help == "choose one with `--run NAME`, or use full node names"
         assert len(changes(left)) == 1
@@ -214,7 +216,7 @@ def test_in_the_graph_the_state_node_is_left_out_and_control_stops_first(
     ("transition", "fault"),
     [
         ("activate", "`activate` failed: no torque"),
-        ("configure", "`configure` is possible in state unconfigured, but the node is active"),
+        ("configure", "`configure` requires state unconfigured, but the node is active"),
     ],
 )
 def test_in_the_graph_a_rejection_has_a_reason(

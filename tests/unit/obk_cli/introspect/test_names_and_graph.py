@@ -70,7 +70,7 @@ def test_an_ambiguous_or_unknown_name_is_reported_with_the_existing_ones() -> No
     assert several.value.help == "choose one of `/a/est`, `/b/est`"
     with pytest.raises(CommandFailedError) as none:
         resolve_one("topic", "/a/esst", TOPICS, 7)
-    assert none.value.message == "there is no topic `/a/esst` in the ROS domain 7"
+    assert none.value.message == "no topic `/a/esst` in the ROS domain 7"
     assert none.value.help is not None
     assert none.value.help.startswith("did you mean `/a/est`")
 
@@ -86,9 +86,9 @@ def test_incompatible_endpoints_are_reported() -> None:
         ),
     )
     assert list(incompatible_ends(topic)) == [
-        "/strong does not receive from /p: it asks for `reliable`, and `best_effort` is offered",
+        "/strong does not receive from /p: it requests `reliable`, but `best_effort` is offered",
         "/strong does not receive from /p: "
-        "it asks for `transient_local`, and `volatile` is offered",
+        "it requests `transient_local`, but `volatile` is offered",
     ]
 
 

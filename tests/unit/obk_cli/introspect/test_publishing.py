@@ -103,7 +103,7 @@ def test_subscribers_are_waited_for() -> None:
 
 def test_late_subscribers_of_another_type_are_not_waited_for() -> None:
     look = Look(("/b", "pkg/msg/Other"), ("/c", "pkg/msg/Other"))
-    with pytest.raises(CommandFailedError, match="/a is of the type pkg/msg/Other, not"):
+    with pytest.raises(CommandFailedError, match="/a has the type pkg/msg/Other, not"):
         wait(look, wanted())
     assert look.looks == 1
 
@@ -121,7 +121,7 @@ def test_an_unused_topic_needs_a_name_and_a_type() -> None:
 def test_a_message_of_another_type_than_the_subscribers_is_rejected() -> None:
     look = Look(("/b", "pkg/msg/Other"))
     look.looks = 1
-    with pytest.raises(CommandFailedError, match="is of the type pkg/msg/Other"):
+    with pytest.raises(CommandFailedError, match="has the type pkg/msg/Other"):
         topic_to_publish(cast(Any, look), place(), wanted(msg_type="pkg/msg/State"))
 
 

@@ -91,6 +91,6 @@ def test_a_node_outside_the_stack_gets_time_to_announce_itself(tmp_path: Path) -
     assert look.waited_s == [1.0]
     assert find_node(cast(RosParticipant, Later()), where, "arm", 5.0) == "/arm"
     patient = Later()
-    with pytest.raises(CommandFailedError, match="there is no node `walker`"):
+    with pytest.raises(CommandFailedError, match="no node `walker`"):
         find_node(cast(RosParticipant, patient), place(tmp_path, 20.0, runs=True), "walker", 5.0)
     assert patient.waited_s == [3.3]

@@ -69,8 +69,10 @@ def look_twice(graph: Graph) -> None:
         assert graph.viewed.acquire(timeout=20)
 
 
-def test_a_name_in_use_is_rejected() -> None:
-    with pytest.raises(CommandFailedError, match="domain 7 there is already /obelisk_robot_0"):
+def test_a_name_of_another_node_is_rejected() -> None:
+    with pytest.raises(
+        CommandFailedError, match="already in use in the ROS domain 7: /obelisk_robot_0"
+    ):
         refuse_taken_names(("/obelisk_robot_0",), Graph(("/x", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
 
 

@@ -96,10 +96,10 @@ def test_a_change_is_forwarded_with_all_its_options(tmp_path: Path) -> None:
     assert (asked.transition, asked.nodes, asked.timeout_s) == ("activate", ("/a",), 2.5)
 
 
-def test_a_stop_is_accepted_without_waiting_for_the_end(tmp_path: Path) -> None:
-    with served(tmp_path, leave_open) as received:
-        assert ask_stop(tmp_path, "asked by `obk stop`")
-    assert received.get() == StopRequested(reason="asked by `obk stop`")
+def test_a_stop_is_heard_without_waiting_for_the_end(tmp_path: Path) -> None:
+    with served(tmp_path, leave_open) as heard:
+        assert ask_stop(tmp_path, "requested by `obk stop`")
+    assert heard.get() == StopRequested(reason="requested by `obk stop`")
 
 
 def test_the_socket_belongs_to_its_owner_and_is_removed_at_the_end(tmp_path: Path) -> None:
@@ -177,23 +177,23 @@ def test_a_client_that_sends_nothing_is_reported_so(
 ) -> None:
     monkeypatch.setattr(control_server, "READ_S", 0.01)
     with served(tmp_path):
-        assert raw(tmp_path, b"{") == {"error": "no request came within 0.01 s"}
+        assert raw(tmp_path, b"{") == {"error": "no request received within 0.01 s"}
 
 
 def test_too_many_clients_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(control_server, "MOST_CONNECTIONS", 1)
     with served(tmp_path), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as first:
         first.connect(str(tmp_path / "control.sock"))
-        assert raw(tmp_path, b"{}\n") == {"error": "more than 1 ask at the same moment"}
+        assert raw(tmp_path, b"{}\n") == {"error": "more than 1 clients are connected"}
 
 
 def test_requests_of_another_user_are_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control_server, "_user", lambda _: 4711)
-    with served(tmp_path) as received:
-        assert raw(tmp_path, b'{"ask": "stop"}\n') == {"error": "the stack is another user's"}
-        assert received.empty()
+    with served(tmp_path) as heard:
+        assert raw(tmp_path, b'{"ask": "stop"}\n') == {"error": "the stack belongs to another user"}
+        assert heard.empty()
 
 
 def test_a_supervisor_that_hangs_is_reported(
@@ -202,7 +202,7 @@ def test_a_supervisor_that_hangs_is_reported(
     monkeypatch.setattr(control_server, "STATUS_S", 0.01)
     with served(tmp_path, leave_open):
         assert raw(tmp_path, b'{"ask": "status"}\n') == {
-            "error": "the launcher has not answered for 0.01 s"
+            "error": "the launcher did not answer within 0.01 s"
         }
 
 
@@ -241,7 +241,7 @@ def test_an_unanswered_request_about_the_graph_ends(
     question = json.dumps({"ask": "look", "question": {"about": "graph", "timeout_s": 0.05}})
     with serve_control(tmp_path, leave_open, lambda _question, _reply: None):
         reported = raw(tmp_path, question.encode() + b"\n")
-    assert reported == {"error": "the launcher has not answered for 0.1 s"}
+    assert reported == {"error": "the launcher did not answer within 0.1 s"}
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,7 @@ def test_the_way_out_of_a_failure_is_not_reported_as_a_change_from_elsewhere() -
 def test_failures_are_reported_with_their_cause() -> None:
     assert lines_of(Failed(node=CONTROL, fault="boom")) == ["  control_0: FAILED", "    boom"]
     assert lines_of(ProcessEnded(process=ROBOT, code=-9)) == [
-        "  robot_0: the process was ended by SIGKILL"
+        "  robot_0: the process was terminated by SIGKILL"
     ]
     assert lines_of(ProcessEnded(process=ROBOT, code=1, text="KeyError: 'x'")) == [
         "  robot_0: the process exited with code 1: KeyError: 'x'"
@@ -93,10 +93,10 @@ def test_failures_are_reported_with_their_cause() -> None:
 def test_the_first_cause_is_shown_first_then_its_origin_then_the_count_of_later_faults() -> None:
     assert lines_of(
         Ended(exit_code=1, cause="a died", consequences=2, origin="dummy.yaml:12:3")
-    ) == ["failed: a died", "  defined at dummy.yaml:12:3", "  2 more failures after it"]
+    ) == ["failed: a died", "  defined at dummy.yaml:12:3", "  followed by 2 more failures"]
     assert lines_of(Ended(exit_code=1, cause="a died", consequences=1)) == [
         "failed: a died",
-        "  1 more failure after it",
+        "  followed by 1 more failure",
     ]
     assert lines_of(Ended(exit_code=0, cause="")) == ["stopped cleanly"]
 
@@ -104,10 +104,10 @@ def test_the_first_cause_is_shown_first_then_its_origin_then_the_count_of_later_
 @pytest.mark.parametrize(
     ("result", "reported"),
     [
-        ("there already", "there already"),
+        ("there already", "already in that state"),
         ("timed out", "TIMED OUT (72 ms)"),
         ("gone", "GONE (72 ms)"),
-        ("taken back", "taken back (72 ms)"),
+        ("taken back", "rolled back (72 ms)"),
     ],
 )
 def test_every_end_of_a_transition_has_its_word(result: Result, reported: str) -> None:
@@ -150,10 +150,10 @@ def test_hangs_and_restarts_are_reported() -> None:
         WaitingFor(devices=("base", "arm"), nodes=(ROBOT, "/arm/obelisk_control_1")),
     ) == [
         "  robot_0: HUNG: no answer for 2.0 s",
-        "  robot_0: answers again",
+        "  robot_0: answering again",
         "  robot_0, control_0: restart 1 of 3 in 0.5 s",
-        "  robot_0, control_0: back again",
-        "  the stack goes on without control_0",
+        "  robot_0, control_0: recovered",
+        "  the stack continues without control_0",
         "  waiting for nodes of base, arm: robot_0, arm/control_1",
     ]
 

@@ -67,7 +67,7 @@ def test_controllers_are_not_activated_again_when_a_crash_stops_the_stack() -> N
 def test_a_crash_does_not_wait_for_another_nodes_slow_transition() -> None:
     world = World(silent={(ESTIMATOR, "deactivate")})
     world.later.extend([ignored("deactivate", ESTIMATOR), 1.0, died()])
-    assert world.run(duration_s=None).cause == f"{ROBOT}: the process was ended by SIGSEGV"
+    assert world.run(duration_s=None).cause == f"{ROBOT}: the process was terminated by SIGSEGV"
     assert when(world, "stopping") == 1.0
 
 
@@ -229,7 +229,7 @@ def test_a_hung_node_gets_no_requests_that_it_would_execute_later() -> None:
     world.later.extend([lambda: world.mute.add(ESTIMATOR), 5.0, asked, STOP])
     world.run(duration_s=None)
     assert answers[0].why == (
-        f"{ESTIMATOR}: the transition `deactivate` was cut short: the node hangs"
+        f"{ESTIMATOR}: the transition `deactivate` was interrupted: the node hangs"
     )
     assert "deactivate" not in world.transitions_of(ESTIMATOR)
 
@@ -238,7 +238,7 @@ def test_a_restarted_process_that_neither_starts_nor_can_be_killed_is_reported()
     world = World(on_crash="restart", deaf_to={(ROBOT, n) for n in range(1, 32)})
     world.later.extend([lambda: world.never_ready.add(ROBOT), died()])
     ended = world.run(duration_s=None)
-    assert ended.cause == f"{ROBOT}: the process is still there after SIGKILL"
+    assert ended.cause == f"{ROBOT}: the process is still running after SIGKILL"
 
 
 def test_a_node_that_fails_after_its_restart_reports_why_in_the_cause() -> None:

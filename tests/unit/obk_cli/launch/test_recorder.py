@@ -85,7 +85,7 @@ def run_folder(folder: Path) -> Path:
 def test_a_launch_that_records_nothing_has_no_recorder() -> None:
     world = World(None, None)
     world.start()
-    world.recorder.wait_until_begun()
+    world.recorder.wait_until_started()
     world.events.publish(ENDED)
     assert not world.processes.started
     assert world.published == [ENDED]
@@ -110,10 +110,10 @@ def test_the_nodes_wait_until_the_recording_has_started(tmp_path: Path) -> None:
     world.recorder.on_process_event(ProcessStarted(process=UNIT.name, pid=1))
     world.recorder.on_process_event(ProcessEnded(process="/node", code=1))
     world.lines.publish(OutputLine(process="/node", text=BEGUN))
-    assert not world.recorder._has_begun.is_set()
+    assert not world.recorder._has_started.is_set()
     world.lines.publish(OutputLine(process=UNIT.name, text=f"{BEGUN}here"))
     assert world.screen.lines[-1] == f"{BEGUN}here"
-    world.recorder.wait_until_begun()
+    world.recorder.wait_until_started()
     assert len(world.screen.lines) == 2
 
 
@@ -130,15 +130,15 @@ def test_a_recorder_that_dies_is_reported_and_the_stack_continues(tmp_path: Path
     world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     world.recorder.on_process_event(ProcessEnded(process=UNIT.name, code=1, text="no space left"))
-    world.recorder.wait_until_begun()
+    world.recorder.wait_until_started()
     world.events.publish(ENDED)
     assert not world.processes.signals
     (line,) = world.screen.lines
-    assert line.startswith("warning: the recorder has ended: the process exited with code 1: no sp")
+    assert line.startswith("warning: the recorder stopped: the process exited with code 1: no sp")
 
 
 def test_without_a_run_folder_it_is_reported_that_nothing_is_recorded() -> None:
     world = World(RecordRequest(), None)
     world.start()
     assert not world.processes.started
-    assert world.screen.lines == ["warning: nothing is recorded: there is no folder for it"]
+    assert world.screen.lines == ["warning: nothing is recorded, because the run has no folder"]

@@ -41,7 +41,7 @@ def test_a_stack_without_a_simulated_robot_is_rejected() -> None:
     plan = Plan(name="s", nodes=(replace(ROBOT, model=None), CONTROL))
     with pytest.raises(MisuseError) as raised:
         with_simulator_parameters(plan, share_of(plan, None), WEB, "--viewer web")
-    assert str(raised.value) == "`--viewer web`: there is no simulated robot in `s`"
+    assert str(raised.value) == "`--viewer web`: no simulated robot in `s`"
     assert raised.value.help is not None
     assert "`sim` block" in raised.value.help
 

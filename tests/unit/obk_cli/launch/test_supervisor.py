@@ -124,7 +124,7 @@ def test_nodes_of_a_tier_that_did_make_a_failed_step_are_rolled_back() -> None:
 def test_a_transition_without_an_answer_is_a_timeout() -> None:
     world = World(silent={(ROBOT, "configure")})
     ended = world.run()
-    assert ended.cause == f"{ROBOT}: the transition `configure` was not done within 10.0 s"
+    assert ended.cause == f"{ROBOT}: the transition `configure` did not finish within 10.0 s"
     assert (
         TransitionEnded(node=ROBOT, transition="configure", result="timed out", seconds=10.0)
         in world.published
@@ -142,7 +142,7 @@ def test_a_process_that_dies_takes_the_stack_down_and_is_the_cause() -> None:
     world = World(later=deque([ProcessEnded(process=ROBOT, code=-11)]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 1
-    assert ended.cause == f"{ROBOT}: the process was ended by SIGSEGV"
+    assert ended.cause == f"{ROBOT}: the process was terminated by SIGSEGV"
     assert (ROBOT, "deactivate") not in world.done
     assert (ROBOT, signal.SIGINT) not in world.signals
     assert not world.alive
@@ -202,7 +202,7 @@ def test_a_node_that_does_not_shut_down_and_ends_by_sigterm_has_not_ended_cleanl
     world = World(silent={(ROBOT, "shutdown")}, deaf_to={(ROBOT, signal.SIGINT)})
     ended = world.run()
     assert ended.exit_code == 1
-    assert "`shutdown` was not done within 3.0 s" in ended.cause
+    assert "`shutdown` did not finish within 3.0 s" in ended.cause
     assert ended.consequences == 1
 
 
@@ -210,14 +210,14 @@ def test_a_killed_process_is_no_clean_end() -> None:
     world = World(deaf_to={(ROBOT, signal.SIGINT), (ROBOT, signal.SIGTERM)})
     ended = world.run()
     assert ended.exit_code == 1
-    assert ended.cause == f"{ROBOT}: the process was ended by SIGKILL"
+    assert ended.cause == f"{ROBOT}: the process was terminated by SIGKILL"
 
 
 def test_a_node_without_a_response_during_shutdown_gets_no_more_requests() -> None:
     world = World(silent={(CONTROLLER, "deactivate")})
     ended = world.run()
     assert ended.exit_code == 1
-    assert "`deactivate` was not done within 3.0 s" in ended.cause
+    assert "`deactivate` did not finish within 3.0 s" in ended.cause
     assert (CONTROLLER, "cleanup") not in world.done
     assert (ROBOT, "shutdown") in world.done
 
@@ -277,7 +277,7 @@ def test_an_old_message_does_not_stand_for_the_state_after_the_newest_answer() -
 def test_a_node_that_became_active_after_its_deadline_is_deactivated() -> None:
     world = World(unanswered={(ROBOT, "activate")})
     ended = world.run()
-    assert ended.cause == f"{ROBOT}: the transition `activate` was not done within 10.0 s"
+    assert ended.cause == f"{ROBOT}: the transition `activate` did not finish within 10.0 s"
     assert ended.consequences == 0
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
 
@@ -375,4 +375,4 @@ def test_a_fault_in_a_transition_requested_elsewhere_keeps_the_stack_running() -
 
 
 def test_a_signal_without_a_name_is_reported_by_its_number() -> None:
-    assert ProcessEnded(process=ROBOT, code=-40).how == "the process was ended by signal 40"
+    assert ProcessEnded(process=ROBOT, code=-40).how == "the process was terminated by signal 40"

@@ -215,14 +215,14 @@ def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
 def test_an_invalid_change_is_rejected_as_a_whole() -> None:
     world = World()
     answer = ask(world, "cleanup")
-    assert answer.why == f"`cleanup` starts from inactive, and {CONTROLLER} is active"
+    assert answer.why == f"`cleanup` requires inactive, but {CONTROLLER} is active"
     assert not answer.members
     assert "taken back" not in world.phases
 
 
-def test_a_missing_node_is_named() -> None:
-    assert ask(World(), "deactivate", "/unused").why == (
-        "no such node with a life cycle is driven here: /unused"
+def test_a_node_that_is_not_there_is_named() -> None:
+    assert ask(World(), "deactivate", "/nobody").why == (
+        "this launch controls no such life-cycle node: /nobody"
     )
 
 
@@ -239,7 +239,7 @@ def test_a_change_requested_during_another_one_is_rejected() -> None:
     world = World(silent={(ROBOT, "configure")})
     world.later.append(ChangeRequested(transition="activate", reply=answers.append))
     world.run()
-    assert answers == [ChangeAnswer(success=False, why="the stack is on its way up")]
+    assert answers == [ChangeAnswer(success=False, why="the stack is being brought up")]
 
 
 def test_the_status_of_the_stack_can_be_requested_at_any_time() -> None:
@@ -329,7 +329,7 @@ def test_a_node_of_another_device_is_not_waited_for_longer_than_its_restarts_may
     ended = world.run(duration_s=None)
     assert ended.exit_code == 1
     assert ended.cause.startswith(f"{ROBOT} has not answered for 3")
-    assert ended.cause.endswith(" s, and the launch of its device has not brought it back")
+    assert ended.cause.endswith(" s, and the launch of its device has not restarted it")
     assert world.now < 45.0
 
 

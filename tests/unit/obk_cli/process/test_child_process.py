@@ -107,6 +107,6 @@ def test_two_simultaneous_requests_get_two_domains() -> None:
 
 def test_if_every_domain_is_in_use_it_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("obk_cli.ros.environment._is_bound", lambda *_: False)
-    output = "on this host every ROS domain from 1 to 100 is in use"
-    with pytest.raises(CommandFailedError, match=output), free_domain():
+    said = "every ROS domain from 1 to 100 is in use on this host"
+    with pytest.raises(CommandFailedError, match=said), free_domain():
         pytest.fail("a domain was found")

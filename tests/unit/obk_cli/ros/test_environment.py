@@ -78,7 +78,7 @@ def test_devices_on_several_hosts_find_each_other_by_default(
     assert discovery_range(ros_environment(devices_are_split=True)) == "SUBNET"
     here = ros_environment("localhost", devices_are_split=True)
     assert discovery_range(here) == "LOCALHOST"
-    hint = "keeps devices on other hosts from being found; use `--network lan`"
+    hint = "prevents the discovery of devices on other hosts; use `--network lan`"
     assert here.notes == (f"`--network localhost` {hint}",)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     kept = ros_environment(devices_are_split=True)
@@ -97,7 +97,7 @@ def test_the_old_switch_is_respected_once_and_never_passed_on(
     assert (discovery_range(here), here.notes) == ("LOCALHOST", ())
     lan = ros_environment("lan")
     assert discovery_range(lan) == "SUBNET"
-    assert lan.notes == ("ROS_LOCALHOST_ONLY=1 is left out for `--network lan`",)
+    assert lan.notes == ("ROS_LOCALHOST_ONLY=1 is ignored for `--network lan`",)
     assert "ROS_LOCALHOST_ONLY" not in lan.variables
     lan.put_into_effect()
     assert "ROS_LOCALHOST_ONLY" not in os.environ
@@ -112,7 +112,7 @@ def test_remote_peers_are_kept_unless_the_stack_is_local_only(
     assert ros_environment().variables["ROS_STATIC_PEERS"] == "10.0.0.2"
     here = ros_environment("localhost")
     assert "ROS_STATIC_PEERS" not in here.variables
-    assert here.notes == ("ROS_STATIC_PEERS=10.0.0.2 is left out for `--network localhost`",)
+    assert here.notes == ("ROS_STATIC_PEERS=10.0.0.2 is ignored for `--network localhost`",)
 
 
 def test_settings_of_fast_dds_stay_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,7 +190,8 @@ def test_settings_of_the_user_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     assert environment.variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "OFF"
     assert environment.domain == 7
     assert environment.notes == (
-        "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF keeps the nodes of a stack from finding each other",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF prevents the nodes of a stack from discovering "
+        "each other",
     )
 
 
@@ -201,7 +202,7 @@ def test_a_missing_middleware_is_replaced_and_reported(
     environment = ros_environment()
     assert environment.variables["RMW_IMPLEMENTATION"] == "rmw_fastrtps_cpp"
     assert environment.notes == (
-        "RMW_IMPLEMENTATION=rmw_nowhere is not installed here; rmw_fastrtps_cpp is used instead",
+        "RMW_IMPLEMENTATION=rmw_nowhere is not installed; using rmw_fastrtps_cpp",
     )
 
 

@@ -77,9 +77,9 @@ def test_an_existing_field_has_its_type(text: str, kind: object) -> None:
         ),
         ("gains[3]", "`gains[3]`: the array has 3", None),
         ("few[2]", "`few[2]`: the array holds at most 2", None),
-        ("name[0]", "`name[0]`: [0] is of no array", None),
-        ("q_joints.x", "`q_joints.x`: `x` is of no message", None),
-        ("count.x", "`count.x`: `x` is of no message", None),
+        ("name[0]", "`name[0]`: [0] needs an array", None),
+        ("q_joints.x", "`q_joints.x`: `x` needs a message", None),
+        ("count.x", "`count.x`: `x` needs a message", None),
     ],
 )
 def test_a_missing_field_is_reported_with_the_existing_ones(

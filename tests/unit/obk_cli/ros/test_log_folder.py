@@ -39,7 +39,7 @@ def test_a_read_only_home_is_reported_with_the_folder_in_use(tmp_path: Path, blo
     (folder,) = tmp_path.glob("obk-ros-*")
     assert variables == {"HOME": str(blocked), "ROS_HOME": str(folder)}
     assert sentence == (
-        f"ROS cannot write its log files into {blocked}/.ros/log; they go to {folder}/log"
+        f"ROS cannot write its log files into {blocked}/.ros/log; they are written to {folder}/log"
     )
     assert folder.stat().st_mode & 0o777 == 0o700
 
@@ -58,13 +58,17 @@ def test_a_home_that_is_closed_is_reported(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("os.stat", look_if_open)
     monkeypatch.setattr("os.access", lambda path, mode: path != closed and may(path, mode))
     (sentence,) = set_log_folder({"HOME": str(closed)})
-    assert sentence.startswith(f"ROS cannot write its log files into {closed}/.ros/log; they go")
+    assert sentence.startswith(
+        f"ROS cannot write its log files into {closed}/.ros/log; they are written"
+    )
 
 
 @pytest.mark.parametrize("variables", [{}, {"HOME": ""}, {"ROS_LOG_DIR": "~/logs"}])
 def test_without_a_home_another_folder_is_used(variables: dict[str, str]) -> None:
     (sentence,) = set_log_folder(variables)
-    assert sentence.startswith("ROS finds no place for its log files, as HOME is not set; they go")
+    assert sentence.startswith(
+        "ROS has no folder for its log files, because HOME is not set; they are written"
+    )
     assert "ROS_HOME" in variables
 
 
@@ -75,7 +79,10 @@ def test_a_disk_without_room_for_the_folder_is_reported(
     total = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: total._replace(free=0))
     (sentence,) = set_log_folder(variables)
-    assert f"ROS cannot make {tmp_path}/.ros/log for its log files, as the disk is full" in sentence
+    assert (
+        f"ROS cannot create {tmp_path}/.ros/log for its log files, because the disk is full"
+        in sentence
+    )
     (tmp_path / ".ros" / "log").mkdir(parents=True)
     assert list(set_log_folder({"HOME": str(tmp_path)})) == []
 
@@ -95,5 +102,5 @@ def test_a_folder_of_another_user_is_not_taken(
     variables = {"HOME": str(blocked)}
     (sentence,) = set_log_folder(variables)
     assert sentence.startswith("ROS will not start: ROS cannot write its log files into")
-    assert "is another user's" in sentence
+    assert "belongs to another user" in sentence
     assert variables == {"HOME": str(blocked)}

@@ -198,7 +198,7 @@ def test_messages_that_were_never_stamped_are_counted_apart() -> None:
 def test_a_publisher_that_fell_silent_is_reported_as_silent() -> None:
     steady = metered([100.0 * number for number in range(50)])
     assert "none for" not in rate_text(rate_at(steady, 5_000))
-    assert rate_text(rate_at(steady, 8_000)).endswith("  none for 3.1 s")
+    assert rate_text(rate_at(steady, 8_000)).endswith("  no message for 3.1 s")
     assert rate_text(rate_at(steady, 65_000)) == "no message for 60.1 s"
     assert rate_text(rate_at(metered([0.0]), 65_000)) == "one message"
     assert rate_text(rate_at(Meter(1.0), 0)) == "no message yet"
@@ -207,4 +207,4 @@ def test_a_publisher_that_fell_silent_is_reported_as_silent() -> None:
 def test_a_slow_topic_is_not_silent_between_two_messages() -> None:
     slow = metered([0.0, 4_000.0, 8_000.0], window_s=60.0)
     assert "none for" not in rate_text(rate_at(slow, 15_900))
-    assert rate_text(rate_at(slow, 16_100)).endswith("  none for 8.1 s")
+    assert rate_text(rate_at(slow, 16_100)).endswith("  no message for 8.1 s")

@@ -72,7 +72,7 @@ FAULT = Fault(error="the stack has ended")
     "request_",
     [
         StatusRequest(),
-        StopRequest(reason="asked by `obk stop`"),
+        StopRequest(reason="requested by `obk stop`"),
         ChangeRequest(transition="activate"),
         ChangeRequest(transition="cleanup", nodes=("/a", "/b"), timeout_s=2.5),
     ],

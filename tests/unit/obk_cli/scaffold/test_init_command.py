@@ -130,10 +130,10 @@ def test_a_file_with_other_content_is_never_lost(here: Path, tree: Tree) -> None
     before = tree(here)
     fault = refused("my_robot")
     assert isinstance(fault, CommandFailedError)
-    assert "README.md: it is there with other content" in fault.message
+    assert "README.md: it has different content" in fault.message
     assert fault.help is not None
-    assert fault.help.startswith("choose another folder, or move what is in the way")
-    assert "--force" not in fault.help  # which `obk init` does not create
+    assert fault.help.startswith("choose another folder, or move these files")
+    assert "--force" not in fault.help  # which `obk init` does not have
     assert tree(here) == before
 
 
@@ -213,7 +213,7 @@ def test_a_link_to_a_folder_is_that_folder_under_the_links_name(here: Path) -> N
 
 def test_a_dangling_link_is_rejected(here: Path) -> None:
     (here / "arm").symlink_to("nowhere")
-    assert "which is not there" in refused("arm").message
+    assert "which does not exist" in refused("arm").message
     assert not (here / "nowhere").exists()
 
 
@@ -222,7 +222,7 @@ def test_a_link_inside_is_not_followed_out(here: Path, tmp_path: Path, tree: Tre
     elsewhere.mkdir()
     (here / "arm").mkdir()
     (here / "arm/src").symlink_to(elsewhere)
-    assert "a symbolic link leads it to" in refused("arm").message
+    assert "a symbolic link redirects it to" in refused("arm").message
     assert tree(elsewhere) == {}
 
 

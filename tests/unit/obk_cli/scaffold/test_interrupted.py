@@ -100,7 +100,7 @@ def test_a_file_that_has_changed_since_the_check_is_kept(tmp_path: Path) -> None
     (root / "mine").write_bytes(b"changed by the user")
     (root / "a").write_bytes(b"created by the user")
     before = whole(tmp_path)
-    with pytest.raises(OSError, match="has changed meanwhile"):
+    with pytest.raises(OSError, match="has changed in the meantime"):
         write_decisions(root, decisions)
     assert whole(tmp_path) == before
 

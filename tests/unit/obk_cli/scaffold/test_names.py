@@ -43,9 +43,9 @@ def test_an_invalid_name_is_rejected_with_the_nearest_valid_one(name: str, sugge
 def test_a_path_is_rejected_as_a_path(name: str) -> None:
     problem = check_name(name, kind="estimator", owner_of=no_owner)
     assert problem is not None
-    assert problem.sentence == f"the name `{name}` is a path; a bare name was expected"
+    assert problem.sentence == f"the name `{name}` is a path, expected a name"
     assert problem.help is not None
-    assert problem.help.endswith("--dest DIR chooses the folder")
+    assert problem.help.endswith("choose the folder with --dest DIR")
 
 
 @pytest.mark.parametrize("name", ["class", "lambda", "import"])

@@ -133,7 +133,7 @@ def test_a_changed_file_is_never_lost_without_force(workspace: Path, tree: Tree)
     before = tree(workspace)
     fault = refused("controller", "foo")
     assert isinstance(fault, CommandFailedError)
-    assert "  foo/foo.py: it is there with other content" in fault.message
+    assert "  foo/foo.py: it has different content" in fault.message
     assert tree(workspace) == before
     assert "  replace   foo/foo.py\n" in obk_new("controller", "foo", "--force")
     assert mine.read_text() != "mine"
@@ -188,7 +188,7 @@ def test_a_link_inside_the_package_is_not_followed_out(
     (workspace / "src/foo").mkdir()
     (workspace / "src/foo/test").symlink_to(elsewhere)
     fault = refused("controller", "foo", "--force")
-    assert f"test/test_foo.py: a symbolic link leads it to {elsewhere}" in fault.message
+    assert f"test/test_foo.py: a symbolic link redirects it to {elsewhere}" in fault.message
     assert tree(elsewhere) == {}
 
 

@@ -75,13 +75,13 @@ def test_the_list_shows_the_source_of_each_template(mine: Path) -> None:
 def test_a_folder_that_no_kind_has_is_reported_with_the_near_one(mine: Path) -> None:
     (mine / "contoller_py").mkdir()
     fault = refused("controller", "foo", "--templates", str(mine))
-    assert f"{mine / 'contoller_py'} is the template folder of nothing" in fault.message
+    assert f"{mine / 'contoller_py'} does not match any template folder" in fault.message
     assert fault.help is not None
     assert "controller_py" in fault.help
 
 
-def test_a_missing_folder_is_reported(mine: Path) -> None:
-    assert "is not there" in refused("controller", "foo", "--templates", f"{mine}x").message
+def test_a_folder_that_is_not_there_is_reported(mine: Path) -> None:
+    assert "does not exist" in refused("controller", "foo", "--templates", f"{mine}x").message
 
 
 @pytest.mark.parametrize("what", ["file", "folder", "dangling"])
@@ -179,7 +179,7 @@ def test_two_templates_of_one_file_are_rejected(mine: Path, workspace: Path, tre
     (mine / "package_py" / "{{package}}").mkdir()
     (mine / "package_py" / "{{package}}" / "__init__.py").write_text("")
     fault = refused("controller", "foo", "--templates", str(mine))
-    assert fault.message == "two templates would make `foo/__init__.py`"
+    assert fault.message == "two templates would create `foo/__init__.py`"
     assert tree(workspace) == {}
 
 

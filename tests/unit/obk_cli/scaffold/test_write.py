@@ -54,12 +54,12 @@ def test_an_edit_needs_the_file_that_it_edits() -> None:
         Action.EDIT,
         Action.IDENTICAL,
     ]
-    assert gone.reason == "it is gone"
+    assert gone.reason == "it no longer exists"
 
 
 def test_conflicts_are_reported_with_their_reason() -> None:
     decisions = decide([FILE], {PATH: Existing(content=b"old")})
-    assert [d.reason for d in conflicts(decisions)] == ["it is there with other content"]
+    assert [d.reason for d in conflicts(decisions)] == ["it has different content"]
     assert conflicts(decide([FILE], {})) == ()
 
 
@@ -170,6 +170,6 @@ def test_existing_entries_are_read(tmp_path: Path) -> None:
         "a/x": None,
     }
     assert existing[PurePosixPath("link/x")].reason == (
-        f"a symbolic link leads it to {tmp_path / 'elsewhere/x'}"
+        f"a symbolic link redirects it to {tmp_path / 'elsewhere/x'}"
     )
     assert existing[PurePosixPath("a/x")].reason == "`a` is a file, not a folder"

@@ -360,7 +360,7 @@ def test_a_yes_for_a_stack_that_has_ended_is_not_one_for_the_next() -> None:
     behind = Behind()
     answer = change({"transition": "activate", "node": "", "run": "arm_20310203_040506"}, behind)
     assert answer.status == 409
-    assert answer.json["why"] == "the stack of arm_20310203_040506 is not what runs now"
+    assert answer.json["why"] == "the stack of arm_20310203_040506 is no longer running"
     assert behind.changes == []
 
 

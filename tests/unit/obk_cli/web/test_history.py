@@ -74,5 +74,5 @@ def test_a_topic_without_messages_is_reported(tmp_path: Path) -> None:
 
 def test_that_a_run_was_not_recorded_is_reported(tmp_path: Path) -> None:
     for view in (HEALTHY, replace(HEALTHY, run="")):
-        with pytest.raises(CommandFailedError, match="is not recorded on this host"):
+        with pytest.raises(CommandFailedError, match="has no recording on this host"):
             recorded_fields(view, tmp_path, [])

@@ -62,7 +62,7 @@ def test_colcon_builds_with_a_sourced_ros_and_is_reported(
     built = build_workspace(workspace, BuildOptions(environment=sourced), listener)
     select = ["build", "--packages-select", "my_msgs", "node"]
     assert asked(sourced) == [str(workspace), *select]
-    assert notes == [f"a ROS 2 is sourced: {find_colcon(sourced)} {' '.join(select)}"]
+    assert notes == [f"building with the sourced ROS 2: {find_colcon(sourced)} {' '.join(select)}"]
     assert (built.builder, built.built) == ("colcon", ("my_msgs", "node"))
     assert built.prefixes == (workspace / "install" / "my_msgs",)
     record = json.loads((built.overlay / "overlay.json").read_text())

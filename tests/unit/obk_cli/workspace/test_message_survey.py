@@ -137,7 +137,7 @@ def test_a_name_includes_its_dependencies_and_its_dependents(workspace: Path) ->
 def test_an_unknown_package_name_is_reported_with_similar_ones(workspace: Path) -> None:
     with pytest.raises(MisuseError) as refused:
         choose(survey_workspace(workspace, ()), ["c_mgs"], present=())
-    assert refused.value.message == f"no message package is called `c_mgs` in {workspace}"
+    assert refused.value.message == f"no message package is named `c_mgs` in {workspace}"
     assert (refused.value.help or "").startswith("did you mean `c_msgs`")
 
 
@@ -196,4 +196,4 @@ def test_another_build_is_reported_of_and_not_waited_for_without_end(
         build_lock(workspace, reported.append),
     ):
         pytest.fail("two build at once")
-    assert reported == [f"process {os.getpid()} builds in this workspace; waiting for it"]
+    assert reported == [f"waiting for process {os.getpid()}, which is building in this workspace"]

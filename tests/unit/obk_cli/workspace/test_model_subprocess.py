@@ -41,7 +41,7 @@ def test_a_crash_is_a_fault_of_the_model(
 ) -> None:
     monkeypatch.setattr(model_reader, "read_model", lambda _: os.kill(os.getpid(), number))
     fault = read_model_bounded(MODEL)
-    assert fault == ModelFault(message=f"MuJoCo crashed while it read it ({number.name})")
+    assert fault == ModelFault(message=f"MuJoCo crashed while reading it ({number.name})")
 
 
 def test_an_internal_exception_is_not_swallowed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,14 +50,14 @@ def test_an_internal_exception_is_not_swallowed(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(model_reader, "read_model", fail)
     fault = read_model_bounded(MODEL)
-    assert fault == ModelFault(message="MuJoCo crashed while it read it (exit code 1)")
+    assert fault == ModelFault(message="MuJoCo crashed while reading it (exit code 1)")
 
 
 def test_an_endless_model_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(model_reader, "_DEADLINE_S", 1)
     monkeypatch.setattr(model_reader, "read_model", lambda _: time.sleep(1000))
     fault = read_model_bounded(MODEL)
-    assert fault == ModelFault(message="MuJoCo has not read it within 1 s")
+    assert fault == ModelFault(message="MuJoCo did not read it within 1 s")
 
 
 @pytest.mark.parametrize("name", ["pipe", "endless", "folder"])
@@ -68,4 +68,4 @@ def test_special_files_are_not_waited_for(tmp_path: Path, name: str) -> None:
     model = tmp_path / "m.xml"
     model.write_text(f'<mujoco><include file="{name}"/></mujoco>')
     fault = read_model_bounded(model)
-    assert fault == ModelFault(message=f"`{tmp_path}/{name}` is no ordinary file")
+    assert fault == ModelFault(message=f"`{tmp_path}/{name}` is not a regular file")
