@@ -190,7 +190,7 @@ def test_a_plain_node_in_a_program_is_an_error(start: Start) -> None:
 
 
 def test_a_program_without_a_node_is_an_error(start: Start) -> None:
-    with pytest.raises(CommandFailedError, match="ended without a call of spin_obelisk"):
+    with pytest.raises(CommandFailedError, match="ended without calling spin_obelisk"):
         start("control.executable=no_spin")
 
 

@@ -70,7 +70,7 @@ def test_all_findings_are_reported_at_once(load):
         "`ObkImu` cannot carry the `acelerometer` sensor",
         "a ray caster has no `site_name`",
         "this simulator does not publish `GridCells`; it publishes ObkJointEncoders, ",
-        "sensor_settings[4].config_path: `rays.yaml` is not there; looked for ",
+        "sensor_settings[4].config_path: file not found: `rays.yaml`; tried ",
         "geom `dummy_sphere` is written as `box`, in the model it is a `sphere`",
         "keyframe `stand` is not in the model",
     ):
@@ -114,7 +114,7 @@ def test_variables_in_the_file_of_a_ray_caster_are_replaced(load, tmp_path, monk
             "site_name: ${NOT_SET_IN_CASE}",
             "rays.yaml cannot be read: environment variable `NOT_SET_IN_CASE` is not set",
         ),
-        ("[1, 2]", "rays.yaml holds no ray caster: a mapping with `site_name` and `pattern`"),
+        ("[1, 2]", "rays.yaml is not a ray caster, expected a mapping with `site_name` and `pattern`"),
         ("{a: {", "rays.yaml cannot be read: "),
         ("site_name: tpi", "site `tpi` is not in the model"),
     ],
@@ -133,8 +133,8 @@ def test_a_model_that_is_not_there_is_reported_with_the_other_findings(load, tmp
         sensor_settings=[_group(sensor_names={"a": "gyro"})],
     )
     assert (
-        f"model_xml_path: `robot.xml` is not there; looked for {tmp_path / 'robot.xml'}, "
-        "and there is no package `my_robot`" in rejection
+        f"model_xml_path: file not found: `robot.xml`; tried {tmp_path / 'robot.xml'}; "
+        "the package `my_robot` was not found either" in rejection
     )
     assert "`ObkJointEncoders` cannot carry the `gyro` sensor `a`" in rejection
 
