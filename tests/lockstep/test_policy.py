@@ -102,7 +102,7 @@ def test_no_command_is_published_that_is_not_finite(world: World) -> None:
         ({"observation": ["joint_position"]}, "joint_positions"),
         ({"observation_scales": [1.0]}, "1 values"),
         ({"joints": ["a"]}, "has 4 numbers, expected 2 from the parameters"),
-        ({"params_path": __file__}, "no network"),
+        ({"params_path": __file__}, "not an ONNX network"),
     ],
 )
 def test_what_does_not_fit_the_network_is_rejected(

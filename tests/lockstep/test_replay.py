@@ -84,5 +84,5 @@ def test_messages_that_are_defined_differently_here_are_refused(
         return text and text.replace("float64[] q_joints", "float32[] q_joints")
 
     monkeypatch.setattr("obk_testing.replay.installed_definition", other_definition)
-    with pytest.raises(CommandFailedError, match="another definition of obelisk_estimator_msgs"):
+    with pytest.raises(CommandFailedError, match="the definition of obelisk_estimator_msgs"):
         list(replay(request))

@@ -137,7 +137,7 @@ def test_hardware_is_refused_before_a_node_is_made(start: Start) -> None:
 def test_a_robot_that_is_no_simulator_is_refused_unless_the_config_says_it_is(
     start: Start,
 ) -> None:
-    with pytest.raises(LockstepError, match=r"/obelisk_robot_0 \(Drive\) is no simulator"):
+    with pytest.raises(LockstepError, match=r"/obelisk_robot_0 \(Drive\) is not a simulator"):
         start("robot.executable=drive")
     from hazards_py.robots import open_drives  # found once its program is loaded
 

@@ -204,7 +204,9 @@ def test_one_that_dies_is_reported_once(looking: Callable[..., Looked]) -> None:
     eventually(lambda: len(looked.said) == 2, "the news of its end")
     severity, text = looked.said[1]
     assert severity == "warning"
-    assert text.startswith("the web viewer has ended (signal 9); the simulation continues without it")
+    assert text.startswith(
+        "the web viewer has ended (signal 9); the simulation continues without it"
+    )
     for _ in range(3):
         looked.onlooker.states.send()
     looked.onlooker.close()

@@ -141,7 +141,9 @@ def test_a_call_that_does_not_return_holds_the_action_up_and_is_reported() -> No
             node._command_age.accept(time.monotonic())
             node._watchdog.wake()
             eventually(lambda: node.errors, "what learns of the silence")
-            assert node.errors[0].endswith("; the action is delayed because apply_control has not returned")
+            assert node.errors[0].endswith(
+                "; the action is delayed because apply_control has not returned"
+            )
             assert node.applied == []
         eventually(lambda: node.applied, "the zeros")
 

@@ -215,7 +215,7 @@ def test_workers_end_with_the_sweep(config: Path) -> None:
         _, errors = sweep.communicate()
         eventually(lambda: not marked(), "the end of the workers")
     assert sweep.returncode == 130
-    assert "the same command continues" in errors
+    assert "run the same command again to continue" in errors
     assert (folder / "report.html").exists()
 
 
@@ -388,7 +388,7 @@ def test_two_dask_workers_give_the_bits_of_local_ones(config: Path) -> None:
     )
     assert result.returncode == 1, result.stderr  # seed 3
     assert digests(folder / "out") == local
-    assert "other bits" not in result.stdout
+    assert "bitwise equal" not in result.stdout
 
     # From a copy of the workspace, on a machine that has other bits.
     (folder / "on_dask.py").write_text(DASK)

@@ -355,7 +355,7 @@ class ObeliskNode(RateMonitoredNode):
         )
         if self._is_required(component):
             raise ObeliskConfigError(f"the {component} has no settings: set {where}")
-        message = f"the {component} has no settings and is omitted; to use it, set {where}"
+        message = f"the {component} has no settings and is left out; to use it, set {where}"
         if component.required is None:
             self.get_logger().warning(message)
         else:

@@ -76,7 +76,7 @@ class ShutdownSignals:
         os.close(self._read_fd)
 
     def call_back(self, on_signal: Callable[[], object]) -> None:
-        """Set the function to call at the first signal; call it now if the signal already arrived."""
+        """Set the function to call at the first signal; call it now if one already arrived."""
         with self._lock:
             self._on_signal = on_signal
             if self._seen:
@@ -314,7 +314,7 @@ def _shut_down_all(nodes: Sequence[GuardedLifecycleNode]) -> None:
 
 
 def _shut_down(node: GuardedLifecycleNode) -> None:
-    """Deactivate, clean up and shut down; if a transition fails, shut down from the current state."""
+    """Deactivate, clean up and shut down; if a transition fails, shut down from there."""
     steps = {
         "active": node.trigger_deactivate,
         "inactive": node.trigger_cleanup,

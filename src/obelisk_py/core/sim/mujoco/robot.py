@@ -386,7 +386,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _configured(self) -> Simulation:
         if self._simulation is None:
-            raise ObeliskError("the simulator only has a model while it is configured")
+            raise ObeliskError("the simulator has a model only while it is configured")
         return self._simulation
 
     def _read_msg_type(self) -> Any | None:

@@ -106,7 +106,7 @@ class GifFile:
         self._shown: Image.Image | None = None
         """The picture at the newest frame."""
         self._waiting: tuple[Image.Image, tuple[int, int], int] | None = None
-        """Part, corner and frame of a picture that is not written yet, as its duration is unknown."""
+        """Part, corner and frame of a picture that is not written yet (duration unknown)."""
         self._last = -1
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
