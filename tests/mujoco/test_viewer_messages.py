@@ -148,6 +148,7 @@ def test_a_state_that_no_packet_holds_is_reported_once() -> None:
     ((severity, text),) = received
     assert severity == "warning"
     assert text.startswith(f"a state of this model has {size} bytes, but a socket on this machine ")
+    assert f"accepts at most {room} at once" in text
     assert "sysctl -w net.core.wmem_max=" in text
 
 
