@@ -91,11 +91,11 @@ class RecordedMessage:
 def joined(parts: list[TopicMessages]) -> TopicMessages:
     """Join at least one part of a topic, in the order of receipt."""
     tables: dict[int, list[tuple[NDArray[np.intp], Bytes]]] = defaultdict(list)
-    begin = 0
+    start = 0
     for part in parts:
         for places, rows in part.tables:
-            tables[rows.shape[1]].append((places + begin, rows))
-        begin += len(part)
+            tables[rows.shape[1]].append((places + start, rows))
+        start += len(part)
     received = np.concatenate([part.received_ns for part in parts])
     published = np.concatenate([part.published_ns for part in parts])
     sequence = np.concatenate([part.sequence for part in parts])
@@ -254,16 +254,16 @@ def _loose(messages: list[Message], schemas: _Schemas) -> Iterator[TopicMessages
 
 def _chunk(data: bytes, schemas: _Schemas) -> Iterator[TopicMessages]:
     """Yield the wanted messages of a chunk, by topic."""
-    begins, ends = _messages_of_chunk(data, schemas)
-    if not len(begins):
+    starts, ends = _messages_of_chunk(data, schemas)
+    if not len(starts):
         return
     every = np.frombuffer(data, np.uint8)
-    heads = _rows(every, begins, _HEAD.itemsize).view(_HEAD)[:, 0]
+    heads = _rows(every, starts, _HEAD.itemsize).view(_HEAD)[:, 0]
     for id, channel in schemas.wanted().items():
         is_own = heads["channel"] == id
         if not is_own.any():
             continue
-        own, offsets = heads[is_own], begins[is_own] + _HEAD.itemsize
+        own, offsets = heads[is_own], starts[is_own] + _HEAD.itemsize
         sizes = ends[is_own] - offsets
         tables = []
         for size in np.unique(sizes):
@@ -284,7 +284,7 @@ def _chunk(data: bytes, schemas: _Schemas) -> Iterator[TopicMessages]:
 
 def _messages_of_chunk(data: bytes, schemas: _Schemas) -> tuple[Times, Times]:
     """Return starts and ends of a chunk's messages, and record its schemas and channels."""
-    begins, ends, offset, last = list[int](), list[int](), 0, len(data) - _RECORD.size
+    starts, ends, offset, last = list[int](), list[int](), 0, len(data) - _RECORD.size
     unpack, head = _RECORD.unpack_from, _RECORD.size
     while offset <= last:
         kind, length = unpack(data, offset)
@@ -295,17 +295,17 @@ def _messages_of_chunk(data: bytes, schemas: _Schemas) -> tuple[Times, Times]:
         if kind == _MESSAGE:
             if length < _HEAD.itemsize:
                 raise RecordingError("a chunk is damaged: a message in it has no times")
-            begins.append(offset)
+            starts.append(offset)
             ends.append(end)
         elif kind in (_SCHEMA, _CHANNEL):
             stream = ReadDataStream(BytesIO(data[offset:end]))
             schemas.add(Schema.read(stream) if kind == _SCHEMA else Channel.read(stream))
         offset = end
-    return np.array(begins, np.int64), np.array(ends, np.int64)
+    return np.array(starts, np.int64), np.array(ends, np.int64)
 
 
-def _rows(data: Bytes, begins: Times, size: int) -> Bytes:
+def _rows(data: Bytes, starts: Times, size: int) -> Bytes:
     """Return parts of the same size as a table, shape `(n, size)`."""
     if size == 0:
-        return np.empty((len(begins), 0), np.uint8)
-    return np.lib.stride_tricks.sliding_window_view(data, size)[begins]
+        return np.empty((len(starts), 0), np.uint8)
+    return np.lib.stride_tricks.sliding_window_view(data, size)[starts]

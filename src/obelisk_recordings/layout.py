@@ -202,8 +202,8 @@ class Column:
             values = part.view(self.code) if numbers else np.empty((len(rows), 0), self.code)
             return values[:, 0] if self.count is None else values
         texts = np.empty((len(rows), len(self.texts)), object)
-        for place, (begin, end) in enumerate(self.texts):
-            part = rows[:, begin:end]
+        for place, (start, end) in enumerate(self.texts):
+            part = rows[:, start:end]
             if (part == part[:1]).all():
                 texts[:, place] = _text(part[0]) if len(part) else ""
             else:
@@ -310,16 +310,16 @@ class _Walk:
 
     def _string(self) -> tuple[int, int]:
         length = self._length()
-        begin = self.offset
+        start = self.offset
         self._skip(length)
-        return begin, max(begin, self.offset - 1)  # without the terminating zero
+        return start, max(start, self.offset - 1)  # without the terminating zero
 
     def _length(self) -> int:
         self._align(4)
-        begin = self.offset
+        start = self.offset
         self._skip(4)
-        data = self.message[begin : self.offset]
-        self.lengths.append((begin, data))
+        data = self.message[start : self.offset]
+        self.lengths.append((start, data))
         (length,) = struct.unpack(f"{self.order}I", data)
         return int(length)
 

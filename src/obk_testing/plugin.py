@@ -127,7 +127,7 @@ class _Trials:
 class _Session:
     """Data that a test run collects."""
 
-    begin_s: float = field(default_factory=perf_counter)
+    start_s: float = field(default_factory=perf_counter)
     patches: ExitStack = field(default_factory=ExitStack)
     records: list[TrialRecord] = field(default_factory=list)
     tests_run: int = 0
@@ -192,7 +192,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(_Reports(session), "obk_reports")
     limit_s = config.getoption("time_limit")
     if limit_s is not None:
-        config.pluginmanager.register(_TimeLimit(session.begin_s + limit_s), "obk_time_limit")
+        config.pluginmanager.register(_TimeLimit(session.start_s + limit_s), "obk_time_limit")
 
 
 def _import_from_workspace(folder: Path) -> None:
@@ -263,7 +263,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
         session.records,
         config=config.getoption("stack"),
         overrides=config.getoption("stack_set"),
-        duration_s=perf_counter() - session.begin_s,
+        duration_s=perf_counter() - session.start_s,
         processes=int(config.getoption("numprocesses", None) or 1),
         twice=config.getoption("twice"),
     )

@@ -200,16 +200,16 @@ def _after_first_step(plan: Plan, found: Mapping[str, Activation]) -> dict[str, 
     """
     simulators = [found[node.full_name] for node in plan.nodes if node.model]
     if simulators:
-        begin_s = simulators[0].answered_s - simulators[0].took_s / 2
+        origin_s = simulators[0].answered_s - simulators[0].took_s / 2
     else:
-        begin_s = min(activation.answered_s for activation in found.values())
+        origin_s = min(activation.answered_s for activation in found.values())
 
     def start_s(node: PlannedNode) -> float:
         activation = found[node.full_name]
         if activation.simulated_s is not None:
             return activation.simulated_s + _idle_s(node, activation)
         # Rounded to 1 us, because times since 1970 have no more precision.
-        return round(max(0.0, activation.answered_s - begin_s), 6)
+        return round(max(0.0, activation.answered_s - origin_s), 6)
 
     return {node.full_name: 0.0 if node.model else start_s(node) for node in plan.nodes}
 

@@ -60,7 +60,7 @@ class _Push:
 
     body: int
     wrench: NDArray[np.float64]
-    begin_ns: int
+    start_ns: int
     end_ns: int
 
 
@@ -171,12 +171,12 @@ class StackTrial:
             LockstepError: nodes trigger each other endlessly, or a thread does not end its turn.
         """
         scheduler = self._lockstep.scheduler
-        begin_s = time.perf_counter()
+        start_s = time.perf_counter()
         try:
             with self._lockstep.entered():
                 scheduler.run_until(scheduler.now_ns + round(duration * NS_PER_S))
         finally:
-            self.wall_s += time.perf_counter() - begin_s
+            self.wall_s += time.perf_counter() - start_s
             self._collect_faults()
         return self.result()
 
@@ -229,7 +229,7 @@ class StackTrial:
             _Push(
                 body=number,
                 wrench=np.concatenate([np.asarray(force, float), np.asarray(torque, float)]),
-                begin_ns=now_ns,
+                start_ns=now_ns,
                 end_ns=now_ns + round(duration * NS_PER_S),
             )
         )
@@ -552,7 +552,7 @@ class StackTrial:
         for push in self._pushes:
             data.xfrc_applied[push.body] = 0.0
         for push in self._pushes:
-            if push.begin_ns < now_ns <= push.end_ns:
+            if push.start_ns < now_ns <= push.end_ns:
                 data.xfrc_applied[push.body] += push.wrench
         self._pushes = [push for push in self._pushes if now_ns <= push.end_ns]
 
@@ -578,9 +578,9 @@ class StackTrial:
         return self._lockstep.nodes[find_node(self.stack.plan, node).full_name]
 
     def _during(self, duration: float) -> Callable[[int], bool]:
-        begin_ns = self._lockstep.scheduler.now_ns
-        end_ns = begin_ns + duration * NS_PER_S
-        return lambda now_ns: begin_ns <= now_ns < end_ns
+        start_ns = self._lockstep.scheduler.now_ns
+        end_ns = start_ns + duration * NS_PER_S
+        return lambda now_ns: start_ns <= now_ns < end_ns
 
     def _collect_faults(self) -> None:
         for name, node in self.nodes.items():

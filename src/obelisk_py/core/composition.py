@@ -200,8 +200,8 @@ class _Host:
             for program, request in self._requests:
                 node = self._make(program, request)
                 if node is None:
-                    for made in nodes:
-                        made.destroy_node()
+                    for created in nodes:
+                        created.destroy_node()
                     return
                 nodes[node] = program
             try:

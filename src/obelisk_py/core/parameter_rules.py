@@ -111,8 +111,8 @@ class ParameterRules:
             return new[name] if name in new else self._node.get_parameter(name).value
 
         for rule in self._rules:
-            mine = [name for name in rule.names if name in new]
-            if not mine:
+            own_names = [name for name in rule.names if name in new]
+            if not own_names:
                 continue
             # Values set by the node's own code, such as a test, fail at configure.
             is_checked = _is_requested.get() or not self._is_read_later(rule)
@@ -121,7 +121,7 @@ class ParameterRules:
                     rule.check(value)
             except ObeliskError as error:
                 return _rejection(str(error))
-            for name in mine:
+            for name in own_names:
                 if rule.is_read_at_configure and self._would_be_half_applied(name, new[name]):
                     return _rejection(f"`{name}` {READ_AT_CONFIGURE}")
         return SetParametersResult(successful=True)
@@ -185,8 +185,8 @@ def _rejection_reason(node: Any, message: Any) -> str | None:
     """Why a parameter cannot be set, apart from the node's own checks; None if it can."""
     known = {kind.value: kind.name.lower() for kind in Parameter.Type}
     if message.value.type not in known:
-        there = ", ".join(f"{number} ({kind})" for number, kind in known.items())
-        return f"`{message.name}` has a value of the type {message.value.type}; there are: {there}"
+        kinds = ", ".join(f"{number} ({kind})" for number, kind in known.items())
+        return f"`{message.name}` has a value of the type {message.value.type}; there are: {kinds}"
     if not message.name or not (
         node.has_parameter(message.name) or node._allow_undeclared_parameters
     ):

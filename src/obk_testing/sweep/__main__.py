@@ -81,8 +81,8 @@ class _Progress:
     def __init__(self, count: int, done: int, bad: int) -> None:
         self._count, self._done, self._bad = count, done, bad
         self._before = done
-        self._begin = time.monotonic()
-        self._printed = self._begin
+        self._start = time.monotonic()
+        self._printed = self._start
         self._on_terminal = sys.stderr.isatty()
 
     def add(self, *, is_bad: bool) -> None:
@@ -92,7 +92,7 @@ class _Progress:
         now = time.monotonic()
         if now - self._printed >= (0.1 if self._on_terminal else _LINE_S):
             self._printed = now
-            self._print(self._text(now - self._begin))
+            self._print(self._text(now - self._start))
 
     def note(self, text: str) -> None:
         """Print a permanent line."""

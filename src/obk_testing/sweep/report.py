@@ -148,9 +148,9 @@ def _histogram(values: Sequence[float]) -> str:
     step = _WIDTH / len(counts)
     bars = []
     for number, count in enumerate(counts):
-        begin = low + number * (high - low) / len(counts)
+        start = low + number * (high - low) / len(counts)
         end = low + (number + 1) * (high - low) / len(counts)
-        title = f"<title>{begin:.4g} to {end:.4g}: {with_number(count, 'case')}</title>"
+        title = f"<title>{start:.4g} to {end:.4g}: {with_number(count, 'case')}</title>"
         bar = _bar("hist", number * step + 0.5, step - 1, count / max(counts))
         bars.append(f"<g>{title}{bar}</g>")
     labels = [

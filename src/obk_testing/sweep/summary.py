@@ -144,8 +144,8 @@ def _parts_of_range(results: Sequence[Result], numbers: Sequence[float]) -> Iter
     for result, number in zip(results, numbers, strict=True):
         grouped[min(int((number - low) / width), _PARTS - 1)].append(result)
     for place, group in enumerate(grouped):
-        begin, end = low + place * width, low + (place + 1) * width
-        yield _part(f"{begin:.4g} to {end:.4g}", begin, end, group)
+        start, end = low + place * width, low + (place + 1) * width
+        yield _part(f"{start:.4g} to {end:.4g}", start, end, group)
 
 
 def _part(label: str, low: float | None, high: float | None, group: Sequence[Result]) -> PassRate:

@@ -138,11 +138,11 @@ class _CaseLoop:
         session.config.option.seeds = f"={case.seed or 0}"
         session.config.option.stack_set = list(case.settings)
         self._reports, self._digest = [], ""
-        begin = perf_counter()
+        start = perf_counter()
         item = _item_of(pattern, case.node_id, self._config.parent)
         # Only session-scoped objects outlive a case, so that no case depends on earlier ones.
         item.config.hook.pytest_runtest_protocol(item=item, nextitem=session)
-        return _row(case, self._reports, self._digest, perf_counter() - begin)
+        return _row(case, self._reports, self._digest, perf_counter() - start)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
@@ -192,12 +192,12 @@ def _id_of(item: pytest.Item, folder: Path) -> str:
 def _item_of(pattern: pytest.Function, node_id: str, folder: Path) -> pytest.Item:
     """Create a test for the seed in the session's options, as collection does."""
     collector: Any = pattern.parent  # a module or a class
-    made = collector.ihook.pytest_pycollect_makeitem(
+    collected = collector.ihook.pytest_pycollect_makeitem(
         collector=collector,
         name=pattern.originalname,
         obj=getattr(collector.obj, pattern.originalname),
     )
-    items = [item for item in made if _id_of(item, folder) == node_id]
+    items = [item for item in collected if _id_of(item, folder) == node_id]
     session = pattern.session
     session.config.hook.pytest_collection_modifyitems(
         session=session, config=session.config, items=items

@@ -486,9 +486,9 @@ def strings(limit: int = UNLIMITED) -> CdrType:
         if type(value) is list and value == names:
             out += content
             return
-        begin = len(out)
+        start = len(out)
         write_changed(out, value)
-        written = (list(value), bytes(out[begin:]))
+        written = (list(value), bytes(out[start:]))
 
     def read(data: bytes, at: int, values: list[Any]) -> int:
         nonlocal known

@@ -61,10 +61,10 @@ def find_file(
     for place in places:
         if place.is_file():
             return place.resolve()
-    looked = ", ".join(str(place) for place in places)
+    tried = ", ".join(str(place) for place in places)
     unknown = robot_pkg is not None and len(places) == 1 and not Path(path).is_absolute()
     raise ObeliskConfigError(
-        f"file not found: `{path}`; tried {looked}"
+        f"file not found: `{path}`; tried {tried}"
         + (f"; the package `{robot_pkg}` was not found either" if unknown else "")
     )
 
@@ -198,9 +198,9 @@ def check_keyframe(model: mujoco.MjModel, name: str) -> None:
     Raises:
         ObeliskConfigError: the model has no keyframe with this name.
     """
-    there = [model.key(number).name for number in range(model.nkey)]
-    if name and name not in there:
-        hint = did_you_mean(name, filter(None, there)) or "it has none"
+    keyframes = [model.key(number).name for number in range(model.nkey)]
+    if name and name not in keyframes:
+        hint = did_you_mean(name, filter(None, keyframes)) or "it has none"
         raise ObeliskConfigError(f"the keyframe `{name}` is not in the model; {hint}")
 
 

@@ -126,12 +126,12 @@ def make_step_services(
 
 
 def _answered(requests: StepQueue, action: Callable[[], StepResult], response: Any) -> Any:
-    asked = requests.submit(action)
+    pending = requests.submit(action)
     try:
-        response.success, response.message = asked.result(_ANSWER_S)
+        response.success, response.message = pending.result(_ANSWER_S)
     except AnswerTimeoutError:
         # A started action cannot be undone; a waiting one is cancelled.
-        asked.cancel()
+        pending.cancel()
         response.success = False
         response.message = f"the simulation did not respond within {_ANSWER_S:g} s"
     return response

@@ -53,8 +53,8 @@ class FrameCounter:
         """Start a video with a number of frames per second of simulation time."""
         self._rate_hz = rate_hz
         self._first = 0
-        """Number of the frame at `_begin_s`."""
-        self._begin_s: float | None = None
+        """Number of the frame at `_start_s`."""
+        self._start_s: float | None = None
         self._newest_s = 0.0
         self.count = 0
         """Number of frames up to the newest state."""
@@ -68,10 +68,10 @@ class FrameCounter:
         Returns:
             The frame's number; None if the frame already has a state.
         """
-        if self._begin_s is None or time_s < self._newest_s:
-            self._begin_s, self._first = time_s, self.count
+        if self._start_s is None or time_s < self._newest_s:
+            self._start_s, self._first = time_s, self.count
         self._newest_s = time_s
-        number = self._first + floor((time_s - self._begin_s) * self._rate_hz + _TOLERANCE)
+        number = self._first + floor((time_s - self._start_s) * self._rate_hz + _TOLERANCE)
         if number < self.count:
             return None
         self.count = number + 1
