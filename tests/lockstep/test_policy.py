@@ -97,12 +97,12 @@ def test_no_command_is_published_that_is_not_finite(world: World) -> None:
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"observation": ["joint_positions"]}, "has 4 numbers, the parameters describe 2"),
-        ({"action_joints": ["a", "b"]}, "has 1 numbers, the parameters describe 2"),
+        ({"observation": ["joint_positions"]}, "has 4 numbers, expected 2 from the parameters"),
+        ({"action_joints": ["a", "b"]}, "has 1 numbers, expected 2 from the parameters"),
         ({"observation": ["joint_position"]}, "joint_positions"),
         ({"observation_scales": [1.0]}, "1 values"),
-        ({"joints": ["a"]}, "has 4 numbers, the parameters describe 2"),
-        ({"params_path": __file__}, "no network"),
+        ({"joints": ["a"]}, "has 4 numbers, expected 2 from the parameters"),
+        ({"params_path": __file__}, "not an ONNX network"),
     ],
 )
 def test_parameters_that_do_not_match_the_network_are_rejected(

@@ -84,5 +84,5 @@ def test_messages_with_a_different_definition_are_rejected(
         return text and text.replace("float64[] q_joints", "float32[] q_joints")
 
     monkeypatch.setattr("obk_testing.replay.installed_definition", other_definition)
-    with pytest.raises(CommandFailedError, match="another definition of obelisk_estimator_msgs"):
+    with pytest.raises(CommandFailedError, match="the definition of obelisk_estimator_msgs"):
         list(replay(request))

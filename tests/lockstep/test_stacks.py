@@ -137,7 +137,7 @@ def test_hardware_is_rejected_before_a_node_is_created(start: Start) -> None:
 def test_a_robot_that_is_no_simulator_is_rejected_unless_the_config_declares_it(
     start: Start,
 ) -> None:
-    with pytest.raises(LockstepError, match=r"/obelisk_robot_0 \(Drive\) is no simulator"):
+    with pytest.raises(LockstepError, match=r"/obelisk_robot_0 \(Drive\) is not a simulator"):
         start("robot.executable=drive")
     from hazards_py.robots import open_drives  # found after its program is loaded
 
@@ -190,7 +190,7 @@ def test_a_plain_node_in_a_program_is_an_error(start: Start) -> None:
 
 
 def test_a_program_without_a_node_is_an_error(start: Start) -> None:
-    with pytest.raises(CommandFailedError, match="ended without a call of spin_obelisk"):
+    with pytest.raises(CommandFailedError, match="ended without calling spin_obelisk"):
         start("control.executable=no_spin")
 
 

@@ -113,11 +113,11 @@ def test_after_gains_a_message_without_them_counts_again():
 @pytest.mark.parametrize(
     ("change", "rejection"),
     [
-        ({"kp": [1.0]}, "`kp` has the length 1, the model has 2 joints"),
-        ({"kd": [1.0] * 3}, "`kd` has the length 3, the model has 2 joints"),
-        ({"pos_target": []}, "`pos_target` has the length 0, the model has 2 joints"),
-        ({"vel_target": [0.0]}, "`vel_target` has the length 1, the model has 2 joints"),
-        ({"feed_forward": [0.0]}, "`feed_forward` has the length 1, the model has 2 joints"),
+        ({"kp": [1.0]}, "`kp` has the length 1, expected 2 (one per joint)"),
+        ({"kd": [1.0] * 3}, "`kd` has the length 3, expected 2 (one per joint)"),
+        ({"pos_target": []}, "`pos_target` has the length 0, expected 2 (one per joint)"),
+        ({"vel_target": [0.0]}, "`vel_target` has the length 1, expected 2 (one per joint)"),
+        ({"feed_forward": [0.0]}, "`feed_forward` has the length 1, expected 2 (one per joint)"),
         ({"pos_target": [float("nan"), 0.0]}, "`pos_target[0]` is nan"),
         ({"vel_target": [0.0, float("inf")]}, "`vel_target[1]` is inf"),
         ({"feed_forward": [0.0, float("-inf")]}, "`feed_forward[1]` is -inf"),
@@ -125,15 +125,15 @@ def test_after_gains_a_message_without_them_counts_again():
         ({"kd": [2e10, 0.0]}, "`kd[0]` is 2e+10"),
         (
             {"joint_names": ["hip", "ankle"]},
-            "`joint_names` are not the joints that the model drives: `knee`, `hip`",
+            "`joint_names` does not match the joints that the model drives: `knee`, `hip`",
         ),
         (
             {"joint_names": ["hip", "hip"]},
-            "`joint_names` are not the joints that the model drives: `knee`, `hip`",
+            "`joint_names` does not match the joints that the model drives: `knee`, `hip`",
         ),
         (
             {"joint_names": ["hip"]},
-            "`joint_names` are not the joints that the model drives: `knee`, `hip`",
+            "`joint_names` does not match the joints that the model drives: `knee`, `hip`",
         ),
     ],
 )
@@ -160,11 +160,11 @@ def test_empty_fields_are_zero(field):
         ),
         (
             '<motor joint="hip"/><intvelocity name="slow" joint="knee" actrange="-1 1"/>',
-            "the actuator `slow` takes no torque",
+            "gains need torques, but the actuator `slow` takes no torque",
         ),
         (
             '<adhesion name="sticky" body="torso" ctrlrange="0 1"/>',
-            "gains are for joints, and the actuator `sticky` drives no hinge or slide",
+            "gains need joints, but the actuator `sticky` drives no hinge or slide",
         ),
     ],
 )

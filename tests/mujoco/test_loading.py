@@ -66,12 +66,12 @@ def test_all_findings_are_reported_together(load):
     )
     for part in (
         "sensor `joint_pso` is not in the model (did you mean `joint_pos`",
-        "sensor `joint_vel` is written as `jointpos`, in the model it is a `jointvel`",
+        "sensor `joint_vel` is declared as `jointpos`, but in the model it is a `jointvel`",
         "`ObkImu` cannot carry the `acelerometer` sensor",
         "a ray caster has no `site_name`",
         "this simulator does not publish `GridCells`; it publishes ObkJointEncoders, ",
-        "sensor_settings[4].config_path: `rays.yaml` is not there; looked for ",
-        "geom `dummy_sphere` is written as `box`, in the model it is a `sphere`",
+        "sensor_settings[4].config_path: file not found: `rays.yaml`; tried ",
+        "geom `dummy_sphere` is declared as `box`, but in the model it is a `sphere`",
         "keyframe `stand` is not in the model",
     ):
         assert part in rejection, rejection
@@ -114,7 +114,10 @@ def test_variables_in_the_file_of_a_ray_caster_are_replaced(load, tmp_path, monk
             "site_name: ${NOT_SET_IN_CASE}",
             "rays.yaml cannot be read: environment variable `NOT_SET_IN_CASE` is not set",
         ),
-        ("[1, 2]", "rays.yaml holds no ray caster: a mapping with `site_name` and `pattern`"),
+        (
+            "[1, 2]",
+            "rays.yaml is not a ray caster, expected a mapping with `site_name` and `pattern`",
+        ),
         ("{a: {", "rays.yaml cannot be read: "),
         ("site_name: tpi", "site `tpi` is not in the model"),
     ],
@@ -133,8 +136,8 @@ def test_a_missing_model_is_reported_with_the_other_findings(load, tmp_path):
         sensor_settings=[_group(sensor_names={"a": "gyro"})],
     )
     assert (
-        f"model_xml_path: `robot.xml` is not there; looked for {tmp_path / 'robot.xml'}, "
-        "and there is no package `my_robot`" in rejection
+        f"model_xml_path: file not found: `robot.xml`; tried {tmp_path / 'robot.xml'}; "
+        "the package `my_robot` was not found either" in rejection
     )
     assert "`ObkJointEncoders` cannot carry the `gyro` sensor `a`" in rejection
 
@@ -199,7 +202,7 @@ def test_a_time_step_that_is_not_the_models_is_used_and_logged(load):
     loaded = load(time_step=0.0005)
     assert loaded.model.opt.timestep == 0.0005
     (warning,) = load.warnings
-    assert warning.startswith("warning[OBK504]: time_step: `time_step` is 0.0005 s, the model ")
+    assert warning.startswith("warning[OBK504]: time_step: `time_step` is 0.0005 s, but the model ")
 
 
 def test_a_geom_that_no_marker_can_show_is_named(load):
@@ -211,7 +214,7 @@ def test_the_time_step_of_the_config_wins_with_a_warning(load):
     loaded = load(time_step=0.0005)
     assert loaded.model.opt.timestep == 0.0005
     assert len(load.warnings) == 1
-    assert "`time_step` is 0.0005 s, the model has 0.001 s" in load.warnings[0]
+    assert "`time_step` is 0.0005 s, but the model has 0.001 s" in load.warnings[0]
 
 
 def test_the_requested_keyframe_is_used(load):

@@ -182,7 +182,7 @@ def test_odometry_with_a_sensor_on_another_body_warns_and_passes_it_on(everythin
     _same(_xyz(message.twist.twist.linear), moving, "toe_velocity")
     assert warnings == [
         "the sensor `toe_velocity` and the pose of `centre` are on different bodies; its values "
-        "are passed on as they are"
+        "are published unchanged"
     ]
 
 
@@ -191,8 +191,8 @@ def test_odometry_that_cannot_bring_a_velocity_to_its_object_warns(everything, m
     warnings = []
     _sample(everything, moving, "Odometry", names, warnings)
     assert warnings == [
-        "the sensor `velocity` is not where the pose of `centre` is, and without a `gyro` on that "
-        "body the linear velocity is that at the sensor"
+        "the sensor `velocity` is not at the pose of `centre`. Without a `gyro` on that "
+        "body, the linear velocity is that at the sensor"
     ]
     _sample(everything, moving, "Odometry", {**names, "gyro": "gyro"}, warnings)
     del names["velocity"]

@@ -145,8 +145,8 @@ def test_a_port_that_is_taken_is_reported(looking: Callable[..., Viewed]) -> Non
     assert viewed.output == [
         (
             "warning",
-            f"the web viewer cannot have port {port} (`viewer_port`): Address already in use; "
-            "another one, or 0 for a free one, would do; the simulation goes on without it",
+            f"the web viewer cannot use port {port} (`viewer_port`): Address already in use; "
+            "choose another port, or 0 for a free one; the simulation continues without it",
         )
     ]
 
@@ -175,7 +175,7 @@ def test_a_window_without_a_display_is_reported_and_sending_continues(
     ((severity, text),) = viewed.output
     assert severity == "warning"
     assert text.startswith("the native viewer needs a display")
-    assert text.endswith("; the simulation goes on without it")
+    assert text.endswith("; the simulation continues without it")
     viewed.viewer.states.send()
 
 
@@ -189,8 +189,8 @@ def test_a_display_that_cannot_be_opened_is_reported(
     assert viewed.output == [
         (
             "warning",
-            "the native viewer needs a display, and `:9999` cannot be opened; `web` (a page in "
-            "the browser) needs none; the simulation goes on without it",
+            "the native viewer needs a display, and `:9999` cannot be opened; the viewer `web` (a "
+            "page in the browser) needs none; the simulation continues without it",
         )
     ]
 
@@ -204,7 +204,9 @@ def test_one_that_dies_is_reported_once(looking: Callable[..., Viewed]) -> None:
     eventually(lambda: len(viewed.output) == 2, "the report of its end")
     severity, text = viewed.output[1]
     assert severity == "warning"
-    assert text.startswith("the web viewer has ended (signal 9); the simulation goes on without it")
+    assert text.startswith(
+        "the web viewer has ended (signal 9); the simulation continues without it"
+    )
     for _ in range(3):
         viewed.viewer.states.send()
     viewed.viewer.close()

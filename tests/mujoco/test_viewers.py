@@ -45,7 +45,7 @@ def test_only_a_web_viewer_has_a_port() -> None:
         ({"viewer": "wbe"}, "the parameter `viewer` is `wbe`; there are: none, native, web"),
         (
             {"viewer": "web", "viewer_port": 70000},
-            "the parameter `viewer_port` is 70000; expected a port from 1 to 65535, "
+            "the parameter `viewer_port` is 70000, expected a port from 1 to 65535, "
             "or 0 for a free one",
         ),
     ],

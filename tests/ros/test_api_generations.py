@@ -227,7 +227,7 @@ def test_a_callback_group_replaces_no_other_attribute(capfd: pytest.CaptureFixtu
         assert node.executor is executor
         assert node.is_late is False
         assert isinstance(node.obk_callback_groups["executor"], ReentrantCallbackGroup)
-    assert capfd.readouterr().err.count("is only in obk_callback_groups") == 2
+    assert capfd.readouterr().err.count("is only available in obk_callback_groups") == 2
 
 
 def test_a_name_that_the_launcher_sets_as_a_parameter_is_one_of_the_second_generation() -> None:
@@ -299,7 +299,7 @@ def test_a_process_with_a_wrong_registration_ends_with_a_message() -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
     )
     assert ended.returncode == 1
-    assert "the node cannot be made: register_obk_publisher of the node `arm`: " in ended.stderr
+    assert "the node cannot be created: register_obk_publisher of the node `arm`: " in ended.stderr
     assert "`msg_type` is 7 (an `int`), expected a message class" in ended.stderr
     assert "Traceback" not in ended.stderr
 

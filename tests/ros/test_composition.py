@@ -145,15 +145,15 @@ def test_a_node_that_cannot_continue_ends_the_process_and_is_named(
 @pytest.mark.parametrize(
     ("function", "cause"),
     [
-        ("forgetful", "nodes:forgetful(): it ended without a call of spin_obelisk"),
+        ("forgetful", "nodes:forgetful(): the program ended without calling spin_obelisk"),
         ("broken", "nodes:broken(): KeyError: 'no_such_key'"),
         (
             "own",
             "nodes:own(): RuntimeError: Context.init() must only be called once; in a "
-            "composed process the ROS context and the spinning are spin_obelisk's",
+            "composed process, spin_obelisk creates the ROS context and spins the nodes",
         ),
         ("absent", "nodes:absent(): AttributeError: module 'nodes' has no attribute "),
-        ("unmade", "the node cannot be made: ValueError: no such port"),
+        ("unmade", "the node cannot be created: ValueError: no such port"),
     ],
 )
 def test_if_one_node_cannot_be_created_none_runs_and_it_is_named(
@@ -179,7 +179,7 @@ def test_invalid_ros_arguments_are_reported_for_their_node(
 ) -> None:
     composed = compose(entry("/a"), entry("/b", "main", "-p", "gain"))
     assert composed.end() == 1
-    assert composed.lines[-1].startswith("/b: the node cannot be made: RCLInvalidROSArgsError")
+    assert composed.lines[-1].startswith("/b: the node cannot be created: RCLInvalidROSArgsError")
 
 
 def test_a_stuck_process_dumps_its_stack_on_a_signal_and_ends_at_the_second_end_signal(

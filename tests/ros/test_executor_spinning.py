@@ -124,7 +124,7 @@ def test_a_second_spin_of_the_same_executor_is_rejected(one: World) -> None:
 
     node.create_timer(0.001, nested)
     one.run_until(lambda: refused, "the refusal")
-    assert "spinning already" in refused[0]
+    assert "already spinning" in refused[0]
 
 
 def test_the_end_of_the_context_ends_spin(one: World) -> None:

@@ -267,7 +267,7 @@ def test_missing_settings_are_named_together() -> None:
     ("setting", "sentence"),
     [
         ("{topic: /c}", "has no message type"),
-        ("{topic: /c, msg_type: PositionSetpont}", "`PositionSetpont` is not known; near names"),
+        ("{topic: /c, msg_type: PositionSetpont}", "`PositionSetpont` is not known; similar names"),
         ("{topic: /c, msg_type: nope_msgs/msg/A}", "the package `nope_msgs` is not installed"),
         ("{topic: /c, msg_type: PositionSetpoint, callback_group: g}", "callback group `g`"),
         ("{topic: [", "the parameter `pub_ctrl_setting` cannot be read"),
@@ -333,9 +333,9 @@ def test_publishing_while_inactive_is_dropped() -> None:
 def test_registering_twice_or_late_is_an_error() -> None:
     with spinning(Controller) as node:
         assert isinstance(node, Controller)
-        with pytest.raises(ObeliskConfigError, match="is registered already"):
+        with pytest.raises(ObeliskConfigError, match="is already registered"):
             node.register_obk_publisher("pub_ctrl_setting")
-        with pytest.raises(ObeliskConfigError, match="is registered already"):
+        with pytest.raises(ObeliskConfigError, match="is already registered"):
             node.register_obk_publisher(key="publisher_ctrl")
         request(node, "configure")
         with pytest.raises(ObeliskConfigError, match="after configure"):

@@ -118,7 +118,7 @@ def test_a_timer_of_the_true_state_without_its_publisher_is_reported_at_configur
     with simulator(pub_true_sim_state_setting="") as (node, _):
         assert not request(node, "configure")
         assert node.last_fault.text.startswith(
-            "the config sets `timer_true_sim_state`, but not the publisher `pub_true_sim_state`"
+            "the config sets `timer_true_sim_state`, but not its publisher `pub_true_sim_state`"
         )
 
 

@@ -141,7 +141,9 @@ def test_a_call_that_does_not_return_blocks_the_action_and_is_reported() -> None
             node._command_age.accept(time.monotonic())
             node._watchdog.wake()
             eventually(lambda: node.errors, "what learns of the silence")
-            assert node.errors[0].endswith("; apply_control has not returned, which holds that up")
+            assert node.errors[0].endswith(
+                "; the action is delayed because apply_control has not returned"
+            )
             assert node.applied == []
         eventually(lambda: node.applied, "the zeros")
 

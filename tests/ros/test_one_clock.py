@@ -127,7 +127,7 @@ def test_after_a_restart_of_the_simulator_nodes_follow_its_new_time(listener: Li
         for node in ("control_0", "estimation_0"):
             eventually(
                 lambda node=node: any(  # type: ignore[misc]
-                    line.startswith(node) and "simulated time was set back" in line
+                    line.startswith(node) and "simulated time jumped back" in line
                     for line in run.lines
                 ),
                 f"the jump back in {node}",
@@ -165,7 +165,7 @@ def test_after_a_restart_of_a_composed_stack_time_and_timers_start_again(
             "timers that run",
             seen=lambda: run.text,
         )
-        set_back = [line for line in run.lines if "simulated time was set back" in line]
+        set_back = [line for line in run.lines if "simulated time jumped back" in line]
         assert len(set_back) == 1, run.text
 
 

@@ -69,7 +69,7 @@ REFUSED = (
     (message("pub_ctrl_setting", "{topic: 3}"), "has no `topic` in its settings"),
     (
         message("pub_ctrl_setting", "{topic: /c, msg_type: PositionSetpiont}"),
-        "`PositionSetpiont` is not known; near names: PositionSetpoint",
+        "`PositionSetpiont` is not known; similar names: PositionSetpoint",
     ),
     (
         message("sub_est_setting", "{topic: /e, msg_type: EstimatedState, history_depth: 0}"),
@@ -159,7 +159,7 @@ def test_a_simulator_accepts_only_parameters_it_could_be_configured_with() -> No
     from .test_mujoco_robot import simulator
 
     refused = {
-        ("realtime_factor", "fast"): "the parameter `realtime_factor` is 'fast', no number",
+        ("realtime_factor", "fast"): "the parameter `realtime_factor` is 'fast', expected a number",
         ("realtime_factor", -1.0): "expected a number above 0, or 0 for as fast as possible",
         ("realtime_factor", math.inf): "expected a number above 0",
         ("viewer", "hologram"): "there are: none, native, web",

@@ -252,7 +252,7 @@ def test_a_simulator_that_returns_by_itself_is_reported() -> None:
         eventually(lambda: reported, "the warning")
         node.trigger_deactivate()
     assert reported == [
-        "run_simulator has returned although simulator_stop is not set: it steps no more"
+        "run_simulator returned before simulator_stop was set: the simulation has stopped"
     ]
 
 

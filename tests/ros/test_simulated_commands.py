@@ -124,8 +124,8 @@ def test_a_valid_command_reaches_the_actuators(tmp_path: Path, make: Any, by: st
 @pytest.mark.parametrize(
     ("values", "refusal"),
     [
-        ((1.0,), "has the length 1, the model "),
-        ((1.0, 2.0, 3.0), "has the length 3, the model "),
+        ((1.0,), "has the length 1, expected 2 "),
+        ((1.0, 2.0, 3.0), "has the length 3, expected 2 "),
         ((NAN, 0.0), "[0]` is nan"),
         ((0.0, INFINITE), "[1]` is inf"),
         ((0.0, -INFINITE), "[1]` is -inf"),
@@ -173,7 +173,7 @@ def test_a_command_out_of_order_is_kept_out_and_reported(tmp_path: Path, make: A
         publisher.publish(newer)
         publisher.publish(older)
         eventually(
-            lambda: output(node, "it is older than the one applied, by their stamps"), "reported"
+            lambda: output(node, "its stamp is older than that of the applied control"), "reported"
         )
         eventually(lambda: controls(node) == [0.5, -0.25], "the newer control")
 
@@ -255,7 +255,7 @@ def test_a_simulator_that_gets_only_rejected_commands_reports_it(
     with simulator(tmp_path, PositionSetpoint) as node:
         active(node, PositionSetpoint)
         node._take_control(setpoint(NAN, 0.0))
-        assert output(node, "nothing else was received for 0.0 s, so the robot has no commands")
+        assert output(node, "no valid message was received for 0.0 s, so the robot has no commands")
 
 
 def test_no_command_grows_old_while_the_simulation_is_paused(tmp_path: Path) -> None:

@@ -66,7 +66,9 @@ def test_a_killed_viewer_is_reported_and_the_stack_continues() -> None:
         run.wait_for("active")
         viewer = next(p for p in run.descendants if "web" in p.cmdline())
         viewer.kill()
-        run.wait_for_line("the web viewer has ended (signal 9); the simulation goes on without it")
+        run.wait_for_line(
+            "the web viewer has ended (signal 9); the simulation continues without it"
+        )
         assert run.process.poll() is None
     assert run.left_over() == []
 

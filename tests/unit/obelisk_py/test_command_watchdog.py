@@ -211,7 +211,7 @@ def test_a_lasting_silence_is_reported_as_such_among_others(silences):
         silences.begin(second)
     assert silences.due_s == 100.5 + SILENCE_PERIOD_S
     text = silences.report(110.5, 8.55)
-    assert text == "commands stopped 2x, and none has come for 8.550 s"
+    assert text == "commands stopped 2x, most recently for 8.550 s"
 
 
 def test_forgotten_entries_are_not_reported(silences):
@@ -256,7 +256,7 @@ def test_only_rejections_are_an_error_after_a_second_and_then_reported_rarely(wo
     assert [time_s for time_s, _ in errors] == pytest.approx([51.0, 61.0, 71.0], abs=0.11)
     assert all(report.is_lasting for _, report in errors)
     assert errors[0][1].text.startswith("control rejected: `u[0]` is nan (1")
-    assert "since the start; nothing else was received for 1." in errors[0][1].text
+    assert "since the start; no valid message was received for 1." in errors[0][1].text
     assert errors[0][1].text.endswith("`obk topic echo` shows what the controller sends")
 
 

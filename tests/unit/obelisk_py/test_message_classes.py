@@ -47,7 +47,7 @@ def test_a_class_reports_its_full_name() -> None:
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("PositionSetpont", r"`PositionSetpont` is not known; near names: PositionSetpoint"),
+        ("PositionSetpont", r"`PositionSetpont` is not known; similar names: PositionSetpoint"),
         ("nope_msgs/msg/Nope", r"the package `nope_msgs` is not installed"),
         ("sensor_msgs/msg/Nope", r"`sensor_msgs` has no message `Nope`"),
     ],

@@ -79,7 +79,7 @@ def test_a_layout_longer_than_the_data_is_rejected(strides: tuple[int, int]) -> 
     for dim, stride in zip(message.layout.dim, strides, strict=True):
         dim.stride = stride
     message.data = [0.0, 1.0, 2.0]
-    with pytest.raises(ObeliskMsgError, match=r"elements .* holds 3"):
+    with pytest.raises(ObeliskMsgError, match=r"elements .* has 3"):
         multiarray_to_np(message)
 
 

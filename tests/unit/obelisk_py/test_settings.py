@@ -77,8 +77,8 @@ def test_qos_is_taken() -> None:
     ("raw", "sentence"),
     [
         ({}, "has no `topic`"),
-        ({"topic": "/a b"}, "`topic` is `/a b`, no topic name: ' ' is not a letter"),
-        ({"topic": "/x/{nod}"}, "no topic name: '{' is not a letter"),
+        ({"topic": "/a b"}, "invalid topic name `/a b`: ' ' is not a letter"),
+        ({"topic": "/x/{nod}"}, "invalid topic name `/x/{nod}`: '{' is not a letter"),
         ({"topic": "/x", "history_depth": 0}, "`history_depth` is 0, expected a whole number"),
         ({"topic": "/x", "history_depth": True}, "`history_depth` is True"),
         ({"topic": "/x", "history_depth": 2**31}, "from 1 to 2147483647"),
@@ -152,7 +152,7 @@ def test_obelisk_settings_of_another_shape_are_rejected(text: str) -> None:
     [("{key: 3, topic: /x}", ""), ("", "publishers: [{key: 3, topic: /x}]")],
 )
 def test_a_key_that_is_not_text_is_named(own: str, settings: str) -> None:
-    with pytest.raises(ObeliskConfigError, match="`key` is 3, expected a text"):
+    with pytest.raises(ObeliskConfigError, match="`key` is 3, expected a string"):
         check_component(publisher(), own, settings)
 
 
@@ -162,5 +162,5 @@ def test_a_table_finds_every_format_and_lists_existing_names() -> None:
     for name in ("pub_ctrl", "pub_ctrl_setting", "publisher_ctrl", "asdf"):
         assert table[name] == 7
     assert list(table) == ["pub_ctrl"]
-    with pytest.raises(KeyError, match="no publisher `nope`; there are: pub_ctrl"):
+    with pytest.raises(KeyError, match="no publisher `nope`; existing: pub_ctrl"):
         table["nope"]

@@ -239,7 +239,7 @@ def test_a_run_is_opened_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (lambda run: run["amr"], "available: `/robot/arm`"),
         (lambda run: run["arm"]["qq"], "did you mean `q`"),
         (lambda run: run["arm"]["q[2]"], "has only 2 items"),
-        (lambda run: run["arm"]["last[0]"], "is no array"),
+        (lambda run: run["arm"]["last[0]"], "is not an array"),
         (lambda run: run["arm"].joint("kne", "q"), "did you mean `knee`"),
         (lambda run: list(run["arm"].signals("forc")), "did you mean `force`"),
     ],
@@ -262,10 +262,10 @@ def test_an_attribute_that_no_message_has_is_an_attribute_error(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("definition", "data", "reported"),
     [
-        ("uint8[] data\n", struct.pack("<I", 100) + b"few", "100 bytes were expected"),
-        ("string data\n", struct.pack("<I", 2**32 - 1), "bytes were expected"),
-        (f"Id[] data\n{BAR}\nMSG: d/Id\nuint8[16] id\n", b"\xff" * 4, "bytes were expected"),
-        ("uint8[999999999] data\n", b"", "bytes were expected"),
+        ("uint8[] data\n", struct.pack("<I", 100) + b"few", "expected 100 bytes"),
+        ("string data\n", struct.pack("<I", 2**32 - 1), "bytes, only "),
+        (f"Id[] data\n{BAR}\nMSG: d/Id\nuint8[16] id\n", b"\xff" * 4, "bytes, only "),
+        ("uint8[999999999] data\n", b"", "bytes, only "),
         (f"A a\n{BAR}\nMSG: d/A\nA a\n", bytes(100), "contains itself"),
         ("Gone data\n", bytes(8), "does not define"),
         ("wstring data\n", bytes(8), "wstring"),

@@ -23,12 +23,12 @@ def test_topic_names(name: str) -> None:
         ("", "it is empty"),
         ("/", "it ends with `/`"),
         ("/a/", "it ends with `/`"),
-        ("/a//b", "it holds `//`"),
+        ("/a//b", "it contains `//`"),
         ("/3a", "`3a` starts with a digit"),
         ("/a-b", "'-' is not a letter, digit or `_`"),
         ("/a b", "' ' is not a letter, digit or `_`"),
         ("~a", "`~` must be followed by `/`"),
-        ("a/~/b", "`~` may stand only at the start"),
+        ("a/~/b", "`~` is only allowed at the start"),
         ("/ä", "'ä' is not a letter, digit or `_`"),
     ],
 )
@@ -40,7 +40,7 @@ def test_namespaces() -> None:
     assert namespace_fault("/") is None
     assert namespace_fault("/left/arm") is None
     assert namespace_fault("left") is None
-    assert namespace_fault("/left//arm") == "it holds `//`"
+    assert namespace_fault("/left//arm") == "it contains `//`"
     assert namespace_fault("~/left") == "'~' is not a letter, digit or `_`"
 
 
@@ -69,8 +69,8 @@ def test_package_names() -> None:
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("src/demo", "it may hold only letters, digits, `_` and `-`"),
-        ("de mo", "it may hold only letters, digits, `_` and `-`"),
+        ("src/demo", "it may contain only letters, digits, `_` and `-`"),
+        ("de mo", "it may contain only letters, digits, `_` and `-`"),
         ("a", "it needs at least two characters"),
         ("", "it needs at least two characters"),
         ("3d", "it must start with a letter"),

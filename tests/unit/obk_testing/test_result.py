@@ -216,7 +216,7 @@ def test_close_to_compares_the_positions_of_the_simulator() -> None:
 
 def test_close_to_needs_something_to_compare() -> None:
     one = result(topic("/est", estimate(1, 2)))
-    with pytest.raises(LookupError, match="no simulator"):
+    with pytest.raises(LookupError, match="no MuJoCo simulator"):
         one.close_to(one, atol=1.0)
 
 

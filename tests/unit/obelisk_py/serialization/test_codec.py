@@ -100,8 +100,8 @@ RANGES = [FloatingPointRange()] * 2
         (with_value(JointState, "_position", "ab"), "`position`"),
         (with_value(JointState, "_position", ["a"]), "`position`"),
         (ObkImu(orientation_covariance=[0.0] * 8), "its shape is (8,), expected (9,)"),
-        (FieldType(nested_type_name="x" * 256), "it holds 256, at most 255 are possible"),
-        (ParameterDescriptor(floating_point_range=RANGES), "it holds 2, at most 1 are possible"),
+        (FieldType(nested_type_name="x" * 256), "its length is 256, expected at most 255"),
+        (ParameterDescriptor(floating_point_range=RANGES), "its length is 2, expected at most 1"),
         (ParameterValue(bool_array_value=[True, 2]), "`bool_array_value`"),
         (ParameterValue(byte_array_value=[b"a", b""]), "`byte_array_value`"),
     ],
@@ -120,7 +120,7 @@ def test_invalid_bytes_are_reported():
     with pytest.raises(ObeliskMsgError) as raised:
         codec.unpack(data[:-2])
     assert str(raised.value) == (
-        "19 bytes are no std_msgs/msg/Header: at `frame_id`, they end too early"
+        "19 bytes are not a std_msgs/msg/Header: at `frame_id`, they end too early"
     )
     with pytest.raises(ObeliskMsgError, match=r"8 bytes .* they end before `stamp.nanosec` does"):
         codec.unpack(data[:8])

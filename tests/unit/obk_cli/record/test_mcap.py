@@ -247,7 +247,7 @@ def test_a_message_that_breaks_off_is_reported_and_not_cut_short(
     tmp_path: Path, definition: str, data: bytes
 ) -> None:
     path = with_definition(tmp_path / "a.mcap", definition, data)
-    with pytest.raises(RecordingError, match=r"damaged: \d+ bytes were expected"):
+    with pytest.raises(RecordingError, match=r"damaged: expected \d+ bytes"):
         _ = open_run(path)["/speed"]["data"]
 
 

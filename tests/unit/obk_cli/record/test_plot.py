@@ -106,8 +106,8 @@ def test_an_array_of_varying_size_has_the_existing_numbers(tmp_path: Path) -> No
     [
         ("t.giro", "did you mean `gyro`"),
         ("t.gyro.z", "did you mean `gyro.y`, `gyro.x`"),
-        ("t.frame", "holds no number"),
-        ("t.ok[0]", "is no array"),
+        ("t.frame", "contains no numbers"),
+        ("t.ok[0]", "is not an array"),
         ("t.gyro.x.y", "has no field `gyro.x.y`"),
         ("t.position[2]", "has only 2 items"),
         ("u.ok", "has no topic `u`"),
@@ -130,7 +130,7 @@ def test_a_topic_may_be_named_by_its_end() -> None:
     topics = ["/arm/imu", "/leg/imu", "/arm/est"]
     assert topic_named("/arm/imu", topics) == "/arm/imu"
     assert topic_named("est", topics) == "/arm/est"
-    with pytest.raises(RecordingError, match="means several topics"):
+    with pytest.raises(RecordingError, match="matches several topics"):
         topic_named("imu", topics)
     with pytest.raises(RecordingError, match="has no topic `st`"):
         topic_named("st", topics)
