@@ -147,7 +147,7 @@ def test_a_check_by_the_user_without_a_result_rejects_and_is_named() -> None:
         node.declare_parameter("gain", 1)
         node.add_on_set_parameters_callback(check)
         (reported,) = set_each(node, message("gain", 5))
-        assert reported.startswith("the node's check of `gain`: `test_a_check_of_the_users_that_")
+        assert reported.startswith("the node's check of `gain`: `test_a_check_by_the_user_")
         assert reported.endswith(
             ".check` returned None, expected a `SetParametersResult` "
             "(did the callback forget its return statement?)"

@@ -373,7 +373,7 @@ def test_a_second_sigint_ends_a_stack_that_hangs_during_shutdown() -> None:
 
 
 def is_killing(run: Launched) -> bool:
-    return any("was ended by SIGKILL" in line for line in run.lines)
+    return any("was terminated by SIGKILL" in line for line in run.lines)
 
 
 def test_an_exception_next_to_our_ros_node_leaves_none_behind(

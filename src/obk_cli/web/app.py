@@ -30,7 +30,6 @@ from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.parameters import Tuner, parameter_data
 from obk_cli.monitor.table import monitor_data
-from obk_cli.process.signals import until_interrupt
 from obk_cli.ros.types import fields_of, short_type
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, change_data
@@ -85,7 +84,7 @@ class WebServer:
         return self._is_ended or (self._server is not None and self._server.should_exit)
 
     def run(self, app: ASGIApp, listener: socket.socket) -> None:
-        """Serve on a port until the end."""
+        """Serve on a port until `end` is called, or a signal arrives that uvicorn handles."""
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app,
@@ -99,12 +98,7 @@ class WebServer:
             )
         )
         self._server.should_exit = self._is_ended
-        serving = self._server.serve(sockets=[listener])
-        try:
-            with until_interrupt():  # raised by uvicorn after its shutdown
-                asyncio.run(serving)
-        finally:
-            serving.close()  # it may be interrupted before it starts
+        asyncio.run(self._server.serve(sockets=[listener]))
 
     def end(self) -> None:
         """End the server soon; may be called from any thread."""

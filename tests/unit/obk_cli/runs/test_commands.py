@@ -169,7 +169,7 @@ def test_stop_ends_the_only_stack(parent: Path, capsys: pytest.CaptureFixture[st
     with fake_stack(parent, STATES) as stack:
         assert obk("stop") == 0
         assert capsys.readouterr().out == "dummy: ended\n"
-        assert stack.heard == [StopRequested(reason="requested by `obk stop`")]
+        assert stack.received == [StopRequested(reason="requested by `obk stop`")]
         assert obk("stop") == 1
     assert capsys.readouterr().err.startswith("error: no stack is running on this host")
 
