@@ -93,9 +93,7 @@ def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
             assert "q_joints[0]" in text(page, ".legend")
             page.get_by_role("button", name="Whole run").click()
             seen(lambda: page.get_by_role("button", name="Resume").count(), "the recording")
-            shown = page.locator(".chart").get_attribute("aria-label") or ""
-            begin, end = map(float, re.findall(r"-?[\d.]+", shown))
-            assert 0.0 < begin < end
+            seen(lambda: 0.0 < shown_times(page)[0] < shown_times(page)[1], "the times of the run")
             assert not page.locator(".plot .fault").is_visible()
             page.get_by_role("button", name="Resume").click()
 
@@ -114,6 +112,13 @@ def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
             assert page.title() != "hurt"
     hosts = {urlsplit(one).hostname for one in asked if not one.startswith("about:")}
     assert hosts == {"127.0.0.1"}
+
+
+def shown_times(page: "Page") -> tuple[float, float]:
+    """The first and the last time in the plot, once it shows a recording [s]."""
+    label = page.locator(".chart").get_attribute("aria-label") or ""
+    times = [float(number) for number in re.findall(r"-?[\d.]+", label)]
+    return (times[0], times[1]) if len(times) == 2 else (0.0, 0.0)
 
 
 def hostile_lines_are_text(page: "Page") -> None:
