@@ -207,4 +207,7 @@ def test_what_cannot_be_a_robot_is_refused_and_nothing_is_made(
 
 
 def test_a_file_that_is_not_there_is_refused() -> None:
-    assert "nothing.xml cannot be read" in refused("robot", "--model", "nothing.xml").message
+    assert (
+        "`nothing.xml` cannot be read: file not found"
+        in refused("robot", "--model", "nothing.xml").message
+    )
