@@ -32,8 +32,9 @@ def misuse(error: click.UsageError, context: click.Context) -> MisuseError:
         case click.MissingParameter(param=click.Parameter() as param):
             return MisuseError(f"`{path}` needs {param.make_metavar(context)}", help=usage)
         case click.BadParameter(param=click.Parameter() as param):
-            names = param.opts if isinstance(param, click.Option) else [param.human_readable_name]
-            return MisuseError(f"`{max(names, key=len)}`: {_sentence(error.message)}")
+            is_option = isinstance(param, click.Option)
+            name = max(param.opts, key=len) if is_option else param.make_metavar(context)
+            return MisuseError(f"`{name}`: {_sentence(error.message)}")
         case _ if isinstance(command, click.Group) and (name := _unknown_command(error)):
             return MisuseError(
                 f"unknown command `{path} {name}`",
