@@ -33,7 +33,7 @@ def misuse(error: click.UsageError, context: click.Context) -> MisuseError:
             return MisuseError(f"`{path}` needs {param.make_metavar(context)}", help=usage)
         case click.BadParameter(param=click.Parameter() as param):
             is_option = isinstance(param, click.Option)
-            name = max(param.opts, key=len) if is_option else param.make_metavar(context)
+            name: str | None = max(param.opts, key=len) if is_option else param.make_metavar(context)
             return MisuseError(f"`{name}`: {_sentence(error.message)}")
         case _ if isinstance(command, click.Group) and (name := _unknown_command(error)):
             return MisuseError(
