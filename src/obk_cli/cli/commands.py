@@ -7,7 +7,8 @@ import errno
 import importlib
 import os
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
@@ -135,6 +136,14 @@ _COMPLETION = frozenset({"--install-completion", "--show-completion"})
 class _LazyGroup(TyperGroup):
     """The commands of the table, each imported on first use."""
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        with _own_words(ctx):
+            return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _own_words(ctx):
+            return super().invoke(ctx)
+
     def list_commands(self, _: Any) -> list[str]:
         return list(VERBS)
 
@@ -162,6 +171,23 @@ class _LazyGroup(TyperGroup):
                 formatter.write_dl(
                     [(name.ljust(widest), verb.help) for name, verb in group.items()]
                 )
+
+
+_SHOWS_HELP: Final[Any] = getattr(click.exceptions, "NoArgsIsHelpError", ())
+"""What click raises to show the help of a group; click 8.1 shows it at once."""
+
+
+@contextmanager
+def _own_words(context: click.Context) -> Iterator[None]:
+    """Raise errors of click as a `MisuseError`, except the one that shows a group's help."""
+    try:
+        yield
+    except _SHOWS_HELP:
+        raise
+    except click.UsageError as error:
+        from obk_cli.cli.usage_errors import misuse
+
+        raise misuse(error, context) from error
 
 
 class _GroupedCommand(TyperCommand):

@@ -273,15 +273,15 @@ def _chosen(plan: "Plan", names: Sequence[str]) -> "Iterator[PlannedNode]":
     Raises:
         MisuseError: a name matches no node.
     """
-    from obelisk_spec.suggestions import did_you_mean, list_names
+    from obelisk_spec.suggestions import ask_for, near_names, there_is
 
     known = {word for one in plan.nodes for word in (one.full_name, one.node, one.section)}
     for name in names:
         if name not in known:
             raise MisuseError(
                 f"`--nodes {name}`: no node has that name or section",
-                help=did_you_mean(name, known)
-                or f"the nodes are {list_names([one.node for one in plan.nodes])}",
+                help=ask_for(near_names(name, sorted(known)))
+                or there_is(one.node for one in plan.nodes),
             )
     for one in plan.nodes:
         if {one.full_name, one.node, one.section} & set(names):

@@ -61,7 +61,7 @@ def command(
     require_extra("matplotlib", "plot")
 
     from obelisk_recordings.run import open_run
-    from obk_cli.record.plot import draw, parse_field, plot_parts, write_page
+    from obk_cli.record.plot import check_time_range, draw, parse_field, plot_parts, write_page
 
     recordings, texts = _runs_and_fields(words)
     names = [parse_field(text) for text in texts]
@@ -79,6 +79,8 @@ def command(
         if not run.bag.is_complete:
             print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)
     parts = plot_parts(runs, names, by_receipt=received, overlay=overlay)
+    if xlim is not None:
+        check_time_range(parts, xlim)
     title = ", ".join(run.name for run in runs)
     write = write_page if picture.suffix == ".html" else draw
     write(parts, title, picture, xlim)

@@ -74,7 +74,8 @@ _COLOURS = {"+": "32", "-": "31", "@": "36"}
 def report_diff(source: SourceFile, text: str, *, colour: bool) -> str:
     """The diff from a source to its new text; empty if they are equal."""
     old, new = _LINE.findall(source.text), _LINE.findall(text)
-    lines = difflib.unified_diff(old, new, f"a/{source.path}", f"b/{source.path}")
+    path = source.path.lstrip("/")
+    lines = difflib.unified_diff(old, new, f"a/{path}", f"b/{path}")
     return "".join(_shown(line, colour) for line in lines)
 
 

@@ -32,6 +32,7 @@ __all__ = [
     "FieldName",
     "PlotLine",
     "PlotPart",
+    "check_time_range",
     "draw",
     "packed_line",
     "parse_field",
@@ -240,6 +241,26 @@ MOST_NAMED: Final = 12
 """Maximum number of lines in a legend."""
 _STYLES: Final = ("-", "--", ":", "-.")
 """Line styles, by run."""
+
+
+def check_time_range(parts: Sequence[PlotPart], xlim: tuple[float, float]) -> None:
+    """Check that there is something to see.
+
+    Args:
+        parts: what is to be drawn.
+        xlim: the times to show [s].
+
+    Raises:
+        MisuseError: no message is within the range.
+    """
+    if any(len(values) for part in parts for values in _shown(part, xlim)):
+        return
+    times_s = np.concatenate([line.times_s for part in parts for line in part.lines])
+    first, last = (round(time_s, 3) + 0.0 for time_s in (times_s.min(), times_s.max()))
+    raise MisuseError(
+        f"`--xlim {xlim[0]:g} {xlim[1]:g}`: no message was published in this time",
+        help=f"the messages are from {first:g} s to {last:g} s",
+    )
 
 
 def draw(

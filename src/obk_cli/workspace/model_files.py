@@ -18,6 +18,7 @@ from obelisk_spec.model import ModelFacts
 from obelisk_spec.suggestions import list_names
 from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.errors import CommandFailedError
+from obk_cli.files import explain_os_error
 from obk_cli.optional_deps import require_extra
 from obk_cli.scaffold.robot_model import RobotModel, sensor_groups, supplement
 from obk_cli.scaffold.templates import RenderedFile
@@ -92,7 +93,7 @@ def _parsed(path: Path) -> ElementTree.Element | None:
     try:
         return ElementTree.fromstring(path.read_bytes())
     except OSError as fault:
-        raise CommandFailedError(f"{path} cannot be read: {fault.strerror}") from fault
+        raise CommandFailedError(f"`{path}` cannot be read: {explain_os_error(fault)}") from fault
     except (ElementTree.ParseError, ValueError):
         return None
 
@@ -258,7 +259,7 @@ def _bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as fault:
-        raise CommandFailedError(f"{path} cannot be read: {fault.strerror}") from fault
+        raise CommandFailedError(f"`{path}` cannot be read: {explain_os_error(fault)}") from fault
 
 
 def _free_name(stack: str, main: PurePosixPath, files: Iterable[PurePosixPath]) -> PurePosixPath:

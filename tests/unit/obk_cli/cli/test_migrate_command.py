@@ -53,6 +53,14 @@ def test_diff(config: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     )
 
 
+def test_a_diff_of_an_absolute_path_has_one_slash(
+    config: Path, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    path = config.absolute()
+    shown = Result(capfdbinary, str(path), "--diff").out.decode()
+    assert shown.startswith(f"--- a{path}\n+++ b{path}\n")
+
+
 def test_write_and_back(config: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     config.chmod(0o640)
     assert Result(capfdbinary, "c.yaml", "--write").out == b"c.yaml: migrated\n"

@@ -207,4 +207,7 @@ def test_an_invalid_robot_is_rejected_and_nothing_is_created(
 
 
 def test_a_missing_file_is_rejected() -> None:
-    assert "nothing.xml cannot be read" in refused("robot", "--model", "nothing.xml").message
+    assert (
+        "`nothing.xml` cannot be read: file not found"
+        in refused("robot", "--model", "nothing.xml").message
+    )
