@@ -1,7 +1,6 @@
-"""Every measurable goal of the specification: where to find its value, and the expected range.
+"""Every goal: where to find its measured value, and the expected range.
 
-The groups are the sections of the specification's page on performance, and the acceptance criteria
-of lock-step runs. A goal also has the reason to print if it is not met.
+A goal also has the reason to print if it is not met.
 """
 
 from collections.abc import Callable, Mapping
@@ -233,8 +232,8 @@ LOOP: Final = (
         figure=lambda results: float(
             loop(results, "separate")["figures"]["latency_p50_ms"]["median"]
         ),
-        why="each node publishes from its own timer, so a value waits for the next tick of the "
-        "estimator and then of the controller",
+        why="the controller ticks a quarter of a period after the sensor, so that the estimate is "
+        "there in time; the rest is the time that its command takes to wake the simulator",
     ),
     Goal(
         what="share of 1 kHz that the slowest node achieves, one process per node",
