@@ -34,6 +34,8 @@ _BREAKS = (EndOfFile, struct.error)
 """Raised by the library when a file ends in the middle of a record."""
 LONGEST_FAULT: Final = 200
 """Limit for the text of an error of the library [characters]."""
+_MAGIC: Final = b"\x89MCAP0\r\n"
+"""The start of every MCAP file."""
 LONGEST_RECORD: Final = 1 << 28
 """Limit for a record in the file: far above any chunk or attachment of a recorder [bytes]."""
 
@@ -45,6 +47,9 @@ def read_bag(path: Path) -> Bag:
         RecordingError: it cannot be read, or is not an MCAP file.
     """
     with recording_errors(path), path.open("rb") as file:
+        if not _MAGIC.startswith(start := file.read(len(_MAGIC))):
+            raise InvalidMagic(start)
+        file.seek(0)
         return _indexed(path, file) or _scanned(path, file)
 
 
