@@ -26,15 +26,16 @@ def misuse(error: click.UsageError, context: click.Context) -> MisuseError:
     usage = f"usage: `{' '.join([path, *command.collect_usage_pieces(context)])}`"
     match error:
         case click.NoSuchOption():
-            name = error.option_name
-            near = near_names(name, _options(command.get_params(context)))
-            return MisuseError(f"`{path}` has no option `{name}`", help=ask_for(near) or usage)
+            option = error.option_name
+            known = _options(command.get_params(context)) if option.startswith("--") else ()
+            near = ask_for(near_names(option, known))
+            return MisuseError(f"`{path}` has no option `{option}`", help=near or usage)
         case click.MissingParameter(param=click.Parameter() as param):
             return MisuseError(f"`{path}` needs {param.make_metavar(context)}", help=usage)
         case click.BadParameter(param=click.Parameter() as param):
             is_option = isinstance(param, click.Option)
-            name: str | None = max(param.opts, key=len) if is_option else param.make_metavar(context)
-            return MisuseError(f"`{name}`: {_sentence(error.message)}")
+            subject = max(param.opts, key=len) if is_option else param.make_metavar(context)
+            return MisuseError(f"`{subject}`: {_sentence(error.message)}")
         case _ if isinstance(command, click.Group) and (name := _unknown_command(error)):
             return MisuseError(
                 f"unknown command `{path} {name}`",
