@@ -1,13 +1,13 @@
-# One command each. Every target sets the environment up first, if need be.
+# Development commands. Every target sets up the environment first if necessary.
 #
 #   make setup                    .venv with everything, ROS 2 from wheels
-#   make setup ROS=system         the same on the ROS 2 that is sourced in this shell
+#   make setup ROS=system         the same with the ROS 2 that is sourced in this shell
 #   make setup PYTHON=python3.12  with another Python (3.11 to 3.13)
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# An environment stays with the ROS 2 it was made for until another one is asked for.
+# An environment keeps the ROS 2 it was created with until you request another one.
 ROS ?= $(or $(shell cat $(VENV)/.ros 2>/dev/null),wheels)
 
 PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
@@ -15,7 +15,7 @@ INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 PEER := build/peer/bin/check-jsonschema
 
-# Where Python may not keep what it compiled, every start of obk compiles all of it anew.
+# Without bytecode files, obk would compile all of its modules at every start.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup demo test test-unit test-slow check golden docs bench clean
@@ -27,20 +27,20 @@ unexport PYTHONDONTWRITEBYTECODE
 setup: $(VENV)/.interfaces
 
 define HELP
-make setup       .venv with everything; ROS=system, PYTHON=python3.12
+make setup       create .venv with everything; ROS=system, PYTHON=python3.12
 make demo        run the dummy stack for 20 s
-make test        all tests but the slow ones, the examples in closed loop too
-make test-unit   tests that start no ROS node and no simulator
-make test-slow   soak, rehearsals, builds by colcon, all generated packages, many random examples,
-                   the examples in closed loop with five seeds
-make check       ruff, mypy and the order of packages
+make test        run all tests except slow ones, and the closed-loop tests of the examples
+make test-unit   run the tests that start no ROS node and no simulator
+make test-slow   run the soak, tutorials, colcon builds, all generated packages, many random cases,
+                   and the closed-loop tests of the examples with five seeds
+make check       run ruff and mypy, and check the imports between packages
 make golden      rewrite the expected outputs of the tests
 make docs        rewrite the generated pages and pictures
-                   PART=pictures  pictures of a running stack too; PART=site  pages without a network
-make bench       all benchmarks with a goal; GO_ON=1, PARTS="loop tool", QUICK=1
-                   PART=loop|tool|launches|simulator|looking|lockstep|lockstep-truth|summary  one, with all its rounds
+                   PART=pictures  also pictures of a running stack; PART=site  offline HTML pages
+make bench       run all benchmarks that have a goal; GO_ON=1, PARTS="loop tool", QUICK=1
+                   PART=loop|tool|launches|simulator|looking|lockstep|lockstep-truth|summary  one in full
                    PART=soak|soak-short|fuzz                          SECONDS=60
-make clean       remove the environment and everything built
+make clean       remove the environment and all build output
 
 Maintenance: make lock | audit | wheel | release VERSION=0.2.0
 endef
@@ -52,18 +52,20 @@ help:
 demo: setup
 	$(BIN)/python examples/dummy/demo.py
 
-# ROS tests wait most of their time: two workers for each of two cores.
+# ROS tests spend most of their time waiting: two workers for each of two cores. If a worker crashes, the run
+# fails at once: without its tests, the others would wait for them forever.
 WORKERS ?= 4
-PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --durations 20
+PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --max-worker-restart 0 \
+	--durations 20
 
-# Simulated time is in place before any node is imported, so the examples run apart from other tests.
+# The examples run separately, because simulated time must be set up before any node is imported.
 CLOSED_LOOP := $(PYTEST) -p obk_testing.plugin examples/*/tests
 
 test: setup
 	$(PYTEST) -m "not slow"
 	$(CLOSED_LOOP)
 
-# These compute all the time: one worker per core, and none is left alone with a long file.
+# These tests are CPU-bound. Work stealing keeps all workers busy when one has a long file.
 test-unit: setup
 	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal --durations 20 \
 		-m "not slow and not ros and not mujoco"
@@ -79,25 +81,25 @@ check: setup
 	$(BIN)/mypy
 	$(BIN)/python -m pytest --quiet tests/test_architecture.py
 
-# Rewrites the expected outputs and transcripts of the tests; look at the difference before committing it.
+# Rewrites the expected outputs and transcripts of the tests; review the diff before you commit it.
 golden: setup
 	$(BIN)/python -m pytest tests/golden tests/cases --update-golden
 
 docs: docs-$(or $(PART),pages)
 
-# The pages of rules, commands, keys, messages and classes, the examples of `obk explain`, and the
-# pictures that need no running stack.
+# Rewrites the pages of rules, commands, keys, messages and classes, the examples of `obk explain`,
+# and the pictures that need no running stack.
 docs-pages: setup
 	$(BIN)/python tools/rule_pages.py
 	$(BIN)/python tools/reference_pages.py
 	$(BIN)/python tools/pictures.py
 
-# On a machine with nothing else to do.
+# Run this on an idle machine.
 docs-pictures: docs-pages
 	$(BIN)/python tools/pictures.py --live
 
-# The documents as pages to read without a network. A dead link ends it, and so does a page that
-# would load something from elsewhere.
+# Builds the documentation as offline HTML pages. Fails if a link is dead, or if a page would load
+# anything from the network.
 docs-site:
 	$(PYTHON) -m venv build/site-environment
 	build/site-environment/bin/python -m pip --disable-pip-version-check -qq install "$$($(PYTHON) -c \
@@ -108,7 +110,7 @@ docs-site:
 
 bench: bench-$(or $(PART),all)
 
-# What has to be measured on a quiet machine, one after another; prints first how long it takes.
+# Runs the benchmarks one after another on an idle machine; first prints how long they take.
 ifdef QUICK
 bench-all: setup
 	$(BIN)/python -m benchmarks.loop --quick
@@ -117,7 +119,7 @@ bench-all: setup $(PEER)
 	$(BIN)/python -m benchmarks $(if $(GO_ON),--go-on) $(if $(PARTS),--parts $(PARTS))
 endif
 
-# One part and its whole: more rounds than in `make bench`, an hour of the simulator's time.
+# Runs one part in full: more rounds than in `make bench`, and an hour of simulated time.
 bench-loop bench-launches bench-simulator bench-lockstep: bench-%: setup
 	$(BIN)/python -m benchmarks.$*
 
@@ -128,38 +130,38 @@ bench-looking: setup
 	$(BIN)/python -m benchmarks.looking
 	$(BIN)/python -m benchmarks.watched
 
-# Real runs of the quadruped next to lock-step runs of it.
+# Compares real runs of the quadruped with lock-step runs.
 bench-lockstep-truth: setup
 	$(BIN)/python -m benchmarks.lockstep_truth
 	cp benchmarks/results/lockstep_truth.svg docs/pictures
 
-# Compares the results that exist with their goals; writes benchmarks/results/goals.md.
+# Compares existing results with their goals; writes benchmarks/results/goals.md.
 bench-summary: setup
 	$(BIN)/python -m benchmarks.summary
 
-# What `obk validate` is compared with.
+# The program that `obk validate` is compared with.
 $(PEER):
 	$(PYTHON) -m venv build/peer
 	build/peer/bin/python -m pip -qq install check-jsonschema==0.39.0
 
-# The dummy stack in trouble for SECONDS, then 1,000 rounds of its life cycle in one process.
+# Injects faults into the dummy stack for SECONDS, then runs 1,000 life cycles in one process.
 bench-soak: SECONDS ?= 1800
 bench-soak: setup
 	$(BIN)/python -m benchmarks.soak --seconds $(SECONDS)
 	$(BIN)/python -m benchmarks.soak.rounds
 
-# Each trouble at least once, on machines that others keep busy too; the results stay in build/soak.
+# Injects each fault at least once; works on a busy machine. The results stay in build/soak.
 bench-soak-short: SECONDS ?= 120
 bench-soak-short: setup
 	$(BIN)/python -m benchmarks.soak --seconds $(SECONDS) --hang-after 5 --least-mb 10 --results build/soak
 	$(BIN)/python -m benchmarks.soak.rounds --rounds 50 --results build/soak
 
-# Hostile input for SECONDS in all, see tests/fuzz; writes build/benchmarks/fuzz.json.
+# Feeds hostile input for SECONDS in total, see tests/fuzz; writes build/benchmarks/fuzz.json.
 bench-fuzz: SECONDS ?= 60
 bench-fuzz: setup
 	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
 
-# --- the environment, in four steps; each is done again only when what it is made from changes ---
+# --- the environment, in four steps; each step is repeated only if its inputs change ---
 
 ifneq ($(ROS),$(shell cat $(VENV)/.ros 2>/dev/null))
 .PHONY: $(VENV)/.ros
@@ -194,7 +196,7 @@ $(VENV)/.interfaces: $(shell find interfaces -type f -not -path 'interfaces/buil
 
 # --- maintenance ---
 
-# Builds what is released, sdist and wheel of both, and uses it in empty environments of these Pythons.
+# Builds sdists and wheels of both distributions, and tries them in empty environments of these Pythons.
 WHEEL_PYTHONS ?= $(PYTHON)
 
 wheel: setup
@@ -206,8 +208,8 @@ wheel: setup
 		$$python tools/try_release.py dist $(VENV)/requirements.txt || exit 1; \
 	done
 
-# Resolved for the oldest Python, so that one version of each package fits all; then checked
-# that the newer ones need nothing else.
+# Resolves for the oldest Python, so that one version of each package works for all; then checks
+# that newer Pythons resolve to the same versions.
 lock: setup
 	$(BIN)/uv pip compile pyproject.toml --quiet --upgrade --python-version 3.11 \
 		$(foreach extra,sim viewer render graph monitor web ros-wheels plot export sweep policy dev,--extra $(extra)) \
@@ -217,13 +219,13 @@ lock: setup
 			--no-header --no-emit-index-url --no-emit-find-links | diff requirements.lock - || exit 1; \
 	done
 
-# Whether vulnerabilities are known of what is locked; asks a service outside, and fails without it.
+# Checks the locked packages for known vulnerabilities; needs access to an online service.
 audit:
 	$(PYTHON) -m venv build/audit
 	build/audit/bin/python -m pip --disable-pip-version-check -qq install pip-audit
 	build/audit/bin/pip-audit --requirement requirements.lock --no-deps --disable-pip --strict
 
-# Puts the version where it stands, `make release VERSION=0.2.0`, and closes the changelog's part.
+# Sets the version in all files, `make release VERSION=0.2.0`, and dates the changelog section.
 release:
 	$(PYTHON) tools/release.py $(VERSION)
 

@@ -1,6 +1,6 @@
-"""Build hook of obelisk-cli: a wheel carries its own copy of `schema/` and `templates/`.
+"""Build hook of obelisk-cli: adds a copy of `schema/` and `templates/` to the wheel.
 
-An editable install carries none, and reads the folders of the checkout.
+An editable install has no copy and reads the folders of the checkout.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""A timer that does nothing: what this machine can keep at the moment.
+"""A timer without work, which measures the rate that the machine can currently keep.
 
-`python -m benchmarks.bare_timer` prints each second as a line of JSON, until its standard input
-ends.
+`python -m benchmarks.bare_timer` prints a line of JSON per second until its standard input is
+closed.
 """
 
 import json
@@ -23,12 +23,12 @@ PERIOD_NS: Final = 10**9 // RATE_HZ
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BareSecond:
-    """One second of it."""
+    """The measurements of one second."""
 
     at_s: float
-    """Its end, on the monotonic clock."""
+    """The end of the second, on the monotonic clock."""
     kept: float
-    """The share of its ticks that came."""
+    """The share of the expected ticks that happened."""
     late_p99_us: float
     stolen_percent: float
     """Of one core."""
@@ -37,15 +37,15 @@ class BareSecond:
 
 
 def bare_second() -> BareSecond:
-    """Tick for a second."""
+    """Tick for one second and return the measurements."""
     stolen = StolenTime()
     psutil.cpu_times_percent(None)
-    begin_ns = due_ns = time.monotonic_ns()
+    start_ns = due_ns = time.monotonic_ns()
     late_ns = []
-    while due_ns - begin_ns < 10**9:
+    while due_ns - start_ns < 10**9:
         time.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
         late_ns.append(time.monotonic_ns() - due_ns)
-        # What was missed is not made up for.
+        # Missed ticks are skipped.
         due_ns += (late_ns[-1] // PERIOD_NS + 1) * PERIOD_NS
     late_ns.sort()
     return BareSecond(
@@ -58,7 +58,7 @@ def bare_second() -> BareSecond:
 
 
 def main() -> None:
-    """Print each second."""
+    """Print the measurements once a second."""
     while not select.select([sys.stdin], [], [], 0)[0]:
         print(json.dumps(asdict(bare_second())), flush=True)
 

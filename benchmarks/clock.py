@@ -1,9 +1,9 @@
-"""What simulated time costs the nodes of the dummy stack, by its source.
+"""Measure what each source of simulated time costs the nodes of the dummy stack.
 
-`python -m benchmarks.clock` from the root of the checkout. The stack of `examples/dummy` (robot,
-estimator and controller at 1 kHz, a process each) runs in turns with wall time, with the clock
-page, and with `/clock` only, as a stack without a page does. Processor time is read from the
-kernel and divided by the ticks that the node reports: a busy machine changes the number of ticks.
+Run `python -m benchmarks.clock` from the root of the checkout. The stack of `examples/dummy`
+(robot, estimator and controller at 1 kHz, one process per node) takes turns with wall time, with
+the clock page, and with `/clock` only, as if no page existed. CPU time comes from the kernel and
+is divided by the ticks that the node reports, because a busy machine changes the number of ticks.
 """
 
 import json
@@ -19,7 +19,7 @@ import psutil
 
 CONFIG: Final = Path(__file__).resolve().parents[1] / "examples" / "dummy" / "dummy.yaml"
 OBK: Final = Path(sys.executable).with_name("obk")
-# The launch without a page: what `with_clock_page` gives where it cannot give one.
+# Launches without a page, with what `with_clock_page` returns if it cannot create one.
 WITHOUT_PAGE: Final = """
 import sys
 from contextlib import nullcontext
@@ -37,11 +37,11 @@ ROUNDS: Final = 3
 WARM_UP_S: Final = 3.0
 MEASURED_S: Final = 8.0
 TICKS: Final = {"robot": "steps", "estimation": "timer_est", "control": "timer_ctrl"}
-"""Section -> the rate whose ticks are counted; it is reported once a second."""
+"""Section -> the rate whose ticks are counted; nodes report it once a second."""
 
 
 def measure(program: list[str], options: list[str]) -> dict[str, float]:
-    """What each node's process takes for a tick or a step [us], and the ticks [Hz], of one run."""
+    """Measure one run: CPU time per tick or step [us] and tick rate [Hz] of each node."""
     command = [*program, "launch", str(CONFIG), "--quiet", *options]
     launch = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
@@ -64,7 +64,7 @@ def measure(program: list[str], options: list[str]) -> dict[str, float]:
 
 
 def _counts(pids: dict[str, int]) -> dict[str, tuple[float, int]]:
-    """Processor time [s] and ticks of each section."""
+    """CPU time [s] and ticks of each section."""
     ticks = {
         node["section"]: rate["ticks"]
         for node in _active_stack()["nodes"]
@@ -92,7 +92,7 @@ def _active_stack() -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run all sources in turns, and print the medians as a table."""
+    """Run all sources in turn and print the medians as a table."""
     os.environ.setdefault("ROS_DOMAIN_ID", "71")
     runs: dict[str, list[dict[str, float]]] = {name: [] for name in SOURCES}
     for _ in range(ROUNDS):

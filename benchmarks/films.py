@@ -1,10 +1,10 @@
-"""Measures what filming the dummy costs its simulation, which steps at 1 kHz.
+"""Measure what recording a video costs the simulation of the dummy, which steps at 1 kHz.
 
     python benchmarks/films.py [--seconds S] [--rounds N]
 
-No ROS: the stepping thread as the simulated robot has it, by turns without a film and with one, so
-that whatever else the machine does falls on both. The time between two steps, the real-time factor
-and what became of the film go to `benchmarks/results/films.json`.
+Runs the stepping thread of the simulated robot without ROS, alternately with and without a video,
+so that other load on the machine affects both. The time between two steps, the real-time factor
+and the outcome of the video go to `benchmarks/results/films.json`.
 """
 
 import argparse
@@ -34,11 +34,11 @@ RESULT = ROOT / "benchmarks" / "results" / "films.json"
 DUMMY = ROOT / "examples" / "dummy" / "dummy.xml"
 KEYFRAME = "ic"
 SWING_S = 1.0
-"""Time constant of the command, so that there is something to see [s]."""
+"""Time constant of the command, so that the robot moves in the video [s]."""
 
 
 def run(seconds: float, settings: VideoSettings | None) -> dict[str, Any]:
-    """Step for some time; what was seen of it."""
+    """Step for some time and return the measurements."""
     model = mujoco.MjModel.from_xml_path(str(DUMMY))
     simulation = Simulation(model, ControlInbox(field="u", size=1, monotonic_s=time.monotonic))
     simulation.reset(KEYFRAME)
@@ -83,12 +83,12 @@ def run(seconds: float, settings: VideoSettings | None) -> dict[str, Any]:
 
 
 def cpu_s(processes: list[psutil.Process]) -> float:
-    """What processes have used by now [s]."""
+    """CPU time that processes have used so far [s]."""
     return sum(p.cpu_times().user + p.cpu_times().system for p in processes)
 
 
 def case(name: str, rounds: list[dict[str, Any]]) -> dict[str, Any]:
-    """What is kept of the rounds of one case."""
+    """Summarize the rounds of one case."""
     between_ms = np.concatenate([np.diff(one["stamps_ns"]) / 1e6 for one in rounds])
     factors = [
         (len(one["stamps_ns"]) - 1)
@@ -113,7 +113,7 @@ def case(name: str, rounds: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Measure, print, keep."""
+    """Measure, print and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--rounds", type=int, default=6)

@@ -1,7 +1,6 @@
-"""Every goal of the specification that is a figure: where it is in the results, what it should be.
+"""Every goal: where to find its measured value, and the expected range.
 
-The groups are the sections of the specification's page on performance and the acceptance of
-lock-step runs. A goal has a reason for the case that it is not met.
+A goal also has the reason to print if it is not met.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,16 +12,16 @@ from benchmarks.loop.cases import LIBRARY
 __all__ = ["GOALS", "Goal", "Results", "slowest_look"]
 
 OF_MESSAGES: Final = ("topic echo", "topic hz", "topic delay", "topic pub", "service call")
-"""Commands that start a ROS participant of their own."""
+"""Commands that start their own ROS participant."""
 WORK: Final = {"rate_hz": 1000, "joints": 30, "nodes": 3}
 
 Results = Mapping[str, Any]
-"""What the JSON files hold, by their names without the ending."""
+"""The contents of the JSON files, by file name without the extension."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
-    """One figure and what it should be."""
+    """One measured value and its expected range."""
 
     what: str
     least: float | None = None
@@ -30,25 +29,25 @@ class Goal:
     unit: str = ""
     figure: Callable[[Results], float]
     why: str = ""
-    """What stands in the way where it is not met."""
+    """The reason to print if the goal is not met."""
 
     @property
-    def words(self) -> str:
-        """`at most 0.33`, `from 0.8 to 1.2`."""
+    def limits(self) -> str:
+        """The expected range as text: `≤ 0.33`, `0.8 to 1.2`."""
         if self.least is not None and self.most is not None:
             return f"{self.least:g} to {self.most:g}{self.unit}"
         sign, limit = ("≤", self.most) if self.least is None else ("≥", self.least)
         return f"{sign} {limit:g}{self.unit}"
 
     def is_met_by(self, value: float) -> bool:
-        """Whether a value is as it should be."""
+        """Whether a value is in the expected range."""
         return (self.least is None or value >= self.least) and (
             self.most is None or value <= self.most
         )
 
 
 def loop(results: Results, layout: str, **point: int) -> Mapping[str, Any]:
-    """The library's row of the loop's suite at one point."""
+    """The library's row in the results of the loop at one point."""
     wanted = {"contestant": LIBRARY, "layout": layout, **WORK, **point}
     rows: list[Mapping[str, Any]] = results["loop"]["cases"]
     found = next((row for row in rows if row["case"] == wanted and row["runs"]), None)
@@ -58,19 +57,19 @@ def loop(results: Results, layout: str, **point: int) -> Mapping[str, Any]:
 
 
 def ratio(layout: str, name: str) -> Callable[[Results], float]:
-    """A median ratio to rclpy's executor, of the work."""
+    """A median ratio to rclpy's executor in the part `work`."""
     return lambda results: float(loop(results, layout)["ratios"][name]["median"])
 
 
 def kept(layout: str, rate_hz: int) -> Callable[[Results], float]:
-    """The share of its rate that the slowest node kept, in the worst round, in %."""
+    """The share of its rate that the slowest node achieved in the worst round [%]."""
     return lambda results: (
         100 * float(loop(results, layout, rate_hz=rate_hz)["figures"]["rate_hz"]["min"]) / rate_hz
     )
 
 
 def per_node(layout: str) -> Callable[[Results], float]:
-    """What a node of 30 costs over what one of 3 does, at 100 Hz."""
+    """CPU time per tick with 30 nodes, relative to 3 nodes, at 100 Hz."""
 
     def each(results: Results, nodes: int) -> float:
         row = loop(results, layout, rate_hz=100, nodes=nodes)
@@ -80,18 +79,18 @@ def per_node(layout: str) -> Callable[[Results], float]:
 
 
 def watched(layout: str) -> Callable[[Results], float]:
-    """The least share of a promised rate while the stack is watched, in %."""
+    """The lowest share of an expected rate while the stack is monitored [%]."""
     return lambda results: 100 * float(results["watched"]["least_kept"][f"{layout}, watched"])
 
 
 def slowest_look(
     commands: Mapping[str, Mapping[str, float]], *, has_messages: bool = False
 ) -> float:
-    """The longest median of a command, without the `--duration` that it measures for [s].
+    """The longest median of a command, minus the `--duration` that it measures for [s].
 
     Args:
-        commands: what each took, by its words.
-        has_messages: of the commands that send or receive messages; otherwise of the others.
+        commands: the times of each command, by its arguments.
+        has_messages: consider commands that send or receive messages; otherwise all others.
 
     Raises:
         KeyError: no such command was measured.
@@ -108,7 +107,7 @@ def slowest_look(
 
 
 def at(*path: str) -> Callable[[Results], float]:
-    """A number in the results."""
+    """Read a number from the results."""
 
     def find(results: Results) -> float:
         found: Any = results
@@ -120,7 +119,7 @@ def at(*path: str) -> Callable[[Results], float]:
 
 
 def modelled(figure: str) -> Callable[[Results], float]:
-    """The least distance of lock-step runs with the measured bring-up from real ones [mrad]."""
+    """The smallest distance between real runs and lock-step runs with measured bring-up [mrad]."""
 
     def find(results: Results) -> float:
         means: Mapping[str, Mapping[str, float]] = results["lockstep_truth"]["mean"]
@@ -133,70 +132,75 @@ def modelled(figure: str) -> Callable[[Results], float]:
 
 
 def launch_faults(results: Results) -> float:
-    """How many launches failed, and what launches and kills left."""
+    """The number of failed launches, and of leftovers after launches and kills."""
     launches: Mapping[str, Any] = results["launches"]
     return float(len(launches["failed"]) + len(launches["left_over"]))
 
 
 def growth_of_a_trial(results: Results) -> float:
-    """Memory that a trial of the arm adds [MB]."""
+    """Memory that each trial of the arm adds [MB]."""
     memory: Mapping[str, float] = results["lockstep"]["memory"]
     return (memory["last_mb"] - memory["first_mb"]) / memory["trials"]
 
 
 def digests(results: Results) -> float:
-    """The most digests that an example had."""
+    """The highest number of different digests of an example."""
     found: Mapping[str, list[str]] = results["lockstep"]["digests"]
     return float(max(map(len, found.values())))
 
 
 WAKE: Final = (
-    "on a virtual machine a thread that wakes up costs 20 µs and more before it has done anything, "
-    "and finds cold caches; `C on rcl` in `loop.md` is what the middleware takes by itself"
+    "on a virtual machine, waking a thread costs at least 20 µs, and the caches are cold; "
+    "`C on rcl` in `loop.md` shows the cost of the middleware alone"
 )
 COMPOSED: Final = (
-    "the constructors of the user's messages, and the copies that keep their owners apart, take "
-    "most of it"
+    "most of the time is spent constructing the user's messages and copying them so that nodes do "
+    "not share data"
 )
 LATE: Final = (
-    "what a thread that only sleeps is late by, and what the host took meanwhile, stands at the "
-    "head of `loop.md`; a processor that falls idle a thousand times a second is given back late"
+    "the header of `loop.md` shows how late a thread is that only sleeps, and how much time the "
+    "host stole; the host is slow to give back a core that becomes idle a thousand times a second"
 )
 WATCHED: Final = (
-    "the dummy publishes 5,000 messages a second once a node subscribes to all of them, and each "
-    "wakes a listener up; composed, that is the work of one interpreter"
+    "the dummy publishes 5,000 messages per second if a node subscribes to all of them, and each "
+    "message wakes a receiver; if composed, a single interpreter does all of that"
 )
 STARTS: Final = (
-    "the processor time of all processes is shared by two processors; half of it imports rclpy and "
-    "numpy"
+    "all processes share two cores, and importing rclpy and numpy takes half of their CPU time"
 )
-TOOL: Final = "the time is that of importing Python modules and of reading, on one processor"
-SLOW: Final = "it is the work of one processor, and the goal is that of a quiet machine"
+TOOL: Final = "the time is spent importing Python modules and reading files, on one core"
+SLOW: Final = "the work runs on one core, and the goal assumes an idle machine"
 DELIVERY: Final = (
-    "the dummy's step takes 2 to 4 µs, as much as two system calls. A loop with three groups that "
-    "no node receives takes 3 times a bare step, samples and packing 1 more, and each of three "
-    "deliveries wakes a thread: 2 to 4 µs, through DDS 6 to 20. That is within 1.25 where a step "
-    "takes 50 µs and all nodes are in one process, or 75 µs in processes of their own"
+    "a step of the dummy takes 2 to 4 µs, as long as two system calls. The loop takes 3 times as "
+    "long as a bare step if no node receives its three groups; sampling and packing add another "
+    "step. Each of the three deliveries wakes a thread, which takes 2 to 4 µs, or 6 to 20 µs "
+    "through DDS. The ratio is below 1.25 if a step takes at least 50 µs with all nodes in one "
+    "process, or 75 µs with one process per node"
 )
 
 PACED: Final = (
-    "without a pace steps run in warm caches; a loop that only sleeps and calls `mj_step` takes "
-    "many times its own steps, too: `bare_loop_over_its_steps_alone` in `simulator.json`, 21 on a "
-    "busy machine"
+    "steps that are not paced run with warm caches; even a loop that only sleeps and calls "
+    "`mj_step` takes many times as long as its steps: see `bare_loop_over_its_steps_alone` in "
+    "`simulator.json`, 21 on a busy machine"
 )
 BRING_UP: Final = (
-    "the moment of the controller's first tick decides, and is known to 1 ms; two real runs differ "
-    "by as much (`lockstep_truth.json`)"
+    "the result depends on the time of the controller's first tick, which is known to 1 ms only; "
+    "two real runs differ by as much (`lockstep_truth.json`)"
 )
 
 LOOP: Final = (
     Goal(
-        what="CPU of three nodes at 1 kHz, a process each, to rclpy's SingleThreadedExecutor",
+        what="CPU of three 1 kHz nodes, one process each, relative to SingleThreadedExecutor",
         most=0.33,
         figure=ratio("separate", "cpu_percent"),
         why=WAKE,
     ),
-    Goal(what="the same, next goal", most=0.2, figure=ratio("separate", "cpu_percent"), why=WAKE),
+    Goal(
+        what="the same, revised goal",
+        most=0.2,
+        figure=ratio("separate", "cpu_percent"),
+        why=WAKE,
+    ),
     Goal(
         what="the same, composed in one process",
         most=0.12,
@@ -204,35 +208,35 @@ LOOP: Final = (
         why=COMPOSED,
     ),
     Goal(
-        what="the same, composed, next goal",
+        what="the same, composed, revised goal",
         most=0.15,
         figure=ratio("composed", "cpu_percent"),
         why=COMPOSED,
     ),
     Goal(
-        what="lateness of ticks p99, a process each, to the same",
+        what="p99 lateness of ticks, one process per node, relative to SingleThreadedExecutor",
         most=0.15,
         figure=ratio("separate", "late_p99_us"),
         why=LATE,
     ),
     Goal(
-        what="the same, next goal",
+        what="the same, revised goal",
         most=0.12,
         figure=ratio("separate", "late_p99_us"),
         why=LATE,
     ),
     Goal(
-        what="latency from sensor to command p50, a process each",
+        what="p50 latency from sensor to command, one process per node",
         most=0.3,
         unit=" ms",
         figure=lambda results: float(
             loop(results, "separate")["figures"]["latency_p50_ms"]["median"]
         ),
-        why="each node publishes from its own timer, so a value waits for the next tick of the "
-        "estimator, and of the controller",
+        why="the controller ticks a quarter of a period after the sensor, so that the estimate is "
+        "there in time; the rest is the time that its command takes to wake the simulator",
     ),
     Goal(
-        what="1 kHz kept by the slowest node, a process each",
+        what="share of 1 kHz that the slowest node achieves, one process per node",
         least=99.8,
         unit=" %",
         figure=kept("separate", 1000),
@@ -246,21 +250,21 @@ LOOP: Final = (
         why=LATE,
     ),
     Goal(
-        what="2 kHz kept, composed",
+        what="share of 2 kHz that the slowest node achieves, composed",
         least=99.8,
         unit=" %",
         figure=kept("composed", 2000),
         why=LATE,
     ),
     Goal(
-        what="CPU of a node's tick, 30 nodes to 3, a process each",
+        what="CPU per tick of 30 nodes relative to 3 nodes, one process per node",
         most=1.2,
         figure=per_node("separate"),
-        why="30 processes share two processors and their caches",
+        why="30 processes share two cores and their caches",
     ),
     Goal(what="the same, composed", most=1.2, figure=per_node("composed")),
     Goal(
-        what="rates kept by the dummy stack while `obk monitor` watches and services are called",
+        what="share of its rates that the dummy achieves while `obk monitor` and services run",
         least=99.8,
         unit=" %",
         figure=watched("separate"),
@@ -268,7 +272,7 @@ LOOP: Final = (
     ),
     Goal(what="the same, composed", least=99.8, unit=" %", figure=watched("composed"), why=WATCHED),
     Goal(
-        what="the slowest rate watched to the slowest of the stack alone, a process each",
+        what="slowest rate while monitored, relative to unmonitored, one process per node",
         least=0.998,
         figure=at("watched", "watched_to_alone", "separate"),
         why=WATCHED,
@@ -283,30 +287,30 @@ LOOP: Final = (
 
 SIMULATOR: Final = (
     Goal(
-        what="the simulator's loop to bare `mj_step`, no sensors",
+        what="the simulator's loop relative to bare `mj_step`, no sensors",
         most=1.1,
         figure=at("simulator", "cost", "no_sensors_over_mj_step"),
     ),
     Goal(
-        what="the same, three groups at every step, heard in the same process",
+        what="the same, three groups at every step, received in the same process",
         most=1.25,
         figure=at("simulator", "cost", "three_groups_heard_in_process_over_mj_step"),
         why=DELIVERY,
     ),
     Goal(
-        what="the same, next goal",
+        what="the same, revised goal",
         most=5.0,
         figure=at("simulator", "cost", "three_groups_heard_in_process_over_mj_step"),
         why=DELIVERY,
     ),
     Goal(
-        what="the same, heard by another process of the run",
+        what="the same, received by another process of the run",
         most=5.0,
         figure=at("simulator", "cost", "three_groups_heard_in_run_over_mj_step"),
         why=DELIVERY,
     ),
     Goal(
-        what="the same, heard by a foreign node through DDS",
+        what="the same, received by a foreign node through DDS",
         most=5.0,
         figure=at("simulator", "cost", "three_groups_heard_by_foreign_node_over_mj_step"),
         why=DELIVERY,
@@ -316,32 +320,32 @@ SIMULATOR: Final = (
         least=0.998,
         most=1.002,
         figure=at("simulator", "realtime", "realtime_factor"),
-        why="the machine was too busy to take all steps",
+        why="the machine was too busy to keep up with all steps",
     ),
     Goal(
-        what="lateness of steps p99",
+        what="p99 lateness of steps",
         most=300,
         unit=" µs",
         figure=at("simulator", "realtime", "late_us", "p99"),
         why=LATE,
     ),
     Goal(
-        what="CPU at real time to that of the same work without a pace",
+        what="CPU at real time, relative to the same work without pacing",
         most=1.3,
         figure=at("simulator", "realtime", "cpu_over_the_work_alone"),
         why=PACED,
     ),
     Goal(
-        what="the same, next goal",
+        what="the same, revised goal",
         most=3.0,
         figure=at("simulator", "realtime", "cpu_over_the_work_alone"),
         why=PACED,
     ),
     Goal(
-        what="CPU at real time to that of a loop of `sleep` and `mj_step` at real time",
+        what="CPU at real time, relative to a loop of `sleep` and `mj_step` at real time",
         most=3.0,
         figure=at("simulator", "realtime", "cpu_over_a_bare_loop"),
-        why="four sensor groups and a loop in Python that is not in the caches when it wakes up",
+        why="four sensor groups, and a Python loop that is no longer cached when it wakes up",
     ),
     Goal(
         what="publishing `ObkJointEncoders` of 30 joints",
@@ -367,7 +371,7 @@ TOOLS: Final = (
         why=TOOL,
     ),
     Goal(
-        what="the same to `check-jsonschema`",
+        what="the same, relative to `check-jsonschema`",
         most=1.0,
         figure=at("tool", "obk over check-jsonschema", "dummy"),
         why=TOOL,
@@ -387,22 +391,23 @@ TOOLS: Final = (
         why=TOOL,
     ),
     Goal(
-        what="the slowest of `obk topic list` and `info`, `node`, `param`, `service list`",
+        what="slowest of `obk topic list` and `info`, `node`, `param`, `service list`",
         most=0.5,
         unit=" s",
         figure=lambda results: slowest_look(results["looking"]["commands"], has_messages=False),
         why=TOOL,
     ),
     Goal(
-        what="the slowest of `obk topic echo`, `hz`, `delay`, `pub` and `service call`",
+        what="slowest of `obk topic echo`, `hz`, `delay`, `pub` and `service call`",
         most=1.0,
         unit=" s",
         figure=lambda results: slowest_look(results["looking"]["commands"], has_messages=True),
-        why="a participant of its own has to find the robot before it may speak; who moves a robot "
-        "is to be recognizable in the graph, so the launcher's node does not publish in its place",
+        why="the command starts its own participant, which must discover the robot before it "
+        "publishes. The launcher's node does not publish for it, because the graph must show which "
+        "process moves a robot",
     ),
     Goal(
-        what="`obk launch` of the dummy to all active",
+        what="`obk launch` of the dummy until all nodes are active",
         most=1.0,
         unit=" s",
         figure=at("launches", "up_s", "median"),
@@ -415,12 +420,14 @@ TOOLS: Final = (
         figure=at("launches", "thirty_up_s", "median"),
         why=STARTS,
     ),
-    Goal(what="its end", most=1.0, unit=" s", figure=at("launches", "down_s", "median")),
     Goal(
-        what="launches that failed, processes and files that launches and kills left",
+        what="shutdown of the dummy", most=1.0, unit=" s", figure=at("launches", "down_s", "median")
+    ),
+    Goal(
+        what="failed launches, and processes and files left by launches and kills",
         most=0,
         figure=launch_faults,
-        why="`launches.json` names them",
+        why="see `launches.json`",
     ),
 )
 
@@ -429,18 +436,18 @@ LOCKSTEP_ROWS: Final = (
     ("the same, of the arm", 9, " x real time", "factors.arm.best"),
     ("the same, of the quadruped", 4.5, " x real time", "factors.quadruped.best"),
     ("the same, of 31 nodes at 1 kHz", 1.9, " x real time", "factors.many.best"),
-    ("5 s trials of the dummy per minute", 130, "", "trials.dummy.per_minute"),
+    ("trials of 5 s per minute, of the dummy", 130, "", "trials.dummy.per_minute"),
     ("the same, of the arm", 90, "", "trials.arm.per_minute"),
     ("the same, of the quadruped", 48, "", "trials.quadruped.per_minute"),
 )
-"""What is measured, at least how much, its unit, and its place in the results."""
+"""What is measured, the lower limit, the unit, and the path in the results."""
 LOCKSTEP: Final = (
     *(
         Goal(what=what, least=least, unit=unit, figure=at("lockstep", *path.split(".")), why=SLOW)
         for what, least, unit, path in LOCKSTEP_ROWS
     ),
     Goal(
-        what="start of a further trial",
+        what="startup of a further trial",
         most=60,
         unit=" ms",
         figure=at("lockstep", "start", "further_ms"),
@@ -465,21 +472,21 @@ LOCKSTEP: Final = (
         unit=" MB",
         figure=at("lockstep", "memory", "most_mb"),
     ),
-    Goal(what="what a trial adds to it", most=0.4, unit=" MB", figure=growth_of_a_trial),
+    Goal(what="memory that each trial adds", most=0.4, unit=" MB", figure=growth_of_a_trial),
     Goal(
-        what="digests of an example over five runs and four processes",
+        what="different digests of an example in five runs and four processes",
         most=1,
         figure=digests,
     ),
     Goal(
-        what="quadruped with measured bring-up to a real run, rms",
+        what="rms distance of the quadruped with measured bring-up from a real run",
         most=1.0,
         unit=" mrad",
         figure=modelled("rms_mrad"),
         why=BRING_UP,
     ),
     Goal(
-        what="the same, greatest",
+        what="the same, maximum",
         most=4.0,
         unit=" mrad",
         figure=modelled("max_mrad"),

@@ -1,11 +1,11 @@
-"""Launches and ends the dummy stack again and again, and looks for what is left behind.
+"""Launch and stop the dummy stack repeatedly, and check for leftovers.
 
     python -m benchmarks.launches [--rounds N] [--kills N] [--large N]
 
-Each round brings the stack to active and down again, a few of them one of thirty nodes; each kill
-ends the launcher by SIGKILL at a random moment of the bring-up. Afterwards no process of a round
-and no file of ours in shared memory may be there. Times and leftovers go to
-`benchmarks/results/launches.json`; exit code 1 when anything failed or was left.
+Each round activates the stack and shuts it down; a few rounds do so with thirty nodes. Each kill
+sends SIGKILL to the launcher at a random time during bring-up. No process of a round and none of
+its files in shared memory may be left. Times and leftovers go to
+`benchmarks/results/launches.json`; exit code 1 if anything failed or was left.
 """
 
 import argparse
@@ -31,17 +31,17 @@ OBK = Path(sys.executable).with_name("obk")
 DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 DUMMY_NEW = DUMMY.with_name("dummy_new.yaml")
 SPARE = {"control": 14, "estimation": 13}
-"""Section -> nodes beside those of the dummy, thirty in all."""
+"""Section -> nodes in addition to those of the dummy, thirty in all."""
 RESULT = ROOT / "benchmarks" / "results" / "launches.json"
 SHARED_MEMORY = Path("/dev/shm")
 MARK = "OBK_LAUNCHES_BENCHMARK"
 GONE_S = 2.0
-"""Within which nothing may be left after a kill [s]."""
+"""Time after a kill by which no process may be left [s]."""
 
 
 @dataclass
 class Tally:
-    """What was seen."""
+    """Times and faults of all launches."""
 
     up_s: list[float] = field(default_factory=list)
     thirty_up_s: list[float] = field(default_factory=list)
@@ -51,7 +51,7 @@ class Tally:
 
 
 def thirty_nodes(folder: Path) -> Path:
-    """Write the config of the dummy and 27 nodes more at 100 Hz; its path."""
+    """Write a config of the dummy with 27 more nodes at 100 Hz; return its path."""
     dummy = yaml.safe_load(DUMMY_NEW.read_text(encoding="utf-8"))
     dummy["robot"]["sim"]["model_xml_path"] = str(DUMMY_NEW.with_name("dummy.xml"))
     dummy["control"]["params_path"] = str(DUMMY_NEW.with_name("dummy_params.txt"))
@@ -69,40 +69,40 @@ def thirty_nodes(folder: Path) -> Path:
 
 
 def main() -> int:
-    """Run all rounds."""
+    """Run all rounds and kills."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=100)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--large", type=int, default=5, help="launches of thirty nodes")
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     before = set(SHARED_MEMORY.iterdir())
     tally, stolen = Tally(), StolenTime()
     with tempfile.TemporaryDirectory(prefix="obk-launches-") as home:
         environment = {**os.environ, "OBK_HOME": home, MARK: home}
         thirty = thirty_nodes(Path(home))
-        for number in range(asked.rounds):
+        for number in range(arguments.rounds):
             launch_and_end(DUMMY, environment, tally, tally.up_s)
-            print(f"\r{number + 1} of {asked.rounds} rounds", end="", flush=True)
-        for number in range(asked.large):
+            print(f"\r{number + 1} of {arguments.rounds} rounds", end="", flush=True)
+        for number in range(arguments.large):
             launch_and_end(thirty, environment, tally, tally.thirty_up_s)
-            print(f"\r{number + 1} of {asked.large} of thirty nodes", end="", flush=True)
-        moments = random.Random(asked.seed)
-        for number in range(asked.kills):
+            print(f"\r{number + 1} of {arguments.large} of thirty nodes", end="", flush=True)
+        moments = random.Random(arguments.seed)
+        for number in range(arguments.kills):
             kill_during_bring_up(environment, moments.uniform(0.0, 2.0), tally)
-            print(f"\r{number + 1} of {asked.kills} kills   ", end="", flush=True)
+            print(f"\r{number + 1} of {arguments.kills} kills   ", end="", flush=True)
     stolen_percent = stolen.percent()
     tally.left_over += unused_files(before)
     print()
     warn_of_stolen_time(stolen_percent)
-    return report(tally, asked, stolen_percent)
+    return report(tally, arguments, stolen_percent)
 
 
 def launch_and_end(
     config: Path, environment: dict[str, str], tally: Tally, up_s: list[float]
 ) -> None:
-    """One launch to active, one SIGINT."""
-    begin = time.monotonic()
+    """Launch until active, then send SIGINT."""
+    start = time.monotonic()
     process = subprocess.Popen(
         [OBK, "launch", config, "--format", "json", "--quiet"],
         env=environment,
@@ -116,18 +116,18 @@ def launch_and_end(
             lines.append(line)
             event = json.loads(line)
             if event["event"] == "Phase" and event["name"] == "active":
-                up_s.append(time.monotonic() - begin)
-                begin = time.monotonic()
+                up_s.append(time.monotonic() - start)
+                start = time.monotonic()
                 process.send_signal(2)
     if process.wait() != 0:
         tally.failed.append(lines[-1] if lines else "no output")
     elif config == DUMMY:
-        tally.down_s.append(time.monotonic() - begin)
+        tally.down_s.append(time.monotonic() - start)
     note_processes(environment, tally, 0.0)
 
 
 def kill_during_bring_up(environment: dict[str, str], after_s: float, tally: Tally) -> None:
-    """One launch whose launcher is killed."""
+    """Launch and kill the launcher during bring-up."""
     process = subprocess.Popen(
         [OBK, "launch", DUMMY, "--quiet"], env=environment, stdout=subprocess.DEVNULL
     )
@@ -138,7 +138,7 @@ def kill_during_bring_up(environment: dict[str, str], after_s: float, tally: Tal
 
 
 def note_processes(environment: dict[str, str], tally: Tally, within_s: float) -> None:
-    """Note processes of ours that are there after a while."""
+    """Record processes of the benchmark that are still running after a while."""
     end = time.monotonic() + within_s
     while (found := marked(environment[MARK])) and time.monotonic() < end:
         time.sleep(0.02)
@@ -146,7 +146,7 @@ def note_processes(environment: dict[str, str], tally: Tally, within_s: float) -
 
 
 def marked(mark: str) -> list[str]:
-    """The processes, this one aside, that carry the mark in their environment."""
+    """Processes other than this one that have the mark in their environment."""
     found = []
     for process in psutil.process_iter():
         try:
@@ -159,27 +159,27 @@ def marked(mark: str) -> list[str]:
 
 
 def unused_files(before: set[Path]) -> list[str]:
-    """New files in shared memory that no process has; those of stacks beside this one are used."""
+    """New files in shared memory that no process uses; other running stacks use theirs."""
     new = {str(path) for path in set(SHARED_MEMORY.iterdir()) - before}
     used = set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
         try:
             text = maps.read_text()
-        except OSError:  # ended meanwhile, or another user's
+        except OSError:  # the process has ended, or belongs to another user
             continue
         used |= {path for path in new if path in text}
-    # The small files beside a segment or a port are open in those that have it, and not mapped.
+    # The small files next to a segment or a port are open but not mapped.
     stems = {Path(path).name.removesuffix("_el").removesuffix("_sl") for path in used}
     return sorted(path for path in new if not any(stem in path for stem in stems))
 
 
-def report(tally: Tally, asked: argparse.Namespace, stolen_percent: float) -> int:
-    """Print the figures and write them down."""
+def report(tally: Tally, arguments: argparse.Namespace, stolen_percent: float) -> int:
+    """Print and write the results."""
     figures = {
         "machine": f"{platform.machine()}, {os.cpu_count()} processors",
         "stolen_percent": stolen_percent,
-        "rounds": asked.rounds,
-        "kills": asked.kills,
+        "rounds": arguments.rounds,
+        "kills": arguments.kills,
         "up_s": spread(tally.up_s),
         "thirty_up_s": spread(tally.thirty_up_s),
         "down_s": spread(tally.down_s),
@@ -193,7 +193,7 @@ def report(tally: Tally, asked: argparse.Namespace, stolen_percent: float) -> in
 
 
 def spread(values: list[float]) -> dict[str, float]:
-    """Least, median and greatest."""
+    """Minimum, median and maximum."""
     return {
         "min": round(min(values, default=0.0), 3),
         "median": round(statistics.median(values or [0.0]), 3),

@@ -1,17 +1,17 @@
-"""What lock-step runs cost: real-time factors, trials per minute, start, memory, and their digests.
+"""Measure what lock-step runs cost, and check that they are deterministic.
 
     python -m benchmarks.lockstep [--only PART...] [--rounds N] [--trials N]
 
-Everything is recorded, as in a test, and seconds are processor time of the whole process, which
-other work on the machine disturbs least. Each part runs in a process of its own.
+Everything is recorded, as in a test. Seconds are CPU time of the whole process unless noted, which
+other load on the machine disturbs least. Each part runs in its own process.
 
-- factors: simulated seconds per second of processor time of the three examples, and of 31 nodes at
-  1 kHz each; the best of some rounds, and all of them.
-- trials: trials of 5 s per minute, with their nodes, in a warm process.
-- start: of a further trial of the arm, until its nodes are active, and its end.
+- factors: simulated seconds per second of CPU time, of the three examples and of 31 nodes at 1 kHz
+  each; the best round, and all rounds.
+- trials: trials of 5 s per minute in a warm process, including the creation of their nodes.
+- start: startup of a further trial of the arm until its nodes are active, and its shutdown.
 - memory: resident memory during 200 trials of the arm.
-- cold: seconds of `obk test` of one run of 5 s, and of the tests of `examples/arm`.
-- digests: of five runs in one process and of one in each of three with other hash seeds.
+- cold: wall time of `obk test` with one run of 5 s, and of the tests of `examples/arm`.
+- digests: digests of five runs in one process, and in each of three with other hash seeds.
 
 Writes `benchmarks/results/lockstep.json`; exit code 1 if digests differ.
 """
@@ -47,7 +47,7 @@ EXAMPLES: Final = {
     "quadruped": ROOT / "examples" / "quadruped" / "quadruped.yaml",
 }
 LOOPS: Final = 15
-"""Pairs of a controller and an estimator beside the simulator of the many nodes."""
+"""Pairs of a controller and an estimator in the config of many nodes, next to one simulator."""
 SETTINGS: Final = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
     "OMP_NUM_THREADS": "1",
@@ -60,7 +60,7 @@ MB: Final = 1e6
 
 
 def many_nodes() -> Path:
-    """Write the config of 31 nodes at 1 kHz: the dummy with 15 controllers and estimators."""
+    """Write a config of 31 nodes at 1 kHz: the dummy with 15 controllers and estimators."""
     dummy = yaml.safe_load(EXAMPLES["dummy"].read_text(encoding="utf-8"))
     control, estimation = dummy["control"], dummy["estimation"]
     dummy["robot"]["sim"]["model_xml_path"] = str(EXAMPLES["dummy"].with_name("dummy.xml"))
@@ -82,14 +82,14 @@ def many_nodes() -> Path:
     return path
 
 
-def factors(asked: argparse.Namespace) -> dict[str, Any]:
-    """Simulated seconds per second of processor time."""
+def factors(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Simulated seconds per second of CPU time."""
     found: dict[str, Any] = {}
     for name, config in {**EXAMPLES, "many": many_nodes()}.items():
         duration_s = 1.0 if name == "many" else 3.0
         stack = load_stack(config)
         rounds = []
-        for seed in range(asked.rounds):
+        for seed in range(arguments.rounds):
             with StackTrial(stack, seed=seed) as trial:
                 rounds.append(duration_s / used_s(lambda t=trial, d=duration_s: t.run(d)))
         stack.close()
@@ -97,28 +97,30 @@ def factors(asked: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-def trials(asked: argparse.Namespace) -> dict[str, Any]:
-    """Trials of 5 s per minute of processor time, from making the nodes to their end."""
+def trials(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Trials of 5 s per minute of CPU time, including startup and shutdown of the nodes."""
     found: dict[str, Any] = {}
     for name, config in EXAMPLES.items():
         stack = load_stack(config)
-        seconds = [used_s(lambda s=stack: whole_trial(s, TRIAL_S)) for _ in range(asked.rounds + 1)]
+        seconds = [
+            used_s(lambda s=stack: whole_trial(s, TRIAL_S)) for _ in range(arguments.rounds + 1)
+        ]
         stack.close()
         found[name] = {"per_minute": round(60 / min(seconds[1:]), 1)}
     return found
 
 
-def start(_asked: argparse.Namespace) -> dict[str, Any]:
-    """Processor time until the nodes of a further trial of the arm are active, and of its end."""
+def start(_arguments: argparse.Namespace) -> dict[str, Any]:
+    """CPU time to activate the nodes of a further trial of the arm, and to shut it down."""
     stack, starts, ends = load_stack(EXAMPLES["arm"]), [], []
     for seed in range(40):
-        begin_s = time.process_time()
+        start_s = time.process_time()
         trial = StackTrial(stack, seed=seed)
         active_s = time.process_time()
         trial.run(0.01)
         over_s = time.process_time()
         trial.close()
-        starts.append(1e3 * (active_s - begin_s))
+        starts.append(1e3 * (active_s - start_s))
         ends.append(1e3 * (time.process_time() - over_s))
     stack.close()
     return {
@@ -128,23 +130,23 @@ def start(_asked: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def memory(asked: argparse.Namespace) -> dict[str, Any]:
+def memory(arguments: argparse.Namespace) -> dict[str, Any]:
     """Resident memory [MB] during trials of the arm."""
     stack, process, sizes = load_stack(EXAMPLES["arm"]), psutil.Process(), []
-    for _ in range(asked.trials):
+    for _ in range(arguments.trials):
         whole_trial(stack, SHORT_S)
         sizes.append(process.memory_info().rss / MB)
     stack.close()
     return {
-        "trials": asked.trials,
+        "trials": arguments.trials,
         "first_mb": round(sizes[0], 1),
         "last_mb": round(sizes[-1], 1),
         "most_mb": round(max(sizes), 1),
     }
 
 
-def digests(_asked: argparse.Namespace) -> dict[str, Any]:
-    """The digest of each example, of five runs."""
+def digests(_arguments: argparse.Namespace) -> dict[str, Any]:
+    """The different digests of five runs of each example."""
     found: dict[str, Any] = {}
     for name, config in EXAMPLES.items():
         stack = load_stack(config)
@@ -153,8 +155,8 @@ def digests(_asked: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-def cold(_asked: argparse.Namespace) -> dict[str, Any]:
-    """Wall time of whole commands [s], the least of two."""
+def cold(_arguments: argparse.Namespace) -> dict[str, Any]:
+    """Wall time of whole commands [s], the faster of two runs."""
     with tempfile.TemporaryDirectory(prefix="obk-cold-") as folder:
         test, config = Path(folder) / "test_one_run.py", str(EXAMPLES["dummy"])
         test.write_text(
@@ -170,10 +172,10 @@ def cold(_asked: argparse.Namespace) -> dict[str, Any]:
 
 
 def obk_test_s(words: list[str]) -> float:
-    """Wall time of one `obk test` [s]."""
-    begin_s = time.monotonic()
+    """Wall time of one `obk test` command [s]."""
+    start_s = time.monotonic()
     subprocess.run([OBK, "test", *words], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
-    return round(time.monotonic() - begin_s, 2)
+    return round(time.monotonic() - start_s, 2)
 
 
 PARTS: Final[dict[str, Callable[[argparse.Namespace], dict[str, Any]]]] = {
@@ -187,21 +189,21 @@ PARTS: Final[dict[str, Callable[[argparse.Namespace], dict[str, Any]]]] = {
 
 
 def used_s(call: Callable[[], object]) -> float:
-    """Processor time of this process in a call [s]."""
-    begin_s = time.process_time()
+    """CPU time that this process uses in a call [s]."""
+    start_s = time.process_time()
     call()
-    return time.process_time() - begin_s
+    return time.process_time() - start_s
 
 
 def whole_trial(stack: Any, duration_s: float) -> str:
-    """Make a trial, run and end it; returns its digest."""
+    """Create, run and close a trial; return its digest."""
     with StackTrial(stack, seed=1) as trial:
         return str(trial.run(duration_s).digest())
 
 
-def in_a_process(part: str, asked: argparse.Namespace, hash_seed: int) -> dict[str, Any]:
-    """Run a part in a process of its own."""
-    words = ["--part", part, "--rounds", str(asked.rounds), "--trials", str(asked.trials)]
+def in_a_process(part: str, arguments: argparse.Namespace, hash_seed: int) -> dict[str, Any]:
+    """Run a part in its own process."""
+    words = ["--part", part, "--rounds", str(arguments.rounds), "--trials", str(arguments.trials)]
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.lockstep", *words],
         cwd=ROOT,
@@ -215,7 +217,7 @@ def in_a_process(part: str, asked: argparse.Namespace, hash_seed: int) -> dict[s
 
 
 def options() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(prog="benchmarks.lockstep")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--rounds", type=int, default=4)
@@ -226,18 +228,18 @@ def options() -> argparse.Namespace:
 
 def main() -> int:
     """Run the parts, write the results and compare the digests."""
-    asked = options()
-    if asked.part is not None:
+    arguments = options()
+    if arguments.part is not None:
         with intercepted():
-            print(json.dumps(PARTS[asked.part](asked)))
+            print(json.dumps(PARTS[arguments.part](arguments)))
         return 0
     stolen = StolenTime()
     result: dict[str, Any] = json.loads(RESULT.read_text()) if RESULT.exists() else {}
     same = True
-    for part in asked.only:
-        result[part] = in_a_process(part, asked, 0)
+    for part in arguments.only:
+        result[part] = in_a_process(part, arguments, 0)
         if part == "digests":
-            found = [result[part], *(in_a_process(part, asked, seed) for seed in (1, 2, 3))]
+            found = [result[part], *(in_a_process(part, arguments, seed) for seed in (1, 2, 3))]
             sets = {name: {d for each in found for d in each[name]} for name in EXAMPLES}
             result[part] = {name: sorted(each) for name, each in sets.items()}
             same = all(len(each) == 1 for each in sets.values())

@@ -1,4 +1,4 @@
-"""How near lock-step comes to real runs of the quadruped.
+"""Measure how closely lock-step runs match real runs of the quadruped.
 
     python -m benchmarks.lockstep_truth [--runs N] [--seconds S]
 
@@ -6,14 +6,14 @@ Launches the example several times in real time, records its encoders, and compa
 of the first seconds with lock-step runs, at equal simulated times:
 
 - ideal: nothing takes time, all nodes are active at time 0;
-- measured: nodes become active when the events of the real run have it, messages take 1 or 2 ms;
-- fitted: the controller becomes active when it fits the real run best, messages take 1 ms;
-- varied: schedules that seeds 1 to 3 draw.
+- measured: nodes are activated at the times of the real run, messages take 1 or 2 ms;
+- fitted: the controller is activated when it fits the real run best, messages take 1 ms;
+- varied: random schedules with seeds 1 to 3.
 
-Two real runs compared with each other are the measure of what can be reached. Writes
+The distance between two real runs is the best that lock-step can achieve. Writes
 `benchmarks/results/lockstep_truth.json` and `lockstep_truth.svg`; exit code 1 if no run with
-measured bring-up reaches the goal. Nodes report the simulated time of their activation; on a busy
-machine their first ticks, and the first steps of the simulator, come late.
+measured bring-up meets the goal. Nodes report the simulated time of their activation; on a busy
+machine their first ticks and the first steps of the simulator are late.
 """
 
 import argparse
@@ -50,12 +50,12 @@ TOPIC: Final = "/quadruped/encoders"
 LATENCIES_S: Final = (0.001, 0.002)
 SEEDS: Final = (1, 2, 3)
 FITTED_S: Final = tuple(number / 1000 for number in range(2, 61, 2))
-"""Activations of the controller that are tried [s]."""
+"""Activation times of the controller to try [s]."""
 ESTIMATOR_EARLIER_S: Final = 0.008
 GOAL_RMS_MRAD: Final = 1.0
 GOAL_MAX_MRAD: Final = 4.0
 LAUNCH_MORE_S: Final = 1.0
-"""A launch lasts longer than what is compared, as its simulation may fall behind [s]."""
+"""Extra duration of a launch, because its simulation may fall behind [s]."""
 STYLE: Final[Any] = {"svg.hashsalt": "obelisk", "svg.fonttype": "none"}
 FITTED: Final = "real, fitted bring-up"
 SHOWN: Final = "measured bring-up"
@@ -64,24 +64,24 @@ SHOWN_JOINT: Final = "fl_knee"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Angles:
-    """The joints of a run by simulated time."""
+    """The joint angles of a run over simulated time."""
 
     time_us: NDArray[np.int64]
     joints: NDArray[np.float64]
-    """[rad], a row for each time."""
+    """[rad], one row per time."""
     names: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distance:
-    """How far the joints of two runs are apart."""
+    """The distance between the joint angles of two runs."""
 
     rms_mrad: float
     max_mrad: float
 
 
 def angles_of(messages: Iterable[Any], seconds: float) -> Angles:
-    """The joint angles in encoder messages, by their stamps."""
+    """Extract the joint angles from encoder messages, ordered by their stamps."""
     rows: dict[int, Sequence[float]] = {}
     names: Sequence[str] = ()
     for message in messages:
@@ -97,7 +97,7 @@ def angles_of(messages: Iterable[Any], seconds: float) -> Angles:
 
 
 def distance(one: Angles, other: Angles) -> Distance:
-    """How far two runs are apart, at the times that both have."""
+    """The distance between two runs, at the times that both have."""
     common, mine, others = np.intersect1d(one.time_us, other.time_us, return_indices=True)
     assert len(common) > 100, "the runs have no times in common"
     apart = np.abs(one.joints[mine] - other.joints[others]) * 1e3
@@ -105,7 +105,7 @@ def distance(one: Angles, other: Angles) -> Distance:
 
 
 def launch(folder: Path, seconds: float) -> tuple[Path, Angles]:
-    """Run the real stack; returns its folder and its joints."""
+    """Run the real stack; return its folder and its joint angles."""
     home = folder / "home"
     before = set(home.glob("runs/quadruped_*"))
     environment = {**os.environ, "OBK_HOME": str(home), "ROS_DOMAIN_ID": "98"}
@@ -128,7 +128,7 @@ def simulate(stack: LoadedStack, schedule: Schedule, seconds: float, seed: int =
 
 
 def mean(distances: Sequence[Distance]) -> dict[str, float]:
-    """The mean over runs of both measures."""
+    """The mean of both measures over all runs."""
     return {
         name: round(statistics.fmean(getattr(each, name) for each in distances), 3)
         for name in ("rms_mrad", "max_mrad")
@@ -136,7 +136,7 @@ def mean(distances: Sequence[Distance]) -> dict[str, float]:
 
 
 def measure(folder: Path, runs: int, seconds: float) -> tuple[dict[str, Any], Mapping[str, Angles]]:
-    """All comparisons, and the runs of the picture."""
+    """Make all comparisons; return the result and the runs to plot."""
     stolen = StolenTime()
     real = [launch(folder, seconds) for _ in range(runs)]
     stolen_percent = stolen.percent()
@@ -206,7 +206,7 @@ def _modelled(latency_s: float) -> str:
 
 
 def draw(shown: Mapping[str, Angles], path: Path) -> None:
-    """One joint of the runs, and how far lock-step is from the real one."""
+    """Plot one joint of the runs, and the distance of lock-step from the real run."""
     import matplotlib as mpl
 
     mpl.use("svg")
@@ -241,7 +241,7 @@ def draw(shown: Mapping[str, Angles], path: Path) -> None:
 
 
 def main() -> int:
-    """Measure, print, keep."""
+    """Measure, print and write the result."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.lockstep_truth",
         description=__doc__,

@@ -1,11 +1,12 @@
-"""What it costs to look into a running stack: how long commands take, how much the counting takes.
+"""Measure commands that inspect a running stack, and the cost of counting messages.
 
     python -m benchmarks.looking [--runs N] [--topics N] [--rate HZ] [--seconds S]
 
-Each command runs N times, cold, against the dummy stack; its seconds are medians. Then one process
-publishes on many quick topics and `obk topic hz` counts them: its share of a core, and what it
-counted held against what was published. Goes to `benchmarks/results/looking.json`. Exit code 1 when
-messages are neither counted nor reported as lost.
+Runs each command N times in a new process, on the dummy stack, and takes the median duration. Then
+one process publishes on many topics at a high rate and `obk topic hz` counts the messages. The
+result has the CPU use of `obk topic hz`, and how many messages it counted and were published. It
+goes to `benchmarks/results/looking.json`. Exit code 1 if messages are neither counted nor reported
+as lost.
 """
 
 import argparse
@@ -33,9 +34,9 @@ DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 RESULT = ROOT / "benchmarks" / "results" / "looking.json"
 DOMAIN = "98"
 START_S = 60.0
-"""In which the stack has to be active [s]."""
-TOLD_S = 2.5
-"""In which `obk topic hz`, which prints its counts once a second, has printed the last [s]."""
+"""Time by which the stack must be active [s]."""
+LAST_COUNT_S = 2.5
+"""Time until `obk topic hz`, which prints its counts once a second, has printed the last [s]."""
 COMMANDS = (
     "topic echo --help",
     "lifecycle get",
@@ -64,7 +65,7 @@ COMPLETION = {
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Of every process here: away from the user's stacks, modules compiled as pip leaves them."""
+    """The environment of every process: isolated from the user's stacks, with compiled modules."""
     inherited = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     return {
         **inherited,
@@ -78,10 +79,10 @@ def environment(folder: Path) -> dict[str, str]:
 
 @contextmanager
 def stack(variables: dict[str, str]) -> Iterator[None]:
-    """The dummy stack, active.
+    """Run the dummy stack; it is active when entered.
 
     Raises:
-        SystemExit: it has not become so in time.
+        SystemExit: the stack did not become active in time.
     """
     launch = subprocess.Popen(
         [OBK, "launch", DUMMY, "--quiet"], env=variables, stdout=subprocess.PIPE, text=True
@@ -101,14 +102,14 @@ def stack(variables: dict[str, str]) -> Iterator[None]:
 
 
 def seconds_of(words: list[str], runs: int, variables: dict[str, str]) -> dict[str, float]:
-    """How long a command takes, and how much of the processor [s]."""
+    """Wall time and CPU time of a command [s]."""
     took, used = [], []
     for run in range(1 + runs):
         before, begin = os.times(), time.monotonic()
         subprocess.run([OBK, *words], env=variables, check=True, capture_output=True, timeout=60)
         seconds = time.monotonic() - begin
         after = os.times()
-        if run == 0:  # it compiles what the others find
+        if run == 0:  # the first run compiles the modules
             continue
         took.append(seconds)
         used.append(
@@ -125,7 +126,7 @@ def seconds_of(words: list[str], runs: int, variables: dict[str, str]) -> dict[s
 
 
 def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, str]) -> dict:
-    """`obk topic hz` on many quick topics."""
+    """Run `obk topic hz` on many topics with a high rate."""
     words = (str(topics), str(rate_hz), str(seconds))
     publisher = subprocess.Popen(
         [sys.executable, ROOT / "benchmarks" / "recording.py", "--publish", *words],
@@ -134,7 +135,7 @@ def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, s
         text=True,
     )
     names = [f"/load/t{number:02}" for number in range(topics)]
-    with tempfile.TemporaryFile("w+") as output:  # a pipe without a reader would hold it up
+    with tempfile.TemporaryFile("w+") as output:  # a pipe without a reader would block it
         counter = psutil.Popen(
             [OBK, "topic", "hz", *names, "--format", "json", "--timeout", "60"],
             env=variables,
@@ -142,7 +143,7 @@ def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, s
         )
         reported = json.loads(publisher.communicate(timeout=seconds * 5 + 60)[0])
         used = counter.cpu_times()
-        time.sleep(TOLD_S)
+        time.sleep(LAST_COUNT_S)
         counter.send_signal(2)
         counter.wait(60)
         output.seek(0)
@@ -155,13 +156,13 @@ def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, s
         "published": reported["each"] * topics,
         "counted": sum(line["count"] for line in last.values()),
         "told_as_lost": sum(line["lost"] for line in last.values()),
-        # Its start and its wait for the publisher are counted too.
+        # Includes its startup and its wait for the publisher.
         "cores": (used.user + used.system) / reported["seconds"],
     }
 
 
 def main() -> int:
-    """Measure, print, keep."""
+    """Measure, print and write the result."""
     import shlex
 
     parser = argparse.ArgumentParser(description=__doc__)

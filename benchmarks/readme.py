@@ -1,4 +1,4 @@
-"""The loop's figures beside rclpy's executors, as the project's README shows them."""
+"""Format the table in the project's README that compares the loop with rclpy's executors."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
@@ -8,19 +8,19 @@ from benchmarks.loop.cases import CONTESTANTS, LAYOUTS, Case
 __all__ = ["BEGIN", "END", "peers_table", "with_table"]
 
 BEGIN: Final = "<!-- written by make bench PART=summary -->"
-END: Final = "<!-- end of what is written -->"
+END: Final = "<!-- end of the generated table -->"
 BARE: Final = "obelisk executor"
-"""Plain nodes on the library's executor: between the peers and what users have, so left out."""
+"""Plain nodes on the library's executor; left out because users do not run them."""
 
 
 def peers_table(loop: Mapping[str, Any]) -> Iterator[str]:
-    """The lines of a Markdown table: a contestant in each.
+    """The lines of a Markdown table, one contestant per line.
 
     Args:
-        loop: what `loop.json` holds.
+        loop: the content of `loop.json`.
     """
     rows = {tuple(row["case"].values()): row for row in loop["cases"] if row["runs"]}
-    yield "| | CPU of a tick, a process each | slowest node | composed in one | slowest node |"
+    yield "| | CPU per tick, one process each | slowest node | composed in one | slowest node |"
     yield "|---|---|---|---|---|"
     for contestant in CONTESTANTS:
         if contestant == BARE:
@@ -43,10 +43,10 @@ def _ratio(value: float) -> str:
 
 
 def with_table(text: str, table: str) -> str:
-    """A document with a table between its marks, in the place of the one before.
+    """Replace the table between the markers of a document.
 
     Raises:
-        ValueError: the marks are not there.
+        ValueError: the markers are missing.
     """
-    begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
-    return f"{text[:begin]}\n\n{table}\n\n{text[end:]}"
+    start, end = text.index(BEGIN) + len(BEGIN), text.index(END)
+    return f"{text[:start]}\n\n{table}\n\n{text[end:]}"

@@ -1,10 +1,10 @@
-"""Compares and exports long recordings: 10 min of four topics at 1 kHz with 12 joints.
+"""Compare and export long recordings: 10 min of four topics at 1 kHz with 12 joints.
 
     python benchmarks/recorded_runs.py [--seconds S]
 
-Writes two recordings, then runs `obk diff` on both and `obk export` on one. Wall time, processor
-time and memory of each go to `benchmarks/results/recorded_runs.json`. Exit code 1 when a command
-takes longer than 30 s, or more than 1 GiB.
+Writes two recordings, then runs `obk diff` on both and `obk export` on one. Wall time, CPU time and
+memory of each go to `benchmarks/results/recorded_runs.json`. Exit code 1 if a command takes longer
+than 30 s or uses more than 1 GiB.
 """
 
 import argparse
@@ -66,21 +66,21 @@ def write(path: Path, seconds: int, seed: int) -> None:
 
 
 def measured(*words: object) -> dict[str, float]:
-    """Time and memory of a command."""
-    begin_s = time.monotonic()
+    """Measure time and memory of a command."""
+    start_s = time.monotonic()
     process = subprocess.Popen([OBK, *map(str, words)], stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     if status:
         raise SystemExit(f"obk {words[0]} failed")
     return {
-        "wall_s": time.monotonic() - begin_s,
+        "wall_s": time.monotonic() - start_s,
         "processor_s": usage.ru_utime + usage.ru_stime,
         "memory_bytes": usage.ru_maxrss * 1024,
     }
 
 
 def main() -> int:
-    """Measure, print, keep."""
+    """Measure, print and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=int, default=600)
     options = parser.parse_args()

@@ -1,10 +1,10 @@
-"""Records many quick topics and counts what is missing from the file.
+"""Record many topics at a high rate and count the messages missing from the file.
 
     python benchmarks/recording.py [--topics N] [--rate HZ] [--seconds S]
 
-One process publishes encoder messages of 12 joints, `obk record` takes them. What was published is
-held against what the file has; losses, the recorder's share of a core and the load of the machine
-go to `benchmarks/results/recording.json`. Exit code 1 when anything was lost.
+One process publishes encoder messages of 12 joints, and `obk record` records them. Published and
+recorded messages, reported losses, the CPU use of the recorder and the load of the machine go to
+`benchmarks/results/recording.json`. Exit code 1 if any message was lost.
 """
 
 import argparse
@@ -26,13 +26,13 @@ OBK = Path(sys.executable).with_name("obk")
 RESULT = ROOT / "benchmarks" / "results" / "recording.json"
 JOINTS = 12
 MATCH_S = 60.0
-"""In which every publisher has to have its listener [s]."""
+"""Time by which every publisher must be matched with a subscription [s]."""
 SETTLE_S = 0.5
-"""From then on, as the listener's side of a match may come later [s]."""
+"""Extra wait after that, because the subscription may be matched later [s]."""
 
 
 def publish(topics: int, rate_hz: float, seconds: float) -> None:
-    """Publish on every topic at the rate, on an absolute schedule; prints the messages of each."""
+    """Publish on all topics on an absolute schedule; print the number of messages per topic."""
     import rclpy
     from obelisk_sensor_msgs.msg import ObkJointEncoders
     from rclpy.publisher import Publisher
@@ -51,21 +51,21 @@ def publish(topics: int, rate_hz: float, seconds: float) -> None:
         time.sleep(0.01)
     time.sleep(SETTLE_S)
     count = round(seconds * rate_hz)
-    begin = time.monotonic()
+    start = time.monotonic()
     for number in range(count):
         message.joint_pos = [number * 1e-3 + joint for joint in range(JOINTS)]
         message.joint_vel = [number * 1e-6 + joint for joint in range(JOINTS)]
         data = serialize_message(message)
         for publisher in publishers:
             publisher.publish(data)
-        time.sleep(max(0.0, begin + (number + 1) / rate_hz - time.monotonic()))
-    took_s = time.monotonic() - begin
+        time.sleep(max(0.0, start + (number + 1) / rate_hz - time.monotonic()))
+    took_s = time.monotonic() - start
     print(json.dumps({"each": count, "seconds": took_s}))
     time.sleep(1.0)
 
 
 def measure(topics: int, rate_hz: float, seconds: float, folder: Path) -> dict[str, object]:
-    """One run of publisher and recorder."""
+    """Run a publisher and a recorder once."""
     path = folder / "load.mcap"
     environment = {
         **os.environ,
@@ -113,7 +113,7 @@ def measure(topics: int, rate_hz: float, seconds: float, folder: Path) -> dict[s
 
 
 def main() -> int:
-    """Measure, print, keep."""
+    """Measure, print and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--topics", type=int, default=20)
     parser.add_argument("--rate", type=float, default=1000.0)

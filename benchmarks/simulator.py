@@ -1,20 +1,20 @@
-"""How exactly the simulator keeps time, and what it costs beyond MuJoCo.
+"""Measure the timing accuracy of the simulator, and its cost on top of MuJoCo.
 
     python -m benchmarks.simulator [--only PART...] [--hour-steps N] [--schedule-s S]
         [--realtime-s S] [--rounds N]
 
 Four parts, on the model and the sensor groups of the dummy example, with real publishers:
 
-- hour: as fast as possible through an hour of simulation time; samples and drift of the stamps.
-- schedule: ten times as fast as the wall clock; drift of the schedule against the clock, but for
-  the time that it gave up because the machine was too slow.
-- realtime: at real time; factor, lateness of the steps, CPU against that of the same work without
-  a pace, and of a loop that does nothing but sleep and call `mj_step`.
-- cost: of stepping over a bare loop of `mj_step`, and of one message of 30 joints. In CPU time of
-  the stepping thread, which other work on the machine disturbs least; parts in alternation. The
-  three groups are heard in the same process, by a node of the same run, and by a foreign node.
+- hour: an hour of simulation time, as fast as possible; samples and drift of the stamps.
+- schedule: ten times as fast as the wall clock; drift of the schedule against the clock, without
+  the time that the simulator skipped because the machine was too slow.
+- realtime: at real time; real-time factor, lateness of the steps, and CPU time relative to the same
+  work without pacing, and to a loop that only sleeps and calls `mj_step`.
+- cost: of a step relative to a bare loop of `mj_step`, and of one message of 30 joints. Measured in
+  CPU time of the stepping thread, which other load disturbs least; the variants alternate. The
+  three groups are received in the same process, by a node of the same run, and by a foreign node.
 
-Writes `benchmarks/results/simulator.json`; exit code 1 where a sample is missing or a stamp is off.
+Writes `benchmarks/results/simulator.json`; exit code 1 if a sample is missing or a stamp is wrong.
 """
 
 import argparse
@@ -38,8 +38,8 @@ import rclpy
 from obelisk_sensor_msgs.msg import ObkImu, ObkJointEncoders
 from rclpy.serialization import deserialize_message
 
-from benchmarks.listener import SOCKETS_VARIABLE, listener, node_of_run
 from benchmarks.stolen import StolenTime, warn_of_stolen_time
+from benchmarks.subscriber import SOCKETS_VARIABLE, node_of_run, subscriber
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.serialization.codec import PackedMessage
@@ -60,18 +60,18 @@ JOINTS = 30
 STEP_NS = 1_000_000
 SCHEDULE_FACTOR = 10
 BARE_SHARE = 6
-"""A bare loop is measured for a sixth of the time."""
-HEARD_S = 20.0
-"""Within which the listeners have to be there [s]."""
+"""A bare loop runs for a sixth of the time."""
+MATCH_S = 20.0
+"""Time by which every topic must have a subscription [s]."""
 
 
 class Counted:
-    """A publisher that counts, and keeps what it sent last."""
+    """A publisher that counts its messages and keeps the last one."""
 
-    def __init__(self, publisher: Any, *, is_always_heard: bool) -> None:
+    def __init__(self, publisher: Any, *, is_always_received: bool) -> None:
         self._publish = publisher.publish
         self.get_subscription_count = publisher.get_subscription_count
-        if is_always_heard:
+        if is_always_received:
             self.get_subscription_count = lambda: 1
         self.count = 0
         self.newest = b""
@@ -84,28 +84,28 @@ class Counted:
 
 
 class NotingClock(MonotonicClock):
-    """A clock that notes when a run begins, how late each sleep ended, when the newest one did."""
+    """A clock that records the start of a run, the lateness of each sleep, and the last wake-up."""
 
     def __init__(self) -> None:
         self.late_ns = array("q")
-        self.begin_ns = 0
+        self.start_ns = 0
         self.woke_ns = 0
 
     def now_ns(self) -> int:
-        """Read, and note the first time."""
+        """Read the clock, and record the first time."""
         now_ns = super().now_ns()
-        self.begin_ns = self.begin_ns or now_ns
+        self.start_ns = self.start_ns or now_ns
         return now_ns
 
     def sleep_until_ns(self, deadline_ns: int, stopped: Callable[[], bool]) -> int:
-        """Sleep and note."""
+        """Sleep, and record how late the sleep ended."""
         self.woke_ns = super().sleep_until_ns(deadline_ns, stopped)
         self.late_ns.append(self.woke_ns - deadline_ns)
         return self.woke_ns
 
 
 class Rig:
-    """The simulator of the dummy with the sensor groups that are asked for."""
+    """The simulator of the dummy with the given sensor groups."""
 
     def __init__(
         self,
@@ -113,9 +113,9 @@ class Rig:
         block: Mapping[str, Any],
         prefix: str,
         *,
-        is_always_heard: bool = True,
+        is_always_received: bool = True,
     ) -> None:
-        """Make it; topics start with `prefix`, and are sampled only if subscribed or forced."""
+        """Prefix all topics; sample them only if they have a subscription, unless forced."""
         loaded = load_model(
             format_setting(dict(block)),
             keyframe="ic",
@@ -134,7 +134,7 @@ class Rig:
                 message, prefix + topic.replace("~", ""), depth
             )
             publisher.on_activate(None)
-            counted = Counted(publisher, is_always_heard=is_always_heard)
+            counted = Counted(publisher, is_always_received=is_always_received)
             return self.publishers.setdefault(topic, counted)
 
         self._outputs = outputs_of(
@@ -148,16 +148,16 @@ class Rig:
             ),
         )
 
-    def wait_until_heard(self) -> None:
-        """Wait for a listener on each topic."""
-        end_s = time.monotonic() + HEARD_S
+    def wait_for_subscribers(self) -> None:
+        """Wait for a subscription on each topic."""
+        end_s = time.monotonic() + MATCH_S
         while not all(each.get_subscription_count() for each in self.publishers.values()):
             if time.monotonic() > end_s:
-                raise TimeoutError(f"no listener within {HEARD_S:g} s")
+                raise TimeoutError(f"no node subscribed to every topic within {MATCH_S:g} s")
             time.sleep(0.01)
 
     def run(self, steps: int, pace: Pace | None = None, longest_s: float = math.inf) -> NotingClock:
-        """Take steps, for some wall time at most."""
+        """Run some steps, but stop after `longest_s` of wall time."""
         clock = NotingClock()
         simulation = self.simulation
         last = simulation.steps + steps
@@ -175,13 +175,13 @@ class Rig:
 
 
 def dummy_block() -> dict[str, Any]:
-    """The `sim` block of the example."""
+    """The `sim` block of the dummy example."""
     block: dict[str, Any] = load_yaml_core(DUMMY.read_text(encoding="utf-8"))["robot"]["sim"]
     return block
 
 
 def three_groups() -> dict[str, Any]:
-    """Encoders, IMU and pose after each step, and no markers."""
+    """A `sim` block with encoders, IMU and pose after each step, without markers."""
     groups = [{**group, "dt": 0.001} for group in dummy_block()["sensor_settings"][1:]]
     return {**_bare_block(), "sensor_settings": groups}
 
@@ -191,11 +191,11 @@ def _bare_block() -> dict[str, Any]:
 
 
 def hour(node: GuardedLifecycleNode, steps: int) -> dict[str, Any]:
-    """Part one: what an hour of simulation time loses."""
+    """Part `hour`: missing samples and drift in an hour of simulation time."""
     rig = Rig(node, dummy_block(), "/hour")
-    begin_s = time.monotonic()
+    start_s = time.monotonic()
     rig.run(steps)
-    took_s = time.monotonic() - begin_s
+    took_s = time.monotonic() - start_s
     sent = {topic: rig.publishers[topic].count for topic in rig.periods_s}
     wanted = {
         topic: steps // round(period_s * NS_PER_S / STEP_NS)
@@ -215,15 +215,15 @@ def hour(node: GuardedLifecycleNode, steps: int) -> dict[str, Any]:
 
 
 def schedule(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
-    """Part two: ten steps where the wall clock has one millisecond."""
+    """Part `schedule`: ten steps per millisecond of wall time."""
     rig = Rig(node, dummy_block(), "/schedule")
     pace = Pace(rig.simulation.step_s / SCHEDULE_FACTOR)
     steps = round(seconds * SCHEDULE_FACTOR * NS_PER_S / STEP_NS)
     clock = rig.run(steps, pace, seconds)
-    # How late the last step was is not the schedule's.
+    # The lateness of the last step is no drift of the schedule.
     due_ns = clock.woke_ns - clock.late_ns[-1]
     behind_s = (
-        due_ns - clock.begin_ns - len(clock.late_ns) * STEP_NS // SCHEDULE_FACTOR
+        due_ns - clock.start_ns - len(clock.late_ns) * STEP_NS // SCHEDULE_FACTOR
     ) / NS_PER_S
     return {
         "seconds": seconds,
@@ -236,13 +236,13 @@ def schedule(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
 
 
 def realtime(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
-    """Part three: at real time; the work alone is the same steps with no pace."""
+    """Part `realtime`: paced steps, and the same steps without pacing."""
     steps = round(seconds * NS_PER_S / STEP_NS)
     paced, free = Rig(node, dummy_block(), "/paced"), Rig(node, dummy_block(), "/free")
     pace = Pace(paced.simulation.step_s)
-    before_s, begin_ns = time.process_time(), time.monotonic_ns()
+    before_s, start_ns = time.process_time(), time.monotonic_ns()
     clock = paced.run(steps, pace)
-    took_ns, used_s = time.monotonic_ns() - begin_ns, time.process_time() - before_s
+    took_ns, used_s = time.monotonic_ns() - start_ns, time.process_time() - before_s
     before_s = time.process_time()
     free.run(steps)
     alone_s = time.process_time() - before_s
@@ -262,18 +262,18 @@ def realtime(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
 
 
 def bare_loop(simulation: Simulation, steps: int) -> tuple[float, float]:
-    """CPU time of `mj_step` called at real time, and of the same calls without a pace [s]."""
+    """CPU time of `mj_step` called at real time, and of the same calls without pacing [s]."""
     model, data = simulation.model, simulation.data
-    due_ns, begin_s = time.monotonic_ns(), time.process_time()
+    due_ns, start_s = time.monotonic_ns(), time.process_time()
     for _ in range(steps):
         due_ns += STEP_NS
         if (left_ns := due_ns - time.monotonic_ns()) > 0:
             time.sleep(left_ns / NS_PER_S)
         mujoco.mj_step(model, data)
-    paced_s, begin_s = time.process_time() - begin_s, time.process_time()
+    paced_s, start_s = time.process_time() - start_s, time.process_time()
     for _ in range(steps):
         mujoco.mj_step(model, data)
-    return paced_s, time.process_time() - begin_s
+    return paced_s, time.process_time() - start_s
 
 
 def _late_us(clock: NotingClock) -> dict[str, float]:
@@ -283,8 +283,8 @@ def _late_us(clock: NotingClock) -> dict[str, float]:
 
 
 @contextmanager
-def heard_here(prefix: str) -> Iterator[None]:
-    """While entered, a node of this process listens on the library's executor."""
+def subscribed_here(prefix: str) -> Iterator[None]:
+    """Run a node that subscribes below a prefix, in this process on the library's executor."""
     node, executor = node_of_run(prefix), EventLoopExecutor()
     executor.add_node(node)
     thread = threading.Thread(target=executor.spin, daemon=True)
@@ -298,12 +298,12 @@ def heard_here(prefix: str) -> Iterator[None]:
 
 
 def cost(node: GuardedLifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
-    """Part four: CPU time of a step and of a message, in alternation; medians."""
+    """Part `cost`: median CPU time of a step and of a message; the variants alternate."""
     bare, silent = Rig(node, _bare_block(), "/bare"), Rig(node, _bare_block(), "/silent")
     sent = Rig(node, three_groups(), "/sent")
     rigs = {
-        name: Rig(node, three_groups(), f"/{name}", is_always_heard=False)
-        for name in ("unheard", *HEARD)
+        name: Rig(node, three_groups(), f"/{name}", is_always_received=False)
+        for name in ("unheard", *SUBSCRIBERS)
     }
     messages = {
         "unheard": _encoders(node, "/unheard/encoders"),
@@ -326,11 +326,11 @@ def cost(node: GuardedLifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
         },
     }
     times: dict[str, list[float]] = {name: [] for name in parts}
-    with ExitStack() as listeners:
-        for name, listen in HEARD.items():
-            listeners.enter_context(listen(f"/{name}"))
-        for name in HEARD:
-            rigs[name].wait_until_heard()
+    with ExitStack() as running:
+        for name, subscribed in SUBSCRIBERS.items():
+            running.enter_context(subscribed(f"/{name}"))
+        for name in SUBSCRIBERS:
+            rigs[name].wait_for_subscribers()
         for _ in range(rounds):
             for name, part in parts.items():
                 before_ns = time.thread_time_ns()
@@ -347,16 +347,16 @@ def cost(node: GuardedLifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
 
 
 BY_FOREIGN_NODE = "heard_by_foreign_node"
-HEARD: Mapping[str, Callable[[str], Any]] = {
-    "heard_in_process": heard_here,
-    "heard_in_run": lambda prefix: listener(prefix, is_of_run=True),
-    BY_FOREIGN_NODE: listener,
+SUBSCRIBERS: Mapping[str, Callable[[str], Any]] = {
+    "heard_in_process": subscribed_here,
+    "heard_in_run": lambda prefix: subscriber(prefix, is_of_run=True),
+    BY_FOREIGN_NODE: subscriber,
 }
-"""How three groups are heard -> what listens while it is entered."""
+"""Key in the results -> a context in which a node subscribes below a prefix."""
 
 
 def _encoders(node: GuardedLifecycleNode, topic: str) -> Callable[[int], None]:
-    """Publishes so many messages of 30 joints, each with other numbers."""
+    """A function that publishes a number of messages of 30 joints."""
     message = ObkJointEncoders(
         joint_names=[f"joint_{number}" for number in range(JOINTS)],
         joint_pos=[0.0] * JOINTS,
@@ -382,7 +382,7 @@ def _figures(values: list[float]) -> dict[str, float]:
 
 
 def rounded(value: Any) -> Any:
-    """The same with numbers of six digits."""
+    """Round all numbers to six significant digits."""
     if isinstance(value, dict):
         return {name: rounded(inner) for name, inner in value.items()}
     if isinstance(value, float) and math.isfinite(value):
@@ -391,7 +391,7 @@ def rounded(value: Any) -> Any:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """The results: new ones of the parts that are asked for, the others as they were."""
+    """Measure the requested parts, and keep the existing results of the others."""
     node = GuardedLifecycleNode("simulator_benchmark")
     parts: dict[str, Callable[[], dict[str, Any]]] = {
         "cost": lambda: cost(node, options.rounds, options.steps),
@@ -399,7 +399,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "hour": lambda: hour(node, options.hour_steps),
         "schedule": lambda: schedule(node, options.schedule_s),
     }
-    # What was measured apart stays.
+    # Parts that were measured before are kept.
     result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
     result["machine"] = f"{platform.machine()}, {os.cpu_count()} processors"
     for name, part in parts.items():
@@ -412,18 +412,18 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Measure, print, keep."""
+    """Measure, print and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hour-steps", type=int, default=3_600_000)
     parser.add_argument("--schedule-s", type=float, default=360.0)
     parser.add_argument("--realtime-s", type=float, default=60.0)
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--steps", type=int, default=5_000, help="of a round")
+    parser.add_argument("--steps", type=int, default=5_000, help="steps per round")
     parser.add_argument("--only", nargs="+", choices=["hour", "schedule", "realtime", "cost"])
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="obk-simulator-") as sockets, free_domain() as domain:
         os.environ |= {
-            SOCKETS_VARIABLE: sockets,  # of mode 0700, as those of a run
+            SOCKETS_VARIABLE: sockets,  # has mode 0700, like the folder of a run
             "ROS_DOMAIN_ID": str(domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }

@@ -1,8 +1,8 @@
-"""Processor time that the host of a virtual machine kept from it.
+"""Measure the CPU time that the host of a virtual machine steals from it.
 
-Process times are free of it. What happens at a moment, and how often in a second, is not: a result
-that holds seconds or rates holds `stolen_percent` too. A part of it is the price of one's own
-wake-ups, each of which waits for the host; so it is reported, and compared only between equals.
+Stolen time does not affect CPU times of processes, but it does affect durations and rates, so
+results with those also have `stolen_percent`. Part of it is caused by the measured program's own
+wake-ups, because each of them waits for the host. Compare it only between runs of the same case.
 """
 
 import sys
@@ -14,27 +14,27 @@ import psutil
 __all__ = ["DISTURBED_PERCENT", "StolenTime", "warn_of_stolen_time"]
 
 DISTURBED_PERCENT: Final = 5.0
-"""Of one core: above it, times and rates are the host's as much as ours."""
+"""Percentage of one core above which the host affects durations and rates noticeably."""
 
 
 class StolenTime:
-    """What was stolen since this was made."""
+    """Measures the time stolen since its creation."""
 
     def __init__(self) -> None:
-        self._begin_s = time.monotonic()
+        self._start_s = time.monotonic()
         self._stolen_s = psutil.cpu_times().steal
 
     def percent(self) -> float:
-        """Of one core."""
-        seconds = time.monotonic() - self._begin_s
+        """Stolen time in percent of one core."""
+        seconds = time.monotonic() - self._start_s
         return round(100 * (psutil.cpu_times().steal - self._stolen_s) / seconds, 1)
 
 
 def warn_of_stolen_time(percent: float) -> None:
-    """A line on standard error where it is too much."""
+    """Warn on standard error if too much time was stolen."""
     if percent > DISTURBED_PERCENT:
         print(
-            f"the host took {percent:.0f} % of a core meanwhile: seconds and rates of this run "
-            "are the host's too",
+            f"the host stole {percent:.0f} % of a core during the measurement: durations and rates "
+            "are unreliable",
             file=sys.stderr,
         )

@@ -1,9 +1,9 @@
-"""The newest results held against their goals.
+"""Compare the newest results with their goals.
 
     python -m benchmarks.summary
 
-Reads `benchmarks/results/*.json`, as many as there are, writes `goals.md` beside them, and the
-loop's figures next to those of rclpy's executors into the project's README.
+Reads all existing `benchmarks/results/*.json` and writes `goals.md` next to them. Also updates the
+table in the project's README that compares the loop with rclpy's executors.
 """
 
 import json
@@ -24,8 +24,8 @@ README: Final = ROOT / "README.md"
 
 
 def goals_page(goals: Mapping[str, Iterable[Goal]], results: Results) -> Iterator[str]:
-    """The lines of a Markdown document: a table for each section, and the notes."""
-    yield "# The newest figures, held against their goals"
+    """The lines of a Markdown document: a table per section, and the notes."""
+    yield "# The newest results, compared with their goals"
     for section, its_goals in goals.items():
         yield from ("", f"## {section}", "", *goals_table(its_goals, results))
     if reported := [f"- {note}" for note in notes(results)]:
@@ -33,7 +33,7 @@ def goals_page(goals: Mapping[str, Iterable[Goal]], results: Results) -> Iterato
 
 
 def goals_table(goals: Iterable[Goal], results: Results) -> Iterator[str]:
-    """The lines of a Markdown table, and below it why goals are not met."""
+    """The lines of a Markdown table, followed by the reasons why goals are not met."""
     yield "| | goal | measured | |"
     yield "|---|---|---|---|"
     reasons: list[str] = []
@@ -41,10 +41,10 @@ def goals_table(goals: Iterable[Goal], results: Results) -> Iterator[str]:
         try:
             value = goal.figure(results)
         except KeyError:
-            yield f"| {goal.what} | {goal.words} | | not measured |"
+            yield f"| {goal.what} | {goal.limits} | | not measured |"
             continue
         met = "met" if goal.is_met_by(value) else f"**not met**{_reference(goal.why, reasons)}"
-        yield f"| {goal.what} | {goal.words} | {_three_digits(value)}{goal.unit} | {met} |"
+        yield f"| {goal.what} | {goal.limits} | {_three_digits(value)}{goal.unit} | {met} |"
 
     if reasons:
         yield ""
@@ -52,7 +52,7 @@ def goals_table(goals: Iterable[Goal], results: Results) -> Iterator[str]:
 
 
 def _reference(reason: str, reasons: list[str]) -> str:
-    """The number of a reason below the table, ` (1)`; it joins them unless it is there."""
+    """The number of a reason below the table, ` (1)`; adds the reason if it is new."""
     if not reason:
         return ""
     if reason not in reasons:
@@ -61,21 +61,21 @@ def _reference(reason: str, reasons: list[str]) -> str:
 
 
 def _three_digits(value: float) -> str:
-    """At least three that count, and no powers of ten."""
+    """Format with at least three significant digits, and without an exponent."""
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def notes(results: Results) -> Iterator[str]:
-    """Which of the results the machine's host, or other work, had a part in."""
+    """Name the results that the machine's host or other load disturbed."""
     for name, found in sorted(results.items()):
         if (stolen := _stolen_percent(found)) > DISTURBED_PERCENT:
-            yield f"{name}: up to {stolen:.0f} % of a core was stolen by the machine's host"
+            yield f"{name}: the machine's host stole up to {stolen:.0f} % of a core"
         if isinstance(found, dict) and found.get("is_quiet") is False:
-            yield f"{name}: the machine was not quiet before every round"
+            yield f"{name}: the machine was not idle before every round"
 
 
 def _stolen_percent(found: Any) -> float:
-    """The most that is reported anywhere within a result [% of a core]."""
+    """The highest value anywhere in a result [% of a core]."""
     if isinstance(found, list):
         return max(map(_stolen_percent, found), default=0.0)
     if not isinstance(found, dict):
@@ -86,14 +86,14 @@ def _stolen_percent(found: Any) -> float:
 
 
 def read_results() -> Results:
-    """All of them."""
+    """All results, by file name without the extension."""
     return {
         path.stem: json.loads(path.read_text(encoding="utf-8")) for path in RESULTS.glob("*.json")
     }
 
 
 def main() -> int:
-    """Write the tables."""
+    """Write both tables."""
     results = read_results()
     text = "\n".join(goals_page(GOALS, results))
     (RESULTS / "goals.md").write_text(f"{text}\n", encoding="utf-8")

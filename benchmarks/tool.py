@@ -1,9 +1,9 @@
-"""How long the command line takes, next to check-jsonschema on the same files and schema.
+"""Measure the command line, compared with check-jsonschema on the same files and schema.
 
     python -m benchmarks.tool PEER [--repeats N]
 
-PEER is the path of a `check-jsonschema`. Every run is a fresh process; the kinds of runs take
-turns, so that whatever else the machine does falls on all of them. Medians and quartiles go to
+PEER is the path of a `check-jsonschema` executable. Every run is a new process; the commands take
+turns, so that other load on the machine affects all of them. Medians and quartiles go to
 `benchmarks/results/tool.json`.
 """
 
@@ -30,7 +30,7 @@ DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 RESULT = ROOT / "benchmarks" / "results" / "tool.json"
 STACKS = 334
 VARIABLES = 58
-"""Environment variables of each node, to make the file as long as such files are."""
+"""Environment variables of each node, to give the file a realistic length."""
 
 NODE = """\
   - pkg: obelisk_{section}_py
@@ -77,7 +77,7 @@ EXECUTABLES = {
 
 
 def big_config() -> str:
-    """About 1,000 nodes in 3 MB, all of them sound."""
+    """A config of about 1,000 nodes in 3 MB, all of them valid."""
     lines = "\n".join(f"      SETTING_{n}: a value of the usual length" for n in range(VARIABLES))
     parts = ["config: big\n"]
     for section, ends in ENDS.items():
@@ -91,15 +91,15 @@ def big_config() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one process took."""
+    """Time and memory of one process."""
 
     seconds: float
     megabytes: float
-    """Most memory that it held at once."""
+    """Peak memory."""
 
 
 def cost(command: list[str], environment: Mapping[str, str]) -> Cost:
-    """Run a fresh process to its end; fails if it does."""
+    """Run a command in a new process; exit if the command fails."""
     start = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=dict(environment), cwd=ROOT)
     _, status, usage = os.wait4(process.pid, 0)
@@ -111,7 +111,7 @@ def cost(command: list[str], environment: Mapping[str, str]) -> Cost:
 
 
 def measured(peer: str, repeats: int, folder: Path) -> dict[str, list[Cost]]:
-    """Costs of every kind of run, the kinds taking turns."""
+    """Measure every command, in turns."""
     big = folder / "big.yaml"
     big.write_text(big_config(), encoding="utf-8")
     kept = {**os.environ, "XDG_CACHE_HOME": str(folder / "kept")}
@@ -131,13 +131,13 @@ def measured(peer: str, repeats: int, folder: Path) -> dict[str, list[Cost]]:
             if "empty cache" in kind:
                 environment = {**kept, "XDG_CACHE_HOME": str(folder / f"empty{repeat}")}
             taken = cost(command, environment)
-            if repeat:  # the first round fills the file system's cache and ours
+            if repeat:  # the first round fills the caches of the file system and of obk
                 times[kind].append(taken)
     return times
 
 
 def report(times: Mapping[str, list[Cost]], repeats: int, big_bytes: int) -> dict[str, object]:
-    """What is kept of a run: nothing absolute without the peer beside it."""
+    """Summarize all runs, each command next to its peer."""
     rows: dict[str, dict[str, Any]] = {
         kind: {
             "median_s": round(statistics.median(c.seconds for c in costs), 3),
@@ -167,7 +167,7 @@ def report(times: Mapping[str, list[Cost]], repeats: int, big_bytes: int) -> dic
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("peer", help="path of a check-jsonschema")
+    parser.add_argument("peer", help="path of a check-jsonschema executable")
     parser.add_argument("--repeats", type=int, default=9)
     given = parser.parse_args()
     stolen = StolenTime()

@@ -1,11 +1,12 @@
-"""Measures what looking at the dummy stack costs its simulation, which steps at 1 kHz.
+"""Measure what viewers cost the simulation of the dummy stack, which steps at 1 kHz.
 
     python benchmarks/viewers.py [--seconds S]
 
-No viewer runs, a web viewer runs, and its page is open in a headless Chromium (drawn without a GPU,
-niced). Each of these twice: the stack, whose robot publishes its real-time factor, and the stepping
-loop alone in this process, which reports how late each step is. What comes out goes to
-`benchmarks/results/viewers.json`, with the load of the machine, which weighs more than viewers do.
+Three cases: without a viewer, with a web viewer, and with its page open in a headless Chromium
+(rendered without a GPU, at low priority). Each case is measured twice: in the stack, whose robot
+publishes its real-time factor, and with the stepping loop alone in this process, which reports the
+lateness of each step. Results go to `benchmarks/results/viewers.json`, with the load of the
+machine, which has more influence than viewers do.
 """
 
 import argparse
@@ -40,9 +41,9 @@ OBK = Path(sys.executable).with_name("obk")
 RESULT = ROOT / "benchmarks" / "results" / "viewers.json"
 DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 STEPS_PER_VIEW = 5
-"""As in the dummy's config."""
+"""The value in the dummy's config."""
 SETTLE_S = 3.0
-"""For what has started to come to rest [s]."""
+"""Wait after startup before measuring [s]."""
 DEADLINE_S = 120.0
 SHOWN = "the simulation is shown at "
 DRAWN_BY_THE_CPU = (
@@ -52,13 +53,13 @@ DRAWN_BY_THE_CPU = (
 ).split()
 
 
-def listen(seconds: float) -> None:
-    """Take the robot's real-time factors for some time; prints them."""
+def print_factors(seconds: float) -> None:
+    """Receive the robot's real-time factors for some time and print them."""
     import rclpy
     from std_msgs.msg import Float64
 
     rclpy.init()
-    node = rclpy.create_node("listener")
+    node = rclpy.create_node("factors")
     factors: list[float] = []
     node.create_subscription(
         Float64, "/obelisk_robot_0/rtf", lambda message: factors.append(message.data), 10
@@ -72,7 +73,7 @@ def listen(seconds: float) -> None:
 
 
 class NotingClock(MonotonicClock):
-    """Notes how late it wakes."""
+    """A clock that records how late each sleep ended."""
 
     def __init__(self) -> None:
         self.late_ns: list[int] = []
@@ -84,9 +85,9 @@ class NotingClock(MonotonicClock):
 
 
 def lateness(
-    wishes: tuple[ViewerRequest, ...], seconds: float, folder: Path, *, is_open: bool
+    viewers: tuple[ViewerRequest, ...], seconds: float, folder: Path, *, is_open: bool
 ) -> Result:
-    """How late the steps of the loop alone are, with these onlookers, once they have settled."""
+    """Measure the lateness of steps of the loop alone, with these viewers."""
     model = mujoco.MjModel.from_xml_path(str(DUMMY.with_name("dummy.xml")))
     simulation = Simulation(
         model, ControlInbox(field="u", size=model.nu, monotonic_s=time.monotonic)
@@ -97,7 +98,7 @@ def lateness(
     with ExitStack() as closing:
         outputs = viewer_outputs(
             simulation,
-            wishes,
+            viewers,
             STEPS_PER_VIEW,
             notify=lambda _, text: reported.put(text),
             on_close=closing.callback,
@@ -111,12 +112,12 @@ def lateness(
             warn=print,
             report=lambda _: None,
         )
-        if wishes:
+        if viewers:
             url = reported.get(timeout=DEADLINE_S).removeprefix(SHOWN)
             if is_open:
                 closing.enter_context(page(url, folder))
-                viewers = psutil.Process().children(recursive=True)
-                wait_for_pages([p for p in viewers if "web" in p.cmdline()], 1)
+                children = psutil.Process().children(recursive=True)
+                wait_for_pages([p for p in children if "web" in p.cmdline()], 1)
         settled = time.monotonic() + SETTLE_S
         stepper.run(lambda: time.monotonic() > settled)
         clock.late_ns.clear()
@@ -129,7 +130,7 @@ def lateness(
 
 @contextmanager
 def stack(*options: str, folder: Path) -> Iterator[tuple[psutil.Popen, Path]]:
-    """The dummy, active; its launcher and what it writes."""
+    """Run the dummy stack until it is active; yield the launcher and its log."""
     log = folder / f"launch{'-'.join(options)}.log"
     with log.open("w") as output:
         launcher = psutil.Popen(
@@ -146,21 +147,21 @@ def stack(*options: str, folder: Path) -> Iterator[tuple[psutil.Popen, Path]]:
 
 
 def line_with(part: str, log: Path) -> str:
-    """The line with these words, waited for."""
+    """Wait for a line of the log that contains some text; return the line."""
     end = time.monotonic() + DEADLINE_S
     while time.monotonic() < end:
         for line in log.read_text().splitlines():
             if part in line:
                 return line
         time.sleep(0.1)
-    raise TimeoutError(f"`{part}` never came: {log.read_text()}")
+    raise TimeoutError(f"no line with `{part}` in: {log.read_text()}")
 
 
 @contextmanager
 def page(url: str, folder: Path) -> Iterator[None]:
-    """Have a page open in a browser."""
+    """Open a page in a browser while entered."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")
-    assert browser is not None, "there is no Chromium: apt install chromium"
+    assert browser is not None, "Chromium is not installed: run `apt install chromium`"
     process = psutil.Popen(
         ["nice", "-n", "15", browser, *DRAWN_BY_THE_CPU, f"--user-data-dir={folder / 'user'}", url],
         stdout=subprocess.DEVNULL,
@@ -176,45 +177,45 @@ def page(url: str, folder: Path) -> Iterator[None]:
 
 
 def cpu_s(process: psutil.Process) -> float:
-    """Processor time of a process so far [s]."""
+    """CPU time of a process so far [s]."""
     used = process.cpu_times()
     return used.user + used.system
 
 
 def pages_of(viewers: list[psutil.Process]) -> int:
-    """How many pages are connected to viewers; each has one WebSocket."""
+    """The number of pages connected to viewers; each page has one WebSocket."""
     connections = [c for p in viewers for c in p.net_connections("tcp4")]
     return sum(c.status == psutil.CONN_ESTABLISHED for c in connections)
 
 
 def wait_for_pages(viewers: list[psutil.Process], count: int) -> None:
-    """Wait until so many pages are connected."""
+    """Wait until this number of pages is connected."""
     end = time.monotonic() + DEADLINE_S
     while pages_of(viewers) < count:
-        assert time.monotonic() < end, "the page does not connect"
+        assert time.monotonic() < end, "the page did not connect"
         time.sleep(0.1)
 
 
 def measure(launcher: psutil.Popen, seconds: float, *, pages: int = 0) -> Result:
-    """How the simulation of a running stack goes, once so many pages are connected."""
+    """Measure the simulation of a running stack, after `pages` pages have connected."""
     below = launcher.children(recursive=True)
     viewers = [p for p in below if "web" in p.cmdline()]
     (robot,) = [p for p in below if "__node:=obelisk_robot_0" in p.cmdline()]
     wait_for_pages(viewers, pages)
     time.sleep(SETTLE_S)
-    begin = time.monotonic()
+    start = time.monotonic()
     before = [cpu_s(p) for p in (robot, *viewers)]
-    heard = subprocess.run(
-        [sys.executable, __file__, "--listen", str(seconds)],
+    received = subprocess.run(
+        [sys.executable, __file__, "--print-factors", str(seconds)],
         stdout=subprocess.PIPE,
         check=True,
         timeout=seconds + DEADLINE_S,
     )
-    took_s = time.monotonic() - begin
+    took_s = time.monotonic() - start
     robot_s, *viewer_s = (
         cpu_s(p) - used_s for p, used_s in zip((robot, *viewers), before, strict=True)
     )
-    factors = json.loads(heard.stdout)
+    factors = json.loads(received.stdout)
     return {
         "realtime_factor": {"mean": float(np.mean(factors)), "min": min(factors)},
         "pages_connected": pages_of(viewers),
@@ -225,17 +226,17 @@ def measure(launcher: psutil.Popen, seconds: float, *, pages: int = 0) -> Result
 
 
 def main() -> int:
-    """Measure, print, keep."""
+    """Measure, print and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--listen", type=float, help=argparse.SUPPRESS)
+    parser.add_argument("--print-factors", type=float, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.listen:
-        listen(options.listen)
+    if options.print_factors:
+        print_factors(options.print_factors)
         return 0
     web = (ViewerRequest(kind="web", arguments=("0",)),)
     seconds: float = options.seconds
-    # A browser may still be writing when it is killed.
+    # A killed browser may still be writing files.
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
         os.environ |= {

@@ -1,10 +1,10 @@
-"""Whether the dummy stack keeps its rates while it is watched, and what the watching costs.
+"""Measure whether the dummy stack keeps its rates while it is monitored, and what that costs.
 
     python -m benchmarks.watched [--seconds S] [--rounds N]
 
-Launches the stack, in a process for each node and composed in one, alone and watched: then `obk
-monitor` looks at it, and a life-cycle service of each node is called once a second. Ticks are the
-nodes' own counts, on `/diagnostics`. Goes to `benchmarks/results/watched.json`.
+Launches the stack with one process per node and composed in one, alone and watched. When watched,
+`obk monitor` runs, and a lifecycle service of each node is called once a second. Ticks are the
+nodes' own counts on `/diagnostics`. Results go to `benchmarks/results/watched.json`.
 """
 
 import argparse
@@ -38,31 +38,31 @@ DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 RESULT = ROOT / "benchmarks" / "results" / "watched.json"
 NODES = ("obelisk_robot_0", "obelisk_estimation_0", "obelisk_control_0")
 UP_S = 60.0
-"""Within which the stack has to be active [s]."""
+"""Time by which the stack must be active [s]."""
 SETTLE_S = 3.0
 LAYOUTS = {"separate": (), "composed": ("--composed",)}
 
 
 class Counts:
-    """What the nodes report of their ticks: `(time [s], ticks)` of each promise."""
+    """The ticks that nodes report: `(time [s], ticks)` of each rate."""
 
     def __init__(self) -> None:
         self.reported: dict[str, list[tuple[float, int]]] = {}
         self.expected_hz: dict[str, float] = {}
 
     def take(self, message: DiagnosticArray) -> None:
-        """Keep a node's counts."""
-        heard = rates_of(message)
-        if heard is not None:
+        """Store a node's counts."""
+        received = rates_of(message)
+        if received is not None:
             stamp = message.header.stamp
-            for rate in heard.rates:
-                name = f"{heard.node} {rate.name}"
+            for rate in received.rates:
+                name = f"{received.node} {rate.name}"
                 self.expected_hz[name] = rate.expected_hz
                 seen = self.reported.setdefault(name, [])
                 seen.append((stamp.sec + stamp.nanosec * 1e-9, rate.ticks))
 
     def kept(self) -> dict[str, float]:
-        """The share of its rate that each promise kept, from the first count to the last."""
+        """The share of each expected rate that was achieved, from the first count to the last."""
         return {
             name: (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0]) / self.expected_hz[name]
             for name, seen in sorted(self.reported.items())
@@ -72,7 +72,7 @@ class Counts:
 
 @contextmanager
 def stack(options: Sequence[str]) -> Iterator[psutil.Process]:
-    """The dummy stack, active."""
+    """Run the dummy stack; it is active when entered."""
     command = [OBK, "launch", DUMMY, "--format", "json", *options]
     launch = subprocess.Popen(
         command,
@@ -105,7 +105,7 @@ def stack(options: Sequence[str]) -> Iterator[psutil.Process]:
 
 @contextmanager
 def monitor() -> Iterator[psutil.Process]:
-    """`obk monitor`, which prints all that it sees twice a second."""
+    """Run `obk monitor`, which prints its whole state twice a second."""
     process = psutil.Popen(
         [OBK, "monitor", "--format", "json"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
@@ -117,7 +117,7 @@ def monitor() -> Iterator[psutil.Process]:
 
 
 def measure(options: Sequence[str], seconds: float, *, is_watched: bool) -> dict[str, Any]:
-    """One stack for some time."""
+    """Measure one stack for some time."""
     counts = Counts()
     with stack(options) as launcher, ExitStack() as held:
         watcher = held.enter_context(monitor()) if is_watched else None
@@ -150,7 +150,7 @@ def measure(options: Sequence[str], seconds: float, *, is_watched: bool) -> dict
 
 
 def watched_to_alone(runs: Mapping[str, Sequence[Mapping[str, Any]]], layout: str) -> float:
-    """What the slowest promise keeps while it is watched, to what it keeps alone: the median."""
+    """Median ratio of the slowest rate while watched to the slowest rate alone."""
     alone, watched = runs[f"{layout}, alone"], runs[f"{layout}, watched"]
     return statistics.median(
         _least_kept(one) / _least_kept(other) for one, other in zip(watched, alone, strict=True)
@@ -169,11 +169,11 @@ def _cpu_s(process: psutil.Process | None) -> float:
 
 
 def main() -> int:
-    """Measure in turns, print, keep."""
+    """Measure in turns, print and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=12.0)
     parser.add_argument("--rounds", type=int, default=5)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     runs: dict[str, list[dict[str, Any]]] = {}
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory(prefix="obk-watched-") as home, free_domain() as domain:
@@ -183,17 +183,17 @@ def main() -> int:
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
         rclpy.init()
-        for _ in range(asked.rounds):
+        for _ in range(arguments.rounds):
             for layout, options in LAYOUTS.items():
                 for is_watched in (False, True):
                     name = f"{layout}, {'watched' if is_watched else 'alone'}"
-                    run = measure(options, asked.seconds, is_watched=is_watched)
+                    run = measure(options, arguments.seconds, is_watched=is_watched)
                     runs.setdefault(name, []).append(run)
                     print(name, json.dumps(run))
         rclpy.shutdown()
     warn_of_stolen_time(max(run["stolen_percent"] for found in runs.values() for run in found))
     result = {
-        "seconds": asked.seconds,
+        "seconds": arguments.seconds,
         "least_kept": {name: min(map(_least_kept, found)) for name, found in runs.items()},
         "watched_to_alone": {layout: watched_to_alone(runs, layout) for layout in LAYOUTS},
         "monitor_cores": statistics.median(

@@ -1,7 +1,7 @@
 """Build backend of obelisk-interfaces: hatchling, with the message generator of the same version.
 
-In a checkout the generator, `obk_interfaces`, is in `../src`. A source distribution has none,
-and is built with the released generator.
+In a checkout, the generator `obk_interfaces` is in `../src`. A source distribution does not
+contain it and is built with the released generator.
 """
 
 import sys

@@ -1,7 +1,7 @@
-"""Build hook of obelisk-interfaces: compiles the message packages and hands them to the wheel.
+"""Build hook of obelisk-interfaces: compiles the message packages and adds them to the wheel.
 
-In go the package folders beside this file; out come the wheel's `lib/`, `include/`, `share/` and
-Python packages. Compiled files are kept in `build/`, so that a second build is quick.
+Reads the package folders next to this file and writes the wheel's `lib/`, `include/`, `share/` and
+Python packages. Compiled files are kept in `build/`, so that a second build is fast.
 """
 
 import importlib.util
@@ -25,11 +25,11 @@ class InterfacesHook(BuildHookInterface[Any]):
         """Compile the packages and list their files in `build_data`.
 
         Raises:
-            RuntimeError: an editable install was asked for; compiled messages cannot be one.
+            RuntimeError: an editable install was requested, which compiled messages do not support.
             obk_interfaces.InterfaceError: the build failed.
         """
         if version == "editable":
-            raise RuntimeError("compiled messages cannot be edited in place: install without -e")
+            raise RuntimeError("compiled messages cannot be editable: install without -e")
         root = Path(self.root)
         work = root / "build" / str(sys.implementation.cache_tag)
         stage = work / "stage"
@@ -53,12 +53,12 @@ class InterfacesHook(BuildHookInterface[Any]):
 def _egg_info_guards(folder: Path) -> dict[str, str]:
     """Return files that keep `uv sync` from deleting the Python packages of the ROS wheels.
 
-    Those wheels carry stray `*.egg-info` folders. uv takes them for packages that are not locked
-    and removes every module in their `top_level.txt`, unless `namespace_packages.txt` has it too.
+    Those wheels have stray `*.egg-info` folders. uv considers them packages that are not locked
+    and removes every module in their `top_level.txt` that is not in `namespace_packages.txt`.
     """
     spec = importlib.util.find_spec("ros_wheels_bootstrapper")
     if spec is None or spec.origin is None:
-        return {}  # ROS 2 is sourced: its packages are not in this environment
+        return {}  # ROS 2 is sourced, so its packages are not in this environment
     site = Path(spec.origin).parents[1]
     folder.mkdir(parents=True, exist_ok=True)
     guards: dict[str, str] = {}

@@ -1,17 +1,17 @@
-"""Start hook of the interpreter: lets this environment's ROS 2 be found, and no other.
+"""Start hook of the interpreter that makes it use this environment's ROS 2 and no other.
 
-`obk_ros_env.pth` calls `activate()` at every start of Python, so it is cheap and uses the standard
-library alone. It does three things:
+`obk_ros_env.pth` calls `activate()` at every start of Python, so it is cheap and uses only the
+standard library. It does three things:
 
-- the ament index: this environment and its overlays come first in `AMENT_PREFIX_PATH`;
-- overlays (message packages built by `obk build`): their Python packages are importable;
-- libraries: those of the overlays, and where ROS 2 comes from wheels theirs, are put on
-  `LD_LIBRARY_PATH`, in a fixed order and in that case without those of a ROS 2 that the shell has
-  sourced. The dynamic loader reads that variable once, at the start of a process, so the
-  interpreter then starts itself anew, once.
+- ament index: put this environment and its overlays first in `AMENT_PREFIX_PATH`;
+- overlays (message packages built by `obk build`): make their Python packages importable;
+- libraries: add those of the overlays to `LD_LIBRARY_PATH`. If ROS 2 comes from wheels, add its
+  libraries too, in a fixed order, and remove those of a ROS 2 that the shell has sourced. The
+  dynamic loader reads that variable only when a process starts, so the interpreter re-executes
+  itself once.
 
-Where ROS 2 was sourced and there is no overlay, only the first happens. It sorts before the start
-hook of the ROS wheels, which does the last step in random order.
+If ROS 2 was sourced and no overlay exists, only the first step happens. The name of this hook
+sorts before that of the ROS wheels, which does the last step in random order.
 """
 
 import os
@@ -24,7 +24,7 @@ _WHEELS_DONE = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 
 
 def activate() -> None:
-    """Set the environment of this process; start the interpreter anew if the loader needs it."""
+    """Set the environment of this process; re-execute the interpreter if the loader needs it."""
     site = os.path.dirname(os.path.abspath(__file__))
     prefix = os.path.dirname(os.path.dirname(os.path.dirname(site)))
     overlays = _overlays(prefix)
@@ -36,7 +36,7 @@ def activate() -> None:
     os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join(layers + foreign)
     sys.path[:0] = [s for s in map(_site_of, overlays) if os.path.isdir(s) and s not in sys.path]
     if has_wheels or overlays:
-        _start_anew_unless(_wanted(layers, site, has_wheels), prefix)
+        _restart_unless(_wanted(layers, site, has_wheels), prefix)
     if has_wheels:
         os.environ[_WHEELS_DONE] = "1"
 
@@ -49,13 +49,13 @@ def _wanted(layers: list[str], site: str, has_wheels: bool) -> dict[str, list[st
         return {"LD_LIBRARY_PATH": ours + others}
     return {
         "LD_LIBRARY_PATH": _libraries(layers, site),
-        # A sourced ROS 2 shows its Python packages here; they do not fit these libraries.
+        # A sourced ROS 2 adds its Python packages here, which do not work with these libraries.
         "PYTHONPATH": [p for p in _entries("PYTHONPATH") if not _exists(p, "rclpy")],
     }
 
 
-def _start_anew_unless(wanted: dict[str, list[str]], prefix: str) -> None:
-    """Start the interpreter anew with these paths, unless it has them; never twice."""
+def _restart_unless(wanted: dict[str, list[str]], prefix: str) -> None:
+    """Re-execute the interpreter with these paths unless it has them; at most once."""
     if all(_entries(name) == value for name, value in wanted.items()):
         return
     this_process = f"{prefix}:{os.getpid()}"
@@ -67,11 +67,11 @@ def _start_anew_unless(wanted: dict[str, list[str]], prefix: str) -> None:
         else:
             os.environ.pop(name, None)
     os.environ[_DONE] = this_process
-    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - as it was begun
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - as it was started
 
 
 def _libraries(layers: list[str], site: str) -> list[str]:
-    """Return the library folders: ours, then those of others that hold no ROS 2."""
+    """Return the library folders: ours first, then other folders without a ROS 2."""
     private = sorted(
         entry.path
         for entry in os.scandir(site)

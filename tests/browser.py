@@ -1,4 +1,4 @@
-"""A headless Chromium for the tests of pages: no GPU, no traffic of its own."""
+"""Run a headless Chromium for the tests of pages, without a GPU and without its own traffic."""
 
 import shutil
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["chromium", "opened", "seen"]
 
 DEADLINE_S: Final = 240.0
-"""What a page may take; WebGL without a GPU is slow on a loaded machine [s]."""
+"""Timeout for a page; WebGL without a GPU is slow on a loaded machine [s]."""
 DEADLINE_MS: Final = DEADLINE_S * 1000
 NAMES: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 ARGUMENTS: Final = (
@@ -33,7 +33,7 @@ ARGUMENTS: Final = (
 
 
 def chromium() -> Path:
-    """The browser of this machine; skips the test where there is none."""
+    """The browser of this machine; skips the test if none is installed."""
     pytest.importorskip("playwright", reason="playwright is in the `dev` extra: make setup")
     found = next(filter(None, map(shutil.which, NAMES)), None)
     if found is None:
@@ -43,7 +43,7 @@ def chromium() -> Path:
 
 @contextmanager
 def opened(url: str, *, width: int = 640, height: int = 480) -> Iterator["Page"]:
-    """A page of this size [pixels], at `url`, in a browser of its own."""
+    """Open a page at `url`, of this size [pixels], in its own browser."""
     browser_path = chromium()
     from playwright.sync_api import sync_playwright
 
@@ -61,5 +61,5 @@ def opened(url: str, *, width: int = 640, height: int = 480) -> Iterator["Page"]
 
 
 def seen(condition: Callable[[], object], what: str) -> None:
-    """Wait until a page shows something; fails the test after a deadline."""
+    """Wait until a page shows something; fail the test on timeout."""
     eventually(condition, what, deadline_s=DEADLINE_S, pause_s=0.2)

@@ -1,4 +1,4 @@
-"""What every test can ask for: the checkout's folder, and for ROS tests a world of their own."""
+"""Fixtures of all tests: the checkout's folder, and an isolated ROS domain for ROS tests."""
 
 import compileall
 import fcntl
@@ -29,9 +29,9 @@ from obk_cli.source_analysis import modules
 
 _SOURCE = Path(__file__).resolve().parents[1] / "src"
 _SHARED = Path(__file__).resolve().parents[2] / "shared"
-# The tool looks for a domain of its own from 100 downwards.
+# The tool searches for a free domain from 100 downwards.
 _DOMAIN_IDS = range(1, 81)
-# One after another, so that what is slow to go is not met by the next test.
+# Delete one after another, so that slow removals do not affect the next test.
 _TURNS = itertools.count(17 * os.getpid())
 _MARK = "OBELISK_TEST_RUN"
 _FOREIGN_ROS_VARIABLES = (
@@ -53,8 +53,8 @@ processes were killed: it unmaps ports that it still uses.
 """
 
 
-# No example is too slow, whatever else the machine does. On CI they are the same each time: a fault
-# found by luck is for `make test-slow`, with `--hypothesis-profile full`.
+# No example is too slow, whatever else the machine does. On CI the examples are always the same;
+# `make test-slow`, with `--hypothesis-profile full`, finds faults by chance.
 for _profile, _examples in (("ci", 30), ("full", 300)):
     hypothesis.settings.register_profile(
         _profile,
@@ -67,31 +67,31 @@ hypothesis.settings.load_profile("ci")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """`--update-golden` writes what the golden tests and the reject cases expect."""
+    """`--update-golden` rewrites the expected files of the golden tests and the reject cases."""
     parser.addoption("--update-golden", action="store_true", help="rewrite expected outputs")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the tool once: a thousand processes import it, also where Python writes nothing."""
-    gc.disable()  # until all tests are found
+    """Compile the tool once, because a thousand processes import it."""
+    gc.disable()  # until all tests are collected
     # Fast DDS reads its profile once in a process, before the first participant.
     os.environ.update(_DDS)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
-        # Shells start what runs in the background so, and every process of a test would inherit it.
+        # Shells start background processes like this, and all processes of a test would inherit it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if not hasattr(config, "workerinput"):
         compileall.compile_dir(_SOURCE, quiet=1)
-        config.option.loadscopereorder = False  # the order is the one below
+        config.option.loadscopereorder = False  # the order is set below
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Among several workers the long files come first, so that none is left alone with one."""
+    """With several workers, run long files first, so that no worker is left alone with one."""
     if hasattr(config, "workerinput"):
         items.sort(key=lambda item: item.get_closest_marker("ros") is None)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what needs configs that lie beside the checkout, unless they exist."""
+    """Skip tests that need configs next to the checkout, unless these exist."""
     module = getattr(item, "module", None)
     for name in ("CORPUS", "SEEDS"):
         folder = getattr(module, name, None)
@@ -108,7 +108,7 @@ def repository() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def _quick_collection() -> None:
-    """What exists before the tests is kept: the garbage collector skips it from now on."""
+    """Freeze all existing objects, so that the garbage collector skips them."""
     gc.collect()
     gc.freeze()
     gc.enable()
@@ -116,7 +116,7 @@ def _quick_collection() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _library_parsed_once() -> Iterator[None]:
-    """Parse Obelisk's own modules once: the check of every node's source leads into them."""
+    """Parse Obelisk's own modules once, because the check of every node's source uses them."""
     with pytest.MonkeyPatch.context() as patch:
         parse = functools.lru_cache(maxsize=64)(modules._syntax_tree)
         patch.setattr(modules, "_syntax_tree", parse)
@@ -125,7 +125,7 @@ def _library_parsed_once() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What a test run caches is not the user's."""
+    """Keep the cache of a test run separate from the user's."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
@@ -133,15 +133,15 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_folders(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """The search for a workspace ends before the folder that has the folders of all tests."""
+    """End the search for a workspace below the folder of all tests."""
     tmp_path_factory.getbasetemp().chmod(stat.S_IRWXU | stat.S_ISVTX)
 
 
 @pytest.fixture
 def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Processes that the test starts are as they are for a user, also where coverage is measured.
+    """Start processes without coverage, so that they behave as they do for a user.
 
-    Coverage imports modules, writes files at the end, and takes SIGTERM.
+    Coverage imports modules, writes files at the end, and handles SIGTERM.
     """
     for name in [name for name in os.environ if name.startswith("COV")]:
         monkeypatch.delenv(name)
@@ -151,24 +151,24 @@ def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
 def ros_domain(
     monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[int]:
-    """A domain id that no other test uses; processes started by the test see only one another.
+    """A domain ID that no other test uses, which isolates processes started by the test.
 
-    Fails the test if a process that it started, or one that those started, is still there.
+    Fails the test if one of its processes, or of their children, is still running.
     """
     mark = uuid.uuid4().hex
     with _locked_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
         monkeypatch.setenv(_MARK, mark)
-        # The runs of a test are not the user's.
+        # The runs of a test must not be in the user's folder.
         monkeypatch.setenv("OBK_HOME", str(tmp_path_factory.mktemp("obk")))
         for name in _FOREIGN_ROS_VARIABLES:
             monkeypatch.delenv(name, raising=False)
         yield domain
-        # A life-cycle node is part of reference cycles, and in the domain until they are gone.
+        # A life-cycle node is part of reference cycles, and in the domain until they are collected.
         gc.collect()
         left_over = _end_processes_marked(mark)
-        remove_dead_segments()  # of the processes that the test killed
+        remove_dead_segments()  # left by processes that the test killed
         assert not left_over, f"the test left processes behind: {left_over}"
 
 
@@ -179,7 +179,7 @@ def _own_world_for_ros_tests(request: pytest.FixtureRequest) -> None:
 
 
 class _locked_domain:  # noqa: N801 - used as a `with` word
-    """Holds a lock file for one domain id, so that test runs side by side do not meet."""
+    """Hold a lock file for one domain ID, so that parallel test runs do not interfere."""
 
     def __enter__(self) -> int:
         folder = Path(tempfile.gettempdir(), f"obelisk-ros-domains-{os.getuid()}")
@@ -200,13 +200,13 @@ class _locked_domain:  # noqa: N801 - used as a `with` word
 
 
 def _end_processes_marked(mark: str) -> list[str]:
-    """Kill what carries the mark in its environment; return the command lines."""
+    """Kill processes that have the mark in their environment; return their command lines."""
     left_over = []
     for process in psutil.process_iter():
         try:
             if process.pid != os.getpid() and process.environ().get(_MARK) == mark:
                 left_over.append(f"{process.pid}: {' '.join(process.cmdline())}")
                 process.kill()
-        except psutil.Error:  # ended meanwhile, or another user's
+        except psutil.Error:  # has ended, or belongs to another user
             continue
     return left_over

@@ -1,8 +1,8 @@
-"""The documents' pages and their example blocks, as steps that a test can perform.
+"""The documentation pages and their example blocks, as steps that a test can perform.
 
-`sh` blocks are commands; a `text` block is what the last block of commands shows, in this order and
-with anything between (`...` in a line is anything, too); a `diff` block is edits of one file: the
-lines that are to be found there, once, and what they become; `@@` stands between two edits. A block
+`sh` blocks are commands. A `text` block is part of the output of the preceding commands, in this
+order and with anything in between (`...` in a line matches anything). A `diff` block is edits of
+one file: lines that occur exactly once, and their replacements; `@@` separates two edits. A block
 after "`path`:" is a new file.
 """
 
@@ -22,7 +22,7 @@ PAGES: Final = tuple(
         if page.parent != ROOT / "docs/reference/rules"
     )
 )
-"""Every page, also one that is new; those of the rules are made of tests/cases."""
+"""Every page, including new ones; the pages of rules are generated from tests/cases."""
 BLOCK: Final = re.compile(
     r"(?:`(?P<path>[^`\s]+\.\w+)`:\n\n|^)```(?P<kind>\w*)\n(?P<body>.*?)^```$",
     re.DOTALL | re.MULTILINE,
@@ -32,20 +32,20 @@ COMMENT: Final = re.compile(r"\s+# .*$")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commands:
-    """Lines to type, and what the terminal is to show."""
+    """Commands to type, and the expected output."""
 
     lines: tuple[str, ...]
     shown: tuple[str, ...]
 
     @property
     def finds_errors(self) -> bool:
-        """Whether the last of them is to fail, with findings."""
+        """Whether the last command is expected to fail, with findings."""
         return any("error[" in line for line in self.shown)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edit:
-    """Lines of a file that become others."""
+    """Lines of a file to replace."""
 
     path: str
     old: str
@@ -54,7 +54,7 @@ class Edit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewFile:
-    """A file that the document has one write."""
+    """A file that the user of a page writes."""
 
     path: str
     text: str
@@ -72,7 +72,7 @@ class Block:
 
     @property
     def name(self) -> str:
-        """Where the block is."""
+        """The location of the block."""
         return f"{page_name(self.page)}:{self.line}"
 
 
@@ -82,7 +82,7 @@ def page_name(page: Path) -> str:
 
 
 def blocks(page: Path) -> list[Block]:
-    """Every example block of a page, in its order."""
+    """All example blocks of a page, in order."""
     text = page.read_text(encoding="utf-8")
     return [
         Block(
@@ -97,7 +97,7 @@ def blocks(page: Path) -> list[Block]:
 
 
 def steps(document: Path) -> list[Commands | Edit | NewFile]:
-    """What the document has one do, in its order."""
+    """The steps of the page, in order."""
     found = blocks(document)
     done: list[Commands | Edit | NewFile] = []
     for place, block in enumerate(found):
@@ -116,12 +116,12 @@ def steps(document: Path) -> list[Commands | Edit | NewFile]:
 
 
 def _is_output(block: Block) -> bool:
-    """A block that begins with a prompt shows a command of its own."""
+    """A block that starts with a prompt contains its own command."""
     return block.kind == "text" and not block.body.startswith("$ ")
 
 
 def apply(edit: Edit | NewFile, folder: Path) -> None:
-    """Write the file, or change it; it has to hold what is to be changed exactly once."""
+    """Write or change the file; the text to change must occur exactly once."""
     path = folder / edit.path
     if isinstance(edit, NewFile):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -133,7 +133,7 @@ def apply(edit: Edit | NewFile, folder: Path) -> None:
 
 
 def missing_lines(shown: tuple[str, ...], seen: str) -> list[str]:
-    """The lines of a document that the terminal did not show, or not in their order."""
+    """The lines of a page that the terminal did not show, or not in this order."""
     missing = []
     rest = seen
     for line in shown:

@@ -1,4 +1,4 @@
-"""Syntax trees of source files, each parsed once in a process: several tests read all files."""
+"""Cache of syntax trees of source files, because several tests read all files."""
 
 import ast
 from functools import cache
@@ -7,5 +7,5 @@ from pathlib import Path
 
 @cache
 def parsed(path: Path) -> ast.Module:
-    """The syntax tree of a Python file; not to be changed."""
+    """The syntax tree of a Python file, which must not be modified."""
     return ast.parse(path.read_text(encoding="utf-8"))

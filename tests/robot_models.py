@@ -1,4 +1,4 @@
-"""Small robots of other people, as `obk init --model` gets them."""
+"""Small third-party robots, as inputs of `obk init --model`."""
 
 import struct
 
@@ -24,7 +24,7 @@ CART = """<mujoco model="cart">
   </sensor>
 </mujoco>
 """
-"""One motor, a passive joint, an IMU without orientation; neither keyframe nor encoders."""
+"""One motor, a passive joint, an IMU without orientation; no keyframe and no encoders."""
 
 MIXED = """<mujoco model="mixed">
   <option timestep="0.005"/>
@@ -57,7 +57,7 @@ MIXED = """<mujoco model="mixed">
   <keyframe><key name="start" qpos="0 0 1 1 0 0 0 0.2 0.3 0.4"/></keyframe>
 </mujoco>
 """
-"""A free base that falls, actuators of three kinds, and joints with two of them."""
+"""A falling free base, actuators of three kinds, and joints with two of them."""
 
 MUSCLE = """<mujoco model="muscle">
   <worldbody>
@@ -86,7 +86,7 @@ BOX = """<mujoco model="box">
   <actuator><position name="lift" joint="lift" kp="100" kv="10"/></actuator>
 </mujoco>
 """
-"""A mesh in a folder beside the model's."""
+"""A mesh in a folder next to the model."""
 
 PENDULUM_URDF = """<robot name="pendulum">
   <link name="base"/>

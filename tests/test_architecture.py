@@ -1,4 +1,4 @@
-"""Who may import whom (docs/design.md), asked of the source itself."""
+"""The import rules (docs/design.md), checked in the source."""
 
 import ast
 import re
@@ -30,7 +30,7 @@ LAYERS = (
     ("web",),
     ("cli",),
 )
-"""The packages and top modules of `obk_cli`, each imports only what stands before it."""
+"""The packages and top modules of `obk_cli`; each imports only those listed before it."""
 ORDER = [package for layer in LAYERS for package in layer]
 
 TEXT_FORMATS = "cpp css h html jinja js json lock md msg py toml txt xml yaml"
@@ -56,7 +56,7 @@ def dotted(path: Path) -> str:
 
 
 def package(module: str) -> str:
-    """The part of `obk_cli` that a module belongs to: `obk_cli.check.topics` -> `check`."""
+    """The part of `obk_cli` to which a module belongs: `obk_cli.check.topics` -> `check`."""
     return module.split(".")[1]
 
 
@@ -66,7 +66,7 @@ def modules_of(distribution: str) -> list[Path]:
 
 @cache
 def imports(path: Path) -> tuple[str, ...]:
-    """Every module that a module imports, wherever in it; `from a import b` counts as `a.b`."""
+    """All modules that a module imports anywhere; `from a import b` counts as `a.b`."""
     return tuple(_imports(path))
 
 
@@ -83,12 +83,12 @@ def libraries(path: Path) -> set[str]:
     return {name.split(".")[0] for name in imports(path)}
 
 
-def test_every_package_of_the_tool_has_a_place_in_the_order() -> None:
+def test_every_package_of_the_tool_is_in_the_order() -> None:
     there = {package(dotted(path)) for path in modules_of("obk_cli") if "." in dotted(path)}
     assert there == set(ORDER)
 
 
-def test_a_package_imports_only_what_stands_before_it() -> None:
+def test_a_package_imports_only_packages_before_it() -> None:
     places = {name: place for place, name in enumerate(ORDER)}
     last = len(ORDER)
     found = set()
@@ -151,7 +151,7 @@ def test_tool_and_run_time_never_import_each_other() -> None:
 
 
 def test_no_file_names_a_registry_or_a_path_of_one_machine() -> None:
-    # Put together here, so that this file does not name them either.
+    # Composed here, so that this file does not contain them either.
     words = (
         "py" + r"pi\.org",
         "files.python" + "hosted",
@@ -168,7 +168,7 @@ def test_no_file_names_a_registry_or_a_path_of_one_machine() -> None:
 
 
 def files_of_the_project() -> list[Path]:
-    """What git keeps; where there is no git, everything but what is built and hidden."""
+    """The files in git; without git, all files that are neither built nor hidden."""
     if (ROOT / ".git").exists():
         kept = subprocess.run(
             ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False

@@ -1,7 +1,7 @@
-"""Every config of the corpus gives exactly the findings that are true of it, and no other.
+"""Each config of the corpus gives exactly the expected findings.
 
-The configs were not written for this project and are not changed; what is wrong with them is
-written down here: line, column, code. Packages are looked for beside the corpus only.
+The configs were not written for this project and are not changed. The expected findings are listed
+here: line, column, code. Packages are searched next to the corpus only.
 """
 
 from pathlib import Path
@@ -16,9 +16,9 @@ from obk_cli.workspace.package_index import PackageIndex
 
 CORPUS = Path(__file__).resolve().parents[2] / "shared" / "corpus"
 
-# The C++ packages and `joy` are nowhere, nor is /obelisk_ws; the sensor periods of the dummy are
-# half of its model's step; the estimators say JointEncoders of a topic of ObkJointEncoders; a
-# timer that is not used has a period of 100 s.
+# The C++ packages, `joy` and /obelisk_ws do not exist; the sensor periods of the dummy are half of
+# its model's step; the estimators declare JointEncoders for a topic of ObkJointEncoders; an unused
+# timer has a period of 100 s.
 EXPECTED: dict[str, list[str]] = {
     "field/config/depth_config.yaml": [
         "1:1 OBK114",
@@ -148,7 +148,7 @@ def findings(name: str) -> list[Diagnostic]:
 
 
 def reported(diagnostic: Diagnostic, name: str) -> str:
-    """`12:3 OBK101`, with the file's name where it is an included one."""
+    """`12:3 OBK101`, with the file name if it is in an included file."""
     place = f"{diagnostic.span.line}:{diagnostic.span.column} {diagnostic.code}"
     file = Path(diagnostic.span.path).name
     return place if file == Path(name).name else f"{file} {place}"
@@ -156,16 +156,16 @@ def reported(diagnostic: Diagnostic, name: str) -> str:
 
 @pytest.mark.mujoco
 @pytest.mark.parametrize("name", EXPECTED)
-def test_a_config_gives_the_findings_that_are_true_of_it(name: str) -> None:
+def test_a_config_gives_the_expected_findings(name: str) -> None:
     assert [reported(finding, name) for finding in findings(name)] == EXPECTED[name]
 
 
-def test_every_config_of_the_corpus_is_written_down() -> None:
+def test_every_config_of_the_corpus_has_expected_findings() -> None:
     assert {str(p.relative_to(CORPUS)) for p in CORPUS.rglob("*.yaml")} == EXPECTED.keys()
 
 
 @pytest.mark.mujoco
-def test_the_seeds_example_is_reported_which_topic_was_meant() -> None:
+def test_the_seeds_example_is_reported_with_the_intended_topic() -> None:
     (dangling,) = [f for f in findings("seed/dummy.yaml") if f.code == "OBK203"]
     assert dangling.message == (
         "nothing publishes `/obelisk/dummy/sensor`, to which `/obelisk_estimation_0` subscribes"

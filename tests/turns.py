@@ -1,4 +1,4 @@
-"""Turns of tests that would meet in what a host has only once, whichever process runs them."""
+"""Locks for tests that need a resource of the host exclusively, across processes."""
 
 import fcntl
 import os
@@ -12,7 +12,7 @@ __all__ = ["turn_of_leftovers"]
 
 @contextmanager
 def turn_of_leftovers() -> Iterator[None]:
-    """While entered, no other test leaves processes behind, or ends all that were left."""
+    """While entered, no other test leaves orphans or ends all orphans."""
     path = Path(tempfile.gettempdir(), f"obk-tests-leftovers-{os.getuid()}.lock")
     with path.open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX)

@@ -1,4 +1,4 @@
-"""Waiting for what comes in its own time."""
+"""Wait for asynchronous conditions."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from typing import Final
 __all__ = ["DEADLINE_S", "eventually"]
 
 DEADLINE_S: Final = 60.0
-"""What anything may take: a machine with much else to do is ten times as slow as an idle one."""
+"""Timeout for anything, because a busy machine is ten times as slow as an idle one."""
 
 
 def eventually(
@@ -18,7 +18,7 @@ def eventually(
     deadline_s: float = DEADLINE_S,
     pause_s: float = 0.01,
 ) -> None:
-    """Wait until something holds; fails the test after a deadline, with what is seen then."""
+    """Wait until a condition is true; fail the test on timeout, and show the last value."""
     end = time.monotonic() + deadline_s
     while not condition():
         assert time.monotonic() < end, f"never came: {what}\n{seen()}"

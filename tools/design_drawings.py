@@ -1,4 +1,4 @@
-"""The drawings of the design and the concept pages as boxes and arrows. Data only."""
+"""The diagrams of the design page and the concept pages, as boxes and arrows. Data only."""
 
 from itertools import pairwise
 
@@ -36,12 +36,12 @@ STAGES = (
     _box(3, 1, "locate", "files, types of the code,", "ray casters"),
     _box(4, 1, "check", "topology, types, models,", "packages, code"),
     _box(5, 1, "lower", "config to a plan;", "cannot fail"),
-    _box(6, 1, "plan", "processes, parameters,", "promises, order", kind="data"),
+    _box(6, 1, "plan", "processes, parameters,", "rates, order", kind="data"),
     _box(
         3.5, 0, "environment", "MuJoCo's model, packages,", "files of this machine", kind="outside"
     ),
-    _box(4.5, 0, "source_analysis", "nodes' Python source,", "read and not run"),
-    _box(3, 2, "diagnostics", "code, sentence, place,", "help, fix", kind="data"),
+    _box(4.5, 0, "source_analysis", "nodes' Python source,", "read, never run"),
+    _box(3, 2, "diagnostics", "code, message, location,", "help, fix", kind="data"),
     _box(4, 2, "report", "text, JSON, SARIF,", "GitHub", kind="result"),
     _box(6, 0, "emit", "parameters, launch file,", "pictures, JSON", kind="result"),
     _box(6, 2, "launch", "a running stack", kind="result"),
@@ -59,13 +59,13 @@ STAGE_ARROWS = (
 
 RUNNING = (
     _box(0, 1.3, "other terminals", "obk ps, lifecycle, stop,", "monitor, web", kind="outside"),
-    _box(1.2, 0.3, "screen", "log and status; a queue", "that drops and counts"),
-    _box(2.2, 1.3, "supervisor", "the one thread", "that decides"),
-    _box(1.2, 1.3, "control.sock", "a line of JSON,", "a line back"),
-    _box(1.2, 2.3, "journal", "run.json, events.jsonl,", "a log for each node"),
+    _box(1.2, 0.3, "screen", "log and status; its queue", "drops and counts lines"),
+    _box(2.2, 1.3, "supervisor", "the only thread", "that decides"),
+    _box(1.2, 1.3, "control.sock", "one line of JSON each", "per request and reply"),
+    _box(1.2, 2.3, "journal", "run.json, events.jsonl,", "one log per node"),
     _box(2.2, 0.3, "ROS thread", "transitions, states,", "heartbeat, /diagnostics"),
-    _box(2.2, 2.3, "output readers", "a thread for each node,", "which always reads"),
-    _box(3.5, 1.3, "warden", "parent of all processes;", "ends them with the launcher"),
+    _box(2.2, 2.3, "output readers", "one thread per node,", "which always reads"),
+    _box(3.5, 1.3, "warden", "parent of all processes;", "stops all with the launcher"),
     _box(4.8, 0.3, "robot", "hardware or MuJoCo", kind="result"),
     _box(4.8, 1.3, "estimation", "sensors to a state", kind="result"),
     _box(4.8, 2.3, "control", "state to commands", kind="result"),
@@ -77,31 +77,31 @@ RUNNING_ARROWS = (
     Arrow(start="supervisor", end="journal"),
     Arrow(start="ROS thread", end="supervisor", is_both_ways=True),
     Arrow(start="output readers", end="supervisor"),
-    Arrow(start="supervisor", end="warden", label="start, end"),
+    Arrow(start="supervisor", end="warden", label="start, stop"),
     Arrow(start="warden", end="robot"),
     Arrow(start="warden", end="estimation"),
     Arrow(start="warden", end="control"),
     Arrow(
         start="ROS thread", end="robot", label="ROS 2: get_state, change_state", is_both_ways=True
     ),
-    Arrow(start="control", end="output readers", label="what nodes print"),
+    Arrow(start="control", end="output readers", label="output of nodes"),
 )
 RUNNING_FRAMES = (
     Frame(
         title="obk launch",
         names=("screen", "control.sock", "journal", "supervisor", "ROS thread", "output readers"),
     ),
-    Frame(title="a process each", names=("robot", "estimation", "control")),
+    Frame(title="one process per node", names=("robot", "estimation", "control")),
 )
 
 LIFECYCLE = (
-    _box(0, 1, "unconfigured", "the process runs;", "nothing is built"),
+    _box(0, 1, "unconfigured", "the process runs;", "nothing is created"),
     _box(1.5, 1, "inactive", "publishers, subscriptions,", "timers exist"),
-    _box(3, 1, "active", "publishers send,", "timers run", kind="result"),
+    _box(3, 1, "active", "publishers publish,", "timers run", kind="result"),
     _box(
         1.5, 0, "error processing", "on_error: everything", "is stopped and closed", kind="outside"
     ),
-    _box(1.5, 2, "finalized", "the process ends", kind="data"),
+    _box(1.5, 2, "finalized", "the process exits", kind="data"),
 )
 LIFECYCLE_ARROWS = (
     Arrow(start="unconfigured", end="inactive", label="configure, cleanup", is_both_ways=True),
@@ -117,7 +117,7 @@ LIFECYCLE_ARROWS = (
 CLOCKS = (
     _box(0, 0, "simulated robot", "counts its steps", kind="result"),
     _box(1.3, 0, "clock page", "memory shared by the", "processes of the launch", kind="data"),
-    _box(1.3, 1, "/clock", "messages, only while", "something subscribes", kind="data"),
+    _box(1.3, 1, "/clock", "messages, only while", "a node subscribes", kind="data"),
     _box(2.6, 0, "Python nodes", "of the robot's host:", "clocks, timers, stamps"),
     _box(2.6, 1, "other ROS nodes", "C++, other hosts,", "RViz, ros2 tools", kind="outside"),
     _box(0, 2, "wall clock", "of the host", kind="data"),
@@ -134,7 +134,7 @@ CLOCK_ARROWS = (
 PACKAGES = (
     _box(1.8, 0, "obk_testing", "closed-loop tests", "in lock-step"),
     _box(0, 1, "obk_interfaces", "builds message packages"),
-    _box(1.2, 1, "obk_cli", "the command obk:", "check, launch, look"),
+    _box(1.2, 1, "obk_cli", "the command obk:", "check, launch, inspect"),
     _box(2.4, 1, "obelisk_py", "run-time library,", "simulated robot"),
     _box(3.6, 1, "your nodes", "inherit from the library", kind="outside"),
     _box(1.2, 2, "obelisk_spec", "facts of the config", "language", kind="data"),
@@ -156,9 +156,9 @@ TICK = (
     _box(0, 1, "timerfd", "the kernel's timer", kind="outside"),
     _box(1, 1, "Worker", "epoll; one thread", "calls everything"),
     _box(2, 1, "your callback", "guarded, ticks counted", kind="result"),
-    _box(3, 1, "publish", "chooses one way"),
+    _box(3, 1, "publish", "picks one transport"),
     _box(4.1, 0, "MessageBuffer", "same process: a copy", kind="data"),
-    _box(4.1, 1, "Unix socket", "same run: packed;", "an experiment", kind="data"),
+    _box(4.1, 1, "Unix socket", "same run: packed;", "experimental", kind="data"),
     _box(4.1, 2, "DDS", "otherwise: packed;", "wakes an eventfd from C", kind="data"),
     _box(5.2, 1, "receiving Worker", "takes the message,", "calls the callback"),
 )
@@ -176,11 +176,11 @@ TICK_ARROWS = (
 
 SIMULATOR = (
     _box(0, 0, "step_queue", "reset, pause, step", kind="data"),
-    _box(0, 1, "commands", "the newest one,", "and its age", kind="data"),
-    _box(1.2, 1, "stepping thread", "alone touches", "the simulation", kind="result"),
+    _box(0, 1, "commands", "the latest one,", "and its age", kind="data"),
+    _box(1.2, 1, "stepping thread", "the only one that", "uses the simulation", kind="result"),
     _box(2.4, 0, "outputs", "sensor groups, noise,", "time"),
-    _box(2.4, 1, "cameras", "a thread each,", "with OpenGL"),
-    _box(2.4, 2, "viewers, video", "a process each, of lower", "priority; may miss states"),
+    _box(2.4, 1, "cameras", "one thread each,", "with OpenGL"),
+    _box(2.4, 2, "viewers, video", "low-priority processes;", "may miss states"),
     _box(3.6, 0, "topics, time", "as messages and", "on the clock page", kind="outside"),
 )
 SIMULATOR_ARROWS = (
@@ -194,7 +194,7 @@ SIMULATOR_ARROWS = (
 
 LOCKSTEP = (
     _box(0, 1, "heap of events", "time, kind, order,", "node, call", kind="data"),
-    _box(1.2, 1, "scheduler", "moves time to the earliest", "event and calls it"),
+    _box(1.2, 1, "scheduler", "advances time to the next", "event and calls it"),
     _box(2.4, 0, "simulator", "a step", kind="result"),
     _box(2.4, 1, "nodes", "messages, timers", kind="outside"),
     _box(2.4, 2, "the test", "push, delay, kill"),

@@ -1,4 +1,4 @@
-"""Boxes and arrows on a grid as SVG, for the pictures of the design. Loads no font, no script."""
+"""Draw boxes and arrows on a grid as SVG, without fonts or scripts, for the design diagrams."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ COLOURS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """A thing, with its name and what is said of it below."""
+    """A named box with lines of text below the name."""
 
     name: str
     lines: tuple[str, ...]
@@ -31,18 +31,18 @@ class Box:
 
     @property
     def x(self) -> float:
-        """Of its left side [px]."""
+        """Position of the left side [px]."""
         return MARGIN + self.column * (WIDTH + GAP_X)
 
     @property
     def y(self) -> float:
-        """Of its upper side [px]."""
+        """Position of the upper side [px]."""
         return MARGIN + self.row * (HEIGHT + GAP_Y)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arrow:
-    """From one box to another, by their names."""
+    """An arrow from one box to another, by their names."""
 
     start: str
     end: str
@@ -52,7 +52,7 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """A rectangle behind the boxes that it names."""
+    """A rectangle behind the named boxes."""
 
     title: str
     names: tuple[str, ...]
@@ -61,7 +61,7 @@ class Frame:
 def draw(
     title: str, boxes: Sequence[Box], arrows: Sequence[Arrow], frames: Sequence[Frame] = ()
 ) -> str:
-    """The text of the picture; its title is what a reader who cannot see it gets."""
+    """Draw the diagram as SVG; the title is for screen readers."""
     width = max(box.x for box in boxes) + WIDTH + MARGIN
     height = max(box.y for box in boxes) + HEIGHT + MARGIN
     named = {box.name: box for box in boxes}

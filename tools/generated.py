@@ -1,4 +1,4 @@
-"""Generated files: stale ones are listed, or rewritten. Shared by the generators."""
+"""List or rewrite stale generated files; shared by all generators."""
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,9 +12,10 @@ ROOT = Path(__file__).resolve().parents[1]
 def bring_up_to_date(
     files: Mapping[Path, str], folders: Iterable[Path], arguments: Sequence[str]
 ) -> int:
-    """Write the files, or with `--check` name those that are stale; the process's exit code.
+    """Write the files, or with `--check` list stale ones; return the exit code of the process.
 
-    Of `folders` all is generated: what is in them and is not among `files` is stale, and removed.
+    `folders` contain generated files only: files in them that are not in `files` are stale, and
+    removed.
     """
     stale = [p for p, t in files.items() if not p.exists() or p.read_text(encoding="utf-8") != t]
     stale += [p for folder in folders for p in folder.glob("*") if p not in files]

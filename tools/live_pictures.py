@@ -1,7 +1,7 @@
-"""Pictures of a running stack: what `obk launch` shows, the monitor, the page in a browser.
+"""Make pictures of a running stack: the output of `obk launch`, the monitor, and the web page.
 
-Starts the dummy stack, in a ROS domain of its own that `ROS_DOMAIN_ID` names. Needs the extras
-`monitor` and `web`, playwright and Chromium; no test asks for it, since no two pictures are alike.
+Starts the dummy stack in the ROS domain of `ROS_DOMAIN_ID`. Needs the extras `monitor` and `web`,
+playwright and Chromium. No test covers this module, because every picture is different.
 """
 
 import asyncio
@@ -30,21 +30,21 @@ __all__ = ["make_live_pictures"]
 OBK = Path(sys.executable).with_name("obk")
 DUMMY = "examples/dummy/dummy_new.yaml"
 WARM_S = 20
-"""Until plots and rates show what is usual."""
+"""Time until plots and rates are representative [s]."""
 SHOWN = ("/obelisk/dummy/est q_joints", "/obelisk/dummy/imu angular_velocity.y")
 
 
 def make_live_pictures() -> None:
     """Write `launch.svg`, `monitor.svg` and `web.png`."""
-    said = subprocess.run(
+    output = subprocess.run(
         [OBK, "launch", DUMMY, "--duration", "2", "--quiet", "--color", "always"],
         cwd=ROOT,
         capture_output=True,
         text=True,
         check=True,
     ).stdout
-    # Where the logs are is another place for everybody.
-    shown = re.sub(r"logs in \S+/runs/", "logs in ~/.local/state/obk/runs/", said)
+    # Show the default folder of the logs, not the one of this machine.
+    shown = re.sub(r"logs in \S+/runs/", "logs in ~/.local/state/obk/runs/", output)
     picture = terminal(f"$ obk launch {DUMMY} --duration 2 --quiet\n{shown}", "obk launch", 100)
     (PICTURES / "launch.svg").write_text(picture, encoding="utf-8")
     with _stack():
@@ -54,7 +54,7 @@ def make_live_pictures() -> None:
 
 @contextmanager
 def _stack() -> Iterator[None]:
-    """The dummy, active while entered."""
+    """Run the dummy stack; it is active while entered."""
     command = [OBK, "launch", DUMMY, "--color", "never"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as launch:
         assert launch.stdout is not None

@@ -1,9 +1,9 @@
-"""Makes the pictures of the documents, `docs/pictures/`.
+"""Make the pictures of the documentation, `docs/pictures/`.
 
-Those of the design, of a graph and of findings are made of the code alone and held to it by a test.
-With `--live` a stack is started and looked at: what `obk launch` shows, the monitor, the page
-(needs the extras `monitor` and `web`, and Chromium). `--check` writes nothing and fails where a
-picture of the first kind is stale.
+The diagrams, a graph and a list of findings are generated from the code, and a test checks that
+they are up to date. `--live` starts a stack and makes pictures of `obk launch`, the monitor and the
+web page (needs the extras `monitor` and `web`, and Chromium). `--check` writes nothing and fails if
+a picture of the first kind is stale.
 """
 
 import re
@@ -53,11 +53,11 @@ MISTAKES = {
         "topic: /obelisk/dummy/estimate, msg_type: EstimatedState}\n  timers"
     ),
 }
-"""What is written in the dummy's config, and what it becomes where mistakes are shown."""
+"""Text in the dummy's config -> the mistake that replaces it in the picture of findings."""
 
 
 def generated_files() -> dict[Path, str]:
-    """Path -> content of the pictures that are made of the code alone."""
+    """Path -> content of the pictures that are generated from the code."""
     return {
         PICTURES / "dummy.svg": _graph(),
         PICTURES / "validate.svg": _findings(),
@@ -73,14 +73,14 @@ def generated_files() -> dict[Path, str]:
 
 
 def terminal(text: str, title: str, columns: int) -> str:
-    """A picture of a terminal that shows a text with its colours."""
+    """Draw a terminal that shows a text in colour."""
     console = Console(record=True, width=columns, file=StringIO())
     console.print(Text.from_ansi(text.rstrip()))
     return without_fonts(console.export_svg(title=title, unique_id="terminal"))
 
 
 def without_fonts(picture: str) -> str:
-    """A picture of rich's, but for the fonts that it would load from elsewhere."""
+    """Remove the fonts from a picture by rich, which would be loaded from the network."""
     own = re.sub(r"@font-face \{.*?\}\s*", "", picture, flags=re.DOTALL)
     return "\n".join(line.rstrip() for line in own.splitlines()) + "\n"
 
@@ -101,13 +101,13 @@ def _findings() -> str:
         assert text.count(right) == 1, right
         text = text.replace(right, wrong)
     outcome = compile_source(SourceFile.of("stack.yaml", text), _options())
-    said = report_text(outcome.diagnostics, colour=True)
+    report = report_text(outcome.diagnostics, colour=True)
     last = summary(["stack.yaml"], outcome.diagnostics, colour=True)
-    return terminal(f"$ obk validate stack.yaml\n{said}\n\n{last}", "obk validate", 108)
+    return terminal(f"$ obk validate stack.yaml\n{report}\n\n{last}", "obk validate", 108)
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Make the pictures, or with `--check` name those that are stale; the process's exit code."""
+    """Make the pictures, or with `--check` list stale ones; return the exit code."""
     if arguments == ["--live"]:
         from live_pictures import make_live_pictures
 

@@ -1,8 +1,8 @@
-"""Looks before `make setup` leaps: is what it needs from the machine there?
+"""Check the prerequisites of `make setup`.
 
-In go the running Python and the chosen ROS 2 (`wheels` or `system`); out comes exit code 0, or 1
-after one sentence for each thing that is missing. Never installs anything. The first lines are
-written for any Python 3, so that an old one gets a sentence and not a syntax error.
+Checks the running Python and the chosen ROS 2 (`wheels` or `system`). Exit code 1 if anything is
+missing, with one message for each missing thing. Never installs anything. This file is valid in
+any Python 3, so that an old Python gives a message and not a syntax error.
 """
 
 import importlib.util
@@ -11,7 +11,7 @@ import sys
 
 
 def version_fault():
-    """Return what is wrong with this Python's version, or an empty string."""
+    """Return a message if this Python's version is not supported, otherwise an empty string."""
     if (3, 11) <= sys.version_info[:2] <= (3, 13):
         return ""
     return (
@@ -22,26 +22,26 @@ def version_fault():
 
 
 def venv_fault():
-    """Return what keeps this Python from making virtual environments."""
+    """Return a message if this Python cannot create virtual environments."""
     if importlib.util.find_spec("ensurepip") and importlib.util.find_spec("venv"):
         return ""
-    return "%s cannot make virtual environments (Debian, Ubuntu: apt install python3-venv)" % (
+    return "%s cannot create virtual environments (Debian, Ubuntu: apt install python3-venv)" % (
         sys.executable
     )
 
 
 def ros_fault(ros):
-    """Return why the ROS 2 that was asked for cannot be used."""
+    """Return a message if the chosen ROS 2 cannot be used."""
     if ros == "wheels":
         machine = os.uname().machine
         if machine == "x86_64":
             return ""
         return (
-            "there are no ROS 2 wheels for %s: install ROS 2 Jazzy, source it, "
+            "no ROS 2 wheels exist for %s: install ROS 2 Jazzy, source it, "
             "and run: make setup ROS=system" % machine
         )
     if ros != "system":
-        return "ROS=%s is not known: say ROS=wheels (the default) or ROS=system" % ros
+        return "unknown value ROS=%s: use ROS=wheels (the default) or ROS=system" % ros
     if not os.environ.get("AMENT_PREFIX_PATH"):
         return (
             "ROS=system, but no ROS 2 is sourced (AMENT_PREFIX_PATH is empty): "
@@ -56,7 +56,7 @@ def ros_fault(ros):
 
 
 def compiler_fault():
-    """Return what is missing to compile the message packages."""
+    """Return a message if the message packages cannot be compiled."""
     sys.path.insert(0, os.path.join(os.path.dirname(os.path.dirname(__file__)), "src"))
     from obk_interfaces import BuildToolError
     from obk_interfaces.toolchain import find_compilers, find_python_headers
@@ -70,7 +70,7 @@ def compiler_fault():
 
 
 def main():
-    """Print every fault; return the exit code."""
+    """Print all messages; return the exit code."""
     ros = sys.argv[1] if len(sys.argv) > 1 else "wheels"
     faults = [version_fault()]
     if not faults[0]:

@@ -1,8 +1,7 @@
-"""Makes a version of what is there: `python tools/release.py 0.2.0`, as `make release` calls it.
+"""Set the version of a release: `python tools/release.py 0.2.0`, called by `make release`.
 
-In: the version; the place of the one that is there is `pyproject.toml`. Out: the files that repeat
-it, and the changelog, where what stood under `Unreleased` gets a heading with version and date.
-Never commits, tags or uploads.
+Writes the version to `pyproject.toml` and all files that repeat it, and moves the changelog entries
+under `Unreleased` to a heading with version and date. Never commits, tags or uploads.
 """
 
 import re
@@ -21,13 +20,13 @@ PLACES = (
     ("interfaces/*/package.xml", r"<version>({})</version>"),
     ("ros_packages/*/package.xml", r"<version>({})</version>"),
 )
-"""Files, and where in them the version stands."""
+"""Files that contain the version, and the patterns that match it."""
 UNRELEASED = "## [Unreleased]\n"
 FIRST = re.compile(rf"\nThe first version, to become {NUMBER}\.\n")
 
 
 def with_version(text: str, pattern: str, version: str) -> str:
-    """A file's text with another version."""
+    """Replace the version in a file's text."""
 
     def put(found: re.Match[str]) -> str:
         return found[0].replace(found[1], version)
@@ -36,28 +35,29 @@ def with_version(text: str, pattern: str, version: str) -> str:
 
 
 def unreleased(changelog: str) -> str:
-    """The changelog of the next version."""
+    """The unreleased entries of the changelog."""
     return FIRST.sub("", changelog.partition(UNRELEASED)[2].partition("\n## ")[0]).strip()
 
 
 def now_released(changelog: str, version: str, date: str) -> str:
-    """The changelog with what was unreleased under a heading of its own."""
-    begun = FIRST.sub("", changelog)
-    return begun.replace(UNRELEASED, f"{UNRELEASED}\n## [{version}] - {date}\n", 1)
+    """Move the unreleased entries of the changelog to a heading of the version."""
+    return FIRST.sub("", changelog).replace(
+        UNRELEASED, f"{UNRELEASED}\n## [{version}] - {date}\n", 1
+    )
 
 
 def main() -> None:
-    """Write the version; exits with 1 if it is invalid, not above the last, or not described."""
+    """Write the version; exit with 1 if it is invalid, not newer, or has no changelog entries."""
     version = sys.argv[1] if len(sys.argv) == 2 else ""
     changelog = ROOT / "CHANGELOG.md"
     changes = changelog.read_text(encoding="utf-8")
     released = re.findall(rf"(?m)^## \[({NUMBER})\]", changes)
     if not re.fullmatch(NUMBER, version):
-        sys.exit(f"release: `{version}` is no version such as 0.2.0")
+        sys.exit(f"release: `{version}` is not a version such as 0.2.0")
     if released and _order(version) <= max(map(_order, released)):
-        sys.exit(f"release: {version} is not above {released[0]}, the last one")
+        sys.exit(f"release: {version} is not newer than {released[0]}, the last release")
     if not unreleased(changes):
-        sys.exit("release: there is nothing under `Unreleased` in CHANGELOG.md")
+        sys.exit("release: CHANGELOG.md has no entries under `Unreleased`")
     for glob, pattern in PLACES:
         for path in ROOT.glob(glob):
             text = path.read_text(encoding="utf-8")

@@ -1,7 +1,7 @@
-"""Writes what is generated from the table of rules: their pages, the examples of `obk explain`.
+"""Generate the pages of the rules and the examples of `obk explain`.
 
-In: the table, and the reject and accept cases of the tests. Out: one page a rule, an index, and
-`examples.json` beside the table. `--check` writes nothing and fails where a file is stale.
+Reads the table of rules, and the reject and accept cases of the tests. Writes one page per rule, an
+index, and `examples.json` next to the table. `--check` writes nothing and fails if a file is stale.
 """
 
 import json
@@ -36,35 +36,35 @@ FAMILIES = {
 }
 DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 CONTEXT = 2
-"""Lines that are shown around what differs."""
+"""Lines of context around the lines that differ."""
 
 Example = Mapping[str, str]
 
 
 def generated_files() -> dict[Path, str]:
-    """Path -> content of everything that is generated."""
-    apart = _examples_without_case()
-    examples = {code: apart.get(code) or _example(code) for code in RULES}
+    """Path -> content of all generated files."""
+    special = _examples_without_case()
+    examples = {code: special.get(code) or _example(code) for code in RULES}
     pages = {PAGES / f"{code}.md": _page(rule, examples[code]) for code, rule in RULES.items()}
     text = json.dumps(examples, indent=1, ensure_ascii=False) + "\n"
     return {EXAMPLES: text, PAGES / "README.md": _index(), **pages}
 
 
 def _examples_without_case() -> dict[str, Example]:
-    """Of faults that are not in the text of a config: commands in place of files."""
+    """Examples of faults that no config can show: commands instead of files."""
     too_long = b"#" * (LONGEST_FILE_BYTES + 1)
-    is_there = "obk validate stack.yaml"
+    correct = "obk validate stack.yaml"
     return {
         "OBK001": {
             "file": "a terminal",
             "wrong": "obk validate stakc.yaml",
-            "right": is_there,
+            "right": correct,
             "report": _report("OBK001", "stakc.yaml", "there is no such file"),
         },
         "OBK007": {
             "file": "a terminal",
             "wrong": "obk validate recording.yaml  # 48 MiB of measurements",
-            "right": is_there,
+            "right": correct,
             "report": _report("OBK007", "recording.yaml", too_long),
         },
         "OBK300": {
@@ -77,14 +77,14 @@ def _examples_without_case() -> dict[str, Example]:
 
 
 class _WithoutMujoco(MachineEnvironment):
-    """This machine, were MuJoCo not installed."""
+    """This machine, as if MuJoCo were not installed."""
 
     def read_model(self, path: Path) -> None:
-        """Nothing."""
+        """Read nothing."""
 
 
 def _report(code: str, path: str, data: bytes | str) -> str:
-    """What is said under one code of a file that holds `data`, or why it cannot be read."""
+    """The findings with one code in a file with the content `data`, or with a reading error."""
     folder = DUMMY.parent
     options = Options(
         variables={},
@@ -99,7 +99,7 @@ def _report(code: str, path: str, data: bytes | str) -> str:
 
 
 def _example(code: str) -> Example:
-    """The first case of a rule: what differs between the wrong file and the right one."""
+    """The first case of a rule: the difference between the wrong and the right file."""
     accepted = CASES / "accept" / code
     wrong = min(p for p in (CASES / "reject" / code).glob("*.yaml") if (accepted / p.name).exists())
     right = accepted / wrong.name
@@ -124,7 +124,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _differing(lines: list[str], other: list[str]) -> Iterator[str]:
-    """The lines that the other text does not have, and those around them."""
+    """The lines that differ from the other text, with context."""
     end: int | None = None
     for group in SequenceMatcher(None, lines, other).get_grouped_opcodes(CONTEXT):
         if end is not None:
@@ -176,7 +176,7 @@ def _index() -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Write the files, or with `--check` name those that are stale; the process's exit code."""
+    """Write the files, or with `--check` list stale ones; return the exit code."""
     return bring_up_to_date(generated_files(), [PAGES], arguments)
 
 

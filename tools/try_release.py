@@ -1,8 +1,8 @@
-"""Uses what is released: installed into an empty environment, outside the checkout.
+"""Try the built distributions in an empty environment outside the checkout.
 
-In: the folder with the distributions, the lock. First obelisk-cli alone checks a config and says
-what it needs to launch it; then, with everything, a new workspace is launched. Leaves the wheel of
-obelisk-interfaces for this Python beside the other distributions.
+Takes the folder of the distributions and the lock file. First runs the commands that need only
+obelisk-cli, and checks that `obk launch` names the missing extra. Then installs everything and
+launches a new workspace. Leaves the wheel of obelisk-interfaces for this Python in the folder.
 """
 
 import os
@@ -32,15 +32,15 @@ LAUNCH = ("launch", f"{ROBOT}/{ROBOT}.yaml", "--duration", "5")
 
 
 class Environment:
-    """An empty virtual environment of this Python, and a folder to stand in."""
+    """An empty virtual environment of this Python, and a working folder."""
 
     def __init__(self, folder: Path) -> None:
-        """Make it."""
+        """Create the environment."""
         self._bin = folder / "environment" / "bin"
-        self._stands_in = folder / "elsewhere"
-        self._stands_in.mkdir(parents=True)
+        self._working_folder = folder / "elsewhere"
+        self._working_folder.mkdir(parents=True)
         venv.create(self._bin.parent, with_pip=True)
-        # Nothing of the environment that this is called from.
+        # Inherit nothing from the calling environment.
         foreign = ("PYTHONPATH", "VIRTUAL_ENV", "AMENT_PREFIX_PATH")
         self._variables = {k: v for k, v in os.environ.items() if k not in foreign}
         self._variables["OBK_HOME"] = str(folder / "home")
@@ -51,14 +51,14 @@ class Environment:
         self._run([self._bin / "python", "-m", "pip", *quiet, *arguments], expected=0)
 
     def obk(self, *arguments: str, expected: int = 0) -> str:
-        """Run its obk; what it said."""
+        """Run its obk and return the output."""
         print(f"wheel: obk {' '.join(arguments)}", flush=True)
         return self._run([self._bin / "obk", *arguments], expected=expected)
 
     def _run(self, command: Sequence[str | Path], *, expected: int) -> str:
         done = subprocess.run(
             command,
-            cwd=self._stands_in,
+            cwd=self._working_folder,
             env=self._variables,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -72,22 +72,22 @@ class Environment:
 
 
 def main() -> None:
-    """Try the distributions; ends with 1 where something is not as it should be."""
+    """Try the distributions; exit with 1 if anything fails."""
     dist, lock = (Path(argument).resolve() for argument in sys.argv[1:])
     with tempfile.TemporaryDirectory(prefix="obk-release-") as folder:
         try_release(dist, lock, Environment(Path(folder)))
 
 
 def try_release(dist: Path, lock: Path, environment: Environment) -> None:
-    """Use first the one distribution, then both."""
+    """Try obelisk-cli alone, then both distributions."""
     tool = next(dist.glob("obelisk_cli-*.whl"))
     messages = next(dist.glob("obelisk_interfaces-*.tar.gz"))
     environment.pip("install", "--constraint", lock, tool)
     for arguments in LIGHT:
         environment.obk(*arguments)
-    refused = environment.obk(*LAUNCH, expected=1)
-    if "pip install 'obelisk-cli[ros]'" not in refused:
-        sys.exit(f"{refused}\nwheel: the launch does not say what it needs")
+    output = environment.obk(*LAUNCH, expected=1)
+    if "pip install 'obelisk-cli[ros]'" not in output:
+        sys.exit(f"{output}\nwheel: `obk launch` does not name the missing extra")
     environment.pip("install", "--no-deps", "--requirement", lock)
     build = ("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", dist)
     environment.pip(*build, messages)

@@ -1,13 +1,13 @@
-/* The floor of the loop benchmark: the same nodes in C, straight on rcl.
+/* The floor of the loop benchmark: the same nodes in C, directly on rcl.
  *
  *     floor RATE_HZ JOINTS RECORD NAME...
  *
- * NAME is `sim_0`, `est_0`, `ctrl_0`, `sim_1`, ... One thread waits in one epoll: kernel timers for
- * the ticks, and an eventfd for each subscription, which the middleware's listener writes to. No
- * wait set is used, and nothing is allocated between two ticks but by the middleware.
+ * NAME is `sim_0`, `est_0`, `ctrl_0`, `sim_1`, ... One thread waits in one epoll for kernel timers,
+ * which are the ticks, and for an eventfd per subscription, to which the middleware's listener
+ * writes. No wait set is used, and only the middleware allocates memory between two ticks.
  *
- * Writes `ready` once a message has come to each node. When its standard input ends it writes what
- * the nodes noted to the file RECORD, as benchmarks/loop/record.py reads it, and ends.
+ * Prints `ready` after each node has received a message. When its standard input is closed, writes
+ * the nodes' records to the file RECORD, in the format of benchmarks/loop/record.py, and exits.
  */
 #include <inttypes.h>
 #include <stdbool.h>
@@ -50,8 +50,8 @@ typedef struct {
   rcl_node_t node;
   rcl_publisher_t publisher;
   rcl_subscription_t subscription;
-  void *heard, *sent; /* messages that are filled anew each time */
-  bool has_heard;
+  void *received, *sent; /* messages that are reused */
+  bool has_received;
   int timer_fd, message_fd;
   int64_t first_tick_ns;
   Times ticks, arrivals, delays;
@@ -69,8 +69,8 @@ static void must_system(int code, const char *what) {
   exit(1);
 }
 
-static void must_have(bool is_there, const char *what) {
-  if (is_there) return;
+static void must_have(bool exists, const char *what) {
+  if (exists) return;
   fprintf(stderr, "%s: out of memory\n", what);
   exit(1);
 }
@@ -113,41 +113,41 @@ static void make_messages(Node *node, size_t joints) {
     fill_numbers(&encoders->joint_vel, joints);
     fill_names(&encoders->joint_names, joints);
     node->sent = encoders;
-    node->heard = obelisk_control_msgs__msg__PositionSetpoint__create();
+    node->received = obelisk_control_msgs__msg__PositionSetpoint__create();
   } else if (node->role == EST) {
     Estimate *estimate = obelisk_estimator_msgs__msg__EstimatedState__create();
     fill_numbers(&estimate->q_joints, joints);
     fill_numbers(&estimate->v_joints, joints);
     fill_names(&estimate->joint_names, joints);
     node->sent = estimate;
-    node->heard = obelisk_sensor_msgs__msg__ObkJointEncoders__create();
+    node->received = obelisk_sensor_msgs__msg__ObkJointEncoders__create();
   } else {
     Setpoint *setpoint = obelisk_control_msgs__msg__PositionSetpoint__create();
     fill_numbers(&setpoint->u_mujoco, joints);
     node->sent = setpoint;
-    node->heard = obelisk_estimator_msgs__msg__EstimatedState__create();
+    node->received = obelisk_estimator_msgs__msg__EstimatedState__create();
   }
 }
 
-/* What has come goes into what is sent next. */
-static void hear(Node *node) {
-  node->has_heard = true;
+/* Copy from the received message what the next sent message needs. */
+static void receive(Node *node) {
+  node->has_received = true;
   if (node->role == SIM) {
-    const Setpoint *setpoint = node->heard;
+    const Setpoint *setpoint = node->received;
     int64_t now = now_ns();
     if (setpoint->header.stamp.sec == 0) return;
     note(&node->arrivals, now);
     note(&node->delays,
          now - setpoint->header.stamp.sec * (int64_t)NS_PER_S - setpoint->header.stamp.nanosec);
   } else if (node->role == EST) {
-    const Encoders *encoders = node->heard;
+    const Encoders *encoders = node->received;
     Estimate *estimate = node->sent;
     size_t joints = encoders->joint_pos.size;
     estimate->header.stamp = encoders->header.stamp;
     memcpy(estimate->q_joints.data, encoders->joint_pos.data, joints * sizeof(double));
     memcpy(estimate->v_joints.data, encoders->joint_vel.data, joints * sizeof(double));
   } else {
-    ((Setpoint *)node->sent)->header.stamp = ((const Estimate *)node->heard)->header.stamp;
+    ((Setpoint *)node->sent)->header.stamp = ((const Estimate *)node->received)->header.stamp;
   }
 }
 
@@ -155,7 +155,7 @@ static void take(Node *node) {
   uint64_t count;
   rmw_message_info_t info;
   if (read(node->message_fd, &count, sizeof count) < 0) return;
-  while (rcl_take(&node->subscription, node->heard, &info, NULL) == RCL_RET_OK) hear(node);
+  while (rcl_take(&node->subscription, node->received, &info, NULL) == RCL_RET_OK) receive(node);
   rcl_reset_error();
 }
 
@@ -208,9 +208,9 @@ static void open_node(Node *node, const char *name, size_t joints, rcl_context_t
   node->publisher = rcl_get_zero_initialized_publisher();
   must(rcl_publisher_init(&node->publisher, &node->node, type_of(node->role), out, &publishing),
        "publisher");
-  rcl_subscription_options_t hearing = rcl_subscription_get_default_options();
+  rcl_subscription_options_t subscribing = rcl_subscription_get_default_options();
   node->subscription = rcl_get_zero_initialized_subscription();
-  must(rcl_subscription_init(&node->subscription, &node->node, type_of(source), in, &hearing),
+  must(rcl_subscription_init(&node->subscription, &node->node, type_of(source), in, &subscribing),
        "subscription");
 }
 
@@ -219,7 +219,7 @@ static void watch(int epoll_fd, int fd, uint64_t mark) {
   must_system(epoll_ctl(epoll_fd, EPOLL_CTL_ADD, fd, &event), "epoll_ctl");
 }
 
-/* Marks in the epoll: 2 * number for a node's timer, one more for its messages. */
+/* User data in the epoll: 2 * number for a node's timer, 2 * number + 1 for its messages. */
 static void start_node(Node *node, uint64_t number, int64_t period_ns, int epoll_fd) {
   node->message_fd = eventfd(0, EFD_NONBLOCK);
   must_system(node->message_fd, "eventfd");
@@ -243,9 +243,9 @@ static void close_node(Node *node) {
   must(rcl_node_fini(&node->node), "node");
 }
 
-static bool have_all_heard(const Node *nodes, size_t count) {
+static bool have_all_received(const Node *nodes, size_t count) {
   for (size_t i = 0; i < count; i++)
-    if (!nodes[i].has_heard) return false;
+    if (!nodes[i].has_received) return false;
   return true;
 }
 
@@ -261,7 +261,7 @@ static void spin(Node *nodes, size_t count, int epoll_fd) {
       if (mark == end) return;
       (mark % 2 ? take : tick)(&nodes[mark / 2]);
     }
-    if (!is_ready && have_all_heard(nodes, count)) {
+    if (!is_ready && have_all_received(nodes, count)) {
       is_ready = true;
       puts("ready");
       fflush(stdout);

@@ -1,9 +1,9 @@
-"""What a control loop costs and how exactly it keeps time, on several executors side by side.
+"""Compare the cost and the timing accuracy of a control loop on several executors.
 
-`python -m benchmarks.loop` from the root of the checkout. A `cases` says what is measured, a `run`
-starts the processes of one case and measures them from outside, `suite` takes the cases in turns,
-`figures` makes numbers of what came out, `report` and `plots` write them down.
+Run `python -m benchmarks.loop` from the root of the checkout. `cases` defines what is measured,
+`run` starts the processes of one case and measures them from outside, `suite` runs the cases in
+turns, `figures` computes the measures, `report` and `plots` write them.
 
-The nodes run in processes of their own (`worker`, or `benchmarks/floor` in C). They only note when
-something happened; what follows from it is computed here, the same way for all.
+The nodes run in separate processes (`worker`, or `benchmarks/floor` in C) and only record times;
+this process computes the measures of all contestants in the same way.
 """

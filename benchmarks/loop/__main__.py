@@ -1,14 +1,14 @@
-"""What a control loop costs and how exactly it keeps time, on several executors side by side.
+"""Compare the cost and the timing accuracy of a control loop on several executors.
 
     python -m benchmarks.loop [--quick] [--parts PART...] [--rounds N] [--seconds S] [--go-on]
 
 Three nodes in a ring (simulator, estimator, controller), each with a timer, a publisher and a
-subscription; in a process each, and all in one. Parts: the work itself at 1 kHz with 30 joints, and
-curves over the number of nodes, the rate, the size of the messages. Writes `loop.json`, `loop.md`
-and `loop_<part>.svg`. A contestant that cannot do its work is a result; exit code 1 where none can.
+subscription; with one process per node, and all in one process. Parts: `work` at 1 kHz with 30
+joints, and curves over the number of nodes, the rate and the message size. Writes `loop.json`,
+`loop.md` and `loop_<part>.svg`. A contestant that fails is a valid result; exit code 1 if all fail.
 
-Every run is kept in build/benchmarks/loop.jsonl. Parts that were measured apart are joined; with
---go-on only runs are made that are not there, so that an interrupted suite is finished.
+Every run is saved in build/benchmarks/loop.jsonl. Parts measured separately are merged; --go-on
+runs only what is missing, to complete an interrupted suite.
 """
 
 import argparse
@@ -58,18 +58,18 @@ JOURNAL = "loop.jsonl"
 
 
 def main() -> int:
-    """Measure, report, write."""
-    asked = options()
-    efforts = efforts_of(asked)
-    journal = (asked.results if asked.results != RESULTS else BUILD) / JOURNAL
+    """Measure the cases, print and write the results."""
+    arguments = options()
+    efforts = efforts_of(arguments)
+    journal = (arguments.results if arguments.results != RESULTS else BUILD) / JOURNAL
     surroundings = {"machine": machine(), "versions": dict(run_versions())}
     before = read_journal(journal, surroundings)
-    stays = before if asked.go_on else others(before, efforts)
+    stays = before if arguments.go_on else others(before, efforts)
     done = [record for record in stays if isinstance(record, Run) and record.case in efforts]
     try:
         floor = build_floor(BUILD)
     except (BuildToolError, subprocess.CalledProcessError) as error:
-        print(f"the floor cannot be compiled: {error}", file=sys.stderr)
+        print(f"cannot compile benchmarks/floor: {error}", file=sys.stderr)
         return 1
     write_journal(journal, surroundings, stays)
     with ExitStack() as stack:
@@ -77,19 +77,19 @@ def main() -> int:
             os.environ["ROS_DOMAIN_ID"] = str(stack.enter_context(free_domain()))
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         measure_with_progress(efforts, done, floor, journal)
-    return write_results(asked.results, efforts, read_journal(journal, surroundings))
+    return write_results(arguments.results, efforts, read_journal(journal, surroundings))
 
 
 def measure_with_progress(
     efforts: Mapping[Case, Effort], done: Sequence[Run], floor: Path, journal: Path
 ) -> None:
-    """Make what is not done, with a bar on a terminal and a line for each run."""
+    """Make the missing runs; show a progress bar on a terminal, and print a line per run."""
     turns = turns_of(efforts, done)
     whole_s = estimate_s(turns)
     console = Console()
     console.print(
         f"{len(efforts)} cases, {len(turns)} runs, {len(done)} done before: "
-        f"about {clock(whole_s)} on a quiet machine"
+        f"about {clock(whole_s)} on an idle machine"
     )
     shown = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
     with Progress(*shown, console=console) as progress:
@@ -108,11 +108,11 @@ def measure_with_progress(
         run_suite(efforts, done, floor=floor, keep=keep, reported=reported)
 
 
-def write_results(folder: Path, asked: Mapping[Case, Effort], records: Sequence[Record]) -> int:
-    """Table, curves and numbers of all that is there; the exit code."""
+def write_results(folder: Path, arguments: Mapping[Case, Effort], records: Sequence[Record]) -> int:
+    """Write table, curves and JSON of all existing runs; return the exit code."""
     folder.mkdir(parents=True, exist_ok=True)
     cases = dict.fromkeys(record.case for record in records if isinstance(record, Run))
-    suite = suite_of({case: effort_of(case) for case in cases} | dict(asked), records)
+    suite = suite_of({case: effort_of(case) for case in cases} | dict(arguments), records)
     rows = rows_of(suite)
     write_json(folder / "loop.json", suite)
     write_table(folder / "loop.md", suite)
@@ -124,52 +124,53 @@ def write_results(folder: Path, asked: Mapping[Case, Effort], records: Sequence[
 
 
 def others(before: Sequence[Record], efforts: Mapping[Case, Effort]) -> tuple[Record, ...]:
-    """What stays of a journal when some cases are measured again."""
+    """The records of a journal to keep when some cases are measured again."""
     if not any(isinstance(record, Run) and record.case not in efforts for record in before):
         return ()
     return tuple(r for r in before if not isinstance(r, Run) or r.case not in efforts)
 
 
-def efforts_of(asked: argparse.Namespace) -> dict[Case, Effort]:
-    """How well each case is to be measured."""
+def efforts_of(arguments: argparse.Namespace) -> dict[Case, Effort]:
+    """The number and duration of the runs of each case."""
     return {
         case: Effort(
-            rounds=asked.rounds or effort_of(case).rounds,
-            seconds=asked.seconds or effort_of(case).seconds,
+            rounds=arguments.rounds or effort_of(case).rounds,
+            seconds=arguments.seconds or effort_of(case).seconds,
         )
-        for case in cases_of(asked.parts, asked.contestants, asked.layouts)
+        for case in cases_of(arguments.parts, arguments.contestants, arguments.layouts)
     }
 
 
 def options() -> argparse.Namespace:
-    """What the command line asks for."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.loop",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--quick", action="store_true", help="the work alone, once, a minute")
-    parser.add_argument("--go-on", action="store_true", help="make only runs that are not there")
+    parser.add_argument("--quick", action="store_true", help="run `work` only, once: a minute")
+    parser.add_argument("--go-on", action="store_true", help="make only missing runs")
     parser.add_argument("--parts", nargs="+", choices=PARTS, help="default: all")
     parser.add_argument("--contestants", nargs="+", choices=CONTESTANTS, default=CONTESTANTS)
     parser.add_argument("--layouts", nargs="+", choices=LAYOUTS, default=LAYOUTS)
-    parser.add_argument("--rounds", type=int, help="default: 5 of the work, 3 of the curves")
-    parser.add_argument("--seconds", type=float, help="of each run; default: 3 and 2")
+    parser.add_argument("--rounds", type=int, help="rounds; default: 5 for work, 2 for curves")
+    parser.add_argument("--seconds", type=float, help="duration of each run; default: 3 and 2")
     parser.add_argument(
         "--results",
         type=Path,
-        help="folder; default: benchmarks/results, with --quick build/benchmarks/quick",
+        help="folder of the results; default: benchmarks/results, with --quick "
+        "build/benchmarks/quick",
     )
-    asked = parser.parse_args()
-    asked.parts = asked.parts or (["work"] if asked.quick else list(PARTS))
-    if asked.quick:
-        asked.rounds, asked.seconds = asked.rounds or 1, asked.seconds or 1.0
-    asked.results = asked.results or (BUILD / "quick" if asked.quick else RESULTS)
-    return asked
+    arguments = parser.parse_args()
+    arguments.parts = arguments.parts or (["work"] if arguments.quick else list(PARTS))
+    if arguments.quick:
+        arguments.rounds, arguments.seconds = arguments.rounds or 1, arguments.seconds or 1.0
+    arguments.results = arguments.results or (BUILD / "quick" if arguments.quick else RESULTS)
+    return arguments
 
 
 def sentence(run: Run) -> str:
-    """The outcome of a run in a line."""
+    """The outcome of a run in one line."""
     if not isinstance(run.outcome, Figures):
         return f"failed: {run.outcome.why}"
     figures = run.outcome
@@ -186,9 +187,9 @@ def clock(seconds: float) -> str:
 
 
 if __name__ == "__main__":
-    # Who is watching sees each line when it comes, also through a pipe.
+    # Print each line immediately, even through a pipe.
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     try:
         sys.exit(main())
     except KeyboardInterrupt:
-        sys.exit("interrupted; what was measured is kept for --go-on")
+        sys.exit("interrupted; resume with --go-on")

@@ -1,4 +1,4 @@
-"""What is measured: contestants, layouts and the parts of the suite. Data only."""
+"""Define the contestants, layouts and parts of the suite. Data only."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -22,10 +22,10 @@ __all__ = [
 
 ROLES = ("sim", "est", "ctrl")
 LAYOUTS = ("separate", "composed")
-"""Each node in a process of its own, or all in one."""
+"""One process per node, or all nodes in one process."""
 BASELINE = "rclpy SingleThreadedExecutor"
 LIBRARY = "obelisk nodes"
-"""The library's base classes, spun as `spin_obelisk` does, composed as `obk launch` does."""
+"""The library's base classes, run by `spin_obelisk`, or composed as by `obk launch`."""
 FLOOR = "C on rcl"
 CONTESTANTS = (
     BASELINE,
@@ -37,7 +37,7 @@ CONTESTANTS = (
 )
 IN_CURVES = frozenset({BASELINE, LIBRARY, FLOOR})
 WITHOUT_BASELINE = "nodes"
-"""A curve that is held against itself; thirty processes of the baseline take long to start."""
+"""A curve without the baseline, thirty processes of which take too long to start."""
 PARTS = ("work", "nodes", "rate", "size")
 
 
@@ -48,10 +48,10 @@ class Case:
     contestant: str
     layout: str
     rate_hz: int = 1000
-    """Of each node's timer."""
+    """The rate of each node's timer."""
     joints: int = 30
     nodes: int = 3
-    """A multiple of three; each three are a loop of their own."""
+    """A multiple of three; every three nodes form a loop."""
 
     def __str__(self) -> str:
         return (
@@ -61,14 +61,14 @@ class Case:
 
     @property
     def processes(self) -> tuple[tuple[str, ...], ...]:
-        """The names of the nodes of each process: `sim_0` is the simulator of the first loop."""
+        """The node names of each process: `sim_0` is the simulator of the first loop."""
         loops = range(self.nodes // len(ROLES))
         names = tuple(f"{role}_{loop}" for loop in loops for role in ROLES)
         return tuple((name,) for name in names) if self.layout == "separate" else (names,)
 
     @property
     def baseline(self) -> "Case":
-        """The same work on the executor that ratios are taken to."""
+        """The same case with the baseline executor of all ratios."""
         return Case(**{**self.as_dict(), "contestant": BASELINE})
 
     def as_dict(self) -> dict[str, Any]:
@@ -78,11 +78,11 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effort:
-    """How well a case is measured."""
+    """The number and duration of the runs of a case."""
 
     rounds: int
     seconds: float
-    """Of each run."""
+    """The duration of each run."""
 
 
 WORK = Effort(rounds=5, seconds=3.0)
@@ -91,7 +91,7 @@ CURVE = Effort(rounds=2, seconds=2.0)
 
 
 def effort_of(case: Case) -> Effort:
-    """The work itself is measured best, where a goal depends on it; a curve has its neighbours."""
+    """The effort for a case: highest for `work` if a goal depends on it, lower for curves."""
     if case != Case(contestant=case.contestant, layout=case.layout):
         return CURVE
     return WORK if case.contestant in IN_CURVES else PEER
@@ -103,13 +103,13 @@ POINTS: dict[str, tuple[dict[str, int], ...]] = {
     "rate": tuple({"rate_hz": rate_hz} for rate_hz in (500, 1000, 2000)),
     "size": tuple({"joints": joints} for joints in (10, 30, 300)),
 }
-"""What each part varies, beside contestants and layouts."""
+"""The values that each part varies, in addition to contestants and layouts."""
 
 
 def cases_of(
     parts: Iterable[str], contestants: Iterable[str], layouts: Iterable[str]
 ) -> tuple[Case, ...]:
-    """The cases of some parts of the suite, each once."""
+    """The cases of some parts of the suite, without duplicates."""
     chosen, laid_out = tuple(contestants), tuple(layouts)
     return tuple(
         dict.fromkeys(

@@ -1,4 +1,4 @@
-"""Numbers from what was noted: percentiles, lateness, spreads, ratios. Pure."""
+"""Compute the measures from records: percentiles, lateness, spreads, ratios. Pure."""
 
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,58 +19,58 @@ __all__ = [
 ]
 
 EARLY = 0.05
-"""Part of a period by which a tick may seem early, as phase and tick are noted a little apart."""
+"""Share of a period by which a tick may appear early, as phase and tick are read separately."""
 NS_PER_S = 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Usage:
-    """Processor time of one run, in percent of one core."""
+    """CPU time during one run, in percent of one core."""
 
     own: float
-    """Of the nodes' processes."""
+    """Used by the nodes' processes."""
     others: float
-    """Of whatever else the machine did meanwhile, this suite included."""
+    """Used by everything else on the machine, including this suite."""
     stolen: float
-    """By the machine's host."""
+    """Stolen by the machine's host."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """What one run came to."""
+    """The measures of one run."""
 
     cpu_percent: float
-    """Of one core, all processes of the nodes together."""
+    """CPU time of all node processes, in percent of one core."""
     cpu_per_tick_us: float
-    """The same for each tick of a node: also right where ticks were missed."""
+    """The same per tick of a node; comparable even if ticks were missed."""
     others_percent: float
-    """Of one core, everything else on the machine."""
+    """CPU time of everything else on the machine, in percent of one core."""
     stolen_percent: float
-    """Of one core, what the machine's host kept from it."""
+    """CPU time that the machine's host stole, in percent of one core."""
     rate_hz: float
-    """Of the slowest node."""
+    """The rate of the slowest node."""
     late_p50_us: float
-    """|actual - scheduled| of the ticks of all nodes."""
+    """|actual - scheduled| time of the ticks of all nodes."""
     late_p99_us: float
     latency_p50_ms: float
-    """From the stamp of a sensor message to the arrival of a control that was made from it."""
+    """Time from the stamp of a sensor message to the arrival of the control computed from it."""
     latency_p99_ms: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spread:
-    """Of the same figure in several rounds."""
+    """The spread of one measure over several rounds."""
 
     median: float
     min: float
     max: float
 
 
-def figures_of(records: Iterable[NodeRecord], usage: Usage, begin_ns: int, end_ns: int) -> Figures:
-    """What happened between two moments of the monotonic clock [ns].
+def figures_of(records: Iterable[NodeRecord], usage: Usage, start_ns: int, end_ns: int) -> Figures:
+    """Compute the measures between two times of the monotonic clock [ns].
 
     Raises:
-        ValueError: a node did not tick in this time, or nothing came back to the simulators.
+        ValueError: a node did not tick in this time, or no simulator received a control message.
     """
     late_ns: list[int] = []
     delays_ns: list[int] = []
@@ -78,22 +78,22 @@ def figures_of(records: Iterable[NodeRecord], usage: Usage, begin_ns: int, end_n
     for record in records:
         ticks = lateness_ns(record.ticks_ns, period_ns=record.period_ns, phase_ns=record.phase_ns)
         seen = [
-            late for at, late in zip(record.ticks_ns, ticks, strict=True) if begin_ns <= at < end_ns
+            late for at, late in zip(record.ticks_ns, ticks, strict=True) if start_ns <= at < end_ns
         ]
         if not seen:
             raise ValueError(f"{record.name} did not tick")
         late_ns += seen
-        rates_hz.append(len(seen) / (end_ns - begin_ns) * NS_PER_S)
+        rates_hz.append(len(seen) / (end_ns - start_ns) * NS_PER_S)
         delays_ns += [
             delay
             for at, delay in zip(record.arrivals_ns, record.delays_ns, strict=True)
-            if begin_ns <= at < end_ns
+            if start_ns <= at < end_ns
         ]
     if not delays_ns:
-        raise ValueError("no control message came back to a simulator")
+        raise ValueError("no simulator received a control message")
     return Figures(
         cpu_percent=usage.own,
-        cpu_per_tick_us=usage.own / 100 * (end_ns - begin_ns) / len(late_ns) / 1e3,
+        cpu_per_tick_us=usage.own / 100 * (end_ns - start_ns) / len(late_ns) / 1e3,
         others_percent=usage.others,
         stolen_percent=usage.stolen,
         rate_hz=min(rates_hz),
@@ -105,15 +105,15 @@ def figures_of(records: Iterable[NodeRecord], usage: Usage, begin_ns: int, end_n
 
 
 def lateness_ns(ticks_ns: Sequence[int], *, period_ns: int, phase_ns: int) -> list[int]:
-    """How far each tick was from the moment it was due at.
+    """The difference between each tick and its scheduled time.
 
-    A timer that was called late is due again at the next moment of its schedule; what it missed it
-    does not make up for.
+    A timer that was called late is due again at the next time of its schedule; missed ticks are
+    skipped.
 
     Args:
-        ticks_ns: when the timer called, in order.
-        period_ns: of its schedule.
-        phase_ns: any moment of its schedule.
+        ticks_ns: the times of the ticks, in ascending order.
+        period_ns: the period of the schedule.
+        phase_ns: any time of the schedule.
 
     Source: `rcl_timer_call`, rcl/timer.h of ROS 2 Jazzy.
     """
@@ -129,7 +129,7 @@ def lateness_ns(ticks_ns: Sequence[int], *, period_ns: int, phase_ns: int) -> li
 
 
 def percentile(values: Iterable[float], share: float) -> float:
-    """The smallest value that at least this share of all does not exceed.
+    """The smallest value that is not exceeded by at least this share of all values.
 
     Args:
         values: at least one.
@@ -140,12 +140,12 @@ def percentile(values: Iterable[float], share: float) -> float:
 
 
 def spread(values: Sequence[float]) -> Spread:
-    """Median, least and greatest of at least one value."""
+    """Median, minimum and maximum of at least one value."""
     return Spread(median=statistics.median(values), min=min(values), max=max(values))
 
 
 def spreads(rounds: Sequence[Figures]) -> dict[str, Spread]:
-    """Each figure over the rounds, by name."""
+    """The spread of each measure over the rounds, by name."""
     return {
         field.name: spread([getattr(figures, field.name) for figures in rounds])
         for field in fields(Figures)
@@ -155,12 +155,12 @@ def spreads(rounds: Sequence[Figures]) -> dict[str, Spread]:
 def ratios(
     rounds: Mapping[int, Figures], baseline: Mapping[int, Figures], name: str
 ) -> Spread | None:
-    """A figure over that of the baseline in the same round; None where no round has both.
+    """A measure relative to the baseline in the same round; None if no round has both.
 
     Args:
-        rounds: figures by the number of the round.
-        baseline: the same of the baseline.
-        name: which figure.
+        rounds: measures by round number.
+        baseline: measures of the baseline by round number.
+        name: the measure.
     """
     both = [
         getattr(rounds[number], name) / getattr(baseline[number], name)

@@ -1,4 +1,4 @@
-"""Compiles the C program of `benchmarks/floor` against the ROS 2 that this Python has."""
+"""Compile the C program in `benchmarks/floor` with the ROS 2 of this Python environment."""
 
 import subprocess
 import sys
@@ -20,14 +20,14 @@ LIBRARIES = (
 
 
 def build_floor(folder: Path) -> Path:
-    """Compile the program; its path.
+    """Compile the program and return its path.
 
     Args:
-        folder: where it is put.
+        folder: the output folder.
 
     Raises:
-        BuildToolError: there is no compiler, or no ROS 2.
-        CalledProcessError: it does not compile; the compiler has said why.
+        BuildToolError: no compiler or no ROS 2 was found.
+        CalledProcessError: compilation failed; the compiler has printed the reason.
     """
     (compiler, _), program = find_compilers(), folder / "floor"
     prefixes = tuple(dict.fromkeys((Path(sys.prefix), find_ros_prefix())))
@@ -38,11 +38,11 @@ def build_floor(folder: Path) -> Path:
             *compiler,
             *("-std=gnu11", "-O2", "-Wall", "-Wextra"),
             *("-o", str(program), str(SOURCE)),
-            # Theirs are system headers: what a newer compiler says of them is not for us.
+            # System headers, to suppress warnings of newer compilers about ROS 2 headers.
             *(f"-isystem{include}" for include in include_folders(prefixes)),
             *(f"-L{library}" for library in libraries),
             *(f"-l{library}" for library in LIBRARIES),
-            # What those need is found when it starts, as the start hook of Python has set it up.
+            # Their dependencies are found at run time, as set up by the start hook of Python.
             "-Wl,--allow-shlib-undefined",
             *_python(),
         ],
@@ -52,7 +52,7 @@ def build_floor(folder: Path) -> Path:
 
 
 def _python() -> tuple[str, ...]:
-    """Flags for Python's library, never called: librcl of the wheels needs its symbols to load."""
+    """Linker flags for libpython, whose symbols librcl from the wheels needs to load."""
     folder = sysconfig.get_config_var("LIBDIR")
     library = f"-lpython{sysconfig.get_config_var('LDVERSION')}"
     return (f"-L{folder}", f"-Wl,-rpath,{folder}", "-Wl,--no-as-needed", library)

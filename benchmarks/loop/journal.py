@@ -1,4 +1,4 @@
-"""Each run as a line of JSON, written when it is over: what an interrupted suite leaves."""
+"""Save each finished run as a line of JSON, so that an interrupted suite can be resumed."""
 
 import json
 from collections.abc import Iterable
@@ -15,11 +15,11 @@ __all__ = ["append_record", "read_journal", "write_journal"]
 
 
 def read_journal(path: Path, surroundings: dict[str, Any]) -> tuple[Record, ...]:
-    """What was measured before; nothing where there is no journal, or one of other surroundings.
+    """Read the records of a journal; empty if it does not exist or has other surroundings.
 
     Args:
         path: the journal.
-        surroundings: machine and versions, with which figures can be compared.
+        surroundings: the machine and versions that make results comparable.
     """
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     if not lines or json.loads(lines[0]) != surroundings:
@@ -28,14 +28,14 @@ def read_journal(path: Path, surroundings: dict[str, Any]) -> tuple[Record, ...]
 
 
 def write_journal(path: Path, surroundings: dict[str, Any], records: Iterable[Record]) -> None:
-    """Begin a journal with what stays of the one before."""
+    """Start a new journal with the records to keep."""
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = [json.dumps(surroundings), *map(_line, records)]
     path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
 def append_record(path: Path, record: Record) -> None:
-    """Keep one more."""
+    """Append one record."""
     with path.open("a", encoding="utf-8") as journal:
         journal.write(_line(record) + "\n")
 

@@ -1,7 +1,7 @@
-"""The work in nodes that inherit from the library's base classes, run as `obk launch` runs them.
+"""Nodes that inherit from the library's base classes, run as `obk launch` runs them.
 
-A process of one node is a call of `spin_obelisk`, one of several the host of composed processes.
-The nodes take themselves to active, as no launcher does it.
+A single node runs in `spin_obelisk`, several nodes run in the host of composed processes. The
+nodes activate themselves, because there is no launcher.
 """
 
 import os
@@ -26,8 +26,8 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 __all__ = ["LibraryNodes", "main"]
 
-BEGIN_AFTER_S = 0.02
-"""When a node that spins takes itself to active [s]."""
+ACTIVATE_AFTER_S = 0.02
+"""Time after which a spinning node activates itself [s]."""
 
 
 class Simulator(ObeliskRobot):
@@ -42,17 +42,17 @@ class Simulator(ObeliskRobot):
         self.register_obk_publisher(
             "pub_sensor_setting", key="pub_sensor", msg_type=ObkJointEncoders
         )
-        begin_soon(self)
+        activate_soon(self)
 
     def apply_control(self, control_msg: Any) -> None:
-        self.work.hear(control_msg)
+        self.work.receive(control_msg)
 
     def publish_encoders(self) -> None:
         self.obk_publishers["pub_sensor"].publish(self.work.tick())
 
 
 class Estimator(ObeliskEstimator):
-    """Hands the encoders on."""
+    """Publishes the received encoder values as an estimate."""
 
     def __init__(self, name: str, work: Work, period_s: float) -> None:
         self.work = work
@@ -60,9 +60,9 @@ class Estimator(ObeliskEstimator):
             name, EstimatedState, parameter_overrides=settings("sensor", work, "est", period_s)
         )
         self.register_obk_subscription(
-            "sub_sensor_setting", self.work.hear, key="sub_sensor", msg_type=ObkJointEncoders
+            "sub_sensor_setting", self.work.receive, key="sub_sensor", msg_type=ObkJointEncoders
         )
-        begin_soon(self)
+        activate_soon(self)
 
     def compute_state_estimate(self) -> Any:
         estimate = self.work.tick()
@@ -71,7 +71,7 @@ class Estimator(ObeliskEstimator):
 
 
 class Controller(ObeliskController):
-    """Sends the same set point each time."""
+    """Publishes the same setpoint each time."""
 
     def __init__(self, name: str, work: Work, period_s: float) -> None:
         self.work = work
@@ -81,10 +81,10 @@ class Controller(ObeliskController):
             EstimatedState,
             parameter_overrides=settings("est", work, "ctrl", period_s),
         )
-        begin_soon(self)
+        activate_soon(self)
 
     def update_x_hat(self, x_hat_msg: Any) -> None:
-        self.work.hear(x_hat_msg)
+        self.work.receive(x_hat_msg)
 
     def compute_control(self) -> Any:
         control = self.work.tick()
@@ -97,36 +97,36 @@ KINDS: dict[str, tuple[type[Any], str]] = {
     "est": (Estimator, "timer_est"),
     "ctrl": (Controller, "timer_ctrl"),
 }
-"""Of each role the class, and the key of its timer."""
-MADE: list[Any] = []
-"""The nodes of this process."""
+"""Role -> the class and the key of its timer."""
+NODES: list[Any] = []
+"""All nodes of this process."""
 
 
-def settings(hears: str, work: Work, sends: str, period_s: float) -> list[Parameter]:
+def settings(receives: str, work: Work, sends: str, period_s: float) -> list[Parameter]:
     """The ROS parameters of a node that has a subscription, a publisher and a timer."""
     depth = f"history_depth: {HISTORY_DEPTH}"
     values = {
-        f"sub_{hears}_setting": f"{{topic: {work.subscribes_to}, {depth}}}",
+        f"sub_{receives}_setting": f"{{topic: {work.subscribes_to}, {depth}}}",
         f"pub_{sends}_setting": f"{{topic: {work.publishes_on}, {depth}}}",
         f"timer_{sends}_setting": f"{{timer_period_sec: {period_s}}}",
     }
     return [Parameter(name, value=value) for name, value in values.items()]
 
 
-def begin_soon(node: ObeliskNode) -> None:
-    """Let a node take itself to active, on the thread that spins it."""
+def activate_soon(node: ObeliskNode) -> None:
+    """Let a node activate itself on the thread that spins it."""
 
-    def begin() -> None:
+    def activate() -> None:
         starter.cancel()
         node.trigger_configure()
         node.trigger_activate()
 
-    starter = node.create_timer(BEGIN_AFTER_S, begin)
-    MADE.append(node)
+    starter = node.create_timer(ACTIVATE_AFTER_S, activate)
+    NODES.append(node)
 
 
 def main() -> None:
-    """The program of one node: its name, rate [Hz] and joints are the command line."""
+    """Run one node; its name, rate [Hz] and joints are the command-line arguments."""
     name, rate_hz, joints = sys.argv[1:]
     kind, _ = KINDS[name.partition("_")[0]]
     spin_obelisk(
@@ -141,7 +141,7 @@ def main() -> None:
 
 
 class LibraryNodes:
-    """The nodes of a process."""
+    """All nodes of a process."""
 
     def __init__(self, names: Sequence[str], rate_hz: int, joints: int) -> None:
         self._programs = [
@@ -155,28 +155,28 @@ class LibraryNodes:
         ]
 
     def spin(self) -> None:
-        """Run until `end`; exits the process where a node dies."""
+        """Run until `end`; exit the process if a node dies."""
         if len(self._programs) == 1:
             with self._programs[0].command_line():
                 main()
         elif code := run_composed(self._programs):
             sys.exit(code)
 
-    def have_heard(self) -> bool:
-        """Whether a message came to each of them."""
-        return len(MADE) == len(self._programs) and all(n.work.notes.has_heard for n in MADE)
+    def have_received(self) -> bool:
+        """Whether each node has received a message."""
+        return len(NODES) == len(self._programs) and all(n.work.notes.has_received for n in NODES)
 
     def records(self) -> list[NodeRecord]:
-        """What was noted."""
+        """The records of all nodes."""
         return [
             record_of(
                 node.get_name(),
                 node.work.notes,
                 node.obk_timers[KINDS[node.get_name().partition("_")[0]][1]],
             )
-            for node in MADE
+            for node in NODES
         ]
 
     def end(self) -> None:
-        """End the process in order; called from another thread."""
+        """Shut down the process cleanly; called from another thread."""
         os.kill(os.getpid(), signal.SIGTERM)

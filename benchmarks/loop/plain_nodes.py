@@ -1,4 +1,4 @@
-"""The work in plain rclpy nodes, on an executor of choice."""
+"""Plain rclpy nodes on a chosen executor."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -33,7 +33,7 @@ class PlainNode(Node):
         super().__init__(name)
         self.work = work_of(name, joints)
         self.create_subscription(
-            self.work.hears, self.work.subscribes_to, self.work.hear, HISTORY_DEPTH
+            self.work.receives, self.work.subscribes_to, self.work.receive, HISTORY_DEPTH
         )
         self._publisher = self.create_publisher(
             self.work.sends, self.work.publishes_on, HISTORY_DEPTH
@@ -45,7 +45,7 @@ class PlainNode(Node):
 
 
 class PlainNodes:
-    """The nodes of a process."""
+    """All nodes of a process."""
 
     def __init__(self, names: Sequence[str], contestant: str, rate_hz: int, joints: int) -> None:
         rclpy.init()
@@ -63,15 +63,15 @@ class PlainNodes:
             return
         rclpy.try_shutdown()
 
-    def have_heard(self) -> bool:
-        """Whether a message came to each of them."""
-        return all(node.work.notes.has_heard for node in self._nodes)
+    def have_received(self) -> bool:
+        """Whether each node has received a message."""
+        return all(node.work.notes.has_received for node in self._nodes)
 
     def records(self) -> list[NodeRecord]:
-        """What was noted."""
+        """The records of all nodes."""
         return [record_of(node.get_name(), node.work.notes, node.timer) for node in self._nodes]
 
     def end(self) -> None:
-        """Let `spin` come back; called from another thread."""
+        """Make `spin` return; called from another thread."""
         self._over.set_result(None)
         self._executor.wake()

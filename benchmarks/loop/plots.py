@@ -1,4 +1,4 @@
-"""Draws what the loop costs against what a part of the suite varies: `loop_<part>.svg`."""
+"""Plot the CPU use of the loop over what a part of the suite varies: `loop_<part>.svg`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,18 +17,18 @@ CURVES = {
     "rate": ("rate_hz", "rate of each node's timer [Hz]"),
     "size": ("joints", "joints in each message, 1 kHz"),
 }
-"""Of each part the field that it varies, and how the axis is called."""
-# The same figures give the same file.
+"""Part -> the field that it varies, and the label of the axis."""
+# The same data gives the same file.
 STYLE: Any = {"svg.hashsalt": "obelisk", "svg.fonttype": "none"}
 
 
 def draw_curve(folder: Path, part: str, rows: Sequence[Row]) -> Path:
-    """Draw one part; the file.
+    """Plot one part and return the file.
 
     Args:
-        folder: where it goes.
+        folder: the output folder.
         part: a key of `CURVES`.
-        rows: with the cases of the part among them; what is missing is left out.
+        rows: the results; missing cases are left out of the plot.
     """
     field, label = CURVES[part]
     found = {row.case: row for row in rows if row.figures}

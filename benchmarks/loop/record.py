@@ -1,6 +1,6 @@
-"""What a node notes while it runs, and the file that it leaves. No figure is computed here.
+"""Record the times of a node while it runs, and write and read the file with the records.
 
-All times are of the monotonic clock [ns], which the processes of one machine share.
+All times are of the monotonic clock [ns], which all processes of a machine share.
 """
 
 import json
@@ -17,37 +17,37 @@ PHASE_LOOKS = 50
 
 
 class Notes:
-    """Filled by a node, at its ticks and its messages."""
+    """The times that a node records at its ticks and messages."""
 
     def __init__(self) -> None:
         self.ticks_ns = array("q")
-        """When its timer called it."""
+        """Times of its timer callbacks."""
         self.arrivals_ns = array("q")
-        """When a message came back to the simulator that it had set off; other nodes: none."""
+        """Times at which the simulator received controls; empty for other nodes."""
         self.delays_ns = array("q")
-        """How long each of these had been on its way."""
-        self.has_heard = False
-        """Whether any message came."""
+        """Age of the sensor values behind each of these controls."""
+        self.has_received = False
+        """Whether the node has received any message."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeRecord:
-    """What a node noted, as the file has it."""
+    """The record of a node in the file."""
 
     name: str
     period_ns: int
     phase_ns: int
-    """One moment at which the timer was due; all others are whole periods from it."""
+    """One scheduled time of the timer; all others are whole periods away from it."""
     ticks_ns: tuple[int, ...]
     arrivals_ns: tuple[int, ...]
     delays_ns: tuple[int, ...]
 
 
 def phase_ns(until_next_call_ns: Callable[[], int]) -> int:
-    """When a timer is due, by the monotonic clock [ns].
+    """A time at which a timer is due, on the monotonic clock [ns].
 
     Args:
-        until_next_call_ns: asks the timer, on whatever clock it runs.
+        until_next_call_ns: returns the time until the next call, on any clock.
     """
     looks = []
     for _ in range(PHASE_LOOKS):
@@ -59,8 +59,8 @@ def phase_ns(until_next_call_ns: Callable[[], int]) -> int:
 
 
 def record_of(name: str, notes: Notes, timer: Any) -> NodeRecord:
-    """What a node noted, and when its rclpy timer is due."""
-    # The node goes on: it may have noted an arrival and not its delay yet.
+    """The record of a node, with the phase of its rclpy timer."""
+    # The node is still running and may have recorded an arrival but not its delay.
     delays_ns = tuple(notes.delays_ns)
     return NodeRecord(
         name=name,

@@ -1,4 +1,4 @@
-"""Writes what a suite came to: `loop.json` with everything, `loop.md` with the table to read."""
+"""Write the results of a suite: `loop.json` with everything, `loop.md` with a table to read."""
 
 import json
 import math
@@ -20,26 +20,26 @@ __all__ = ["Row", "machine", "rows_of", "table", "write_json", "write_table"]
 
 IN_RATIO = ("cpu_percent", "cpu_per_tick_us", "late_p99_us", "latency_p99_ms")
 QUIET_PERCENT = 10.0
-"""Of all cores: figures from a machine that was busier before a round are marked."""
+"""Use of all cores above which the machine was busy before a round; the results then say so."""
 DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A case over all rounds."""
+    """The results of a case over all rounds."""
 
     case: Case
     figures: Mapping[str, Spread]
-    """Empty where no run succeeded."""
+    """Empty if no run succeeded."""
     ratios: Mapping[str, Spread]
-    """To the baseline in the same round, for what is better when it is less."""
+    """Relative to the baseline in the same round, for measures where lower is better."""
     runs: int
-    """How many there were figures of."""
+    """The number of successful runs."""
     failures: tuple[str, ...]
 
 
 def rows_of(suite: Suite) -> tuple[Row, ...]:
-    """The cases in the order in which they were first run."""
+    """One row per case, in the order of their first runs."""
     runs: dict[Case, list[Run]] = {}
     for run in suite.runs:
         runs.setdefault(run.case, []).append(run)
@@ -61,7 +61,7 @@ def rows_of(suite: Suite) -> tuple[Row, ...]:
 
 
 def write_json(path: Path, suite: Suite) -> None:
-    """Write everything down, the machine and its load too."""
+    """Write all results, including the machine and its load."""
     found = _stolen_percents(suite)
     content = {
         "machine": machine(),
@@ -78,13 +78,13 @@ def write_json(path: Path, suite: Suite) -> None:
 
 
 def write_table(path: Path, suite: Suite) -> None:
-    """Write the table of the work as Markdown."""
+    """Write the table of the part `work` as Markdown."""
     lines = [
         "# The loop",
         "",
-        "sim -> est -> ctrl -> sim: three nodes with a timer of 1 kHz each, 30 joints. Medians",
-        "(least to greatest) of the rounds; ratios are to rclpy's SingleThreadedExecutor in the",
-        "same round.",
+        "sim -> est -> ctrl -> sim: three nodes, 30 joints, a 1 kHz timer in each node. Values are",
+        "medians (minimum to maximum) of all rounds; ratios are relative to rclpy's",
+        "SingleThreadedExecutor in the same round.",
         "",
         *(f"- {name}: {value}" for name, value in machine().items()),
         f"- versions: {', '.join(f'{name} {it}' for name, it in run_versions().items())}",
@@ -93,19 +93,20 @@ def write_table(path: Path, suite: Suite) -> None:
     if not _is_quiet(suite):
         lines += [
             "",
-            "**The machine was busy with other work, or its host took time from it: these figures "
-            "prove nothing.**",
+            "**The machine was busy with other load, or its host stole time: these results prove "
+            "nothing.**",
         ]
     path.write_text("\n".join([*lines, "", *table(rows_of(suite)), ""]), encoding="utf-8")
 
 
 def disturbances(suite: Suite) -> list[str]:
-    """What the figures have to be read with."""
+    """What disturbed the measurements, one sentence per line."""
     loads = suite.loads
     lines = [
         f"before each of {len(loads)} rounds: busy {_range([load.busy_percent for load in loads])} "
-        f"%; a bare timer of 1 kHz {_range([load.bare_late_p99_us for load in loads])} us late "
-        f"(p99), with {_range([load.bare_stolen_percent for load in loads])} % of a core stolen"
+        f"%; p99 lateness of a bare 1 kHz timer "
+        f"{_range([load.bare_late_p99_us for load in loads])} us, with "
+        f"{_range([load.bare_stolen_percent for load in loads])} % of a core stolen"
     ]
     if found := _stolen_percents(suite):
         of_floor = [
@@ -115,24 +116,24 @@ def disturbances(suite: Suite) -> list[str]:
         ]
         floor = f", from {FLOOR} {_range(of_floor)} %" if of_floor else ""
         lines.append(
-            f"stolen by the host during runs: {_range(found)} % of a core{floor}; a part of it is "
-            "the price of a contestant's own wake-ups"
+            f"stolen by the host during runs: {_range(found)} % of a core{floor}; part of it is "
+            "caused by the contestant's own wake-ups"
         )
     reported = (
-        f"{suite.disturbed or 'no'} runs had {DISTURBED_PERCENT:g} % of a core more stolen than "
-        "the quietest run of the same case"
+        f"in {suite.disturbed or 'no'} runs, {DISTURBED_PERCENT:g} % of a core more was stolen "
+        "than in the quietest run of the same case"
     )
     if suite.disturbed:
         kept = suite.disturbed_and_kept
-        reported += f"; {kept} of them count, as further rounds were no better"
+        reported += f"; {kept} of them count, because further rounds were no better"
     return [*lines, reported]
 
 
 def table(rows: Iterable[Row]) -> list[str]:
-    """The lines of a Markdown table with the cases of the work."""
+    """The lines of a Markdown table with the cases of the part `work`."""
     found = {row.case: row for row in rows}
     lines = [
-        "| | CPU [% of a core] | ratio | CPU of a tick [us] | lateness p50 [us] | p99 [us] | ratio "
+        "| | CPU [% of a core] | ratio | CPU per tick [us] | lateness p50 [us] | p99 [us] | ratio "
         "| slowest node [Hz] | latency p50 [ms] | p99 [ms] |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
@@ -170,7 +171,7 @@ def _cell(value: Spread | None) -> str:
 
 
 def _short(value: float) -> str:
-    """Three digits that count."""
+    """Format with three significant digits."""
     if value == 0:
         return "0"
     return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
@@ -181,7 +182,7 @@ def _figures(runs: Iterable[Run]) -> dict[int, Figures]:
 
 
 def _is_quiet(suite: Suite) -> bool:
-    """Nothing else to do before any round, and next to nothing stolen before most of them."""
+    """Whether the machine was idle before all rounds, and hardly disturbed before most of them."""
     stolen = [load.bare_stolen_percent for load in suite.loads]
     is_idle = all(load.busy_percent < QUIET_PERCENT for load in suite.loads)
     return is_idle and (not stolen or spread(stolen).median < DISTURBED_PERCENT)
@@ -197,7 +198,7 @@ def _range(values: list[float]) -> str:
 
 
 def machine() -> dict[str, Any]:
-    """What it was measured on."""
+    """Describe the machine."""
     cpuinfo = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     models = (line.partition(":")[2].strip() for line in cpuinfo if line.startswith("model name"))
     return {
@@ -208,7 +209,7 @@ def machine() -> dict[str, Any]:
 
 
 def _rounded(value: Any) -> Any:
-    """The same with numbers of a few digits."""
+    """Round all numbers to a few significant digits."""
     if isinstance(value, Mapping):
         return {name: _rounded(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""One run of one case: starts its processes, measures them from outside, ends them all."""
+"""Run a case once: start its processes, measure them from outside, and stop them."""
 
 import os
 import select
@@ -23,16 +23,16 @@ __all__ = ["measure"]
 
 ROOT = Path(__file__).resolve().parents[2]
 READY_S = 120.0
-"""Within which every node has to hear its first message [s]."""
+"""Time by which every node must receive its first message [s]."""
 SETTLE_S = 1.0
-"""From then on, for discovery and caches to come to rest [s]."""
+"""Wait after that, until discovery is complete and caches are warm [s]."""
 END_S = 10.0
-"""Within which a process has to write its record and to end [s]."""
+"""Time by which a process must write its record and exit [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Worker:
-    """A process of nodes."""
+    """A process that runs nodes."""
 
     process: "subprocess.Popen[bytes]"
     record: Path
@@ -41,47 +41,47 @@ class _Worker:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Moment:
-    """Processor time used so far [s]."""
+    """CPU time used so far [s]."""
 
     at_ns: int
     own_s: float
     machine_s: float
     stolen_s: float
-    """Wanted by the machine, and not given by its host."""
+    """Time that the host stole from the machine."""
 
 
 class _FailedError(Exception):
-    """The sentence of a `Failed`."""
+    """The reason for a `Failed`."""
 
 
 def measure(case: Case, *, seconds: float, floor: Path, folder: Path) -> Figures | Failed:
     """Run a case and measure it for some time.
 
     Args:
-        case: what runs.
-        seconds: how long is measured, once all nodes hear one another.
+        case: the case to run.
+        seconds: the duration of the measurement, after all nodes have received messages.
         floor: the compiled C program.
-        folder: for the files of the processes; empty.
+        folder: an empty folder for the files of the processes.
     """
     try:
         with _workers(case, floor, folder) as workers:
             _await_ready(workers)
             time.sleep(SETTLE_S)
-            begin = _moment(workers)
+            start = _moment(workers)
             time.sleep(seconds)
             end = _moment(workers)
             _end(workers)
         records = [record for worker in workers for record in read_records(worker.record)]
-        return figures_of(records, _usage(begin, end), begin.at_ns, end.at_ns)
+        return figures_of(records, _usage(start, end), start.at_ns, end.at_ns)
     except (_FailedError, ValueError) as failure:
         return Failed(why=str(failure))
     finally:
-        remove_dead_segments()  # of processes that had to be killed
+        remove_dead_segments()  # left by killed processes
 
 
 @contextmanager
 def _workers(case: Case, floor: Path, folder: Path) -> Iterator[Sequence[_Worker]]:
-    """The processes of a case; killed at the latest when left."""
+    """Start the processes of a case; kill those that are left on exit."""
     workers: list[_Worker] = []
     sockets = folder / "sockets"
     sockets.mkdir(mode=0o700)
@@ -122,14 +122,14 @@ def _await_ready(workers: Sequence[_Worker]) -> None:
         assert output is not None
         left_s = max(0.0, end_s - time.monotonic())
         if not select.select([output], [], [], left_s)[0]:
-            raise _FailedError(f"after {READY_S:g} s not all nodes heard one another")
-        # Its one line, or the end of a process that has died.
+            raise _FailedError(f"not all nodes received a message within {READY_S:g} s")
+        # `ready`, or the end of file if the process has died.
         if not output.readline():
             raise _FailedError(f"a process died: {_last_line(worker.log)}")
 
 
 def _end(workers: Sequence[_Worker]) -> None:
-    """End all at once. Who has written its record and hangs then is killed later."""
+    """Stop all at once. A process that hangs after it has written its record is killed later."""
     for worker in workers:
         assert worker.process.stdin is not None
         worker.process.stdin.close()
@@ -150,7 +150,7 @@ def _moment(workers: Sequence[_Worker]) -> _Moment:
         raise _FailedError("a process died while it was measured") from None
     machine = psutil.cpu_times()
     idle_s = machine.idle + machine.iowait
-    twice_s = machine.guest + machine.guest_nice  # in `user` and `nice` too
+    twice_s = machine.guest + machine.guest_nice  # included in `user` and `nice`
     return _Moment(
         at_ns=time.monotonic_ns(),
         own_s=own_s,
@@ -160,22 +160,22 @@ def _moment(workers: Sequence[_Worker]) -> _Moment:
 
 
 def _used_s(pid: int) -> float:
-    """Of a process so far, all its threads; /proc has it in steps of 10 ms only.
+    """CPU time of all threads of a process so far; /proc has it in steps of 10 ms only.
 
-    Source: clock_getcpuclockid(3); how a clock's number is made of a pid stands in the kernel's
-    include/linux/posix-timers_types.h (`MAKE_PROCESS_CPUCLOCK`, `CPUCLOCK_SCHED`).
+    Source: clock_getcpuclockid(3); the kernel's include/linux/posix-timers_types.h shows how a
+    clock ID is computed from a pid (`MAKE_PROCESS_CPUCLOCK`, `CPUCLOCK_SCHED`).
     """
     return time.clock_gettime(~pid << 3 | 2)
 
 
-def _usage(begin: _Moment, end: _Moment) -> Usage:
-    seconds = (end.at_ns - begin.at_ns) / 1e9
-    own = 100 * (end.own_s - begin.own_s) / seconds
-    machine = 100 * (end.machine_s - begin.machine_s) / seconds
-    stolen = 100 * (end.stolen_s - begin.stolen_s) / seconds
+def _usage(start: _Moment, end: _Moment) -> Usage:
+    seconds = (end.at_ns - start.at_ns) / 1e9
+    own = 100 * (end.own_s - start.own_s) / seconds
+    machine = 100 * (end.machine_s - start.machine_s) / seconds
+    stolen = 100 * (end.stolen_s - start.stolen_s) / seconds
     return Usage(own=own, others=max(0.0, machine - own), stolen=stolen)
 
 
 def _last_line(log: Path) -> str:
     lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
-    return next((line for line in reversed(lines) if line.strip()), "it said nothing")
+    return next((line for line in reversed(lines) if line.strip()), "no output")

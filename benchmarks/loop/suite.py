@@ -1,7 +1,7 @@
-"""All cases in turns, round by round, so that whatever else the machine does falls on all.
+"""Run all cases in turns, round by round, so that other load on the machine affects all of them.
 
-Each run goes to the journal when it is over. So a suite that was interrupted goes on where it was,
-and parts that were measured apart are joined.
+Each finished run goes to the journal, so that an interrupted suite can be resumed, and parts
+measured separately can be merged.
 """
 
 import os
@@ -21,47 +21,47 @@ from benchmarks.loop.turns import Run, Turn, disturbed, kept, to_repeat, turns_o
 __all__ = ["Load", "Record", "Suite", "estimate_s", "run_suite", "suite_of"]
 
 LOOK_S = 1.0
-"""How long the machine's load is looked at before a round [s], before a bare timer's second."""
+"""Time to measure the machine's load before a round, followed by a second of a bare timer [s]."""
 START_AND_END_S = 1.0
 START_OF_A_PROCESS_S = 0.6
-"""What a quiet machine takes [s]."""
+"""Startup time of a process on an idle machine [s]."""
 FURTHER_ROUNDS = 2
 FURTHER_SHARE = 0.1
-"""Of the time of a suite, for runs that the host disturbed."""
+"""Share of a suite's duration for repeating runs that the host disturbed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """How the machine was before a round, while nothing of the suite ran."""
+    """The load of the machine before a round, while the suite was idle."""
 
     busy_percent: float
-    """Of all cores together."""
+    """In percent of all cores together."""
     load_average: float
-    """Over a minute, so the round before is in it."""
+    """Over one minute, so it includes the previous round."""
     bare_late_p99_us: float
-    """How late a timer of 1 kHz was that does nothing."""
+    """Lateness of a 1 kHz timer without work."""
     bare_stolen_percent: float
-    """What the host took meanwhile, of one core: of an idle machine nothing can be taken."""
+    """Time stolen from that timer, in percent of one core; an idle machine would lose none."""
 
 
 Record = Run | Load
-"""What the journal keeps."""
+"""A record in the journal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suite:
-    """All that was measured, with what the host disturbed left out where there is better."""
+    """All results, without disturbed runs if enough undisturbed ones exist."""
 
     loads: tuple[Load, ...]
-    """Before each round."""
+    """One before each round."""
     runs: tuple[Run, ...]
     disturbed: int
-    """Of all runs that were made."""
+    """The number of disturbed runs among all runs."""
     disturbed_and_kept: int
 
 
 def suite_of(efforts: Mapping[Case, Effort], records: Sequence[Record]) -> Suite:
-    """What the records of some cases come to."""
+    """Collect the results from the records of some cases."""
     runs = tuple(record for record in records if isinstance(record, Run))
     chosen, bad = kept(efforts, runs), disturbed(runs)
     return Suite(
@@ -73,7 +73,7 @@ def suite_of(efforts: Mapping[Case, Effort], records: Sequence[Record]) -> Suite
 
 
 def estimate_s(turns: Sequence[Turn]) -> float:
-    """How long some runs take on a quiet machine, about [s]."""
+    """The approximate duration of some runs on an idle machine [s]."""
     rounds = {turn.round for turn in turns}
     return len(rounds) * (LOOK_S + 1.0) + sum(map(_estimate_s, turns))
 
@@ -91,14 +91,14 @@ def run_suite(
     keep: Callable[[Record], None],
     reported: Callable[[Run, float], None],
 ) -> None:
-    """Make the runs that are not done, then repeat some of those that the host disturbed.
+    """Make the missing runs, then repeat some of those that the host disturbed.
 
     Args:
-        efforts: what runs, how often and how long.
-        done: the runs of these cases that are there.
+        efforts: the cases, with the number and duration of their runs.
+        done: existing runs of these cases.
         floor: the compiled C program.
-        keep: takes each load and each run when it is over.
-        reported: called with each run and with the time that is left for all [s], about.
+        keep: called with each load and each finished run.
+        reported: called with each run and the approximate remaining time [s].
     """
     runs = list(done)
 
@@ -120,7 +120,7 @@ def run_suite(
 
 
 def _within(turns: Sequence[Turn], seconds: float) -> Sequence[Turn]:
-    """The first of them, as many as can be made in this time."""
+    """As many of the first turns as fit into this time."""
     count = len(turns)
     while count and estimate_s(turns[:count]) > seconds:
         count -= 1
@@ -134,7 +134,7 @@ def _run(turn: Turn, floor: Path) -> Run:
 
 
 def _load() -> Load:
-    time.sleep(0.1)  # for what the round before has left
+    time.sleep(0.1)  # until the previous round has settled
     busy_percent, load_average = psutil.cpu_percent(LOOK_S), os.getloadavg()[0]
     bare = bare_second()
     return Load(

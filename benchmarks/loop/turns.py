@@ -1,8 +1,8 @@
-"""In which order runs are made, which are made again, which count. Pure.
+"""Decide the order of runs, which runs are repeated, and which count. Pure.
 
-A run is held against the quietest one of its own case, not against those of others: what the host
-takes away grows with the wake-ups that a case has, so one limit for all would have the busy cases
-repeated, and the best of their runs chosen, until they look good.
+A run is compared with the quietest run of its own case only. Stolen time grows with the number of
+wake-ups of a case; one limit for all would repeat busy cases and pick their best runs until they
+look good.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,7 +24,7 @@ class Failed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """A run that is to be made."""
+    """A run to make."""
 
     case: Case
     round: int
@@ -41,9 +41,9 @@ class Run:
 
 
 def turns_of(efforts: Mapping[Case, Effort], done: Iterable[Run] = ()) -> tuple[Turn, ...]:
-    """Each case once in each of its rounds, but for what is done.
+    """Each case once in each of its rounds, except for existing runs.
 
-    A round begins with another case than the one before.
+    Each round starts with a different case.
     """
     there = {(run.case, run.round) for run in done}
     cases, rounds = tuple(efforts), max((e.rounds for e in efforts.values()), default=0)
@@ -57,7 +57,7 @@ def turns_of(efforts: Mapping[Case, Effort], done: Iterable[Run] = ()) -> tuple[
 
 
 def disturbed(runs: Sequence[Run]) -> frozenset[tuple[Case, int]]:
-    """Case and round of those from which the host took more than it had to."""
+    """Case and round of the runs that the host disturbed."""
     least: dict[Case, float] = {}
     for case, _, stolen in _stolen(runs):
         least[case] = min(stolen, least.get(case, stolen))
@@ -69,9 +69,9 @@ def disturbed(runs: Sequence[Run]) -> frozenset[tuple[Case, int]]:
 
 
 def to_repeat(efforts: Mapping[Case, Effort], runs: Sequence[Run]) -> tuple[Turn, ...]:
-    """One more round: the cases with a run that was disturbed and not made up for yet.
+    """One more round: the cases with a disturbed run that has no replacement yet.
 
-    Before each the case that its ratio is taken to, as a ratio is one of the same round.
+    Each is preceded by its baseline, because ratios are computed within a round.
     """
     bad = disturbed(runs)
     good = [run for run in runs if (run.case, run.round) not in bad]
@@ -90,7 +90,7 @@ def to_repeat(efforts: Mapping[Case, Effort], runs: Sequence[Run]) -> tuple[Turn
 
 
 def kept(efforts: Mapping[Case, Effort], runs: Sequence[Run]) -> tuple[Run, ...]:
-    """The runs that count: undisturbed ones, and where they are too few the least disturbed."""
+    """The runs that count: undisturbed runs, and if they are too few, the least disturbed ones."""
     bad = disturbed(runs)
     chosen = {(run.case, run.round) for run in runs} - bad
     for case, effort in efforts.items():

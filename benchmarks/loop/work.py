@@ -1,7 +1,7 @@
-"""What the nodes of a loop do at their ticks and their messages, whatever they inherit from.
+"""The work of a loop's nodes at ticks and messages, independent of their base class.
 
-The simulator stamps its encoders with the monotonic clock; estimator and controller hand the stamp
-on; so the simulator knows how old the sensor values are that a control message is made from.
+The simulator stamps its encoders with the monotonic clock, and estimator and controller copy the
+stamp. So the simulator knows the age of the sensor values behind each control message.
 """
 
 import time
@@ -21,10 +21,10 @@ HISTORY_DEPTH = 10
 
 
 class Work(ABC):
-    """One node's work."""
+    """The work of one node."""
 
     sends: type[Any]
-    hears: type[Any]
+    receives: type[Any]
     topic_out: str
     topic_in: str
 
@@ -36,13 +36,13 @@ class Work(ABC):
         self._numbers = [0.5] * joints
         self._names = [f"joint_{number:03}" for number in range(joints)]
 
-    def hear(self, message: Any) -> None:
-        """Keep a message."""
-        self.notes.has_heard = True
+    def receive(self, message: Any) -> None:
+        """Store a message."""
+        self.notes.has_received = True
         self._newest = message
 
     def tick(self) -> Any:
-        """Note the time; the message to publish."""
+        """Record the time and return the message to publish."""
         self.notes.ticks_ns.append(time.monotonic_ns())
         return self._message()
 
@@ -51,16 +51,16 @@ class Work(ABC):
 
 
 class _Sim(Work):
-    sends, hears = ObkJointEncoders, PositionSetpoint
+    sends, receives = ObkJointEncoders, PositionSetpoint
     topic_out, topic_in = "encoders", "control"
 
-    def hear(self, message: Any) -> None:
+    def receive(self, message: Any) -> None:
         now_ns = time.monotonic_ns()
         stamp = message.header.stamp
         if stamp.sec:
             self.notes.arrivals_ns.append(now_ns)
             self.notes.delays_ns.append(now_ns - stamp.sec * NS_PER_S - stamp.nanosec)
-        super().hear(message)
+        super().receive(message)
 
     def _message(self) -> ObkJointEncoders:
         message = ObkJointEncoders()
@@ -73,7 +73,7 @@ class _Sim(Work):
 
 
 class _Est(Work):
-    sends, hears = EstimatedState, ObkJointEncoders
+    sends, receives = EstimatedState, ObkJointEncoders
     topic_out, topic_in = "estimate", "encoders"
 
     def _message(self) -> EstimatedState:
@@ -88,7 +88,7 @@ class _Est(Work):
 
 
 class _Ctrl(Work):
-    sends, hears = PositionSetpoint, EstimatedState
+    sends, receives = PositionSetpoint, EstimatedState
     topic_out, topic_in = "control", "estimate"
 
     def _message(self) -> PositionSetpoint:
@@ -103,6 +103,6 @@ _KINDS: dict[str, type[Work]] = {"sim": _Sim, "est": _Est, "ctrl": _Ctrl}
 
 
 def work_of(name: str, joints: int) -> Work:
-    """The work of a node, by its name: `est_0` estimates in the first loop."""
+    """The work of a node by its name: `est_0` is the estimator of the first loop."""
     role, _, loop = name.partition("_")
     return _KINDS[role](loop, joints)

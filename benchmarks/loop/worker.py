@@ -1,7 +1,7 @@
-"""A process of nodes: `python -m benchmarks.loop.worker CONTESTANT RATE_HZ JOINTS RECORD NAME...`.
+"""Run nodes: `python -m benchmarks.loop.worker CONTESTANT RATE_HZ JOINTS RECORD NAME...`.
 
-Writes `ready` to its standard output once a message has come to each of its nodes. When its
-standard input ends it writes what the nodes noted to the file RECORD, and ends.
+Prints `ready` after each of its nodes has received a message. When its standard input is closed,
+writes the nodes' records to the file RECORD and exits.
 """
 
 import os
@@ -20,23 +20,23 @@ LOOK_EVERY_S = 0.02
 
 
 class Nodes(Protocol):
-    """The nodes of a process, whatever they are made of."""
+    """All nodes of a process, of any contestant."""
 
     def spin(self) -> None:
         """Run until `end`."""
 
-    def have_heard(self) -> bool:
-        """Whether a message came to each of them."""
+    def have_received(self) -> bool:
+        """Whether each node has received a message."""
 
     def records(self) -> list[NodeRecord]:
-        """What was noted."""
+        """The records of all nodes."""
 
     def end(self) -> None:
-        """Let `spin` come back."""
+        """Make `spin` return."""
 
 
 def main() -> None:
-    """Run the nodes that the command line names."""
+    """Run the nodes given on the command line."""
     contestant, rate_hz, joints, path, *names = sys.argv[1:]
     nodes: Nodes
     if contestant == LIBRARY:
@@ -52,10 +52,10 @@ def main() -> None:
 
 
 def attend(nodes: Nodes, path: Path) -> None:
-    """Report when the nodes are ready, and end them when they are not needed any more."""
-    while not nodes.have_heard():
+    """Report when the nodes are ready, and stop them when standard input is closed."""
+    while not nodes.have_received():
         if select.select([sys.stdin], [], [], LOOK_EVERY_S)[0]:
-            os._exit(1)  # no process waits for it any more, and the nodes may not exist yet
+            os._exit(1)  # the parent has exited, and the nodes may not exist yet
     print("ready", flush=True)
     sys.stdin.buffer.read()
     write_records(path, nodes.records())

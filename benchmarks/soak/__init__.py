@@ -1,8 +1,8 @@
-"""Troubles the dummy stack for a long time, and looks whether anything of it grows or is left.
+"""Inject faults into the dummy stack for a long time, and check for leaks and leftovers.
 
-`make bench PART=soak` from the root of the checkout. `plan` says what is done in which order,
-`troubles` does it and holds the answers against the rules, `stack` is what it is done to, `counts`
-counts and judges growth, `rates` judges rates against what a bare timer keeps, `results`
-keeps and draws; `rounds` is a program of its own. What is judged is the stack's: time that the
-machine's host takes, or that other work takes, makes a second void, and is reported.
+Run `make bench PART=soak` from the root of the checkout. `plan` decides the order of faults,
+`troubles` injects them and checks the outcome, `stack` runs the stack, `counts` measures and judges
+growth, `rates` judges rates next to a bare timer, and `results` writes and plots; `rounds` is a
+separate program. A second in which the machine's host or other load takes too much CPU time is
+void, and reported.
 """

@@ -1,15 +1,15 @@
-"""Troubles the dummy stack for a long time, and looks whether anything of it grows or is left.
+"""Inject faults into the dummy stack for a long time, and check for leaks and leftovers.
 
     make bench PART=soak [SECONDS=1800]
-    make bench PART=soak-short    (2 min: each trouble once or more, and what grows quickly)
+    make bench PART=soak-short    (2 min: each fault at least once, and fast leaks)
 
-A seeded plan takes turns at random: nodes are taken through transitions, killed and frozen; the
-config is changed and launched again; monitors, recorders and pages come and go. Each answer is held
-against the rules. Memory, file handles, threads and sockets of the stack's processes and their
-files in shared memory are counted: their slope has to be flat, but for its noise. Between troubles
-every promised rate has to be kept, in seconds in which a bare timer beside the stack kept its own.
-The verdict goes to `soak.json`, samples and (extra `plot`) a picture to build/benchmarks. Exit code
-1: something grows, is not kept, is not answered as the rules say, or is left.
+A seeded plan picks faults at random: it changes the states of nodes, kills and freezes them;
+changes the config and launches again; starts and stops monitors, recorders and pages. The soak
+checks the outcome of each. Memory, file handles, threads and sockets of the stack's processes and
+their files in shared memory must not grow by more than noise. Between faults every expected rate
+must be kept, in seconds in which a bare timer next to the stack kept its own. The verdict goes to
+`soak.json`, samples and (extra `plot`) a plot to build/benchmarks. Exit code 1: something leaks, a
+rate is broken, a fault has a wrong outcome, or something is left.
 """
 
 import argparse
@@ -41,11 +41,11 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 CONFIG: Final = ROOT / "examples" / "dummy" / "dummy.yaml"
 SAMPLE_S: Final = 2.0
 FROZEN_S: Final = 5.0
-"""Where a hang counts as one only later, freezing takes too long."""
+"""Nodes are not frozen if `--hang-after` is longer than this, which would take too long [s]."""
 
 
 class Soak:
-    """One run: what was counted, what was done."""
+    """One run, with its samples and its faults."""
 
     def __init__(self, stack: Stack, draw: random.Random, calm_s: float) -> None:
         self.stack = stack
@@ -57,33 +57,37 @@ class Soak:
         self._mapped: set[str] = set()
 
     def run(self, seconds: float, turns: Iterator[Trouble], least: int, timer: Any) -> None:
-        """Trouble it for some time, and so many times at least."""
+        """Inject faults for some time, and at least `least` of them."""
         self.stack.launch()
         calm_at_s = self.stack.now() + self._calm_s
         while self.stack.now() < seconds or len(self.troubles) < least:
-            begin_s = time.monotonic()
+            start_s = time.monotonic()
             nodes = self.sample()
             if self.stack.now() >= calm_at_s:
                 if timer is not None:
                     self.rates.look(nodes.values(), timer.newest(), self.stack.now())
                 kind = next(turns)
-                begun_s = self.stack.now()
+                started_s = self.stack.now()
                 trouble(self.stack, kind, self._draw)
-                self.note(kind, begun_s)
+                self.note(kind, started_s)
                 calm_at_s = self.stack.now() + self._calm_s
-            time.sleep(max(0.0, min(SAMPLE_S, self._calm_s) - (time.monotonic() - begin_s)))
-        self.stack.send_company_away()
+            time.sleep(max(0.0, min(SAMPLE_S, self._calm_s) - (time.monotonic() - start_s)))
+        self.stack.stop_observers()
         self.stack.stop()
 
-    def note(self, kind: Trouble, begun_s: float) -> None:
-        """Keep what was done, and print it."""
+    def note(self, kind: Trouble, started_s: float) -> None:
+        """Record and print a fault."""
         now_s = self.stack.now()
-        done = {"time_s": round(begun_s, 1), "took_s": round(now_s - begun_s, 1), "trouble": kind}
+        done = {
+            "time_s": round(started_s, 1),
+            "took_s": round(now_s - started_s, 1),
+            "trouble": kind,
+        }
         self.troubles.append(done)
-        print(f"{now_s:.0f} s: {kind}, {len(self.stack.faults)} faults so far", file=sys.stderr)
+        print(f"{now_s:.0f} s: {kind}, {len(self.stack.faults)} failures so far", file=sys.stderr)
 
     def sample(self) -> dict[str, dict[str, Any]]:
-        """Count what every process of the stack has; the nodes."""
+        """Measure every process of the stack; return the nodes."""
         nodes = self.stack.nodes()
         launcher = self.stack.launcher.pid if self.stack.launcher else 0
         owners = {node["pid"]: name for name, node in nodes.items() if node["pid"]}
@@ -97,30 +101,30 @@ class Soak:
         return nodes
 
     def shared_files(self) -> set[str]:
-        """Files of the stack in shared memory, those of its processes that were killed too."""
+        """Files of the stack in shared memory, including those of killed processes."""
         return self._mapped & shared_files()
 
 
-def soak(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
-    """All of it; the result."""
-    draw = random.Random(asked.seed)
-    is_frozen = asked.hang_after <= FROZEN_S
-    least = len(first_deck(random.Random(asked.seed), is_frozen=is_frozen))
-    options = ("--on-crash", "restart", "--hang-after", f"{asked.hang_after:g}")
-    stolen, stack = StolenTime(), Stack.of(asked.config, home, options)
-    run = Soak(stack, draw, asked.calm)
+def soak(arguments: argparse.Namespace, home: Path) -> dict[str, Any]:
+    """Run the soak and return the result."""
+    draw = random.Random(arguments.seed)
+    is_frozen = arguments.hang_after <= FROZEN_S
+    least = len(first_deck(random.Random(arguments.seed), is_frozen=is_frozen))
+    options = ("--on-crash", "restart", "--hang-after", f"{arguments.hang_after:g}")
+    stolen, stack = StolenTime(), Stack.of(arguments.config, home, options)
+    run = Soak(stack, draw, arguments.calm)
     remove_dead_segments()  # of processes that were killed before
-    with nullcontext() if asked.without_rates else bare_timer_beside() as timer:
-        run.run(asked.seconds, plan(draw, is_frozen=is_frozen), least, timer)
-    left, found = stack.leftovers(), verdicts(run.samples, least_mb=asked.least_mb)
+    with nullcontext() if arguments.without_rates else bare_timer_beside() as timer:
+        run.run(arguments.seconds, plan(draw, is_frozen=is_frozen), least, timer)
+    left, found = stack.leftovers(), verdicts(run.samples, least_mb=arguments.least_mb)
     shared = sorted(run.shared_files())
-    faults = [*stack.faults, *(f"a traceback: {line}" for line in stack.complaints())]
+    faults = [*stack.faults, *(f"traceback: {line}" for line in stack.tracebacks())]
     grown = [one for one in found if not one["is_flat"]]
     is_sound = not (faults or run.rates.faults or left or shared or grown)
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(stack.now()),
-        "seed": asked.seed,
+        "seed": arguments.seed,
         "cores": os.cpu_count(),
         "load_average": os.getloadavg()[0],
         "stolen_percent": stolen.percent(),
@@ -140,13 +144,13 @@ def soak(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
 
 
 def verdict(is_sound: bool, rates: Rates) -> str:
-    """In words: a machine that was never able to keep a rate has proved nothing of them."""
+    """The result as text, which mentions if the machine was never idle enough to judge rates."""
     sound = "sound" if is_sound else "NOT sound"
     return sound if rates.judged else f"{sound}; rates were not judged"
 
 
 def options() -> argparse.Namespace:
-    """What the command line asks for."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.soak",
         description=__doc__,
@@ -154,29 +158,33 @@ def options() -> argparse.Namespace:
     )
     parser.add_argument("--seconds", type=float, default=1800.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--calm", type=float, default=6.0, help="seconds between two troubles")
-    parser.add_argument("--hang-after", type=float, default=2.0, help="seconds, of `obk launch`")
+    parser.add_argument("--calm", type=float, default=6.0, help="seconds between two faults")
+    parser.add_argument(
+        "--hang-after", type=float, default=2.0, help="`--hang-after` of `obk launch` [s]"
+    )
     parser.add_argument(
         "--least-mb",
         type=float,
         default=LEAST_MB,
-        help="growth of a process that counts as flat in any case; in a short run, each kind of "
-        "onlooker comes for the first time while it is judged",
+        help="growth of a process that always counts as flat [MB]; in a short run, each kind of "
+        "observer starts for the first time while growth is judged",
     )
-    parser.add_argument("--without-rates", action="store_true", help="on a machine that is busy")
-    parser.add_argument("--config", type=Path, default=CONFIG, help="its folder is copied")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder")
+    parser.add_argument(
+        "--without-rates", action="store_true", help="do not judge rates, for a busy machine"
+    )
+    parser.add_argument("--config", type=Path, default=CONFIG, help="config; its folder is copied")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the results")
     return parser.parse_args()
 
 
 def main() -> int:
-    """Run, report, keep."""
-    asked = options()
+    """Run the soak, write and print the result."""
+    arguments = options()
     with ExitStack() as held:
         if "ROS_DOMAIN_ID" not in os.environ:
             os.environ["ROS_DOMAIN_ID"] = str(held.enter_context(free_domain()))
-        result = soak(asked, Path(held.enter_context(tempfile.TemporaryDirectory())))
-    keep_result(result, asked.results / "soak.json")
+        result = soak(arguments, Path(held.enter_context(tempfile.TemporaryDirectory())))
+    keep_result(result, arguments.results / "soak.json")
     shown = ("verdict", "load_average", "stolen_percent", "faults", "left", "rates", "grown")
     print(json.dumps({key: result[key] for key in shown}, indent=1))
     return 0 if result["is_sound"] else 1

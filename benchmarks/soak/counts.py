@@ -1,4 +1,4 @@
-"""What the processes of a stack hold, and whether it grows."""
+"""Measure the resources of a stack's processes, and judge whether they grow."""
 
 import math
 import statistics
@@ -22,13 +22,13 @@ __all__ = [
 
 SHARED_MEMORY: Final = Path("/dev/shm")
 OF_DDS: Final = ("fastrtps", "sem.fastrtps")
-"""How the names of its segments and ports begin; others' are shared by the whole machine."""
+"""Name prefixes of its segments and ports; other files are shared by the whole machine."""
 WARM_PART: Final = 0.3
-"""Of the samples of a process, that are not judged: caches fill."""
+"""Share of a process's samples that are not judged, because caches are still filling."""
 LEAST_JUDGED_S: Final = 60.0
-"""A process that lived shorter has grown, and that says nothing."""
+"""Processes with a shorter life are not judged, because they are still growing normally."""
 TOLERANCES: Final = {"rss_mb": 0.05, "pss_mb": 0.05}
-"""Growth over the judged time that counts as flat, as a part of the mean; none for other counts."""
+"""Growth over the judged time that counts as flat, relative to the mean; 0 for other counts."""
 LEAST_MB: Final = 3.0
 LEAST: Final = {
     "rss_mb": LEAST_MB,
@@ -38,22 +38,22 @@ LEAST: Final = {
     "sockets": 2.0,
     "shm_files": 3.0,
 }
-"""Growth that counts as flat in any case."""
+"""Growth that always counts as flat."""
 NOISES: Final = 2.0
-"""How many standard errors a growth has to be above what is allowed."""
+"""Growth must exceed the allowed growth by this number of standard errors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Growth:
-    """By how much something has grown over a time, on a straight line through all values."""
+    """Growth over some time, by linear regression."""
 
     grown: float
     noise: float
-    """The standard error of it."""
+    """The standard error of the growth."""
 
 
 def of_process(pid: int) -> dict[str, float]:
-    """What a process holds; empty where it has ended."""
+    """The resources of a process; empty if it has ended."""
     try:
         process = psutil.Process(pid)
         memory = process.memory_full_info()
@@ -76,17 +76,17 @@ def shared_files() -> set[str]:
 
 
 def mapped_files(pid: int) -> set[str]:
-    """Those that a process has mapped."""
+    """The files of DDS in shared memory that a process has mapped."""
     try:
         lines = Path(f"/proc/{pid}/maps").read_text(encoding="utf-8").splitlines()
-    except OSError:  # it has ended
+    except OSError:  # the process has ended
         return set()
     paths = (Path(line.split(maxsplit=5)[5]) for line in lines if str(SHARED_MEMORY) in line)
     return {path.name for path in paths if path.name.startswith(OF_DDS)}
 
 
 def growth(times: Sequence[float], values: Sequence[float]) -> Growth:
-    """Of at least three moments; of fewer it is nothing."""
+    """The growth of values over time; zero if there are fewer than three different times."""
     if len(set(times)) < 3:
         return Growth(grown=0.0, noise=0.0)
     slope, level = statistics.linear_regression(times, values)
@@ -104,12 +104,12 @@ def verdicts(
     least_judged_s: float = LEAST_JUDGED_S,
     least_mb: float = LEAST_MB,
 ) -> list[dict[str, Any]]:
-    """Of each process that lived long enough and each count: whether it is flat.
+    """Judge for each process that lived long enough whether each count is flat.
 
     Args:
         samples: with `time_s` [s], `who`, `pid` and counts.
-        least_judged_s: a process that was observed for a shorter time is left out [s].
-        least_mb: growth of its memory that counts as flat in any case [MB].
+        least_judged_s: processes observed for a shorter time are skipped [s].
+        least_mb: growth of memory that always counts as flat [MB].
     """
     least = {**LEAST, "rss_mb": least_mb, "pss_mb": least_mb}
     by_process: defaultdict[tuple[str, int], list[Mapping[str, Any]]] = defaultdict(list)

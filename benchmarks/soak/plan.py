@@ -1,4 +1,4 @@
-"""What is done to the stack in which order: by chance, and nothing left out. Pure."""
+"""Decide the random order of faults, so that every kind occurs. Pure."""
 
 import random
 from collections.abc import Iterator
@@ -6,30 +6,30 @@ from typing import Final, Literal
 
 __all__ = ["Trouble", "first_deck", "plan"]
 
-Trouble = Literal["transitions", "kill", "freeze", "onlooker", "onlookers_leave", "reload"]
+Trouble = Literal["transitions", "kill", "freeze", "observer", "observers_leave", "reload"]
 DECK: Final[tuple[Trouble, ...]] = (
     *("transitions",) * 5,
     *("kill",) * 2,
     "freeze",
-    *("onlooker",) * 3,
-    *("onlookers_leave",) * 3,
+    *("observer",) * 3,
+    *("observers_leave",) * 3,
 )
 DECKS_OF_A_LAUNCH: Final = 4
-"""A reload is rare, as what grows slowly is seen in processes that live long."""
+"""Reloads are rare, because slow leaks show only in processes that live long."""
 
 
 def first_deck(draw: random.Random, *, is_frozen: bool = True) -> list[Trouble]:
-    """Each trouble once; an onlooker comes before all are sent away."""
+    """Each fault once; an observer starts before all observers are stopped."""
     deck = list(dict.fromkeys((*DECK, "reload")))
-    deck.remove("onlookers_leave")
+    deck.remove("observers_leave")
     if not is_frozen:
         deck.remove("freeze")
     draw.shuffle(deck)
-    return [*deck, "onlookers_leave"]
+    return [*deck, "observers_leave"]
 
 
 def plan(draw: random.Random, *, is_frozen: bool = True) -> Iterator[Trouble]:
-    """The first deck, then others without end.
+    """The first deck, followed by an endless sequence of others.
 
     Args:
         draw: the same seed gives the same plan.

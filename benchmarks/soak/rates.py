@@ -1,4 +1,4 @@
-"""Whether promised rates are kept, where the machine is able to keep any."""
+"""Judge whether expected rates are kept, when the machine is able to keep them."""
 
 import json
 import subprocess
@@ -19,15 +19,15 @@ __all__ = ["Rates", "bare_timer_beside", "broken", "is_void"]
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 LOOKED_BACK_S: Final = 4.0
-"""A rate that was not kept for 2 s is broken, and reported a second later."""
+"""A rate that was not kept for 2 s is broken, and nodes report it one second later."""
 LEAST_KEPT: Final = 0.99
 LEAST_IDLE_PERCENT: Final = 10.0
-"""Of all cores: with less, the stack does not get what it wants."""
+"""Idle time of all cores, below which the stack does not get the CPU time that it needs."""
 
 
 @dataclass
 class Rates:
-    """How often rates were looked at."""
+    """The verdicts on rates so far."""
 
     judged: int = 0
     void: int = 0
@@ -36,12 +36,12 @@ class Rates:
     def look(
         self, nodes: Iterable[Mapping[str, Any]], seconds: Sequence[BareSecond], at_s: float
     ) -> None:
-        """Judge them at a moment.
+        """Judge the current rates.
 
         Args:
             nodes: as `Stack.nodes` returns them.
-            seconds: what a bare timer has kept in the last of them.
-            at_s: the moment, for the faults [s].
+            seconds: the latest measurements of a bare timer.
+            at_s: the current time, for the faults [s].
         """
         if is_void(seconds):
             self.void += 1
@@ -51,7 +51,7 @@ class Rates:
 
 
 def is_void(seconds: Sequence[BareSecond]) -> bool:
-    """Whether the machine could not have kept a rate in one of these seconds, or may not."""
+    """Whether the machine was unable to keep a rate in one of these seconds, or that is unknown."""
     return not seconds or any(
         one.kept < LEAST_KEPT
         or one.stolen_percent > DISTURBED_PERCENT
@@ -61,7 +61,7 @@ def is_void(seconds: Sequence[BareSecond]) -> bool:
 
 
 def broken(nodes: Iterable[Mapping[str, Any]]) -> Iterator[str]:
-    """The promises that a node says it does not keep."""
+    """The rates that nodes report as broken."""
     for node in nodes:
         for rate in node["rates"]:
             if rate["standing"] == "broken":
@@ -85,7 +85,7 @@ class _Beside:
 
 @contextmanager
 def bare_timer_beside() -> Iterator[_Beside]:
-    """A bare timer in a process of its own, for as long as this is entered."""
+    """Run a bare timer in its own process while entered."""
     process = subprocess.Popen(
         [sys.executable, "-m", "benchmarks.bare_timer"],
         stdin=subprocess.PIPE,

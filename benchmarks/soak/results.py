@@ -1,4 +1,4 @@
-"""Keeps a result: the outcome, and apart from it the samples over time and their picture."""
+"""Write a result: the outcome, and separately the samples over time and their plot."""
 
 import json
 import sys
@@ -14,19 +14,19 @@ RAW: Final = ROOT / "build" / "benchmarks"
 RAW_KEYS: Final = ("samples", "judged", "troubles")
 
 KEYS = ("rss_mb", "handles", "threads", "shm_files")
-# The same figures give the same file.
+# The same data gives the same file.
 STYLE: Any = {"svg.hashsalt": "obelisk", "svg.fonttype": "none"}
 
 
 def keep_result(result: Mapping[str, Any], path: Path) -> None:
-    """Write the outcome, the samples it was judged by, and the picture of those.
+    """Write the outcome, the samples behind it, and their plot.
 
-    The samples are too long to be kept with the outcome: of a result in `benchmarks/results` they
-    and the picture go to `build/benchmarks`.
+    The samples are too large to commit: if the outcome goes to `benchmarks/results`, the samples
+    and the plot go to `build/benchmarks`.
 
     Args:
         result: with `samples`, `judged` and `troubles`.
-        path: of the outcome, `*.json`; its folder is made where it is not there.
+        path: the file of the outcome, `*.json`; its folder is created if it does not exist.
     """
     raw_folder = RAW if path.parent == RESULTS else path.parent
     outcome = {key: value for key, value in result.items() if key not in RAW_KEYS}
@@ -36,7 +36,7 @@ def keep_result(result: Mapping[str, Any], path: Path) -> None:
     try:
         draw_picture(result, raw_folder / f"{path.stem}.svg")
     except ImportError:
-        print("no picture: install obk with its `plot` extra", file=sys.stderr)
+        print("skipped the plot: install obk with its `plot` extra", file=sys.stderr)
 
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
@@ -45,14 +45,14 @@ def _write(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def draw_picture(result: Mapping[str, Any], path: Path) -> None:
-    """Draw what a soak came to.
+    """Plot the samples of a soak.
 
     Args:
         result: with `samples` and `troubles`.
-        path: where it goes.
+        path: the file to write.
 
     Raises:
-        ImportError: there is no matplotlib.
+        ImportError: matplotlib is not installed.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure

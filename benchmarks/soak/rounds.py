@@ -1,11 +1,11 @@
-"""Takes one process through its life cycle many times, and looks whether anything of it grows.
+"""Take one process through its life cycle many times, and check for leaks.
 
     python -m benchmarks.soak.rounds [--rounds 1000]
 
-The dummy stack composed in one process is deactivated, cleaned up, configured and activated by its
-launcher, again and again; its process and the launcher's are counted. The verdict goes to
-`rounds.json`, samples and (extra `plot`) a picture to build/benchmarks. Exit code 1: something
-grows, or a transition fails.
+The launcher deactivates, cleans up, configures and activates the dummy stack, composed in one
+process. The resources of that process and of the launcher are measured. The verdict goes to
+`rounds.json`, samples and (extra `plot`) a plot to build/benchmarks. Exit code 1: something leaks,
+or a transition fails.
 """
 
 import argparse
@@ -35,18 +35,18 @@ ROUND: Final = ("deactivate", "cleanup", "configure", "activate")
 TRANSITION_S: Final = 30.0
 SAMPLES: Final = 200
 LEAST_JUDGED_S: Final = 1.0
-"""Of a thousand rounds it is minutes; a test makes few."""
+"""Short enough for a test with few rounds; a thousand rounds take minutes."""
 
 
-def go_round(stack: Stack, rounds: int) -> list[dict[str, Any]]:
-    """All rounds, as long as none fails; what was counted."""
-    environment, asked = ros_environment(), LifecycleRequest(timeout_s=TRANSITION_S)
+def run_rounds(stack: Stack, rounds: int) -> list[dict[str, Any]]:
+    """Run all rounds unless one fails; return the samples."""
+    environment, arguments = ros_environment(), LifecycleRequest(timeout_s=TRANSITION_S)
     samples: list[dict[str, Any]] = []
     for number in track(range(rounds), "rounds"):
         if number % max(1, rounds // SAMPLES) == 0:
             samples += sample(stack)
         for transition in ROUND:
-            answer = change_states(environment, transition, asked)
+            answer = change_states(environment, transition, arguments)
             if not answer.success:
                 stack.blame(f"{transition} in round {number}: {answer.why}")
                 return samples
@@ -54,7 +54,7 @@ def go_round(stack: Stack, rounds: int) -> list[dict[str, Any]]:
 
 
 def sample(stack: Stack) -> Iterator[dict[str, Any]]:
-    """What the two processes hold."""
+    """Measure the resources of both processes."""
     assert stack.launcher is not None
     (composed,) = {node["pid"] for node in stack.nodes().values()}
     for who, pid in {"launcher": stack.launcher.pid, "composed nodes": composed}.items():
@@ -62,15 +62,18 @@ def sample(stack: Stack) -> Iterator[dict[str, Any]]:
             yield {"time_s": round(stack.now(), 2), "who": who, "pid": pid, **counts}
 
 
-def measure(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
-    """All of it; the result."""
-    stolen, stack = StolenTime(), Stack.of(asked.config, home, ("--composed", "--hang-after", "20"))
+def measure(arguments: argparse.Namespace, home: Path) -> dict[str, Any]:
+    """Run the rounds and return the result."""
+    stolen, stack = (
+        StolenTime(),
+        Stack.of(arguments.config, home, ("--composed", "--hang-after", "20")),
+    )
     stack.launch()
-    samples = go_round(stack, asked.rounds)
+    samples = run_rounds(stack, arguments.rounds)
     stack.stop()
     found = verdicts(samples, LEAST_JUDGED_S)
     return {
-        "rounds": asked.rounds,
+        "rounds": arguments.rounds,
         "seconds": round(stack.now()),
         "cores": os.cpu_count(),
         "stolen_percent": stolen.percent(),
@@ -83,23 +86,23 @@ def measure(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Run, report, keep."""
+    """Run the rounds, write and print the result."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.soak.rounds",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--rounds", type=int, default=1000)
-    parser.add_argument("--config", type=Path, default=CONFIG, help="its folder is copied")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder")
-    asked = parser.parse_args()
+    parser.add_argument("--config", type=Path, default=CONFIG, help="config; its folder is copied")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the results")
+    arguments = parser.parse_args()
     with ExitStack() as held:
         if "ROS_DOMAIN_ID" not in os.environ:
             os.environ["ROS_DOMAIN_ID"] = str(held.enter_context(free_domain()))
         home = Path(held.enter_context(tempfile.TemporaryDirectory()))
         os.environ |= {"OBK_HOME": str(home), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        result = measure(asked, home)
-    keep_result(result, asked.results / "rounds.json")
+        result = measure(arguments, home)
+    keep_result(result, arguments.results / "rounds.json")
     shown = {key: result[key] for key in ("seconds", "stolen_percent", "is_sound", "faults")}
     print(json.dumps({**shown, "judged": result["judged"]}, indent=1))
     return 0 if result["is_sound"] else 1

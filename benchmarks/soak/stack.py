@@ -1,4 +1,4 @@
-"""The stack that is troubled, by `obk` as a user would, and what its launcher reports."""
+"""Run the stack under test with `obk`, as a user would, and read what its launcher reports."""
 
 import json
 import os
@@ -20,47 +20,47 @@ __all__ = ["Stack"]
 
 OBK: Final = Path(sys.executable).with_name("obk")
 WAIT_S: Final = 60.0
-"""For a stack to be as it should, or gone [s]; not a promise, but what is not endless."""
+"""Timeout for a stack to reach a state or to stop [s]; generous, only to end the wait."""
 ANSWER_S: Final = 20.0
-"""For a launcher to say how its stack is [s]."""
+"""Timeout for a launcher to report the status of its stack [s]."""
+STDERR_LOG: Final = "stderr.log"
 PERIOD: Final = re.compile(r"timer_period_sec: ([0-9.]+)")
 
 
 @dataclass
 class Stack:
-    """A launcher, those who look on, and what they did wrong."""
+    """A launcher, its observers, and their faults."""
 
     home: Path
-    """Of its own; everything is written there."""
+    """The `OBK_HOME` of the stack, to which everything is written."""
     config: Path
-    """A copy in there, which is changed."""
+    """A copy of the config in `home`, which faults may change."""
     options: Sequence[str] = ()
-    """Of `obk launch`."""
+    """Options of `obk launch`."""
     begin: float = field(default_factory=time.monotonic)
     launcher: "subprocess.Popen[bytes] | None" = None
-    company: "list[subprocess.Popen[bytes]]" = field(default_factory=list)
-    visits: int = 0
-    """How many have looked on so far."""
+    observers: "list[subprocess.Popen[bytes]]" = field(default_factory=list)
+    observers_started: int = 0
     faults: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, example: Path, home: Path, options: Sequence[str]) -> "Stack":
-        """With a copy of an example's folder."""
+        """Create a stack with a copy of an example's folder."""
         shutil.copytree(example.parent, home / "config")
         return cls(home=home, config=home / "config" / example.name, options=options)
 
     def now(self) -> float:
-        """Since the beginning [s]."""
+        """Time since the start [s]."""
         return time.monotonic() - self.begin
 
     def blame(self, fault: str) -> None:
-        """Note what is not as the rules say."""
+        """Record a fault of the stack."""
         self.faults.append(f"{self.now():.0f} s: {fault}")
 
-    # --- asking ---
+    # --- queries ---
 
     def obk(self, *words: str) -> "subprocess.CompletedProcess[str]":
-        """A command to its end."""
+        """Run an `obk` command until it ends."""
         return subprocess.run(
             [OBK, *words],
             env=self._environment,
@@ -71,18 +71,18 @@ class Stack:
         )
 
     def start(self, *words: str) -> "subprocess.Popen[bytes]":
-        """A command that goes on; what it complains of is kept."""
-        with (self.home / "complaints.log").open("ab") as complaints:
+        """Start an `obk` command in the background; its standard error goes to a log."""
+        with (self.home / STDERR_LOG).open("ab") as errors:
             return subprocess.Popen(
                 [OBK, *words],
                 env=self._environment,
                 stdout=subprocess.DEVNULL,
-                stderr=complaints,
+                stderr=errors,
                 cwd=self.home,
             )
 
     def nodes(self) -> dict[str, dict[str, Any]]:
-        """What `obk ps` would say of each; empty if nothing runs or answers."""
+        """The status of each node as in `obk ps`; empty if no launcher is running or replies."""
         runs = select_runs(runs_folder({"OBK_HOME": str(self.home)}))
         stacks = live_stacks(runs, ANSWER_S)
         return {
@@ -95,48 +95,48 @@ class Stack:
     def leftovers(self) -> list[dict[str, Any]]:
         """Processes of this stack that outlived it."""
         listed = json.loads(self.obk("ps", "--format", "json").stdout)
-        # Other stacks of this machine may have the same name, and leave processes while they end.
+        # Other stacks on this machine may have the same name, and have orphans while they stop.
         mine = {run.name for run in runs_folder({"OBK_HOME": str(self.home)}).glob("*")}
         return [process for process in listed["orphans"] if process["run"] in mine]
 
     def wait_for(self, what: str, condition: Callable[[], object]) -> bool:
-        """Whether something comes to be; a fault where not."""
+        """Wait until a condition is true; record a fault and return False on timeout."""
         end = time.monotonic() + WAIT_S
         while time.monotonic() < end:
             if condition():
                 return True
             time.sleep(0.2)
-        self.blame(f"never came: {what}")
+        self.blame(f"timed out waiting for {what}")
         return False
 
     def is_active(self) -> bool:
-        """Whether all nodes are."""
+        """Whether all nodes are active."""
         nodes = self.nodes().values()
         return bool(nodes) and all(node["state"] == "active" for node in nodes)
 
-    # --- doing ---
+    # --- actions ---
 
     def launch(self) -> None:
-        """Bring it up."""
+        """Launch the stack and wait until it is active."""
         self.launcher = self.start("launch", str(self.config), "--quiet", *self.options)
-        self.wait_for("a stack that is active", self.is_active)
+        self.wait_for("an active stack", self.is_active)
 
     def stop(self) -> None:
-        """Bring it down, as Ctrl-C does; a stack that stopped cleanly says so."""
+        """Stop the stack as Ctrl-C does; record a fault unless the launcher exits with 0."""
         assert self.launcher is not None
         if (code := self._end(self.launcher)) != 0:
-            self.blame(f"the launcher ended with {code}")
+            self.blame(f"the launcher exited with {code}")
 
-    def send_company_away(self) -> None:
-        """End all who look on."""
-        for process in self.company:
+    def stop_observers(self) -> None:
+        """Stop all observers."""
+        for process in self.observers:
             code = self._end(process)
             if code is None or code < 0:
-                self.blame(f"ended with {code}: obk {' '.join(map(str, process.args[1:]))}")
-        self.company.clear()
+                self.blame(f"`obk {' '.join(map(str, process.args[1:]))}` exited with {code}")
+        self.observers.clear()
 
     def change_period(self) -> float:
-        """Halve or double the first period of the config in turns; the new rate [Hz]."""
+        """Alternately double and restore the first period in the config; return the rate [Hz]."""
         text = self.config.read_text(encoding="utf-8")
         period_s = float(PERIOD.findall(text)[0])
         whole = self.config.with_suffix(".before")
@@ -150,15 +150,15 @@ class Stack:
         self.config.write_text(text, encoding="utf-8")
         return 1 / new_s
 
-    def complaints(self) -> list[str]:
-        """Last lines of tracebacks that anybody wrote."""
-        path = self.home / "complaints.log"
+    def tracebacks(self) -> list[str]:
+        """The last lines of all tracebacks in the log."""
+        path = self.home / STDERR_LOG
         text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
         found = re.findall(r"Traceback \(most recent call last\):\n(?:[ \t].*\n)*(.*)", text)
         return list(dict.fromkeys(found))
 
     def _end(self, process: "subprocess.Popen[bytes]") -> int | None:
-        """The exit code after a Ctrl-C; None where it had to be killed."""
+        """Stop a process as Ctrl-C does; return its exit code, or None if it had to be killed."""
         process.send_signal(signal.SIGINT)
         try:
             return process.wait(WAIT_S)

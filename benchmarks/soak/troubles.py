@@ -1,4 +1,4 @@
-"""Does something to a stack, and holds what follows against the rules of `obk launch`."""
+"""Inject faults into a stack, and check that `obk launch` handles them correctly."""
 
 import os
 import random
@@ -10,7 +10,7 @@ from benchmarks.soak.stack import Stack
 
 __all__ = ["trouble"]
 
-ONLOOKERS: Final = (
+OBSERVERS: Final = (
     ("monitor", "--format", "json"),
     ("record", "-o", "record-{}.mcap"),
     ("web", "--port", "0"),
@@ -26,7 +26,7 @@ AFTER: Final = {
 
 
 def trouble(stack: Stack, kind: Trouble, draw: random.Random) -> None:
-    """Do one of them, and wait until the stack is active again."""
+    """Inject a fault, and wait until the stack is active again."""
     match kind:
         case "transitions":
             _transitions(stack, draw)
@@ -34,16 +34,16 @@ def trouble(stack: Stack, kind: Trouble, draw: random.Random) -> None:
             _end_a_process(stack, draw, signal.SIGKILL)
         case "freeze":
             _end_a_process(stack, draw, signal.SIGSTOP)
-        case "onlooker":
-            _onlooker(stack)
-        case "onlookers_leave":
-            stack.send_company_away()
+        case "observer":
+            _start_observer(stack)
+        case "observers_leave":
+            stack.stop_observers()
         case "reload":
             _reload(stack)
 
 
 def _transitions(stack: Stack, draw: random.Random) -> None:
-    """A node, or all, down some way and up again; the others stay where they are."""
+    """Deactivate one node or all, and activate them again; other nodes must keep their states."""
     nodes = sorted(stack.nodes())
     chosen = [draw.choice(nodes)] if nodes and draw.random() < 0.7 else []
     verbs = ["deactivate", "activate"]
@@ -57,12 +57,12 @@ def _transitions(stack: Stack, draw: random.Random) -> None:
         for name, node in stack.nodes().items():
             wanted = AFTER[verb] if not chosen or name in chosen else "active"
             if node["state"] != wanted:
-                stack.blame(f"{name} is {node['state']} after {verb}, not {wanted}")
-    stack.wait_for("active after transitions", stack.is_active)
+                stack.blame(f"{name} is {node['state']} after {verb}, expected {wanted}")
+    stack.wait_for("an active stack after transitions", stack.is_active)
 
 
 def _end_a_process(stack: Stack, draw: random.Random, how: signal.Signals) -> None:
-    """Its node is back in a new process, and only that one is new."""
+    """Send a signal to a process; only its node must be restarted, in a new process."""
     before = {name: node["pid"] for name, node in stack.nodes().items() if node["pid"]}
     if not before:
         return
@@ -73,26 +73,27 @@ def _end_a_process(stack: Stack, draw: random.Random, how: signal.Signals) -> No
         node = stack.nodes().get(chosen, {})
         return node.get("pid") not in (None, before[chosen]) and stack.is_active()
 
-    if stack.wait_for(f"{chosen} back and all active after {how.name}", is_back):
+    if stack.wait_for(f"a restart of {chosen} and an active stack after {how.name}", is_back):
         for name, node in stack.nodes().items():
             if name != chosen and node["pid"] != before.get(name):
-                stack.blame(f"{name} was started again, as {chosen} got {how.name}")
+                stack.blame(f"{name} was restarted after {how.name} to {chosen}")
 
 
-def _onlooker(stack: Stack) -> None:
-    words = ONLOOKERS[stack.visits % len(ONLOOKERS)]
-    stack.company.append(stack.start(*(word.format(stack.visits) for word in words)))
-    stack.visits += 1
+def _start_observer(stack: Stack) -> None:
+    number = stack.observers_started
+    words = OBSERVERS[number % len(OBSERVERS)]
+    stack.observers.append(stack.start(*(word.format(number) for word in words)))
+    stack.observers_started += 1
 
 
 def _reload(stack: Stack) -> None:
-    """The config is changed while the stack runs, and what is launched next is the new text."""
+    """Change the config while the stack runs; the next launch must use the new config."""
     rate_hz = stack.change_period()
     stack.stop()
     stack.launch()
 
-    def is_promised() -> bool:
+    def is_expected() -> bool:
         rates = (rate for node in stack.nodes().values() for rate in node["rates"])
         return any(abs(rate["expected_hz"] - rate_hz) < 1e-3 * rate_hz for rate in rates)
 
-    stack.wait_for(f"a promise of {rate_hz:g} Hz, as the changed config has it", is_promised)
+    stack.wait_for(f"an expected rate of {rate_hz:g} Hz, as in the changed config", is_expected)

@@ -1,10 +1,10 @@
-"""Train `policy/balance.onnx`: a network of 4-16-1 neurons that balances the pole.
+"""Train `policy/balance.onnx`, a network of 4-16-1 neurons that balances the pole.
 
     pip install onnx
     python examples/cartpole/train.py
 
-Takes about three minutes. Random search in the space of the weights: each step tries directions
-both ways and moves along those that paid, by the difference that they made.
+Takes about three minutes. Uses random search in the space of weights: each step evaluates random
+directions in both senses and moves along the best ones, in proportion to the gain in reward.
 
 Source: H. Mania, A. Guy, B. Recht, Simple random search of static linear policies is competitive
 for reinforcement learning, NeurIPS 2018, https://arxiv.org/abs/1803.07055, algorithm ARS V1-t.
@@ -20,25 +20,25 @@ HERE = Path(__file__).parent
 POLICY = HERE / "policy" / "balance.onnx"
 INPUTS, HIDDEN = 4, 16
 PERIOD_S = 0.01
-"""Between two actions [s], as `timer_ctrl` of the config."""
+"""Time between two actions [s], as in `timer_ctrl` of the config."""
 FORCE = 20.0
-"""`action_scale` of the config [N]."""
+"""As in `action_scale` of the config [N]."""
 EPISODE_S = 4.0
 STEPS, DIRECTIONS, BEST = 80, 12, 6
 STEP_SIZE, NOISE = 0.06, 0.08
 STATES = 3
-"""Initial states that each weight vector is tried from."""
+"""Number of initial states for each weight vector."""
 
 
 def layers(weights):
-    """The matrices and offsets of the network."""
+    """Split the weights into the matrices and offsets of the network."""
     first, rest = np.split(weights, [INPUTS * HIDDEN])
     offsets, second = np.split(rest, [HIDDEN])
     return first.reshape(INPUTS, HIDDEN), offsets, second.reshape(HIDDEN, 1)
 
 
 def reward(model, data, weights, state):
-    """What an episode earns: 1 per action at best, nothing after a fall."""
+    """The reward of an episode: at most 1 per action, nothing after a fall."""
     first, offsets, second = layers(weights)
     mujoco.mj_resetData(model, data)
     mass = model.body_mass[2]
@@ -59,7 +59,7 @@ def reward(model, data, weights, state):
 
 
 def train(seed=0):
-    """The weights, after `STEPS` steps."""
+    """Return the weights after `STEPS` steps."""
     model = mujoco.MjModel.from_xml_path(str(HERE / "model" / "cartpole.xml"))
     data = mujoco.MjData(model)
     random = np.random.default_rng(seed)
@@ -87,7 +87,7 @@ def train(seed=0):
 
 
 def save(weights):
-    """Write the network as ONNX: observation (1, 4) in, action (1, 1) out."""
+    """Write the network as ONNX, with input `observation` (1, 4) and output `action` (1, 1)."""
     from onnx import TensorProto, checker, helper, numpy_helper, save_model
 
     first, offsets, second = layers(weights.astype(np.float32))

@@ -1,7 +1,7 @@
-"""Runs the dummy stack for a while, watches it from outside, and prints what happened.
+"""Run the dummy stack for a while, observe it from outside, and print a summary.
 
-`python examples/dummy/demo.py [SECONDS]`; `make demo` does the same for 20 s. The watcher is an
-ordinary ROS 2 node: it only knows the topics' names.
+Usage: `python examples/dummy/demo.py [SECONDS]`; `make demo` runs it for 20 s. The observer is an
+ordinary ROS 2 node that knows only the names of the topics.
 """
 
 import os
@@ -21,7 +21,7 @@ from obelisk_sensor_msgs.msg import JointEncoders
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
-import obelisk_py  # noqa: F401  (gives the messages their older field names, `u` and `x_hat`)
+import obelisk_py  # noqa: F401  (adds the older field names `u` and `x_hat` to the messages)
 from obelisk_py.core.executor import EventLoopExecutor
 from obk_cli.ros.environment import ros_environment
 
@@ -31,31 +31,31 @@ TOPICS = {
     "/obelisk/dummy/joint_encoders": JointEncoders,
 }
 SETTLING_S = 2.0
-"""The joint starts elsewhere than the command; what it does first does not count [s]."""
+"""Time to ignore at the start, because the joint starts away from the command [s]."""
 SPARK = "▁▂▃▄▅▆▇█"
 
 
 @dataclass
 class Watched:
-    """What came over one topic."""
+    """The messages received on one topic."""
 
     times: list[float] = field(default_factory=list)
-    """When each message arrived [s]."""
+    """Arrival time of each message [s]."""
     samples: list[tuple[float, float]] = field(default_factory=list)
-    """(time [s], first value of the message), of every tenth message."""
+    """(time [s], first value) of every tenth message."""
 
     @property
     def rate_hz(self) -> float:
-        """Messages per second between the first and the last."""
+        """Messages per second, from the first to the last message."""
         span = self.times[-1] - self.times[0] if len(self.times) > 1 else 0.0
         return (len(self.times) - 1) / span if span else 0.0
 
 
 class Watcher(Node):  # type: ignore[misc]
-    """Counts the messages of the dummy stack's topics."""
+    """Counts the messages on the topics of the dummy stack."""
 
     def __init__(self) -> None:
-        """Subscribe; messages stay bytes, so that watching costs little."""
+        """Subscribe to raw messages, which is cheap."""
         super().__init__("dummy_watcher")
         self.watched = {topic: Watched() for topic in TOPICS}
         for topic, kind in TOPICS.items():
@@ -75,14 +75,14 @@ class Watcher(Node):  # type: ignore[misc]
 
 
 def first_values(message: Any) -> Any:
-    """The message's values: the command, the estimate, or the measurement."""
+    """The values of a message: the command, the estimate or the measurement."""
     if isinstance(message, PositionSetpoint):
         return message.u
     return message.x_hat if isinstance(message, EstimatedState) else message.y
 
 
 def correlation(command: Watched, joint: Watched) -> float | None:
-    """Pearson's correlation of joint position and command, once the joint has settled."""
+    """Pearson correlation of joint position and command, after the joint has settled."""
     times, values = np.array(joint.samples).T
     is_settled = times > times[0] + SETTLING_S
     if np.count_nonzero(is_settled) < 2:
@@ -92,7 +92,7 @@ def correlation(command: Watched, joint: Watched) -> float | None:
 
 
 def sparkline(watched: Watched, columns: int = 64) -> str:
-    """The values over time as a line of blocks."""
+    """Draw the values over time as a line of blocks."""
     values = np.array([value for _, value in watched.samples])
     chosen = values[np.linspace(0, len(values) - 1, columns).astype(int)]
     span = float(np.ptp(chosen)) or 1.0
@@ -101,19 +101,19 @@ def sparkline(watched: Watched, columns: int = 64) -> str:
 
 
 def launch(seconds: float) -> int:
-    """Run the stack to its end; gives `obk launch`'s exit code."""
+    """Run the stack until it ends; return the exit code of `obk launch`."""
     config = Path(__file__).with_name("dummy.yaml")
     obk = Path(sys.executable).with_name("obk")
     with subprocess.Popen([obk, "launch", config, "--duration", f"{seconds:g}"]) as stack:
         try:
             return stack.wait()
         except KeyboardInterrupt:
-            # Ctrl-C goes to the whole terminal: the stack is on its way down already.
+            # Ctrl-C goes to the whole terminal, so the stack is already shutting down.
             return stack.wait()
 
 
 def watch(seconds: float) -> tuple[int, dict[str, Watched]]:
-    """Launch the stack and watch it until it has ended."""
+    """Launch the stack and observe it until it ends."""
     rclpy.init()
     watcher = Watcher()
     executor = EventLoopExecutor()
@@ -130,8 +130,8 @@ def watch(seconds: float) -> tuple[int, dict[str, Watched]]:
 
 
 def main() -> int:
-    """Launch, watch, report."""
-    os.environ.update(ros_environment().variables)  # the watcher lives in the stack's ROS world
+    """Launch the stack, observe it and print the summary."""
+    os.environ.update(ros_environment().variables)  # use the same ROS settings as the stack
     code, watched = watch(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0)
     command, joint = (
         watched[topic] for topic in ("/obelisk/dummy/ctrl", "/obelisk/dummy/joint_encoders")
@@ -140,7 +140,7 @@ def main() -> int:
     for topic, seen in watched.items():
         print(f"  {topic:<30} {len(seen.times):>6} messages  {seen.rate_hz:7.1f} Hz")
     if code != 0 or not command.samples or not joint.samples:
-        print("  the stack did not run as it should")
+        print("  the stack did not run correctly")
         return code or 1
     print(f"  command  {sparkline(command)}")
     print(f"  joint1   {sparkline(joint)}")

@@ -1,6 +1,6 @@
-"""Switches the simulated drive on, runs the stack for a while, and switches the drive off again.
+"""Switch the simulated drive on, run the stack for a while, and switch the drive off again.
 
-`python examples/hardware/demo.py [SECONDS]`. The same by hand takes two terminals: see README.md.
+Usage: `python examples/hardware/demo.py [SECONDS]`. By hand, it takes two terminals: see README.md.
 """
 
 import os
@@ -12,12 +12,12 @@ HERE = Path(__file__).parent
 
 
 def bound(*command: str | Path) -> list[str | Path]:
-    """A command whose program gets SIGTERM when this one ends, by SIGKILL even."""
+    """A command whose program receives SIGTERM when this program ends, even by SIGKILL."""
     return [sys.executable, "-m", "obk_cli.process.child_process", str(os.getpid()), *command]
 
 
 def launch(seconds: float) -> int:
-    """Run the stack to its end; gives `obk launch`'s exit code."""
+    """Run the stack until it ends; return the exit code of `obk launch`."""
     obk = Path(sys.executable).with_name("obk")
     config = HERE / "hardware.yaml"
     command = bound(obk, "launch", config, "--duration", f"{seconds:g}")
@@ -25,14 +25,14 @@ def launch(seconds: float) -> int:
         try:
             return stack.wait()
         except KeyboardInterrupt:
-            # Ctrl-C goes to the whole terminal: the stack is on its way down already.
+            # Ctrl-C goes to the whole terminal, so the stack is already shutting down.
             return stack.wait()
 
 
 def main() -> int:
-    """Drive on, stack up, stack down, drive off."""
+    """Start the drive, run the stack, stop the drive."""
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
-    # In a session of its own, so that Ctrl-C ends the stack first and the drive last.
+    # A separate session, so that Ctrl-C stops the stack first and the drive last.
     command = bound(sys.executable, HERE / "device.py")
     with subprocess.Popen(command, start_new_session=True) as drive:
         try:

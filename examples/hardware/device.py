@@ -1,10 +1,11 @@
-"""Stands for a motor drive: one joint on 127.0.0.1, spoken to by the datagrams of `protocol.py`.
+"""Simulate a motor drive with one joint on 127.0.0.1, which uses the datagrams of `protocol.py`.
 
     python examples/hardware/device.py [--port 47001]
 
-Until Ctrl-C. It is no part of the stack: it knows nothing of ROS and of Obelisk, and like a real
-drive it looks after itself. No command for 50 ms, and the motor is off; too fast, and it stays off
-until it is commanded to rest. One sender commands it at a time, until that one is silent.
+Runs until Ctrl-C. The drive is not part of the stack: it uses neither ROS nor Obelisk, and like a
+real drive it protects itself. It switches the motor off after 50 ms without a command. After
+overspeed, the motor stays off until a command of zero torque. Only one sender can command it at a
+time, until that sender is silent.
 """
 
 import argparse
@@ -25,34 +26,34 @@ from udp_motor_robot.protocol import PORT, SEQUENCES, Command, Fault, Mode, Stat
 STEP_S = 0.001
 """The period of the drive's own loop [s]."""
 WATCHDOG_S = 0.05
-"""Without a command for so long the motor is switched off [s]."""
+"""Time without a command after which the motor is switched off [s]."""
 LISTENER_S = 1.0
-"""States go to the last sender, for so long [s]."""
+"""Time for which states are sent to the last sender [s]."""
 LONGEST_CATCH_UP_S = 0.1
-"""After a longer time without the processor the drive does not make up for the rest [s]."""
+"""Longest delay that the drive catches up with; the rest is skipped [s]."""
 OVERSPEED = 50.0
-"""The motor is switched off beyond this speed [rad/s]."""
+"""Speed above which the motor is switched off [rad/s]."""
 
 Sender = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motor:
-    """A joint with inertia and friction, as numbers: J dv/dt = torque - d v."""
+    """A joint with inertia and friction: J dv/dt = torque - d v."""
 
     inertia: float = 0.01
     """J [kg m^2]."""
     damping: float = 0.02
     """d [N m s/rad]."""
     stiffness: float = 20.0
-    """Of the drive's own position loop [N m/rad]."""
+    """Proportional gain of the drive's position loop [N m/rad]."""
     loop_damping: float = 0.8
-    """Of the drive's own position loop [N m s/rad]."""
+    """Derivative gain of the drive's position loop [N m s/rad]."""
     largest_torque: float = 2.0
     """[N m]."""
 
     def torque(self, mode: Mode, value: float, position: float, velocity: float) -> float:
-        """What the drive gives to the motor for a command [N m]."""
+        """The torque of the motor for a command [N m]."""
         wanted = value
         if mode is Mode.POSITION:
             wanted = self.stiffness * (value - position) - self.loop_damping * velocity
@@ -65,7 +66,7 @@ class Motor:
 
 
 class Drive:
-    """The motor and what watches over it; times are the drive's own, in steps."""
+    """The motor and its protection; times are counted in steps of the drive."""
 
     def __init__(self, motor: Motor | None = None) -> None:
         self.motor = motor or Motor()
@@ -78,18 +79,18 @@ class Drive:
         self._mode, self._value = Mode.TORQUE, 0.0
         self._master: Sender | None = None
         self._last_sequence = 0
-        self._commanded_at = self._heard_at = -math.inf
+        self._commanded_at = self._received_at = -math.inf
         self._next_sequence = 0
 
     def take(self, data: bytes, sender: Sender) -> None:
-        """Take a datagram; anything but a new command of the present sender is dropped."""
+        """Handle a datagram; ignore anything but a new command of the current sender."""
         command = Command.unpack(data)
         if command is None:
             return
         is_held = not self._is_off
         if is_held and sender != self._master:
             return
-        self.listener, self._heard_at = sender, self._step
+        self.listener, self._received_at = sender, self._step
         if command.mode is Mode.LISTEN:
             return
         if is_held and steps_ahead(command.sequence, self._last_sequence) < 1:
@@ -103,11 +104,11 @@ class Drive:
             self.faults = Fault.NONE
 
     def step(self) -> None:
-        """Go on by one step."""
+        """Advance by one step."""
         self._step += 1
         if (self._step - self._commanded_at) * STEP_S > WATCHDOG_S:
             self.faults |= Fault.WATCHDOG
-        if (self._step - self._heard_at) * STEP_S > LISTENER_S:
+        if (self._step - self._received_at) * STEP_S > LISTENER_S:
             self.listener = None
         if abs(self.velocity) > OVERSPEED:
             self.faults |= Fault.OVERSPEED
@@ -117,7 +118,7 @@ class Drive:
         self.position, self.velocity = self.motor.step(self.position, self.velocity, torque)
 
     def state(self) -> State:
-        """What the drive says of itself, with the next sequence number."""
+        """The state of the drive, with the next sequence number."""
         sequence = self._next_sequence
         self._next_sequence = (sequence + 1) % SEQUENCES
         return State(
@@ -134,7 +135,7 @@ class Drive:
 
 
 def serve(drive: Drive, line: socket.socket, is_over: threading.Event) -> None:
-    """Run the drive in real time until it is over."""
+    """Run the drive in real time until `is_over` is set."""
     next_step_s = time.monotonic()
     while not is_over.is_set():
         select.select([line], [], [], max(0.0, next_step_s - time.monotonic()))
@@ -150,18 +151,18 @@ def serve(drive: Drive, line: socket.socket, is_over: threading.Event) -> None:
 
 
 def take_all(drive: Drive, line: socket.socket) -> None:
-    """Take all datagrams that have come."""
+    """Handle all received datagrams."""
     while True:
         try:
             drive.take(*line.recvfrom(1500))
         except BlockingIOError:
             return
-        except ConnectionError:  # a listener has gone
+        except ConnectionError:  # a listener has closed its socket
             continue
 
 
 def send_state(line: socket.socket, state: State, listener: Sender) -> None:
-    """Send a state; one that cannot be sent is lost, as on a real line."""
+    """Send a state; if that fails, the state is lost, as on a real network."""
     try:
         line.sendto(state.pack(), listener)
     except OSError:
@@ -169,19 +170,19 @@ def send_state(line: socket.socket, state: State, listener: Sender) -> None:
 
 
 def main() -> int:
-    """Be a drive until SIGINT or SIGTERM."""
+    """Run the drive until SIGINT or SIGTERM."""
     parser = argparse.ArgumentParser(description="A simulated motor drive on 127.0.0.1.")
-    parser.add_argument("--port", type=int, default=PORT, help="0: any that is free")
-    wanted = parser.parse_args().port
+    parser.add_argument("--port", type=int, default=PORT, help="UDP port; 0: any free port")
+    port = parser.parse_args().port
     is_over = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: is_over.set())
     drive = Drive()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         try:
-            line.bind(("127.0.0.1", wanted))
+            line.bind(("127.0.0.1", port))
         except (OSError, OverflowError) as error:
-            print(f"device: port {wanted} cannot be had: {error}", file=sys.stderr)
+            print(f"device: cannot use port {port}: {error}", file=sys.stderr)
             return 1
         line.setblocking(False)
         print(f"device: listening on 127.0.0.1:{line.getsockname()[1]}", flush=True)

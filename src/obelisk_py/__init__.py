@@ -1,13 +1,13 @@
-"""The run-time library of Obelisk: the classes that a node inherits from, and the MuJoCo robot.
+"""Obelisk's runtime library: base classes for nodes, and the MuJoCo robot.
 
-Importing it gives the message classes the field names of their older layouts back
-(`PositionSetpoint.u`, `EstimatedState.x_hat`); the wire format does not change.
+Importing the package adds the field names of older message layouts to the message classes
+(`PositionSetpoint.u`, `EstimatedState.x_hat`). The wire format does not change.
 """
 
 import importlib.util
 
 from obelisk_py.core.messages import add_field_aliases
 
-# `obelisk_py.recordings` works without ROS too.
+# `obelisk_py.recordings` also works without ROS.
 if importlib.util.find_spec("rclpy") is not None:
     add_field_aliases()

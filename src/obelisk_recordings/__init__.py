@@ -1,5 +1,5 @@
-"""Read recordings as numpy arrays: no ROS, no message packages, no `obk` needed.
+"""Read recordings as numpy arrays, without ROS, message packages or `obk`.
 
-Below `obk_cli` and `obelisk_py`, so that the commands and the nodes' library read them alike.
-Users import it as `obelisk_py.recordings`.
+Both `obk_cli` and `obelisk_py` use this package, so that commands and nodes read recordings in the
+same way. Users import it as `obelisk_py.recordings`.
 """

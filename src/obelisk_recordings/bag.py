@@ -1,4 +1,4 @@
-"""A recording as a value, and the error of one that cannot be read; needs no library."""
+"""The summary of a recording, and the error for an unreadable one; imports no library."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ DROPS: Final = "obelisk_drops"
 
 
 class RecordingError(LookupError):
-    """A recording cannot be read, or has no such topic or field; the message is for the user."""
+    """A recording cannot be read or lacks a topic or field; the message is for the user."""
 
     exit_code = 1
 
@@ -30,22 +30,22 @@ class BagTopic:
     msg_type: str
     count: int
     dropped: int | None = None
-    """Messages that the recorder missed; None: unknown."""
+    """Messages that the recorder missed; None if unknown."""
     type_hash: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bag:
-    """A recording as a whole."""
+    """The summary of a recording."""
 
     path: str
     size_bytes: int
     profile: str
     library: str
     is_complete: bool
-    """Whether its recorder closed it; otherwise it holds what was written by then."""
+    """Whether the recorder closed it; otherwise it contains everything written until it ended."""
     start_ns: int | None
-    """Time of the first message [ns since 1970]; None if it has no message."""
+    """Time of the first message [ns since 1970]; None if it has no messages."""
     end_ns: int | None
     topics: tuple[BagTopic, ...]
     metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class Bag:
 
     @property
     def duration_s(self) -> float:
-        """From the first message to the last [s]."""
+        """Time from the first message to the last [s]."""
         return ((self.end_ns or 0) - (self.start_ns or 0)) * 1e-9
 
     @property

@@ -1,6 +1,6 @@
-"""The messages of an MCAP file by topic, as tables of bytes, many at once.
+"""Read the messages of an MCAP file by topic, as tables of bytes, many at once.
 
-A file that breaks off, as that of a killed recorder, is read up to there.
+A truncated file, such as that of a killed recorder, is read up to its end.
 Source: MCAP specification, records Message (op 5) and Chunk (op 6).
 """
 
@@ -44,11 +44,11 @@ _HEAD: Final = np.dtype(
         "itemsize": 22,
     }
 )
-"""What stands before a message's data: channel, sequence number, two times."""
+"""Header of a message's data: channel, sequence number, two times."""
 _MOST_LOOSE: Final = 10_000
-"""Messages outside of chunks that are read at once."""
+"""Number of messages outside chunks that are read at once."""
 PART_BYTES: Final = 16 << 20
-"""Of a part of one topic [bytes]."""
+"""Default size of a part of one topic [bytes]."""
 Times = NDArray[np.int64]
 
 
@@ -59,15 +59,15 @@ class TopicMessages:
     topic: str
     msg_type: str
     definition: str
-    """Text; empty: the file has none that can be read."""
+    """Text of the message definition; empty if the file has none that can be read."""
     received_ns: Times
     """When the recorder received them [ns since 1970], shape `(n,)`."""
     published_ns: Times
     """When they were published [ns since 1970], shape `(n,)`; the time of receipt if unknown."""
     sequence: NDArray[np.uint32]
-    """As the recorder has numbered them, shape `(n,)`; in lock-step in the order of publication."""
+    """The recorder's sequence numbers, shape `(n,)`; in lock-step, in the order of publication."""
     tables: tuple[tuple[NDArray[np.intp], Bytes], ...]
-    """For each length in bytes: places among the n messages, and their bytes, a row for each."""
+    """For each length in bytes: indices among the n messages, and their bytes, one per row."""
 
     def __len__(self) -> int:
         return len(self.received_ns)
@@ -84,18 +84,18 @@ class RecordedMessage:
     published_ns: int
     """When it was published [ns since 1970]; the time of receipt if unknown."""
     sequence: int
-    """As the recorder has numbered it; in lock-step in the order of publication."""
+    """The recorder's sequence number; in lock-step, in the order of publication."""
     data: bytes
 
 
 def joined(parts: list[TopicMessages]) -> TopicMessages:
-    """Parts of one topic as a whole, in the order of receipt; at least one part."""
+    """Join at least one part of a topic, in the order of receipt."""
     tables: dict[int, list[tuple[NDArray[np.intp], Bytes]]] = defaultdict(list)
-    begin = 0
+    start = 0
     for part in parts:
         for places, rows in part.tables:
-            tables[rows.shape[1]].append((places + begin, rows))
-        begin += len(part)
+            tables[rows.shape[1]].append((places + start, rows))
+        start += len(part)
     received = np.concatenate([part.received_ns for part in parts])
     published = np.concatenate([part.published_ns for part in parts])
     sequence = np.concatenate([part.sequence for part in parts])
@@ -126,7 +126,7 @@ def joined(parts: list[TopicMessages]) -> TopicMessages:
 
 @dataclass(slots=True)
 class _Schemas:
-    """Schemas and channels so far, and which channels are wanted."""
+    """Schemas and channels so far, and the wanted topics."""
 
     topics: Collection[str]
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -143,7 +143,7 @@ class _Schemas:
         return {id: one for id, one in self.channels.items() if one.topic in self.topics}
 
     def empty(self, channel: Channel) -> tuple[str, str]:
-        """Type and definition of a channel's messages."""
+        """Return type and definition of a channel's messages."""
         schema = self.schemas.get(channel.schema_id)
         is_cdr = channel.message_encoding == "cdr"
         if schema is None or schema.encoding != "ros2msg" or not is_cdr:
@@ -154,12 +154,12 @@ class _Schemas:
 def messages_in_parts(
     path: Path, topics: Collection[str], *, part_bytes: int | None = None
 ) -> Iterator[TopicMessages]:
-    """The messages of some topics, in parts of limited size, each of one topic.
+    """Read the messages of some topics, in parts of limited size with one topic each.
 
     Args:
-        path: of the file.
+        path: path of the file.
         topics: full names.
-        part_bytes: size of the parts of one topic, about [bytes]; None: `PART_BYTES`.
+        part_bytes: approximate size of the parts of one topic [bytes]; None for `PART_BYTES`.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -181,13 +181,12 @@ def messages_in_parts(
 
 
 def messages_in_order(path: Path, topics: Collection[str]) -> Iterator[RecordedMessage]:
-    """The messages of some topics one by one, in the order of receipt within each chunk.
+    """Read the messages of some topics one by one, in the order of receipt within each chunk.
 
-    Recorders write chunks one after another, so only a file of another origin may have them
-    overlap.
+    Recorders write chunks one after another; chunks can only overlap in files of another origin.
 
     Args:
-        path: of the file.
+        path: path of the file.
         topics: full names.
 
     Raises:
@@ -216,7 +215,7 @@ def _in_order(parts: Sequence[TopicMessages]) -> Iterator[RecordedMessage]:
 
 
 class _ChunkReader(StreamReader):
-    """Skips the indexes of messages, which take half of the time to decode and are not used."""
+    """Skips message indexes, which are not used but take half of the decoding time."""
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
         if opcode == Opcode.MESSAGE_INDEX:
@@ -226,10 +225,10 @@ class _ChunkReader(StreamReader):
 
 
 def _chunks(file: IO[bytes], schemas: _Schemas) -> Iterator[Sequence[TopicMessages]]:
-    """The wanted messages by topic, chunk by chunk."""
+    """Yield the wanted messages by topic, chunk by chunk."""
     loose: list[Message] = []
     reader = _ChunkReader(file, emit_chunks=True, record_size_limit=LONGEST_RECORD)
-    with suppress(EndOfFile, struct.error):  # the file breaks off
+    with suppress(EndOfFile, struct.error):  # the file is truncated
         for record in reader.records:
             schemas.add(record)
             if isinstance(record, Chunk):
@@ -244,7 +243,7 @@ def _chunks(file: IO[bytes], schemas: _Schemas) -> Iterator[Sequence[TopicMessag
 
 
 def _loose(messages: list[Message], schemas: _Schemas) -> Iterator[TopicMessages]:
-    """TopicMessages that are in no chunk."""
+    """Yield messages that are in no chunk, by topic."""
     data = bytearray()
     for one in messages:
         data += _RECORD.pack(_MESSAGE, _HEAD.itemsize + len(one.data))
@@ -254,17 +253,17 @@ def _loose(messages: list[Message], schemas: _Schemas) -> Iterator[TopicMessages
 
 
 def _chunk(data: bytes, schemas: _Schemas) -> Iterator[TopicMessages]:
-    """The wanted messages of a chunk, by topic."""
-    begins, ends = _messages_of_chunk(data, schemas)
-    if not len(begins):
+    """Yield the wanted messages of a chunk, by topic."""
+    starts, ends = _messages_of_chunk(data, schemas)
+    if not len(starts):
         return
     every = np.frombuffer(data, np.uint8)
-    heads = _rows(every, begins, _HEAD.itemsize).view(_HEAD)[:, 0]
+    heads = _rows(every, starts, _HEAD.itemsize).view(_HEAD)[:, 0]
     for id, channel in schemas.wanted().items():
         is_own = heads["channel"] == id
         if not is_own.any():
             continue
-        own, offsets = heads[is_own], begins[is_own] + _HEAD.itemsize
+        own, offsets = heads[is_own], starts[is_own] + _HEAD.itemsize
         sizes = ends[is_own] - offsets
         tables = []
         for size in np.unique(sizes):
@@ -284,29 +283,29 @@ def _chunk(data: bytes, schemas: _Schemas) -> Iterator[TopicMessages]:
 
 
 def _messages_of_chunk(data: bytes, schemas: _Schemas) -> tuple[Times, Times]:
-    """Where the messages of a chunk begin and end; takes note of schemas and channels in it."""
-    begins, ends, offset, last = list[int](), list[int](), 0, len(data) - _RECORD.size
+    """Return starts and ends of a chunk's messages, and record its schemas and channels."""
+    starts, ends, offset, last = list[int](), list[int](), 0, len(data) - _RECORD.size
     unpack, head = _RECORD.unpack_from, _RECORD.size
     while offset <= last:
         kind, length = unpack(data, offset)
         offset += head
         end = offset + length
         if end > len(data):
-            raise RecordingError("a chunk is damaged: a record in it breaks off")
+            raise RecordingError("a chunk is damaged: a record in it is truncated")
         if kind == _MESSAGE:
             if length < _HEAD.itemsize:
                 raise RecordingError("a chunk is damaged: a message in it has no times")
-            begins.append(offset)
+            starts.append(offset)
             ends.append(end)
         elif kind in (_SCHEMA, _CHANNEL):
             stream = ReadDataStream(BytesIO(data[offset:end]))
             schemas.add(Schema.read(stream) if kind == _SCHEMA else Channel.read(stream))
         offset = end
-    return np.array(begins, np.int64), np.array(ends, np.int64)
+    return np.array(starts, np.int64), np.array(ends, np.int64)
 
 
-def _rows(data: Bytes, begins: Times, size: int) -> Bytes:
-    """Parts of the same size as a table, shape `(n, size)`."""
+def _rows(data: Bytes, starts: Times, size: int) -> Bytes:
+    """Return parts of the same size as a table, shape `(n, size)`."""
     if size == 0:
-        return np.empty((len(begins), 0), np.uint8)
-    return np.lib.stride_tricks.sliding_window_view(data, size)[begins]
+        return np.empty((len(starts), 0), np.uint8)
+    return np.lib.stride_tricks.sliding_window_view(data, size)[starts]

@@ -1,4 +1,4 @@
-"""Which recording a user means: a file, a folder, or a run by its name; needs no library.
+"""Find a recording by a file, a folder, or the name of a run; imports no library.
 
 A launch keeps its recording in the folder of its run, `<config>_<date>_<time>`.
 """
@@ -16,15 +16,15 @@ __all__ = ["RECORDING", "config_of", "find_recording", "folder_of_runs", "run_fo
 
 _FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
 RECORDING: Final = "recording.mcap"
-"""The file in a run's folder."""
+"""Name of the recording in a run's folder."""
 _EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
-"""The run before the newest is called `arm~1`."""
+"""`arm~1` is the run before the newest."""
 
 
 def folder_of_runs(environment: Mapping[str, str]) -> Path | None:
-    """The folder of all runs: below OBK_HOME, else ROS_LOG_DIR, else the user's state folder.
+    """Return the folder of all runs: under OBK_HOME, ROS_LOG_DIR, or the user's state folder.
 
-    None: there is no place for it, since the user has no home.
+    None if there is no such folder because the user has no home.
     """
     home = environment.get("OBK_HOME")
     logs = environment.get("ROS_LOG_DIR")
@@ -42,9 +42,9 @@ def folder_of_runs(environment: Mapping[str, str]) -> Path | None:
 
 
 def run_folders(parent: Path) -> tuple[Path, ...]:
-    """The folders of all runs, newest first; what is not named like one is left out.
+    """Return the folders of all runs, newest first; folders with other names are ignored.
 
-    In a folder that is closed to this user there are none.
+    If the user cannot read `parent`, the result is empty.
     """
     try:
         found = list(parent.glob("*/"))
@@ -56,22 +56,22 @@ def run_folders(parent: Path) -> tuple[Path, ...]:
 
 
 def config_of(folder: Path) -> str:
-    """The config's name in a run folder's; a slash in it is an underscore here."""
+    """Return the config's name in the name of a run folder, in which `/` is replaced by `_`."""
     match = _FOLDER_NAME.fullmatch(folder.name)
     return match["config"] if match else folder.name
 
 
 def find_recording(parent: Path | None, name: str | None) -> Path:
-    """The path of the recording that a name means.
+    """Find the recording that a name refers to.
 
     Args:
-        parent: the folder of all runs; None: there is none.
-        name: a file, a folder with one recording, the name of a config (its newest run that was
-            recorded; with `~1` behind it the one before) or of a run's folder; None: the newest run
-            that was recorded.
+        parent: the folder of all runs; None if there is none.
+        name: a file, a folder with one recording, the name of a config (its newest recorded run;
+            with the suffix `~1`, the one before) or of a run's folder; None for the newest
+            recorded run.
 
     Raises:
-        RecordingError: no recording has that name.
+        RecordingError: no recording has this name.
     """
     if name is not None and os.path.isfile(name):  # noqa: PTH113  (`Path.is_file` raises)
         return Path(name)
@@ -98,7 +98,7 @@ def find_recording(parent: Path | None, name: str | None) -> Path:
 
 
 def _in_folder(folder: Path) -> Path | None:
-    """The only recording in a folder, such as rosbag2 creates."""
-    is_there = os.path.isdir(folder)  # noqa: PTH112  (`Path.is_dir` raises)
-    files = sorted(folder.glob("*.mcap")) if is_there else []
+    """Return the only recording in a folder, such as those of rosbag2; None if there is none."""
+    exists = os.path.isdir(folder)  # noqa: PTH112  (`Path.is_dir` raises)
+    files = sorted(folder.glob("*.mcap")) if exists else []
     return files[0] if len(files) == 1 else None

@@ -1,7 +1,7 @@
-"""Where the fields of a serialized message are: found once for all messages of the same layout.
+"""Locate the fields of serialized messages, once for all messages of the same layout.
 
-Messages are CDR, as ROS 2 writes them. Two messages of equal length whose arrays and texts have
-equal lengths have the same layout, so their fields are columns of one table of bytes.
+Messages are CDR, as ROS 2 writes them. Messages of equal length whose arrays and strings have equal
+lengths have the same layout, so their fields are columns of one table of bytes.
 Source: OMG DDS-RTPS 2.5, 10.2 (encapsulation); OMG CORBA 3.4, 15.3 (alignment, strings, sequences).
 """
 
@@ -44,20 +44,20 @@ PRIMITIVES: Final = {
     "float32": "f4",
     "float64": "f8",
 }
-"""Type -> numpy's code of it, without the order of bytes."""
+"""Type -> numpy's type code, without the byte order."""
 _TIMES: Final = ("builtin_interfaces/Time", "builtin_interfaces/Duration")
 _NAME: Final = re.compile(r"[A-Za-z]\w{0,255}")
 _UNIT: Final = re.compile(r"\[([^\[\]]{1,40})\]")
 _NO_UNIT: Final = re.compile(r"[\d\s,.:x*-]*")
-"""What stands in brackets and is a shape or a number."""
+"""Matches text in brackets that is a shape or a number, not a unit."""
 Bytes = NDArray[np.uint8]
 HEAD_BYTES: Final = 4
-"""In front of each message: the order of its bytes."""
+"""Size of the header of each message, which gives the byte order."""
 _ORDERS: Final = {b"\0\0": ">", b"\0\1": "<"}
 _DEEPEST: Final = 32
-"""Limit for messages within messages."""
+"""Maximum depth of nested messages."""
 _MOST_COLUMNS: Final = 10_000
-"""Limit for the fields of one message, those in arrays of messages counted one by one."""
+"""Maximum number of fields of a message, including those in arrays of messages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,22 +68,22 @@ class Field:
     kind: str
     """A primitive, `string`, `wstring`, or `pkg/Name`."""
     size: int | None = None
-    """Length of an array; None: a single value, or as many as there are."""
+    """Length of an array; None for a single value or a sequence."""
     is_sequence: bool = False
     unit: str = ""
-    """From the comment, such as `rad/s`; empty if it names none, or several."""
+    """Unit in the comment, such as `rad/s`; empty if there are none or several."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageDefinition:
-    """A message type with those that it refers to."""
+    """A message type and the types that it refers to."""
 
     root: str
     types: Mapping[str, tuple[Field, ...]]
     """`pkg/Name` -> fields."""
 
     def unit(self, path: str) -> str:
-        """The unit of a field by its path; a part without one has that of the whole.
+        """Return the unit of a field; a part without a unit has that of the whole.
 
         Args:
             path: such as `angular_velocity.x` or `q_joints[0]`.
@@ -98,14 +98,14 @@ class MessageDefinition:
 
 
 def parse_definition(name: str, text: str) -> MessageDefinition:
-    """Read a definition.
+    """Parse a message definition.
 
     Args:
         name: full name of the type, `pkg/msg/Name` or `pkg/Name`.
-        text: fields, then a line of `=`, `MSG: pkg/Name` and fields of each further type.
+        text: fields; then for each further type, a line of `=`, `MSG: pkg/Name` and its fields.
 
     Raises:
-        RecordingError: a line is no field.
+        RecordingError: a line is not a field.
     """
     root = _short(name)
     types: dict[str, tuple[Field, ...]] = {}
@@ -139,10 +139,10 @@ def _short(name: str) -> str:
 
 
 def _field(code: str, comment: str, package: str) -> Field | None:
-    """The field that a line declares; None: it declares a constant."""
+    """Parse the field that a line declares; None if it declares a constant."""
     words = code.split(None, 2)
     declared, name = (words[0], words[1]) if len(words) > 1 else (code.strip(), "")
-    # `TEXT=1`, or `TEXT = 1`; `<=` stands in bounded types only.
+    # `TEXT=1`, or `TEXT = 1`; `<=` only occurs in bounded types.
     if "=" in name or (len(words) > 2 and words[2].startswith("=")):
         return None
     if not _NAME.fullmatch(name):
@@ -163,9 +163,10 @@ def _field(code: str, comment: str, package: str) -> Field | None:
 
 
 def _unit(comment: str) -> str:
-    """The unit that a comment names.
+    """Return the unit that a comment names.
 
-    `position [m], then orientation` is of several quantities, so it names no unit for the field.
+    `position [m], then orientation` describes several quantities, so it names no unit for the
+    field.
     """
     if re.search(r"\], then ", comment):
         return ""
@@ -175,21 +176,21 @@ def _unit(comment: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """One field of all messages of a layout."""
+    """One field in all messages of a layout."""
 
     path: str
     """Such as `header.stamp.sec`, `q_joints` or `parts[0].x`."""
     code: str
-    """numpy's code of its numbers with the order of bytes; empty for texts."""
+    """numpy's type code of its numbers, with the byte order; empty for strings."""
     offset: int = 0
-    """Of the first number [bytes]."""
+    """Offset of the first number [bytes]."""
     count: int | None = None
-    """How many numbers or texts an array has; None: it is no array."""
+    """Number of items in an array; None if it is not an array."""
     texts: tuple[tuple[int, int], ...] = ()
-    """Begin and end of each text [bytes]."""
+    """Start and end of each string [bytes]."""
 
     def read(self, rows: Bytes) -> NDArray[np.generic]:
-        """The values, shape `(n,)` or `(n, count)`; numbers as a view of the bytes.
+        """Return the values, shape `(n,)` or `(n, count)`; numbers are a view of the bytes.
 
         Args:
             rows: the messages, shape `(n, bytes)`.
@@ -201,8 +202,8 @@ class Column:
             values = part.view(self.code) if numbers else np.empty((len(rows), 0), self.code)
             return values[:, 0] if self.count is None else values
         texts = np.empty((len(rows), len(self.texts)), object)
-        for place, (begin, end) in enumerate(self.texts):
-            part = rows[:, begin:end]
+        for place, (start, end) in enumerate(self.texts):
+            part = rows[:, start:end]
             if (part == part[:1]).all():
                 texts[:, place] = _text(part[0]) if len(part) else ""
             else:
@@ -216,15 +217,15 @@ def _text(data: Bytes) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageLayout:
-    """The places of all fields, for messages with the same lengths."""
+    """The locations of all fields, for messages with the same lengths."""
 
     columns: dict[str, Column]
-    """By path, in the order of the definition."""
+    """Columns by path, in the order of the definition."""
     lengths: tuple[tuple[int, bytes], ...]
     """Offset and bytes of everything that determines the layout."""
 
     def fits(self, rows: Bytes) -> NDArray[np.bool_]:
-        """Which messages have this layout, shape `(n,)`; they have to be of its length."""
+        """Return which messages have this layout, shape `(n,)`; they must have its length."""
         fits = np.ones(len(rows), bool)
         for offset, data in self.lengths:
             code = f"u{len(data)}"
@@ -234,18 +235,18 @@ class MessageLayout:
 
 
 def layout_of(definition: MessageDefinition, message: bytes) -> MessageLayout:
-    """Find the fields of a message.
+    """Locate the fields of a message.
 
     Raises:
-        RecordingError: the message is shorter than its definition requires, or has a form that
-            ROS 2 does not write.
+        RecordingError: the message is shorter than its definition requires, or is not in a format
+            that ROS 2 writes.
     """
     return _Walk(definition, message).layout()
 
 
 @dataclass(slots=True)
 class _Walk:
-    """One way through a message."""
+    """One pass through a message."""
 
     definition: MessageDefinition
     message: bytes
@@ -257,10 +258,10 @@ class _Walk:
     def layout(self) -> MessageLayout:
         head = self.message[:2]
         if len(self.message) < HEAD_BYTES or head not in _ORDERS:
-            raise RecordingError("a message is not in the form that ROS 2 writes (CDR)")
+            raise RecordingError("a message is not in the format that ROS 2 writes (CDR)")
         self.order = _ORDERS[head]
         self.lengths.append((0, head))
-        if self.definition.types.get(self.definition.root):  # an empty message has a filling byte
+        if self.definition.types.get(self.definition.root):  # an empty message has a padding byte
             self._message(self.definition.root, "", 0)
         return MessageLayout(columns=self.columns, lengths=tuple(self.lengths))
 
@@ -291,7 +292,7 @@ class _Walk:
                 self._message(each.kind, f"{path}[{place}]", depth + 1)
 
     def _bounded(self, count: int | None) -> int:
-        """The number of items, each of which takes a byte at least."""
+        """Return the number of items, each of which takes at least one byte."""
         number = 1 if count is None else count
         if number > len(self.message) - self.offset:
             raise self._broken(number)
@@ -309,16 +310,16 @@ class _Walk:
 
     def _string(self) -> tuple[int, int]:
         length = self._length()
-        begin = self.offset
+        start = self.offset
         self._skip(length)
-        return begin, max(begin, self.offset - 1)  # without the zero at its end
+        return start, max(start, self.offset - 1)  # without the terminating zero
 
     def _length(self) -> int:
         self._align(4)
-        begin = self.offset
+        start = self.offset
         self._skip(4)
-        data = self.message[begin : self.offset]
-        self.lengths.append((begin, data))
+        data = self.message[start : self.offset]
+        self.lengths.append((start, data))
         (length,) = struct.unpack(f"{self.order}I", data)
         return int(length)
 
@@ -332,7 +333,7 @@ class _Walk:
 
     def _broken(self, size: int) -> RecordingError:
         left = max(0, len(self.message) - self.offset)
-        return RecordingError(f"a message is damaged: {size} bytes were expected, there are {left}")
+        return RecordingError(f"a message is damaged: expected {size} bytes, only {left} are left")
 
     def _add(self, column: Column) -> None:
         if len(self.columns) == _MOST_COLUMNS:

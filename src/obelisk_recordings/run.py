@@ -1,4 +1,4 @@
-"""One recorded run: its topics as arrays, its config, parameters and versions."""
+"""A recorded run: its topics as arrays, its config, parameters and versions."""
 
 import json
 import os
@@ -18,15 +18,15 @@ from obelisk_spec.suggestions import did_you_mean, list_names
 __all__ = ["EVENTS_FILE", "RecordedRun", "open_run", "topic_named"]
 
 EVENTS_FILE: Final = "events.jsonl"
-"""Beside the recording of a launch: when its stack became active, and more."""
+"""File beside the recording of a launch with events, such as when its stack became active."""
 NS_PER_S: Final = 1_000_000_000
 
 
 def topic_named(name: str, topics: Sequence[str]) -> str:
-    """The topic that a name means: the name in full, or the end of one topic's.
+    """Return the topic that a name refers to: a full name, or the end of exactly one.
 
     Raises:
-        RecordingError: there is none, or more than one.
+        RecordingError: no topic matches, or several do.
     """
     if name in topics:
         return name
@@ -34,7 +34,7 @@ def topic_named(name: str, topics: Sequence[str]) -> str:
     if len(meant) == 1:
         return meant[0]
     if meant:
-        raise RecordingError(f"`{name}` means several topics: {list_names(meant)}")
+        raise RecordingError(f"`{name}` matches several topics: {list_names(meant)}")
     raise RecordingError(
         f"the recording has no topic `{name}`",
         help=did_you_mean(name, topics) or f"it has {list_names(topics) or 'none'}",
@@ -42,13 +42,13 @@ def topic_named(name: str, topics: Sequence[str]) -> str:
 
 
 class RecordedRun:
-    """One recording; `run["/robot/est"].q_joints` is an array with a row for each message."""
+    """A recording; `run["/robot/est"].q_joints` is an array with one row per message."""
 
     def __init__(self, path: Path) -> None:
-        """Read what the file holds; topics are read when they are asked for.
+        """Read the summary of the file; topics are read when they are accessed.
 
         Raises:
-            RecordingError: it cannot be read, or is no MCAP file.
+            RecordingError: the file cannot be read or is not an MCAP file.
         """
         self.path = path
         self.bag: Bag = read_bag(path)
@@ -59,7 +59,7 @@ class RecordedRun:
 
     @property
     def name(self) -> str:
-        """For people: a recording in a run's folder is called after the run."""
+        """Name for display; a recording in a run's folder has the name of the run."""
         return self.path.parent.name if self.path.stem == "recording" else self.path.stem
 
     @property
@@ -69,17 +69,17 @@ class RecordedRun:
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
-        """What the run was made from: `obelisk`, `obelisk_versions`."""
+        """Information about the run: `obelisk`, `obelisk_versions`."""
         return self.bag.metadata
 
     @cached_property
     def attachments(self) -> Mapping[str, str]:
-        """Texts in the recording: `plan.json`, `params/<node>.yaml`."""
+        """Text files in the recording: `plan.json`, `params/<node>.yaml`."""
         return read_attachments(self.path)
 
     @cached_property
     def plan(self) -> Mapping[str, Any]:
-        """The config as compiled; empty if the recording has none that can be read."""
+        """The compiled config; empty if the recording has none that can be read."""
         try:
             plan = json.loads(self.attachments.get("plan.json", "{}"))
         except (ValueError, RecursionError):
@@ -88,7 +88,7 @@ class RecordedRun:
 
     @cached_property
     def events(self) -> Sequence[Mapping[str, Any]]:
-        """What the launcher noted beside the recording; empty if there is nothing."""
+        """Events that the launcher stored beside the recording; empty if there are none."""
         try:
             lines = self.path.with_name(EVENTS_FILE).read_text(encoding="utf-8").splitlines()
         except (OSError, ValueError):
@@ -97,15 +97,15 @@ class RecordedRun:
 
     @property
     def is_lockstep(self) -> bool:
-        """Whether it was recorded in lock-step, where times are simulated."""
+        """Whether the run was in lock-step, with simulated times."""
         return self.metadata.get("obelisk", {}).get("lockstep") == "true"
 
     @cached_property
     def origin_ns(self) -> int:
-        """When the stack became active [ns since 1970], which times are relative to.
+        """Origin of times: when the stack became active [ns since 1970].
 
-        In lock-step the start of simulated time; without the launcher's events the time of the
-        first message.
+        In lock-step, it is the start of simulated time. Without the launcher's events, it is the
+        time of the first message.
         """
         if self.is_lockstep:
             return 0
@@ -117,21 +117,23 @@ class RecordedRun:
         return self.bag.start_ns or 0
 
     def __getitem__(self, name: str) -> RecordedTopic:
-        """The messages of a topic by its name, in full or the end of it; kept once they are read.
+        """Return the messages of a topic, by its full name or the end of it; read only once.
 
         Raises:
-            RecordingError: there is no such topic, it has no message, or it cannot be read.
+            RecordingError: the topic does not exist, has no messages, or cannot be read.
         """
         topic = topic_named(name, self.topics)
         if topic not in self._topics:
             read = self.read([topic])
             if topic not in read:
-                raise RecordingError(f"{self.path}: {topic} has no message")
+                raise RecordingError(f"{self.path}: {topic} has no messages")
             self._topics[topic] = read[topic]
         return self._topics[topic]
 
     def read(self, topics: Iterable[str]) -> dict[str, RecordedTopic]:
-        """Some topics in one pass over the file, not kept; those without a message are left out.
+        """Read some topics in one pass over the file; topics without messages are omitted.
+
+        The result is not cached.
 
         Args:
             topics: full names.
@@ -148,7 +150,7 @@ class RecordedRun:
         return {name: RecordedTopic(joined(found), self.origin_ns) for name, found in parts.items()}
 
     def definitions(self, topics: Iterable[str]) -> dict[str, MessageDefinition]:
-        """The message definitions of some topics, as far as the recording has them.
+        """Return the message definitions of those topics for which the recording has them.
 
         Args:
             topics: full names.
@@ -167,7 +169,7 @@ class RecordedRun:
         return found
 
     def parts(self, topics: Iterable[str]) -> Iterator[RecordedTopic]:
-        """Some topics in parts of limited size, for recordings larger than the memory.
+        """Read some topics in parts of limited size, for recordings that do not fit into memory.
 
         Args:
             topics: full names.
@@ -191,10 +193,10 @@ def open_run(run: str | os.PathLike[str]) -> RecordedRun:
     """Open a recording.
 
     Args:
-        run: an MCAP file, a folder with one, the name of a config (its newest run that was
-            recorded on this machine; with `~1` behind it the one before), or of a run's folder.
+        run: an MCAP file, a folder with one, the name of a config (its newest recorded run on this
+            machine; with the suffix `~1`, the one before), or of a run's folder.
 
     Raises:
-        RecordingError: there is none, or it cannot be read.
+        RecordingError: the recording does not exist or cannot be read.
     """
     return RecordedRun(find_recording(folder_of_runs(os.environ), os.fspath(run)))

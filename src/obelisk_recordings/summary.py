@@ -1,6 +1,6 @@
-"""What a recording holds: topics, counts, times, metadata, without decoding any message.
+"""Summarize a recording: topics, counts, times and metadata, without decoding any message.
 
-A file that breaks off, as that of a killed recorder, is read up to there.
+A truncated file, such as that of a killed recorder, is read up to its end.
 """
 
 import os
@@ -31,20 +31,20 @@ __all__ = [
 ]
 
 _BREAKS = (EndOfFile, struct.error)
-"""Raised by the library when a file ends in the middle of a record."""
+"""Raised by the library if a file ends in the middle of a record."""
 LONGEST_FAULT: Final = 200
-"""Limit for the text of an error of the library [characters]."""
+"""Maximum length of a library's error text [characters]."""
 _MAGIC: Final = b"\x89MCAP0\r\n"
 """The start of every MCAP file."""
 LONGEST_RECORD: Final = 1 << 28
-"""Limit for a record in the file: far above any chunk or attachment of a recorder [bytes]."""
+"""Maximum size of a record in the file, far above any chunk or attachment of a recorder [bytes]."""
 
 
 def read_bag(path: Path) -> Bag:
     """Read the summary of a recording.
 
     Raises:
-        RecordingError: it cannot be read, or is not an MCAP file.
+        RecordingError: it cannot be read or is not an MCAP file.
     """
     with recording_errors(path), path.open("rb") as file:
         if not _MAGIC.startswith(start := file.read(len(_MAGIC))):
@@ -54,7 +54,7 @@ def read_bag(path: Path) -> Bag:
 
 
 def read_attachments(path: Path) -> Mapping[str, str]:
-    """The texts in a recording by name, such as `plan.json`.
+    """Return the text files in a recording by name, such as `plan.json`.
 
     Raises:
         RecordingError: it cannot be read.
@@ -69,13 +69,13 @@ def read_attachments(path: Path) -> Mapping[str, str]:
 
 
 def records_of(file: IO[bytes]) -> Iterator[object]:
-    """Every record, in and outside of chunks, up to where the file breaks off."""
+    """Yield every record, inside and outside chunks, up to the end of a truncated file."""
     with suppress(*_BREAKS):
         yield from StreamReader(file, record_size_limit=LONGEST_RECORD).records
 
 
 def file_summary(file: IO[bytes]) -> Summary | None:
-    """The summary at the end of a closed recording; leaves the file at its start."""
+    """Return the summary at the end of a closed recording, and rewind the file."""
     try:
         summary = seeking_reader(file).get_summary()
     except Exception:  # the file does not end in a footer: the library may raise anything
@@ -86,7 +86,7 @@ def file_summary(file: IO[bytes]) -> Summary | None:
 
 @dataclass(slots=True, kw_only=True)
 class _Found:
-    """The content of a file so far."""
+    """The contents of a file so far."""
 
     header: Header | None = None
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -98,7 +98,7 @@ class _Found:
 
 
 def _indexed(path: Path, file: IO[bytes]) -> Bag | None:
-    """The recording by the summary at its end; None if it has none."""
+    """Read the summary at the end of a recording; None if it has none."""
     summary = file_summary(file)
     if summary is None or summary.statistics is None:
         return None
@@ -118,7 +118,7 @@ def _indexed(path: Path, file: IO[bytes]) -> Bag | None:
 
 
 def _scanned(path: Path, file: IO[bytes]) -> Bag:
-    """The recording by its records, up to where the file breaks off."""
+    """Summarize a recording by reading all records, up to the end of a truncated file."""
     found = _Found()
     for record in records_of(file):
         match record:
@@ -167,7 +167,7 @@ def _bag(path: Path, file: IO[bytes], found: _Found, *, is_complete: bool) -> Ba
 
 
 def seeking_reader(file: IO[bytes]) -> SeekingReader:
-    """The library's reader of a file, with a limit for the length of a record."""
+    """Create the library's reader of a file, with a limit on the size of a record."""
     return SeekingReader(file, record_size_limit=LONGEST_RECORD)
 
 
@@ -175,7 +175,7 @@ def seeking_reader(file: IO[bytes]) -> SeekingReader:
 def recording_errors(path: Path) -> Iterator[None]:
     """Report errors of the libraries as errors of the file.
 
-    They use fields unchecked: a damaged file makes them raise anything.
+    The libraries do not validate fields, so a damaged file can cause any exception.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -185,16 +185,16 @@ def recording_errors(path: Path) -> Iterator[None]:
     except RecordingError as error:
         raise RecordingError(f"{path}: {_plain(error.message)}", help=error.help) from error
     except FileNotFoundError as error:
-        raise RecordingError(f"{path}: there is no such file") from error
+        raise RecordingError(f"{path}: file not found") from error
     except OSError as error:
         raise RecordingError(f"{path}: {os.strerror(error.errno or 0).lower()}") from error
     except InvalidMagic as error:
-        raise RecordingError(f"{path} is no MCAP file") from error
+        raise RecordingError(f"{path} is not an MCAP file") from error
     except Exception as error:
         fault = _plain(f"{type(error).__name__}: {error}")[:LONGEST_FAULT]
         raise RecordingError(f"{path} cannot be read: it is damaged ({fault})") from error
 
 
 def _plain(text: str) -> str:
-    """The text of a file without what a terminal would execute."""
+    """Remove characters that a terminal would interpret."""
     return "".join(letter for letter in text if letter.isprintable())

@@ -1,4 +1,4 @@
-"""The messages of one recorded topic as arrays: by field, by joint, with times and units."""
+"""The messages of a recorded topic as arrays: by field, by joint, with times and units."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -18,39 +18,39 @@ __all__ = ["Array", "MessageTable", "RecordedField", "RecordedSignal", "Recorded
 Array = NDArray[Any]
 NS_PER_S: Final = 1_000_000_000
 _NAMES: Final = ("joint_names", "name")
-"""Fields that name the joints of the other arrays of a message."""
+"""Fields with the joint names for the other arrays of a message."""
 _PLACE: Final = re.compile(r"(?P<path>.+)\[(?P<place>[0-9]{1,9})\]")
 MessageTable = tuple[MessageLayout, NDArray[np.intp], Bytes]
-"""Messages of one layout: the layout, their places in the topic, their bytes."""
+"""Messages of one layout: the layout, their indices in the topic, their bytes."""
 
 
 class RecordedSignal:
-    """One number of a topic over time."""
+    """A single number of a topic over time."""
 
     def __init__(self, topic: "RecordedTopic", path: str, place: int | None, label: str) -> None:
-        """Name a number; it is read when it is asked for."""
+        """Refer to a number without reading it."""
         self.topic = topic
         self.path = path
-        """Of the field, such as `q_joints`."""
+        """Path of the field, such as `q_joints`."""
         self.place = place
-        """In the field's array; None: it is no array."""
+        """Index in the field's array; None if it is not an array."""
         self.label = label
-        """For people: `q_joints[knee]`."""
+        """Name for display: `q_joints[knee]`."""
 
     @property
     def unit(self) -> str:
-        """Such as `rad/s`; empty if the definition names none."""
+        """Unit, such as `rad/s`; empty if the definition has none."""
         return self.topic.unit(self.path)
 
     def values(self) -> NDArray[np.float64]:
-        """The numbers, shape `(n,)`; NaN for a message whose array is shorter."""
+        """Read the numbers, shape `(n,)`; NaN for messages whose array is shorter."""
         return self.topic.numbers(self.path, self.place)
 
 
 class RecordedField:
     """A field that is itself a message; its fields are attributes: `imu.angular_velocity.x`.
 
-    As an array, it has a row for each message and a column for each of its numbers.
+    Converted to an array, it has a row per message and a column per number.
     """
 
     def __init__(self, topic: "RecordedTopic", path: str) -> None:
@@ -72,18 +72,18 @@ class RecordedField:
 
 
 class RecordedTopic:
-    """The messages of one topic; `est.q_joints` is an array with a row for each message.
+    """The messages of a topic; `est.q_joints` is an array with one row per message.
 
-    A field of a field is `imu.angular_velocity.x` or `imu["angular_velocity.x"]`. The second form
-    also reads fields that are called like something here, such as `t` or `name`.
+    A nested field is `imu.angular_velocity.x` or `imu["angular_velocity.x"]`. The second form also
+    works for fields with the name of an attribute of this class, such as `t` or `name`.
     """
 
     def __init__(self, messages: TopicMessages, origin_ns: int = 0) -> None:
-        """Take the messages of a topic.
+        """Wrap the messages of a topic.
 
         Args:
-            messages: serialized.
-            origin_ns: what times are relative to [ns since 1970].
+            messages: the serialized messages.
+            origin_ns: origin of times [ns since 1970].
         """
         self.messages = messages
         self.name = messages.topic
@@ -127,15 +127,15 @@ class RecordedTopic:
 
     @cached_property
     def fields(self) -> tuple[str, ...]:
-        """Paths of all fields that hold numbers or texts, in the order of the definition."""
+        """Paths of all fields with numbers or strings, in the order of the definition."""
         return tuple(dict.fromkeys(path for one, _, _ in self.tables for path in one.columns))
 
     @cached_property
     def _definition(self) -> Any:
         if not self.messages.definition:
             raise RecordingError(
-                f"{self.name} cannot be decoded: it is not in the form of ROS 2 messages with "
-                "their definition"
+                f"{self.name} cannot be decoded: its messages are not in the ROS 2 format, or "
+                "their definition is missing"
             )
         return parse_definition(self.messages.msg_type, self.messages.definition)
 
@@ -167,10 +167,10 @@ class RecordedTopic:
             raise AttributeError(str(error)) from error
 
     def __getitem__(self, path: str) -> Any:
-        """A field by its path, such as `pose.position.x` or `q_joints[0]`.
+        """Return a field by its path, such as `pose.position.x` or `q_joints[0]`.
 
         Returns:
-            An array with a row for each message, of shape `(n,)` or `(n, length)`; if the length
+            An array with one row per message, of shape `(n,)` or `(n, length)`; if the length
             varies, an array of arrays. For a field that is itself a message, a `RecordedField`.
 
         Raises:
@@ -206,7 +206,7 @@ class RecordedTopic:
         lengths = {layout.columns[path].count for layout, _, _ in self.tables}
         longest = max((length for length in lengths if length is not None), default=None)
         if longest is None:
-            raise RecordingError(f"{self.name}: `{path}` is no array")
+            raise RecordingError(f"{self.name}: `{path}` is not an array")
         if place >= longest:
             raise RecordingError(f"{self.name}: `{path}` has only {longest} items")
         if len(lengths) == 1:
@@ -221,11 +221,11 @@ class RecordedTopic:
         )
 
     def numbers(self, path: str, place: int | None) -> NDArray[np.float64]:
-        """One number of each message, shape `(n,)`; NaN for a message that has none there.
+        """Return one number per message, shape `(n,)`; NaN for messages without it.
 
         Args:
-            path: of a field of numbers.
-            place: in its array; None: it is no array.
+            path: path of a field of numbers.
+            place: index in the field's array; None if it is not an array.
         """
         numbers = np.full(len(self), np.nan)
         for layout, places, rows in self.tables:
@@ -237,13 +237,13 @@ class RecordedTopic:
         return numbers
 
     def matrix(self, path: str, width: int) -> NDArray[np.float64]:
-        """The first numbers of a field, shape `(n, width)`; NaN for a message that has fewer.
+        """Return the first numbers of a field, shape `(n, width)`; missing ones are NaN.
 
-        Quicker than one number after the other.
+        Faster than one call per number.
 
         Args:
-            path: of a field of numbers.
-            width: how many numbers; 1 for a field that is no array.
+            path: path of a field of numbers.
+            width: number of columns; 1 for a field that is not an array.
         """
         numbers = np.full((len(self), width), np.nan)
         for layout, places, rows in self.tables:
@@ -255,10 +255,10 @@ class RecordedTopic:
         return numbers
 
     def signals(self, path: str = "") -> Iterator[RecordedSignal]:
-        """The numbers in a field, each as one signal; in all fields without a path.
+        """Yield each number in a field as a signal; without a path, those of all fields.
 
         Raises:
-            RecordingError: the messages have no such field, or it holds only texts.
+            RecordingError: the messages have no such field, or it contains only strings.
         """
         found = [one for one in self.fields if _is_part(one, path)]
         match = _PLACE.fullmatch(path)
@@ -271,11 +271,11 @@ class RecordedTopic:
             raise self._unknown(path)
         every = [layout.columns for layout, _, _ in self.tables]
         if not any(each[one].code for each in every for one in found if one in each):
-            raise RecordingError(f"{self.name}: `{path}` holds no number")
+            raise RecordingError(f"{self.name}: `{path}` contains no numbers")
         for one in found:
             columns = [table[0].columns[one] for table in self.tables if one in table[0].columns]
             if not columns[0].code:
-                continue  # texts
+                continue  # strings
             if columns[0].count is None:
                 yield RecordedSignal(self, one, None, one)
                 continue
@@ -285,12 +285,12 @@ class RecordedTopic:
                 yield RecordedSignal(self, one, place, f"{one}[{name}]")
 
     def unit(self, path: str) -> str:
-        """The unit of a field, such as `rad/s`; empty if its definition names none."""
+        """Return the unit of a field, such as `rad/s`; empty if its definition has none."""
         return str(self._definition.unit(path))
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
-        """The joints' names in the first message that has any; empty if none has."""
+        """The joint names in the first message that has any; empty if none has."""
         for field in _NAMES:
             for layout, _, rows in self.tables:
                 column = layout.columns.get(field)
@@ -299,27 +299,27 @@ class RecordedTopic:
         return ()
 
     def names(self, path: str) -> tuple[str, ...]:
-        """The joints' names for a field with one number for each joint; empty for another one."""
+        """Return the joint names for a field with one number per joint; empty for other fields."""
         if "." in path or path in _NAMES:
             return ()
         counts = {layout.columns[path].count for layout, _, _ in self.tables}
         return self.joint_names if counts == {len(self.joint_names)} else ()
 
     def joint(self, name: str, field: str) -> Array:
-        """A field of one joint, by the names in the messages, shape `(n,)`.
+        """Return a field of one joint, looked up by the names in the messages, shape `(n,)`.
 
         Args:
-            name: of the joint.
-            field: an array with a number for each joint, such as `q_joints`.
+            name: name of the joint.
+            field: an array with one number per joint, such as `q_joints`.
 
         Raises:
-            RecordingError: the messages name no such joint, or have no such field.
+            RecordingError: the messages have no such joint or field.
         """
         names = self.joint_names
         if name not in names:
             raise RecordingError(
-                f"the messages of {self.name} name no joint `{name}`",
-                help=did_you_mean(name, names) or f"they name {list_names(names) or 'none'}",
+                f"the messages of {self.name} have no joint `{name}`",
+                help=did_you_mean(name, names) or f"they have {list_names(names) or 'none'}",
             )
         return np.asarray(self[f"{field}[{names.index(name)}]"])
 
@@ -329,7 +329,7 @@ def _is_part(path: str, whole: str) -> bool:
 
 
 def _placed(count: int, found: Sequence[tuple[NDArray[np.intp], Array]]) -> Array:
-    """Values at their places; NaN, or an empty text, where there is none."""
+    """Put values at their indices; missing ones are NaN, or an empty string."""
     is_text = found[0][1].dtype.kind == "O"
     is_whole = sum(len(places) for places, _ in found) == count
     kind = found[0][1].dtype.newbyteorder("=") if is_whole or is_text else np.dtype(float)

@@ -1,9 +1,9 @@
-"""Name the components of a config, and read and write their settings as a node receives them.
+"""Names of a config's components, and their settings in the form that nodes receive.
 
-The ROS parameter `pub_ctrl_setting` and the key `pub_ctrl` name one component; old configs also
-write `publisher_ctrl`. Its settings are a string: flat text `topic:/x,history_depth:10`, which
-nodes of every generation read, or flow text `{topic: /x, qos: {reliability: best_effort}}` for what
-flat text cannot hold. The values are those of YAML 1.2 core.
+The ROS parameter `pub_ctrl_setting` and the key `pub_ctrl` name the same component; old configs
+also use `publisher_ctrl`. Settings are a string in one of two forms. Nodes of every generation read
+flat text, `topic:/x,history_depth:10`. Flow text, `{topic: /x, qos: {reliability: best_effort}}`,
+is for settings that flat text cannot represent. Values follow the YAML 1.2 core schema.
 """
 
 import json
@@ -41,15 +41,15 @@ SETTING_SUFFIX: Final = "_setting"
 DEFAULT_HISTORY_DEPTH: Final = 10
 
 CALLBACK_GROUPS_PARAMETER: Final = "callback_group_settings"
-"""The ROS parameter with the callback groups alone, as flat text, for existing nodes."""
+"""The ROS parameter with only the callback groups, as flat text, for existing nodes."""
 
 CALLBACK_GROUP_TYPES: Final = ("MutuallyExclusiveCallbackGroup", "ReentrantCallbackGroup")
 
 CONTROL_SUBSCRIPTION: Final = "sub_ctrl"
-"""The component that receives a robot's commands; `max_age_sec` is a setting of it."""
+"""The component that receives a robot's commands; `max_age_sec` is one of its settings."""
 
 STALE_ACTIONS: Final = ("zero", "hold", "damp")
-"""What a robot can do when its latest command is too old."""
+"""The robot's possible responses to a stale command."""
 DEFAULT_STALE_ACTION: Final = "zero"
 
 STANDARD_COMPONENTS: Final = (
@@ -68,12 +68,12 @@ _LONG_PREFIXES: Final = (("pub_", "publisher_"), ("sub_", "subscriber_"))
 
 
 def component_identity(name: str) -> str:
-    """The component that a `ros_parameter` or `key` refers to: `pub_ctrl_setting` -> `pub_ctrl`."""
+    """Return the plain key for a `ros_parameter` or `key`: `pub_ctrl_setting` -> `pub_ctrl`."""
     return name.removesuffix(SETTING_SUFFIX)
 
 
 def component_spellings(name: str) -> tuple[str, ...]:
-    """Every spelling of a component's name, the plain key first.
+    """Return every spelling of a component's name, the plain key first.
 
     `pub_ctrl_setting` -> `pub_ctrl`, `pub_ctrl_setting`, `publisher_ctrl`,
     `publisher_ctrl_setting`; a name with another prefix has two spellings.
@@ -89,7 +89,7 @@ def component_spellings(name: str) -> tuple[str, ...]:
 
 
 def standard_component(name: str) -> str | None:
-    """The base class component of any spelling; None for a component of the user's own."""
+    """Return the base class component for any spelling; None for a custom component."""
     return next((key for key in STANDARD_COMPONENTS if name in component_spellings(key)), None)
 
 
@@ -102,11 +102,11 @@ _UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]
 
 
 class SettingTextError(ValueError):
-    """A settings text is neither flow text nor the flat form; the message quotes it."""
+    """A settings text is neither flow text nor flat text; the message quotes it."""
 
 
 def parse_component_setting(text: str) -> dict[str, object]:
-    """The settings in a component's ROS parameter; none if the text is empty.
+    """Parse the settings in a component's ROS parameter; an empty string has none.
 
     Raises:
         SettingTextError: the text is in neither form.
@@ -117,7 +117,7 @@ def parse_component_setting(text: str) -> dict[str, object]:
 
 
 def parse_mapping(text: str) -> dict[str, object]:
-    """Parse YAML text that is one mapping with string keys (`obelisk_settings`, a `sim` block).
+    """Parse YAML text that is a single mapping with string keys (`obelisk_settings`, `sim` block).
 
     Raises:
         SettingTextError: the text is not YAML or not such a mapping.
@@ -148,10 +148,11 @@ def _flat_field(part: str, text: str) -> tuple[str, object]:
 
 
 def format_component_setting(settings: Mapping[str, object]) -> str:
-    """A component's settings, or callback groups, as the text of one ROS parameter.
+    """Format a component's settings, or callback groups, as the text of one ROS parameter.
 
-    Flat text if every value is plain, because nodes of the first two generations of the API split
-    it at `,` and `:`; otherwise flow text. `parse_component_setting` reads both.
+    The result is flat text if every value is plain, because nodes of the first two generations of
+    the API split it at `,` and `:`. Otherwise it is flow text. `parse_component_setting` reads
+    both.
     """
     if settings and all(_FLAT_NAME.fullmatch(k) and _is_flat(v) for k, v in settings.items()):
         return ",".join(f"{key}:{_flat_scalar(value)}" for key, value in settings.items())
@@ -169,7 +170,7 @@ def _flat_scalar(value: object) -> str:
 
 
 def format_setting(value: object) -> str:
-    """One line of flow text that `parse_mapping` parses to an equal value."""
+    """Format a value as one line of flow text that `parse_mapping` parses to an equal value."""
     if isinstance(value, Mapping):
         fields = (f"{_format_str(str(key))}: {format_setting(item)}" for key, item in value.items())
         return f"{{{', '.join(fields)}}}"

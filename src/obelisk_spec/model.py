@@ -1,7 +1,7 @@
-"""Facts of a MuJoCo model that the checks use; needs no MuJoCo.
+"""Facts about a MuJoCo model for the checks; does not import MuJoCo.
 
 `read_model_facts` takes a `mujoco.MjSpec` that the caller has loaded. It compiles nothing and opens
-no mesh, so a model can be checked even if its meshes are missing.
+no meshes, so a model can be checked even if its meshes are missing.
 """
 
 from collections.abc import Iterable, Mapping
@@ -20,17 +20,17 @@ class SensorFact:
 
     name: str
     type: str
-    """As the MJCF tag: `jointpos`, `framequat`."""
+    """The MJCF tag: `jointpos`, `framequat`."""
     object_type: str
-    """What it is attached to: `joint`, `site`, `body`."""
+    """Type of the object that it is attached to: `joint`, `site`, `body`."""
     object_name: str
     joint_type: str | None = None
-    """`hinge`, `slide`, `ball` or `free` for a sensor of a joint, else None."""
+    """`hinge`, `slide`, `ball` or `free` for a sensor of a joint, otherwise None."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelFacts:
-    """A model; names are keys, in the order of the model."""
+    """Facts about a model; mappings are keyed by name, in the order of the model."""
 
     sensors: Mapping[str, SensorFact] = field(default_factory=dict)
     joints: Mapping[str, str] = field(default_factory=dict)
@@ -49,7 +49,7 @@ class ModelFacts:
 
 
 def read_model_facts(spec: Any) -> ModelFacts:
-    """The facts of a loaded `mujoco.MjSpec`."""
+    """Collect the facts of a loaded `mujoco.MjSpec`."""
     joints = {joint.name: _enum_word(joint.type) for joint in spec.joints if joint.name}
     sensors = (_read_sensor(sensor, joints) for sensor in spec.sensors if sensor.name)
     return ModelFacts(

@@ -1,13 +1,13 @@
-"""Check ROS names, and resolve message types by the names that a config writes.
+"""Check ROS names, and resolve message types from the names in a config.
 
-Each `*_fault` function returns why a name is invalid, None if it is valid. A bare message name
-(`PositionSetpoint`) is looked up among the Obelisk messages, then among the common ROS ones;
+Each `*_fault` function returns why a name is invalid, or None if it is valid. A bare message name
+(`PositionSetpoint`) is looked up among the Obelisk messages, then among the common ROS messages.
 `pkg/Name` and `pkg/msg/Name` are used as written. No message is imported.
 
-`JointEncoders` is the original sensor message, whose one field `y` holds joint positions, then
-velocities. The language page also calls it an alias of the sensor group `ObkJointEncoders`: as a
-sensor group it takes the same MuJoCo sensors, but publishes the message of the name that was
-written, so an original estimator, which subscribes to JointEncoders, receives it.
+`JointEncoders` is the original sensor message; its only field `y` holds joint positions, then
+velocities. The language page also calls it an alias of the sensor group `ObkJointEncoders`. As a
+sensor group it reads the same MuJoCo sensors, but publishes the message with the written name. So
+an original estimator, which subscribes to JointEncoders, receives it.
 
 Source: ROS 2 design, "Topic and Service name mapping"; rmw/validate_*.h; REP 144.
 """
@@ -35,14 +35,14 @@ _LONGEST_NODE_NAME = 255
 
 
 def topic_name_fault(name: str) -> str | None:
-    """Why `name` is not a valid topic name, relative, absolute or private (`~/x`)."""
+    """Why `name` is not a valid topic name: relative, absolute or private (`~/x`)."""
     if not name:
         return "it is empty"
     if name != "~" and name.startswith("~") and not name.startswith("~/"):
         return "`~` must be followed by `/`"
     body = name.removeprefix("~")
     if "~" in body:
-        return "`~` may stand only at the start"
+        return "`~` is only allowed at the start"
     return _path_fault(body)
 
 
@@ -70,14 +70,14 @@ def package_name_fault(name: str) -> str | None:
         return "it needs at least two characters"
     if not name[0].isascii() or not name[0].isalpha():
         return "it must start with a letter"
-    return "it may hold only letters, digits, `_` and `-`"
+    return "it may contain only letters, digits, `_` and `-`"
 
 
 def _path_fault(path: str) -> str | None:
     if path.endswith("/"):
         return "it ends with `/`"
     if "//" in path:
-        return "it holds `//`"
+        return "it contains `//`"
     tokens = path.removeprefix("/").split("/")
     return next((fault for fault in map(_token_fault, tokens) if fault), None)
 
@@ -111,9 +111,9 @@ OBELISK_MESSAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "obelisk_std_msgs": ("FloatMultiArray", "UInt8MultiArray"),
     }
 )
-"""Package -> its messages. The whole of these packages: another name in them does not exist.
+"""Package -> its messages. The lists are complete: no other message exists in these packages.
 
-The bare name UInt8MultiArray means the Obelisk message; std_msgs has one of that name too.
+The bare name UInt8MultiArray means the Obelisk message, although std_msgs also has one.
 """
 
 ROS_MESSAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -156,7 +156,7 @@ ROS_MESSAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "rosgraph_msgs": ("Clock",),
     }
 )
-"""Package -> the messages that may be named bare; not all that the packages hold."""
+"""Package -> the messages that may be named bare; the packages contain further messages."""
 
 _WRITTEN_IN_FULL = re.compile(r"([a-z][a-z0-9_]*)/(?:msg/)?([A-Z][A-Za-z0-9]*)")
 
@@ -173,9 +173,9 @@ _FULL_BY_BARE = _bare_names()
 
 
 def resolve_msg_type(name: str) -> str | None:
-    """The full `pkg/msg/Name` of a message type as written; None if it does not exist.
+    """Return the full name `pkg/msg/Name` of a message type; None if it does not exist.
 
-    Types of packages other than Obelisk's are not checked, because users have their own.
+    Types in packages other than Obelisk's are not checked, because users have their own packages.
     """
     if "/" not in name:
         return _FULL_BY_BARE.get(name)
@@ -189,15 +189,15 @@ def resolve_msg_type(name: str) -> str | None:
 
 
 def near_msg_types(name: str) -> tuple[str, ...]:
-    """Bare names of existing messages similar to `name`, best first, at most three."""
+    """Return at most three bare names of messages similar to `name`, best first."""
     return near_names(bare_name(name), _FULL_BY_BARE)
 
 
 def sure_msg_type(name: str) -> str | None:
-    """The one message that a bare `name` is a typo of; None if that is ambiguous."""
+    """Return the only message that a bare `name` can be a typo of; None if ambiguous."""
     return sure_name(name, _FULL_BY_BARE)
 
 
 def bare_name(msg_type: str) -> str:
-    """The last part of a message type: `sensor_msgs/msg/Imu` -> `Imu`."""
+    """Return the last part of a message type: `sensor_msgs/msg/Imu` -> `Imu`."""
     return msg_type.rpartition("/")[2]

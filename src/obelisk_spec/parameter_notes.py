@@ -1,7 +1,7 @@
-"""Limits, unit and moment of effect of a ROS parameter, as text in its descriptor.
+"""Store a ROS parameter's limits, unit and time of effect as text in its descriptor.
 
-ROS has fields for a range with two ends and for a description. All else that `Parameter` declares
-is in the field `additional_constraints`, as `name: value` separated by semicolons:
+ROS has fields for a range with both limits and for a description. Everything else that `Parameter`
+declares is stored in the field `additional_constraints`, as `name: value` separated by semicolons:
 
     unit: N m/rad; at least: 0.0; takes effect: between callbacks
 
@@ -27,19 +27,19 @@ _EFFECT, _INITIAL = "takes effect", "initial"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterNotes:
-    """What a parameter's values are limited to, their unit, and when a new one is used."""
+    """A parameter's limits and unit, and when a new value takes effect."""
 
     unit: str = ""
     least: float | None = None
-    """Smallest value, or of each item of a list; None: no limit."""
+    """Minimum of the value, or of each item in a list; None for no limit."""
     most: float | None = None
-    """Largest value, or of each item of a list; None: no limit."""
+    """Maximum of the value, or of each item in a list; None for no limit."""
     choices: tuple[str, ...] = ()
-    """The texts that are allowed; empty: any."""
+    """The allowed strings; empty if any is allowed."""
     is_live: bool | None = None
-    """Whether a new value is used at once, not at the next configure; None: unknown."""
+    """Whether a new value takes effect immediately, not at the next configure; None if unknown."""
     initial: ParameterValue | None = None
-    """The value when the node was made, of the config or the default; None: unknown."""
+    """The value at construction of the node, from config or default; None if unknown."""
 
     @property
     def range(self) -> str:
@@ -47,7 +47,7 @@ class ParameterNotes:
         return range_text(self.least, self.most)
 
     def fault(self, value: object) -> str | None:
-        """What is wrong with a value: "is 500.0 N m/rad, expected 0.0 to 200.0"; None: nothing."""
+        """Why a value is invalid, "is 500.0 N m/rad, expected 0.0 to 200.0"; None if valid."""
         if self.choices and value not in self.choices:
             hint = ask_for(near_names(str(value), self.choices))
             wrong = f"is `{value}`, expected one of {list_names(self.choices)}"
@@ -67,10 +67,10 @@ class ParameterNotes:
         return None
 
     def text(self, *, has_range_field: bool) -> str:
-        """The field `additional_constraints`.
+        """Format the field `additional_constraints`.
 
         Args:
-            has_range_field: the descriptor has both limits in a field of their own.
+            has_range_field: whether another field of the descriptor has both limits.
         """
         parts = {
             _UNIT: self.unit,
@@ -95,8 +95,8 @@ def range_text(least: float | None, most: float | None) -> str:
 
 
 def parse_notes(text: str) -> ParameterNotes:
-    """Read a field `additional_constraints`; what other software wrote there is ignored."""
-    # The last one, because a text in it may have semicolons.
+    """Parse a field `additional_constraints`; text of other software in it is ignored."""
+    # `initial` comes last, because a string in it may contain semicolons.
     head, _, initial = f"; {text}".partition(f"; {_INITIAL}: ")
     parts: Mapping[str, str] = {
         name.strip(): part.strip()

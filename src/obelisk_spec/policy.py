@@ -1,4 +1,4 @@
-"""A policy: the terms of its observation, and its network in ONNX, run by onnxruntime."""
+"""Policies: the terms of their observations, and networks in ONNX, run by onnxruntime."""
 
 import importlib.util
 from collections.abc import Sequence
@@ -21,15 +21,15 @@ PREVIOUS_ACTION: Final = "previous_action"
 _JOINT_TERMS: Final = ("joint_positions", "joint_velocities")
 _BASE_TERMS: Final = ("linear_velocity", "angular_velocity", "gravity")
 TERMS: Final = (*_JOINT_TERMS, *_BASE_TERMS, PREVIOUS_ACTION, COMMAND)
-"""What the parameter `observation` of `OnnxPolicy` may contain."""
+"""Possible terms in the parameter `observation` of `OnnxPolicy`."""
 _DIMENSIONS: Final = 3
 
 
 def observation_size(terms: Sequence[str], *, joints: int, actions: int) -> int:
-    """How many numbers an observation has.
+    """Compute the number of values in an observation.
 
     Args:
-        terms: of `TERMS`.
+        terms: terms from `TERMS`.
         joints: number of observed joints.
         actions: number of the network's outputs.
     """
@@ -42,7 +42,7 @@ def observation_size(terms: Sequence[str], *, joints: int, actions: int) -> int:
 
 
 class NetworkError(Exception):
-    """The file is no network that can be used; the message says why."""
+    """The file is not a usable network; the message gives the reason."""
 
 
 def has_onnxruntime() -> bool:
@@ -51,13 +51,13 @@ def has_onnxruntime() -> bool:
 
 
 class Network:
-    """Runs on one thread of the CPU, so that the same input gives the same bits."""
+    """A network that runs on one CPU thread, so that equal inputs give bitwise equal outputs."""
 
     def __init__(self, path: Path) -> None:
-        """Load the network.
+        """Load a network.
 
         Raises:
-            NetworkError: onnxruntime is not installed, or the file is no such network.
+            NetworkError: onnxruntime is not installed, or the file is not a usable network.
         """
         if not has_onnxruntime():
             raise NetworkError("a network needs onnxruntime; install `obelisk-cli[policy]`")
@@ -69,9 +69,9 @@ class Network:
             session = onnxruntime.InferenceSession(
                 str(path), options, providers=["CPUExecutionProvider"]
             )
-        except Exception as error:  # the library has no common class of its errors
+        except Exception as error:  # the library's errors have no common base class
             reason = str(error).splitlines()[0].rpartition(":")[2].strip()
-            raise NetworkError(f"`{path.name}` is no network in ONNX: {reason}") from error
+            raise NetworkError(f"`{path.name}` is not an ONNX network: {reason}") from error
         inputs, outputs = session.get_inputs(), session.get_outputs()
         if len(inputs) != 1 or len(outputs) != 1:
             raise NetworkError(
@@ -80,12 +80,12 @@ class Network:
             )
         self._run, self._input = session.run, inputs[0].name
         self.inputs: int | None = _width(inputs[0].shape)
-        """Length of an observation; None if the file leaves it open."""
+        """Length of an observation; None if the file does not specify it."""
         self.outputs: int | None = _width(outputs[0].shape)
-        """Number of actions; None if the file leaves it open."""
+        """Number of actions; None if the file does not specify it."""
 
     def __call__(self, observation: Any) -> Any:
-        """The outputs for an observation: numpy arrays of shapes (inputs,) and (outputs,)."""
+        """Compute the outputs for an observation; arrays of shapes (inputs,) and (outputs,)."""
         row = observation.astype("float32")[None]
         return self._run(None, {self._input: row})[0].astype(float).ravel()
 

@@ -1,19 +1,20 @@
 """Bind the arguments of `register_obk_*` in each of the three generations of the Python API.
 
-Positional arguments; a subscription and a timer have the callback in the second place:
+Positional arguments (subscriptions and timers have the callback in second place):
 
 - G1, since 2024-07: `ros_parameter, key, msg_type, default`
 - G2, since 2024-12: `ros_parameter, msg_type, key, default_config_str`
 - G3, since 2026-05: `key, msg_type`
 
-A class is the `msg_type`; the text after it is the key. The first text names the ROS parameter if
-the call has a `key` too, or if it ends in `_setting`; otherwise it is the key, and the call is G3.
+A class is the `msg_type`, and the string after it is the key. The first string is the ROS parameter
+if the call also has a `key`, or if the string ends in `_setting`. Otherwise it is the key, and the
+call is G3.
 
-A component that names a ROS parameter is required unless the call sets otherwise (G1, G2 raise);
-one with only a key is optional (G3 logs a warning and continues). The components of the base
-classes are required if the constructor received no message type (G1), otherwise optional.
+Unless the call sets `required`, a component with a ROS parameter is required (G1 and G2 raise an
+error), and one with only a key is optional (G3 logs a warning and continues). The components of the
+base classes are required if the constructor received no message type (G1), otherwise optional.
 
-Values of any type can be bound: those of a running node, or expressions of its source.
+Values of any type can be bound: those of a running node, or expressions in its source.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -38,7 +39,7 @@ T = TypeVar("T")
 
 
 class ArgumentKind(Enum):
-    """What an argument that is no text is."""
+    """The kind of an argument that is not a string."""
 
     CLASS = "class"
     FUNCTION = "function"
@@ -47,7 +48,7 @@ class ArgumentKind(Enum):
     TRUTH_VALUE = "truth value"
     OTHER = "value"
     UNKNOWN = "unknown"
-    """Of an expression that only a run can evaluate."""
+    """An expression whose value is only known at runtime."""
 
 
 REGISTRATION_METHODS: Final = (
@@ -79,7 +80,7 @@ EXPECTED: Final[Mapping[str, str]] = MappingProxyType(
         "required": "True or False",
     }
 )
-"""Argument -> its type, in the words of a message."""
+"""Argument -> its type, as text for messages."""
 
 _KINDS: Final[Mapping[str, tuple[ArgumentKind, ...]]] = MappingProxyType(
     {
@@ -95,7 +96,7 @@ _TEXTS: Final = ("ros_parameter", "key", "default")
 
 
 class RegistrationArgumentError(ValueError):
-    """The arguments match none of the three generations; the message is the reason."""
+    """The arguments match none of the three generations; the message gives the reason."""
 
 
 def bind_registration(
@@ -104,16 +105,16 @@ def bind_registration(
     named: Mapping[str, T],
     describe: Callable[[T], str | ArgumentKind],
 ) -> dict[str, T]:
-    """The arguments of a call by name, whichever generation it is written for.
+    """Map the arguments of a call of any generation to their names.
 
     Args:
         method: one of `REGISTRATION_METHODS`.
         positional: the positional arguments, without `self`.
         named: the keyword arguments.
-        describe: the text of an argument, or what else it is.
+        describe: returns an argument's value if it is a string, otherwise its kind.
 
     Returns:
-        Names out of `EXPECTED`; types are not checked, see `is_expected`.
+        Arguments by names in `EXPECTED`; types are not checked, see `is_expected`.
 
     Raises:
         RegistrationArgumentError: too many arguments, an unknown one, or one given twice.
@@ -150,7 +151,7 @@ def _order(method: str, kinds: Sequence[str | ArgumentKind]) -> tuple[str, ...]:
         case [ArgumentKind.NOTHING | ArgumentKind.UNKNOWN, str(), *_]:
             return (*leading, *_CLASS_FIRST)
         case [ArgumentKind.UNKNOWN]:
-            # A key is a literal nearly always, a class often an argument of the constructor.
+            # A key is almost always a literal; a class is often an argument of the constructor.
             return (*leading, *_CLASS_FIRST)
     return (*leading, *_KEY_FIRST)
 
@@ -158,19 +159,19 @@ def _order(method: str, kinds: Sequence[str | ArgumentKind]) -> tuple[str, ...]:
 def _with_name(
     name: T, bound: dict[str, T], describe: Callable[[T], str | ArgumentKind]
 ) -> dict[str, T]:
-    """With the first positional argument as the ROS parameter or as the key."""
+    """Add the first positional argument, as the ROS parameter or as the key."""
     if "ros_parameter" in bound:
         if "key" in bound:
             raise RegistrationArgumentError("`ros_parameter` is given twice")
         return {**bound, "key": name}
     text = describe(name)
-    # In G3 nothing else is called key, so a call that has one is older, even if it is None.
+    # In G3 nothing else is called `key`, so a call with a `key` is older, even if it is None.
     names_parameter = "key" in bound or (isinstance(text, str) and text.endswith(SETTING_SUFFIX))
     return {**bound, "ros_parameter" if names_parameter else "key": name}
 
 
 def is_expected(argument: str, described: str | ArgumentKind) -> bool:
-    """Whether an argument of a registration has a type that it may have."""
+    """Whether an argument of a registration has an allowed type."""
     if isinstance(described, str):
         return argument in _TEXTS
     if described in (ArgumentKind.NOTHING, ArgumentKind.UNKNOWN):
@@ -179,9 +180,9 @@ def is_expected(argument: str, described: str | ArgumentKind) -> bool:
 
 
 def is_required_by_default(ros_parameter: str | None) -> bool:
-    """Whether a registration that leaves `required` out fails without settings.
+    """Whether a registration without `required` fails if it has no settings.
 
     Args:
-        ros_parameter: the ROS parameter that the call names; None if it has only a key (G3).
+        ros_parameter: the ROS parameter in the call; None if it has only a key (G3).
     """
     return ros_parameter is not None

@@ -1,6 +1,6 @@
 """Protocol between the tool and running nodes: rates, clock page, startup gate, web requests.
 
-Rates are keys and texts of a `diagnostic_msgs/DiagnosticStatus`; no ROS message is imported.
+Rates are keys and values of a `diagnostic_msgs/DiagnosticStatus`; no ROS message is imported.
 """
 
 import math
@@ -44,25 +44,26 @@ __all__ = [
 ]
 
 USE_SIM_TIME: Final = "use_sim_time"
-"""The ROS parameter by which a node uses simulated time."""
+"""The ROS parameter that makes a node use simulated time."""
 
 CLOCK_TOPIC: Final = "/clock"
 """The topic of simulated time, a `rosgraph_msgs/Clock`."""
 CLOCK_VARIABLE: Final = "OBK_CLOCK"
-"""The environment variable that names the clock page of a launch to its processes.
+"""The environment variable that passes the clock page of a launch to its processes.
 
-Its text is `<page>,<own>,<wake>,<wake>,...`: the descriptor of the page, the place of the process's
-own wake descriptor in the list, and the wake descriptors of all processes (eventfds). A process
-inherits all of them, so the page has no name in any folder and is gone with its last user.
+Its value is `<page>,<own>,<wake>,<wake>,...`: the descriptor of the page, the index of the
+process's own wake descriptor in the list, and the wake descriptors of all processes (eventfds).
+Each process inherits all of them. So the page has no name in any folder and disappears with its
+last user.
 """
 CLOCK_PAGE: Final = "obk_clock"
-"""Name of the memfd that is the clock page."""
+"""Name of the clock page's memfd."""
 CLOCK_TIME: Final = 0
-"""Place of a word of 8 bytes in the clock page: the simulated time [ns]."""
+"""Index of an 8-byte word in the clock page: the simulated time [ns]."""
 CLOCK_EPOCH: Final = 1
-"""The same of the number of times that it was set back."""
+"""Index of the number of times that the clock jumped back."""
 CLOCK_FIRST_DUE: Final = 8
-"""The same of the time at which the first process is to be woken [ns]; the others follow."""
+"""Index of the time at which to wake the first process [ns]; the others follow."""
 _WORD_BYTES: Final = 8
 
 
@@ -72,16 +73,16 @@ class ClockDescriptors:
 
     page: int
     own: int
-    """Place of the process in `wakes`."""
+    """Index of the process in `wakes`."""
     wakes: tuple[int, ...]
-    """An eventfd for each process."""
+    """One eventfd per process."""
 
     def __str__(self) -> str:
         return ",".join(map(str, (self.page, self.own, *self.wakes)))
 
 
 def parse_clock(text: str) -> ClockDescriptors | None:
-    """The descriptors that a text of `CLOCK_VARIABLE` names; None if it is no such text."""
+    """Parse a value of `CLOCK_VARIABLE`; None if it is invalid."""
     words = text.split(",")
     if not all(word.isdecimal() for word in words) or len(words) < 3:
         return None
@@ -90,37 +91,37 @@ def parse_clock(text: str) -> ClockDescriptors | None:
 
 
 def clock_page_bytes(processes: int) -> int:
-    """The size of the clock page of so many processes [bytes]: a head, and a word for each."""
+    """Size of the clock page for a number of processes [bytes]: a header, and a word for each."""
     return _WORD_BYTES * (CLOCK_FIRST_DUE + processes)
 
 
 GATE_VARIABLE: Final = "OBK_GATE"
-"""The environment variable that names the gate file of preloaded programs.
+"""The environment variable with the path of the gate file for preloaded programs.
 
-The launcher holds an exclusive lock (flock) on the file until no other stack uses its names and its
-robot; a program creates its node once it gets a shared lock. The lock ends with the launcher.
+The launcher holds an exclusive lock (flock) on the file until no other stack uses its names and
+its robot. A program creates its node once it gets a shared lock. The lock ends with the launcher.
 """
 LOCAL_TRANSPORT_VARIABLE: Final = "OBK_LOCAL_TRANSPORT"
-"""The environment variable that names the folder of the local transport's sockets to processes.
+"""The environment variable with the path of the folder for the local transport's sockets.
 
-The launcher sets it. With `LOCAL_TRANSPORT_OFF`, which a user sets for the launcher as well, all
-messages between processes go through DDS.
+The launcher sets it. If it is `LOCAL_TRANSPORT_OFF`, all messages between processes are sent
+through DDS. Users can set this value for the launcher, too.
 """
 LOCAL_TRANSPORT_OFF: Final = "off"
 SOCKETS_FOLDER: Final = "sockets"
-"""The folder of the sockets, in the folder of the run."""
+"""The folder of the sockets, in the run's folder."""
 _HOST_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
 """Names of this host in the header `Host`."""
 
 
 def names_this_host(host: str) -> bool:
-    """Whether the header `Host` names this host; the port may be another one.
+    """Whether the header `Host` names this host, with any port.
 
-    A foreign page in the same browser can have its own name point here (DNS rebinding), but the
-    browser does not let it choose this header.
+    A foreign page in the same browser can make its own name resolve to this host (DNS rebinding),
+    but the browser does not let it set this header.
 
     Args:
-        host: the header's text; behind `ssh -L` it has the port of the other end.
+        host: the header's value; with `ssh -L` it has the port of the other end.
     """
     from urllib.parse import urlsplit  # nodes that serve no page start faster without it
 
@@ -131,13 +132,13 @@ def names_this_host(host: str) -> bool:
 
 
 def is_of_the_page(origin: str, host: str) -> bool:
-    """Whether a request comes from a page of the server that it is sent to.
+    """Whether a request comes from a page of the server that receives it.
 
     Source: https://developer.mozilla.org/docs/Web/HTTP/Headers/Origin
 
     Args:
-        origin: the header's text.
-        host: the header's text.
+        origin: value of the header `Origin`.
+        host: value of the header `Host`.
     """
     return origin == f"http://{host}"
 
@@ -145,21 +146,21 @@ def is_of_the_page(origin: str, host: str) -> bool:
 DIAGNOSTICS_TOPIC: Final = "/diagnostics"
 REPORT_PERIOD_S: Final = 1.0
 TOLERANCE: Final = 0.1
-"""Fraction of the expected rate by which the measured one may fall short."""
+"""Fraction of the expected rate by which the measured rate may be too low."""
 STEPS: Final = "steps"
-"""Name of the rate at which a simulator has to step to keep up with the wall clock."""
+"""Name of the rate at which a simulator must step to keep up with the wall clock."""
 
 Standing = Literal["kept", "off", "broken"]
 STANDINGS: Final[tuple[Standing, ...]] = ("kept", "off", "broken")
-"""By `DiagnosticStatus.level`: OK, WARN, ERROR."""
+"""Ordered by `DiagnosticStatus.level`: OK, WARN, ERROR."""
 
 ACTIVATION: Final = "active_since_s"
-"""Name of the status by which a node reports the simulated time of its activation [s]."""
+"""Name of the status with the simulated time of a node's activation [s]."""
 FIRST_OUTPUT: Final = "first_output_s"
-"""The same of the first message that it has published since."""
+"""Name of the status with the simulated time of the first message since the activation [s]."""
 
 REJECTION: Final = "commands_rejected"
-"""Name of the status of a robot that receives commands and rejects all of them."""
+"""Name of the status of a robot that rejects all received commands."""
 _SECONDS, _REASON = "seconds", "reason"
 
 _EXPECTED, _MEASURED, _TICKS, _OVERRUNS = "expected_hz", "measured_hz", "ticks", "overruns"
@@ -169,7 +170,7 @@ _NODE_END: Final = ": "
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rate:
-    """An expected rate of a node, and what was measured in the last second."""
+    """An expected rate of a node, and the measurement over the last second."""
 
     name: str
     """The timer's key, the absolute topic of a sensor group, or `steps`."""
@@ -177,22 +178,22 @@ class Rate:
     """The expected rate. `expected_hz` is its key on /diagnostics and in JSON output."""
     measured_hz: float
     ticks: int
-    """Since the node was activated, as `overruns`."""
+    """Number of ticks since the activation of the node; the same for `overruns`."""
     overruns: int
     """Ticks that were skipped or merged with the next one."""
     late_p50_us: float
-    """Median lateness of the ticks [us], as `late_p99_us` and `late_max_us`."""
+    """Median lateness of the ticks [us]; likewise `late_p99_us` and `late_max_us`."""
     late_p99_us: float
     late_max_us: float
     standing: Standing = "kept"
-    """`off`: more than `TOLERANCE` below the expected rate; `broken`: so for 2 s."""
+    """`off`: more than `TOLERANCE` below the expected rate; `broken`: for at least 2 s."""
 
     def __str__(self) -> str:
         return f"{self.name} runs at {self.measured_hz:.4g} of {self.expected_hz:.4g} Hz"
 
 
 def rate_values(rate: Rate) -> tuple[tuple[str, str], ...]:
-    """Keys and values of the status that reports a rate."""
+    """Return keys and values of the status that reports a rate."""
     return (
         (_EXPECTED, f"{rate.expected_hz:.6g}"),
         (_MEASURED, f"{rate.measured_hz:.6g}"),
@@ -206,17 +207,17 @@ def rate_values(rate: Rate) -> tuple[tuple[str, str], ...]:
 
 
 def rate_name(node: str, name: str) -> str:
-    """The name of a status: `/arm/controller`, `timer_ctrl` -> `arm/controller: timer_ctrl`."""
+    """Format a status name: `/arm/controller`, `timer_ctrl` -> `arm/controller: timer_ctrl`."""
     return f"{node.lstrip('/')}{_NODE_END}{name}"
 
 
 def parse_value(what: str, name: str, values: Mapping[str, str]) -> float | None:
-    """A measured value in a status; None if the status is about something else.
+    """Parse the measured value in a status; None if the status reports something else.
 
     Args:
-        what: the value's own name, such as `ACTIVATION`.
-        name: of the status, as `rate_name` makes it.
-        values: of the status, by key.
+        what: name of the value, such as `ACTIVATION`.
+        name: name of the status, as formatted by `rate_name`.
+        values: values of the status, by key.
     """
     if not name.endswith(f"{_NODE_END}{what}"):
         return None
@@ -228,17 +229,17 @@ def parse_value(what: str, name: str, values: Mapping[str, str]) -> float | None
 
 
 def rejection_values(seconds: float, reason: str) -> tuple[tuple[str, str], ...]:
-    """Keys and values of the status `REJECTION`.
+    """Return keys and values of the status `REJECTION`.
 
     Args:
-        seconds: how long all commands have been rejected [s]; 0: they are accepted again.
+        seconds: how long all commands have been rejected [s]; 0 if they are accepted again.
         reason: why the newest one was rejected.
     """
     return ((_SECONDS, f"{seconds:.1f}"), (_REASON, reason))
 
 
 def parse_rejection(name: str, values: Mapping[str, str]) -> tuple[float, str] | None:
-    """The arguments of `rejection_values`; None if the status is about something else."""
+    """Parse the arguments of `rejection_values`; None if the status reports something else."""
     if not name.endswith(f"{_NODE_END}{REJECTION}"):
         return None
     try:
@@ -248,12 +249,12 @@ def parse_rejection(name: str, values: Mapping[str, str]) -> tuple[float, str] |
 
 
 def parse_rate(name: str, level: int, values: Mapping[str, str]) -> Rate | None:
-    """The rate in a status; None if the status is about something else.
+    """Parse the rate in a status; None if the status reports something else.
 
     Args:
-        name: of the status, as `rate_name` makes it.
+        name: name of the status, as formatted by `rate_name`.
         level: 0 to 2.
-        values: of the status, by key.
+        values: values of the status, by key.
     """
     _, found, own_name = name.partition(_NODE_END)
     if not found or level not in range(len(STANDINGS)):

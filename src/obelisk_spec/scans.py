@@ -1,8 +1,8 @@
 """Check the settings of a ray caster, and count the rays of its pattern.
 
-Pure; takes the mapping of `scan_config`, or of the file of `config_path`, as plain values. Findings
-have the path into the sim block. Counts and defaults are those of the original Obelisk, whose
-patterns are those of Isaac Lab; a key selects each other behaviour.
+The input is the mapping in `scan_config`, or in the file of `config_path`, as plain values. The
+paths of findings are relative to the sim block. Counts and defaults are those of the original
+Obelisk, whose patterns are those of Isaac Lab; each other behavior is selected by a key.
 """
 
 import math
@@ -34,17 +34,17 @@ DEFAULT_FRAME: Final = "world"
 DEFAULT_GROUPS: Final = (0,)
 
 MOST_RAYS: Final = 1_000_000
-"""Limit of one pattern; casting more rays takes seconds."""
+"""Maximum for one pattern; casting more rays takes seconds."""
 
 _GEOM_GROUPS = range(6)
 _TURN_DEG = 360.0
 _ROUNDING = 1e-6
-"""Relative rounding error of a step: 1.6 / 0.1 may be just below 16."""
+"""Relative rounding error of a quotient: 1.6 / 0.1 may be slightly below 16."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanKey:
-    """What values a key accepts."""
+    """The values that a key accepts."""
 
     expected: str
     is_valid: Callable[[Any], bool]
@@ -98,13 +98,13 @@ def _is_pinhole(value: Any) -> bool:
 _CLOUD: Final = "PointCloud2"
 _SCAN: Final = "ObkScan"
 _CLOUD_KEYS: Final = ("points_in", "keep_misses")
-"""Keys that decide something only about the points of a cloud."""
+"""Keys that only affect the points of a cloud."""
 _LENGTH: Final = "a length in metres greater than 0"
 _DIRECTION: Final = ScanKey("three numbers, not all 0", _is_direction)
-_OFFSET: Final = ScanKey("a mapping whose keys are texts", is_mapping)
+_OFFSET: Final = ScanKey("a mapping with string keys", is_mapping)
 SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
     "site_name": ScanKey("the name of a site", is_text, required=True),
-    "pattern": ScanKey("a mapping whose keys are texts", is_mapping, required=True),
+    "pattern": ScanKey("a mapping with string keys", is_mapping, required=True),
     "geom_groups": ScanKey("a list of geom groups", lambda value: isinstance(value, list | tuple)),
     "frame": ScanKey("the name of a frame", is_text),
     "points_in": _one_of("site", "frame"),
@@ -151,7 +151,7 @@ OFFSET_KEYS: Final[Mapping[str, ScanKey]] = {
 def check_scan(
     scan: Mapping[str, Any], written: str, rule: GroupRule, path: SimPath
 ) -> Iterator[SimFault]:
-    """Findings about the ray caster at `path`, in the sensor group of type `written`."""
+    """Yield findings about the ray caster at `path` in a sensor group of type `written`."""
     yield from _check_keys(scan, "a ray caster", SCAN_KEYS, path)
     if is_count(scan.get("viz_decimation")):
         yield _no_effect("viz_decimation", path)
@@ -213,25 +213,25 @@ def _check_pattern(
     if not faults:
         yield from _check_ray_count(pattern, path)
         if pattern.get("values") is not None and bare_name(written) != _SCAN:
-            yield _no_effect("values", path, f": only an `{_SCAN}` has one value for each ray")
+            yield _no_effect("values", path, f": only an `{_SCAN}` has one value per ray")
         if pattern.get("direction") is not None and kind != "height_scan":
-            yield _no_effect("direction", path, f": the rays of a `{kind}` have one each")
+            yield _no_effect("direction", path, f": each ray of a `{kind}` has its own")
     offset = pattern.get("offset")
     if is_mapping(offset):
         yield from _check_keys(offset, "an `offset`", OFFSET_KEYS, (*path, "offset"))
 
 
 def grid_count(length_m: float, resolution_m: float) -> int:
-    """Number of rays along a side of a height scan; the end has one if the side is a multiple."""
+    """Number of rays along a side of a height scan; both ends count if the side is a multiple."""
     return math.floor(length_m / resolution_m + _ROUNDING) + 1
 
 
 def lidar_columns(span_deg: float, step_deg: float, *, is_exact: bool) -> tuple[int, float]:
-    """Number of rays of a channel, and the angle between two of them [deg].
+    """Compute the number of rays per channel, and the angle between two of them [deg].
 
-    The original counts `ceil(span / step)` rays, spreads them from the first angle to the last,
-    and leaves out the last one of a full turn: 360 by 2 has 179 rays, 360 / 179 degrees apart.
-    `is_exact`: rays are `step_deg` apart, both ends count, and a full turn has its end once.
+    The original uses `ceil(span / step)` rays, spreads them from the first to the last angle, and
+    omits the last one of a full turn: 360 by 2 has 179 rays, 360 / 179 degrees apart. With
+    `is_exact`, rays are `step_deg` apart and both ends count; a full turn has its end only once.
     """
     span_deg = abs(span_deg)
     is_turn = abs(span_deg - _TURN_DEG) < _ROUNDING

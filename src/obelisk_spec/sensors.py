@@ -1,7 +1,7 @@
-"""Look up what a sensor group of a `sim` block reads and publishes, and check its noise.
+"""Look up what each sensor group of a `sim` block reads and publishes, and check its noise.
 
-The tables are `SENSOR_GROUPS` and `NOISY_FIELDS`; `check_noise` checks the noise and delay of a
-group. A group written `JointEncoders` publishes the original message of that name, see
+The tables are `SENSOR_GROUPS` and `NOISY_FIELDS`. `check_noise` checks the noise and delay of a
+group. A group with the type `JointEncoders` publishes the original message with this name; see
 `obelisk_spec.names`.
 """
 
@@ -41,22 +41,22 @@ class SensorUse:
     """How a group uses one MuJoCo sensor type."""
 
     at_most: int | None = None
-    """None: any number."""
+    """Maximum number of sensors; None for any number."""
     presence: Literal["optional", "expected", "required"] = "optional"
     """Whether a group without it is complete, leaves a part of its message empty, or is invalid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroupRule:
-    """What a `msg_type` of a sensor group reads and publishes."""
+    """What a sensor group with a given `msg_type` reads and publishes."""
 
     published: str
     """Full message type."""
     takes: Mapping[str, SensorUse]
-    """MuJoCo sensor type, or `camera` -> how it is used; empty if the group reads no sensor."""
+    """MuJoCo sensor type, or `camera` -> its use; empty if the group reads no sensors."""
     objects: ObjectRule | None = None
     patterns: tuple[str, ...] = ()
-    """Ray patterns that the message can carry; empty if the group casts no rays."""
+    """Ray patterns that the message supports; empty if the group casts no rays."""
 
     @property
     def reads_sensors(self) -> bool:
@@ -124,11 +124,11 @@ SENSOR_GROUPS: Mapping[str, GroupRule] = MappingProxyType(
         "GridCells": GroupRule(published="nav_msgs/msg/GridCells", takes={}),
     }
 )
-"""`msg_type` as written, bare -> its rule. Configs in the field have GridCells."""
+"""Bare `msg_type` in a config -> its rule. Existing configs contain GridCells."""
 
 
 def sensor_group(msg_type: str) -> GroupRule | None:
-    """The rule of a group's `msg_type`, bare or with its package; None if no group has it."""
+    """Return the rule for a `msg_type`, bare or with its package; None if there is none."""
     bare = bare_name(msg_type)
     rule = SENSOR_GROUPS.get(bare)
     if rule is None or "/" not in msg_type or bare == "DepthImage":
@@ -138,8 +138,8 @@ def sensor_group(msg_type: str) -> GroupRule | None:
 
 
 FieldKind = Literal["vector", "rotation", "array", "points"]
-"""Three numbers; an orientation, whose noise is a rotation about its three axes [rad]; any number
-of numbers; the coordinates of any number of points."""
+"""Three numbers; an orientation, whose noise is a rotation about its three axes [rad]; an array of
+any length; the coordinates of any number of points."""
 
 FIELD_NOISE_KEYS: Final = ("sigma", "bias")
 _AXES: Final = 3
@@ -180,7 +180,7 @@ _MEASURED_BY: Final[Mapping[str, str]] = {
     "linear": "velocimeter",
     "angular": "gyro",
 }
-"""Noisy field -> the sensor type that fills it; other fields are filled by any of the group's."""
+"""Noisy field -> the sensor type that sets it; any sensor of the group may set other fields."""
 
 _UNDELAYED: Final = frozenset({"ObkImage"})
 """Groups that publish a message as soon as it is ready, at any simulation time."""
@@ -189,9 +189,9 @@ _UNDELAYED: Final = frozenset({"ObkImage"})
 def check_noise(
     group: Mapping[str, Any], path: SimPath, *, is_incomplete: bool
 ) -> Iterator[SimFault]:
-    """Findings about `noise` and `delay` of a group whose keys have the right types.
+    """Yield findings about `noise` and `delay` of a group whose keys have the right types.
 
-    `is_incomplete`: a sensor that appears to be missing may have been given a wrong type.
+    `is_incomplete`: whether a sensor may only appear to be missing because its type is wrong.
     """
     written = str(group["msg_type"])
     fields = NOISY_FIELDS.get(bare_name(written), {})
@@ -207,8 +207,8 @@ def check_noise(
             severity="error",
             path=place,
             points_at="key",
-            message=f"`{written}` has no field `{name}` that noise can be added to",
-            help=did_you_mean(name, fields) if fields else "to none of its fields",
+            message=f"`{written}` has no field `{name}` that can have noise",
+            help=did_you_mean(name, fields) if fields else "none of its fields can have noise",
             meant=sure_name(name, fields),
         )
     delay = group.get("delay")
@@ -217,13 +217,13 @@ def check_noise(
             code="OBK103",
             severity="error",
             path=(*path, "delay"),
-            message=f"`delay` is {delay:g}, and {with_article(written)} cannot be delayed: "
-            "it is published when it is drawn",
+            message=f"`delay` is {delay:g}, but {with_article(written)} cannot be delayed: "
+            "it is published when it is rendered",
         )
 
 
 def _check_measured(name: str, group: Mapping[str, Any], path: SimPath) -> Iterator[SimFault]:
-    """Without a sensor that overwrites the field, noise would accumulate from sample to sample."""
+    """Require the sensor that sets the field; otherwise noise accumulates from sample to sample."""
     sensor_type = _MEASURED_BY.get(name)
     if sensor_type is None or sensor_type in (group.get("sensor_names") or {}).values():
         return
@@ -232,9 +232,9 @@ def _check_measured(name: str, group: Mapping[str, Any], path: SimPath) -> Itera
         severity="error",
         path=path,
         points_at="key",
-        message=f"the noise of `{name}` is for {with_article(sensor_type)} sensor, and the group "
+        message=f"the noise of `{name}` needs {with_article(sensor_type)} sensor, but the group "
         "has none",
-        help="name the sensor, or leave the noise out",
+        help="add the sensor, or remove the noise",
     )
 
 

@@ -1,6 +1,6 @@
-"""Check that a `sim` block has the right keys with values of the right type.
+"""Check that a `sim` block has the right keys with values of the right types.
 
-The tool shows a finding at its place in the config. A simulator that was started by hand logs it.
+The tool shows a finding at its location in the config. A manually started simulator logs it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,7 +38,7 @@ class SimFault:
     points_at: Literal["key", "value"] = "value"
     """Whether the finding is about the last key of `path` or about its value."""
     meant: str | None = None
-    """The name to write instead; None if that is ambiguous."""
+    """The name to write instead; None if it is ambiguous."""
     element: tuple[str, str] | None = None
     """Kind (`sensor`, `geom`, `site`, `key`, `joint`) and name of the model element."""
 
@@ -104,7 +104,7 @@ _GROUP: tuple[_Rule, ...] = (
 
 
 def check_sim_shape(block: Mapping[str, Any]) -> tuple[SimFault, ...]:
-    """Findings about missing keys and values of the wrong type; empty for a valid block."""
+    """Return findings about missing keys and values of the wrong type; empty for a valid block."""
     faults = list(_check(block, _BLOCK, ()))
     groups = block.get("sensor_settings")
     if _is_list_of_mappings(groups):

@@ -1,6 +1,6 @@
-"""Check a `sim` block: the tool does so before a launch, the simulator when it is configured.
+"""Check a `sim` block; used by the tool before a launch and by the simulator at configure.
 
-Pure: takes the block, the node's parameters and the facts of a model; returns findings.
+The inputs are the block, the node's parameters and the facts of a model; the outputs are findings.
 """
 
 from collections import Counter
@@ -28,17 +28,17 @@ __all__ = ["SimFault", "SimPath", "check_group_against_model", "check_group_rule
 _CAMERA = "camera"
 """The sensor type of an entry that names a camera of the model."""
 _MOST_COMPARED = 100
-"""So many findings of a group suggest a similar name; further ones do not."""
+"""Maximum number of findings per group that suggest a similar name."""
 _ONE_PLACE = 2
-"""The least number of sensors that can be in different places."""
+"""Minimum number of sensors that can be in different places."""
 
 
 def check_group_rule(
     group: Mapping[str, Any], path: SimPath, facts: ModelFacts | None
 ) -> Iterator[SimFault]:
-    """Findings that need no model: the message, the sensor types, the ray pattern.
+    """Yield findings that need no model: the message, the sensor types, the ray pattern.
 
-    The model only improves the suggestion of a type.
+    A model only improves the suggestion of a type.
     """
     written = str(group["msg_type"])
     rule = sensor_group(written)
@@ -92,7 +92,7 @@ def _not_carried(
 def _check_counts(
     names: Mapping[str, str], written: str, rule: GroupRule, path: SimPath, *, is_incomplete: bool
 ) -> Iterator[SimFault]:
-    """Number of sensors of each type; `is_incomplete`: a missing one may have a wrong type."""
+    """Check the number of sensors per type; `is_incomplete`: one may have a wrong type."""
     counts = Counter(names.values())
     if not is_incomplete and not any(sensor_type in counts for sensor_type in rule.takes):
         yield SimFault(
@@ -112,9 +112,9 @@ def _check_counts(
                 severity="error",
                 path=(*path, "sensor_names", last),
                 points_at="key",
-                message=f"`{written}` takes {use.at_most} `{sensor_type}` sensor, "
-                f"{counts[sensor_type]} are given",
-                help="put the others into a sensor group of their own",
+                message=f"`{written}` takes {use.at_most} `{sensor_type}` sensor, but has "
+                f"{counts[sensor_type]}",
+                help="move the others to a separate sensor group",
             )
         if counts[sensor_type] or is_incomplete or use.presence == "optional":
             continue
@@ -140,14 +140,14 @@ def _check_scan_given(
             severity="error",
             path=path,
             message=f"a sensor group of `{written}` has neither `scan_config` nor `config_path`",
-            help="it names the site that the rays start from, and their pattern",
+            help="it sets the site where the rays start, and their pattern",
         )
 
 
 def check_group_against_model(
     group: Mapping[str, Any], path: SimPath, facts: ModelFacts
 ) -> Iterator[SimFault]:
-    """Findings about names, types and places of the model's sensors and sites."""
+    """Yield findings about names, types and places of the model's sensors and sites."""
     names: Mapping[str, str] = group.get("sensor_names") or {}
     rule = sensor_group(str(group["msg_type"]))
     reported = 0
@@ -158,7 +158,7 @@ def check_group_against_model(
             reported += 1
             yield fault
     if rule is not None:
-        # Of a type that is given too often, which is reported, only the first counts.
+        # If a type is given too often, which is reported, only its first sensor counts.
         firsts = {kind: name for name, kind in reversed(list(names.items()))}
         found = [
             facts.sensors[name]
@@ -188,7 +188,7 @@ def _check_sensor(
     sensor = facts.sensors.get(name)
     if sensor is None:
         if rule is not None and _CAMERA in rule.takes and name in facts.cameras:
-            return  # reported as a type that the message does not carry
+            return  # reported as a type that the message cannot carry
         sensors = facts.sensors.values() if is_compared else ()
         same_type = [sensor.name for sensor in sensors if sensor.type == written]
         yield SimFault(
@@ -202,12 +202,12 @@ def _check_sensor(
         )
     elif sensor.type != written:
         if rule is not None and rule.reads_sensors and written not in rule.takes:
-            return  # reported as a type that the message does not carry
+            return  # reported as a type that the message cannot carry
         yield SimFault(
             code="OBK304",
             severity="error",
             path=path,
-            message=f"sensor `{name}` is written as `{written}`, in the model it is "
+            message=f"sensor `{name}` is declared as `{written}`, but in the model it is "
             f"{with_article(sensor.type)}",
             help=f"write `{name}: {sensor.type}`, or name {with_article(written)} sensor",
             element=("sensor", name),
@@ -238,7 +238,7 @@ def _check_camera(name: str, path: SimPath, facts: ModelFacts) -> Iterator[SimFa
 
 
 def _near_sensors(name: str, same_type: Collection[str], facts: ModelFacts) -> str | None:
-    """Similar names among the sensors of the written type, otherwise among all sensors."""
+    """Suggest similar names of sensors with the declared type, otherwise of any sensor."""
     near = near_names(name, same_type) or near_names(name, facts.sensors)
     return ask_for(near) or there_is(same_type or facts.sensors)
 
@@ -258,7 +258,7 @@ def _check_one_place(
             severity="error",
             path=(*path, "sensor_names", sensor.name),
             points_at="key",
-            message=f"the sensors of `{written}` must sit at {rule.objects}: `{sensor.name}` is on "
+            message=f"the sensors of `{written}` must be at {rule.objects}: `{sensor.name}` is on "
             f"the {sensor.object_type} `{sensor.object_name}`, `{first.name}` on the "
             f"{first.object_type} `{first.object_name}`",
             element=("sensor", sensor.name),
@@ -299,10 +299,10 @@ _COARSE_TIME_STEP_S = 0.02
 def check_sim(
     block: Mapping[str, Any], parameters: Mapping[str, Any], facts: ModelFacts | None
 ) -> tuple[SimFault, ...]:
-    """All findings about a block; without a model (`facts` is None) those that need none.
+    """Return all findings about a block; without a model, only those that need none.
 
-    `block` has the keys of the language page; `sensor_type` has been renamed to `msg_type`, and the
-    content of a `config_path` file is the value of `scan_config`.
+    In `block`, `sensor_type` has been renamed to `msg_type`, and the contents of a `config_path`
+    file are the value of `scan_config`; otherwise it has the keys of the language page.
     """
     shape = check_sim_shape(block)
     if shape:
@@ -322,7 +322,7 @@ def check_sim(
 
 
 def _time_step(block: Mapping[str, Any], facts: ModelFacts) -> float:
-    """The step of the simulation [s]: the config's if set, otherwise the model's."""
+    """Simulation step [s]: the config's if set, otherwise the model's."""
     written = block.get("time_step")
     return facts.timestep if written is None else float(written)
 
@@ -330,7 +330,7 @@ def _time_step(block: Mapping[str, Any], facts: ModelFacts) -> float:
 def _check_period(
     group: Mapping[str, Any], path: SimPath, block: Mapping[str, Any], facts: ModelFacts
 ) -> Iterator[SimFault]:
-    """A period below the step, unless `_check_size_and_step` reports that step."""
+    """Report a period below the step, unless `_check_size_and_step` reports this step."""
     time_step_s = _time_step(block, facts)
     is_reported = time_step_s > _COARSE_TIME_STEP_S or not _is_faster(group, facts.timestep)
     if _is_faster(group, time_step_s) and not is_reported:
@@ -369,7 +369,7 @@ def _check_viz_geoms(viz_geoms: Mapping[str, Any], facts: ModelFacts) -> Iterato
                 code="OBK312",
                 severity="error",
                 path=path,
-                message=f"geom `{name}` is written as `{written}`, in the model it is "
+                message=f"geom `{name}` is declared as `{written}`, but in the model it is "
                 f"{with_article(actual)}",
                 help=f"write `{name}: {actual}`",
                 element=("geom", name),
@@ -396,9 +396,9 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
             code="OBK503",
             severity="warning",
             path=("n_u",),
-            message=f"`n_u` is {n_u}, the model has {with_number(facts.actuators, 'actuator')}; "
-            "the model wins",
-            help=f"leave `n_u` out or write {facts.actuators}",
+            message=f"`n_u` is {n_u}, but the model has "
+            f"{with_number(facts.actuators, 'actuator')}; the model takes precedence",
+            help=f"remove `n_u` or write {facts.actuators}",
         )
     written = block.get("time_step")
     step_s = _time_step(block, facts)
@@ -418,16 +418,16 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
             code="OBK504",
             severity="warning",
             path=("time_step",),
-            message=f"`time_step` is {written:g} s, the model has {facts.timestep:g} s; the "
-            "config wins"
+            message=f"`time_step` is {written:g} s, but the model has {facts.timestep:g} s; the "
+            "config takes precedence"
             f"{_published_every_step(block, step_s, facts.timestep)}",
-            help="the original Obelisk ignores `time_step`; leave it out to use the model's step",
+            help="the original Obelisk ignores `time_step`; remove it to use the model's step",
             element=("option", ""),
         )
 
 
 def _published_every_step(block: Mapping[str, Any], step_s: float, own_step_s: float) -> str:
-    """The sensor groups that are faster than the step, but not than the model's own."""
+    """Name the sensor groups that are faster than the step, but not than the model's own step."""
     groups = block.get("sensor_settings") or ()
     topics = [
         group["topic"]

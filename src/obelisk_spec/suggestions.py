@@ -1,4 +1,4 @@
-"""Suggest existing names for one that does not exist ("did you mean"); quote names in messages."""
+"""Suggest existing names for an unknown one ("did you mean"), and format names for messages."""
 
 import re
 from collections.abc import Iterable
@@ -25,16 +25,16 @@ _LONGEST = 100
 
 
 def near_names(name: str, known: Iterable[str], *, most: int = 3) -> tuple[str, ...]:
-    """The known names closest to `name`, best first; letter case does not count."""
+    """Return the known names closest to `name`, best first, ignoring case."""
     by_folded = {candidate.casefold(): candidate for candidate in comparable(name, known)}
     close = get_close_matches(name.casefold(), by_folded, n=most, cutoff=0.6)
     return tuple(by_folded[folded] for folded in close)
 
 
 def comparable(name: str, known: Iterable[str]) -> tuple[str, ...]:
-    """The known names that are worth comparing with `name`; none if there are too many.
+    """Return the known names that are worth comparing with `name`; none if there are too many.
 
-    Among many names, only those of similar length with the same first and last letter.
+    If there are many, these are only names of similar length with the same first and last letter.
     """
     every = tuple(known)
     if len(name) > _LONGEST or len(every) > _MOST_SIFTED:
@@ -54,14 +54,14 @@ def comparable(name: str, known: Iterable[str]) -> tuple[str, ...]:
 
 
 def list_names(names: Iterable[str], *, most: int = 8) -> str:
-    """Names in quotes for a message, the rest counted: "`a`, `b` and 3 more"."""
+    """Quote names for a message, and count the rest: "`a`, `b` and 3 more"."""
     every = list(names)
     shown = ", ".join(f"`{name}`" for name in every[:most])
     return shown if len(every) <= most else f"{shown} and {len(every) - most} more"
 
 
 def with_article(name: str) -> str:
-    """The quoted name with its article: "a `hinge`", "an `ObkImu`".
+    """Quote a name with its article: "a `hinge`", "an `ObkImu`".
 
     A leading u (`user`, `uint8`, `UInt16`) is pronounced as a consonant.
     """
@@ -69,24 +69,24 @@ def with_article(name: str) -> str:
 
 
 def with_number(count: int, noun: str) -> str:
-    """The number with its noun, in the plural unless it is 1: "1 node", "2 nodes"."""
+    """Format a number with its noun, in the plural unless it is 1: "1 node", "2 nodes"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
-    """A help line with the similar names, otherwise with all that exist; None if none exists."""
+    """Build a help line with similar names, otherwise with all names; None if none exist."""
     every = list(known)
     return ask_for(near_names(name, every)) or there_is(every)
 
 
 def there_is(known: Iterable[str]) -> str | None:
-    """A help line that lists the existing names; None if none exists."""
+    """Build a help line that lists the existing names; None if none exist."""
     every = list(known)
     return f"available: {list_names(every)}" if every else None
 
 
 def ask_for(meant: Iterable[str]) -> str | None:
-    """A help line: "did you mean `a` or `b`?"; None without any name."""
+    """Build the help line "did you mean `a` or `b`?"; None without names."""
     names = [f"`{name}`" for name in meant]
     if not names:
         return None
@@ -94,9 +94,9 @@ def ask_for(meant: Iterable[str]) -> str | None:
 
 
 def sure_name(name: str, known: Iterable[str]) -> str | None:
-    """The one known name that `name` is a typo of; None if that is ambiguous.
+    """Return the only known name that `name` can be a typo of; None if ambiguous.
 
-    One or two letters may be wrong, never a number or a whole part: `l_knee` is not `r_knee`.
+    One or two letters may be wrong, but never a number or a whole part: `l_knee` is not `r_knee`.
     """
     folded = name.casefold()
     slips = {other for other in comparable(name, known) if _is_slip(folded, other.casefold())}
@@ -116,7 +116,7 @@ def _is_slip(name: str, candidate: str) -> bool:
 
 
 def _allowed(length: int) -> int:
-    """How many letters of a part may be wrong: none of `l` or `fr`, which have a meaning."""
+    """Return the number of letters of a part that may be wrong: none in `l` or `fr`."""
     return 0 if length < 3 else 1 if length < 6 else 2
 
 

@@ -1,4 +1,4 @@
-"""Check values of a config against their type and limits. Pure."""
+"""Check values of a config against their type and limits."""
 
 import sys
 from collections.abc import Mapping
@@ -21,14 +21,14 @@ __all__ = [
 ]
 
 LARGEST_COUNT: Final = 2**31 - 1
-"""Depths of DDS, sizes of MuJoCo and device numbers have 32 bits.
+"""Largest 32-bit count, for DDS depths, MuJoCo sizes and device numbers.
 
 Source: OMG, Data Distribution Service 1.4, HistoryQosPolicy; MuJoCo, mjModel.
 """
 
 SHORTEST_PERIOD_S: Final = 1e-9
 LONGEST_PERIOD_S: Final = 9e9
-"""ROS counts time in 64 bits of nanoseconds [s]."""
+"""ROS represents time as 64-bit nanoseconds [s]."""
 
 
 ParameterValue = (
@@ -44,9 +44,9 @@ ParameterValue = (
 
 
 COUNT_RANGE: Final = f"a whole number from 1 to {LARGEST_COUNT}"
-"""What `is_count` accepts, for messages."""
+"""The values that `is_count` accepts, as text for messages."""
 PERIOD_RANGE: Final = f"a number of seconds greater than 0 and at most {LONGEST_PERIOD_S:g}"
-"""What `is_period` accepts, for messages."""
+"""The values that `is_period` accepts, as text for messages."""
 _LARGEST: Final = sys.float_info.max
 
 
@@ -78,10 +78,10 @@ def is_text(value: object) -> TypeGuard[str]:
 
 
 def is_none(value: object) -> bool:
-    """Whether it is the word `None` in any case, by which a config means "nothing"."""
+    """Whether it is the word `None` in any case, which a config uses for "not set"."""
     return isinstance(value, str) and value.lower() == "none"
 
 
 def is_mapping(value: object) -> TypeGuard[Mapping[str, object]]:
-    """Whether it is a mapping with string keys only; YAML allows others."""
+    """Whether it is a mapping with only string keys; YAML allows others."""
     return isinstance(value, Mapping) and all(isinstance(key, str) for key in value)

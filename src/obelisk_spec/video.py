@@ -1,7 +1,8 @@
-"""Check the settings of a video of a simulated robot, and exchange its status.
+"""Check the settings for a video of a simulated robot, and exchange its status.
 
-`read_video` returns `VideoSettings`, or raises a `VideoError` with what is expected. `VideoStatus`
-is converted to and from keys and values of a `diagnostic_msgs/DiagnosticStatus`. No file is opened.
+`read_video` returns `VideoSettings`, or raises a `VideoError` with the expected values.
+`VideoStatus` is converted to and from keys and values of a `diagnostic_msgs/DiagnosticStatus`. No
+file is opened.
 """
 
 import re
@@ -27,19 +28,19 @@ __all__ = [
 VIDEO_RATES: Final[Mapping[str, int]] = MappingProxyType({".mp4": 30, ".gif": 15, ".png": 30})
 """File suffix -> default frames per second of simulation time."""
 _HIGHEST_RATES: Final = MappingProxyType({".mp4": 240, ".gif": 50, ".png": 240})
-"""A GIF counts hundredths of a second, and browsers slow down frames of 1/100 s."""
+"""A GIF counts time in 1/100 s, and browsers slow down frames of 1/100 s."""
 _SIZE: Final = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 _SMALLEST, _LARGEST = 16, 4096
-"""Width and height [pixels]."""
+"""Limits of width and height [pixels]."""
 VIDEO_STATUS: Final = "video"
-"""Name of the status on /diagnostics, after that of the node: `robot: video`."""
+"""Name of the status on /diagnostics, after the node's name: `robot: video`."""
 _STATE, _PATH, _DETAIL = "state", "path", "detail"
 
 VideoState = Literal["recording", "finished", "failed"]
 
 
 class VideoError(ValueError):
-    """A video cannot be recorded; the message has what is expected."""
+    """A video cannot be recorded; the message states what is expected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,9 +49,9 @@ class VideoSettings:
 
     path: Path
     camera: str | None
-    """Name of a camera of the model; None: a view of the whole model."""
+    """Name of a camera in the model; None for a view of the whole model."""
     size: tuple[int, int] | None
-    """Width and height [pixels]; None: the camera's."""
+    """Width and height [pixels]; None for the camera's own size."""
     rate_hz: int
     """Frames per second of simulation time."""
 
@@ -59,10 +60,10 @@ def read_video(path: str, camera: str, size: str, rate_hz: int) -> VideoSettings
     """Check the settings of a requested video.
 
     Args:
-        path: the file.
-        camera: its name; empty for a view of the whole model.
-        size: `640x480`; empty for the camera's own.
-        rate_hz: 0 for the default of the file type.
+        path: path of the video file.
+        camera: name of a camera; empty for a view of the whole model.
+        size: `640x480`; empty for the camera's own size.
+        rate_hz: frames per second; 0 for the default of the file type.
 
     Raises:
         VideoError: a value is invalid.
@@ -102,7 +103,7 @@ def check_video_size(ending: str, size: tuple[int, int]) -> None:
             f"a picture of {width}x{height}; expected {_SMALLEST} to {_LARGEST} pixels each way"
         )
     if ending == ".mp4" and (width % 2 or height % 2):
-        # H.264 keeps one colour for two by two pixels.
+        # H.264 stores one color per 2 by 2 pixels.
         raise VideoError(
             f"a picture of {width}x{height}; .mp4 needs even numbers, "
             f"{width + width % 2}x{height + height % 2}"
@@ -111,13 +112,13 @@ def check_video_size(ending: str, size: tuple[int, int]) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoStatus:
-    """State and place of a robot's video."""
+    """State and path of a robot's video."""
 
     state: VideoState
     path: str
-    """Absolute. While recording the requested path; a finished video may have another name."""
+    """Absolute path: the requested one while recording, the final one of a finished video."""
     detail: str = ""
-    """Frames, length and dropped frames of a finished video; the reason of a failed one."""
+    """Frames, length and dropped frames of a finished video, or the reason of a failure."""
 
     def __str__(self) -> str:
         match self.state:
@@ -130,16 +131,16 @@ class VideoStatus:
 
 
 def video_values(status: VideoStatus) -> tuple[tuple[str, str], ...]:
-    """Keys and values of the status that reports a video."""
+    """Return keys and values of the status that reports a video."""
     return ((_STATE, status.state), (_PATH, status.path), (_DETAIL, status.detail))
 
 
 def parse_video(name: str, values: Mapping[str, str]) -> VideoStatus | None:
-    """The video in a status; None if the status is about something else.
+    """Parse the video in a status; None if the status reports something else.
 
     Args:
-        name: of the status, as `runtime_protocol.rate_name` formats it.
-        values: of the status, by key.
+        name: name of the status, as formatted by `runtime_protocol.rate_name`.
+        values: values of the status, by key.
     """
     state, path = values.get(_STATE, ""), values.get(_PATH, "")
     if not name.endswith(f": {VIDEO_STATUS}") or state not in get_args(VideoState) or not path:

@@ -1,7 +1,7 @@
-"""Read YAML with the scalars of YAML 1.2 core: `on` is a string, `1e-3` a float.
+"""Read YAML with the YAML 1.2 core schema: `on` is a string, `1e-3` a float.
 
-The result is plain Python values; only the safe subset is read, so no tag can build an object.
-`expand_variables` replaces `${NAME}` and `${NAME:-text}` by values of an environment.
+The result consists of plain Python values. Only the safe subset is supported, so no tag can create
+an object. `expand_variables` replaces `${NAME}` and `${NAME:-text}` with values of an environment.
 
 Source: YAML 1.2.2, 10.3 Core Schema.
 """
@@ -37,14 +37,14 @@ _BASED: Final = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT: Final = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _MAY_BE_NUMBER: Final = frozenset("+-.0123456789")
 _MOST_VALUES: Final = 150_000
-"""Limit of values in a text; an alias counts as all values of its anchor."""
+"""Maximum number of values in a text; an alias counts as all values of its anchor."""
 _LONGEST_INT: Final = 4000
 _LONGEST_BASED: Final = 3000
-"""Digits; Python does not convert longer ones, and no robot needs them."""
+"""Maximum number of digits; Python does not convert longer ones, and no robot needs them."""
 
 
 def core_scalar(text: str) -> Scalar:
-    """The value of a plain (unquoted) scalar by the YAML 1.2 core schema."""
+    """Parse a plain (unquoted) scalar by the YAML 1.2 core schema."""
     if text in _CONSTANTS:
         return _CONSTANTS[text]
     if text[0] not in _MAY_BE_NUMBER:
@@ -57,14 +57,14 @@ def core_scalar(text: str) -> Scalar:
 
 
 class YamlTextError(ValueError):
-    """Text is not YAML of the safe subset; the message has the place and the reason."""
+    """Text is not YAML of the safe subset; the message has the location and the reason."""
 
 
 class _CoreLoader(yaml.SafeLoader):
     """SafeLoader with the plain scalars of YAML 1.2 core."""
 
     expand: Callable[[str], str]
-    """Applied to the text of each scalar before it is parsed."""
+    """Applied to the text of each scalar before parsing."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
@@ -86,9 +86,9 @@ class _CoreLoader(yaml.SafeLoader):
         elif id(node) in self._weights:
             self._values += self._weights[id(node)]
         else:
-            self._reject(f"alias `*{event.anchor}` stands inside its own value", event)
+            self._reject(f"the alias `*{event.anchor}` is inside its own value", event)
         if self._values > _MOST_VALUES:
-            self._reject(f"the values are more than {_MOST_VALUES:,}", event)
+            self._reject(f"more than {_MOST_VALUES:,} values", event)
         return node
 
     def _reject(self, problem: str, event: Any) -> NoReturn:
@@ -109,14 +109,15 @@ _CoreLoader.add_constructor("tag:yaml.org,2002:merge", lambda _, node: node.valu
 
 
 def load_yaml_core(text: str, expand: Callable[[str], str] = str) -> object:
-    """The value of one YAML document.
+    """Load a single YAML document.
 
     Args:
         text: the document.
-        expand: applied to the text of each scalar before it is parsed; may raise a ValueError.
+        expand: applied to the text of each scalar before parsing; may raise a ValueError.
 
     Raises:
-        YamlTextError: the text is not YAML, or uses a tag that builds objects; or `expand` raised.
+        YamlTextError: the text is not YAML, it uses a tag that creates objects, or `expand` raised
+            an error.
     """
     try:
         loader = _CoreLoader(text)
@@ -134,14 +135,14 @@ def load_yaml_core(text: str, expand: Callable[[str], str] = str) -> object:
 
 
 REFERENCE: Final = re.compile(
-    # A default has a limit, so that a text of many `${A:-` is not scanned to its end for each.
+    # A default has a maximum length, so that a text with many `${A:-` is not scanned repeatedly.
     r"\$\$\{|\$\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]{0,1000}+))?\}|\$\{"
 )
-"""A reference with its name and its default, `$${`, or a `${` that starts neither."""
+"""A reference with its name and default, an escaped `$${`, or a `${` that starts neither."""
 
 
 def value_of_reference(reference: re.Match[str], environment: Mapping[str, str]) -> str | None:
-    """The value of a match of `REFERENCE`; None if it has none."""
+    """Return the value of a match of `REFERENCE`; None if it has none."""
     name, default = reference.groups()
     if reference[0] == "$${":
         return "${"
@@ -149,7 +150,7 @@ def value_of_reference(reference: re.Match[str], environment: Mapping[str, str])
 
 
 def expand_variables(text: str, environment: Mapping[str, str]) -> str:
-    """The text with every reference replaced.
+    """Replace every reference in a text.
 
     Raises:
         ValueError: a reference has no value.
@@ -160,7 +161,7 @@ def expand_variables(text: str, environment: Mapping[str, str]) -> str:
         if value is not None:
             return value
         if reference[1] is None:
-            raise ValueError("`${` does not begin a `${NAME}`")
+            raise ValueError("`${` does not start a `${NAME}`")
         raise ValueError(f"environment variable `{reference[1]}` is not set")
 
     return REFERENCE.sub(value_of, text) if "${" in text else text

@@ -1,1 +1,1 @@
-"""The `obk` tool: reads a config, checks it, lowers it to a plan, launches it."""
+"""The `obk` tool: read a config, check it, lower it to a plan, launch it."""

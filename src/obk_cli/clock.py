@@ -12,10 +12,10 @@ def monotonic_s() -> float:
 
 
 def wall_s() -> float:
-    """The time of day [s since 1970, UTC]."""
+    """The current time [s since 1970, UTC]."""
     return time.time()
 
 
 def local_time() -> datetime:
-    """The time of day in the user's time zone."""
+    """The current time in the user's time zone."""
     return datetime.now()

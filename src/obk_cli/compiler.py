@@ -1,6 +1,6 @@
-"""Compile a config: load -> read -> locate -> check -> lower, the only module that knows the order.
+"""Compile a config: load -> read -> locate -> check -> lower. Only this module knows the order.
 
-The library entry for everything that needs a config: the command line, the launcher, editors.
+The library entry for every user of configs: the command line, the launcher, editors.
 """
 
 import gc
@@ -34,9 +34,9 @@ __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 _LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 13))
 """Faults after which part of the config cannot be checked."""
 _OF_WHOLE_NODES = ("OBK207", "OBK208", "OBK306", "OBK307", "OBK405")
-"""Findings about what a node lacks: it may stand under a key that was written twice."""
+"""Findings about missing parts of a node, which may be under a duplicate key."""
 _OF_FRAGMENTS = (*_OF_WHOLE_NODES, "OBK102", "OBK201", "OBK203", "OBK204", "OBK209", "OBK321")
-"""Findings about what a file lacks: the config that includes it may have that."""
+"""Findings about missing parts of a file, which the including config may have."""
 _FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
     "OBK011": "OBK",
     "OBK109": ("OBK203", "OBK204"),
@@ -51,22 +51,22 @@ class Options:
     """How a config is compiled."""
 
     variables: Mapping[str, str]
-    """Stands in for `${VAR}`; packages are found on its AMENT_PREFIX_PATH."""
+    """Values for `${VAR}`; AMENT_PREFIX_PATH is searched for packages."""
     working_folder: Path
     overrides: tuple[str, ...] = ()
-    """`path=value`, as `--set` takes them."""
+    """`path=value`, as for `--set`."""
     ignore: tuple[str, ...] = ()
-    """Codes, or beginnings of codes, not to report."""
+    """Codes or prefixes of codes not to report."""
     environment: Environment | None = None
-    """What to ask about packages and models; None: this machine."""
+    """Where packages and models are looked up; None: this machine."""
     read: Callable[[str], bytes | str] = read_bytes
-    """What a config file holds, or why it cannot be read."""
+    """Returns a config file's content, or why it cannot be read."""
     meant: Callable[[str], str | None] = did_you_mean_config
-    """What may be meant by the path of a file that cannot be read, as a help line."""
+    """Returns a help line with similar paths for a file that cannot be read."""
     for_test: bool = False
-    """Whether to report, too, what may differ between two lock-step runs (OBK6xx)."""
+    """Whether to report differences between lock-step runs, too (OBK6xx)."""
     including: Callable[[str], tuple[str, ...]] = lambda _: ()
-    """The configs that include a file; if there are any, it is checked as a fragment."""
+    """Returns the configs that include a file; if any, the file is checked as a fragment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,12 +82,12 @@ class Outcome:
 
     @property
     def hazards(self) -> tuple[Diagnostic, ...]:
-        """What may differ between two lock-step runs; none unless compiled with `for_test`."""
+        """Differences between lock-step runs; empty unless compiled with `for_test`."""
         return tuple(d for d in self.diagnostics if d.code.startswith(LOCKSTEP_FAMILY))
 
 
 def compile_config(path: str, options: Options) -> Outcome:
-    """Compile a file; `-` is the standard input."""
+    """Compile a file; `-` is standard input."""
     shown = "<stdin>" if path == STANDARD_INPUT else path
     data = options.read(path)
     if isinstance(data, str):
@@ -104,7 +104,7 @@ def compile_config(path: str, options: Options) -> Outcome:
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """While entered, no garbage is collected; a long config has no cycles and a million objects."""
+    """Disable garbage collection: a long config makes a million objects but no cycles."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -116,7 +116,7 @@ def _no_collection() -> Iterator[None]:
 
 @_no_collection()
 def compile_source(source: SourceFile, options: Options) -> Outcome:
-    """Compile a text; paths in it are relative to the folder of the path it goes by."""
+    """Compile a text; its paths are relative to the folder of its own path."""
     folder = (options.working_folder / source.path).resolve().parent
     if source.path.startswith("<"):
         folder = options.working_folder
@@ -160,9 +160,9 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
 
 
 def _including(path: str, faults: Iterable[Diagnostic], options: Options) -> tuple[str, ...]:
-    """The configs that include a file; looked for only if it seems to lack something."""
-    lacks = (f for f in faults if f.code in _OF_FRAGMENTS)
-    is_whole = all(f.severity == "info" and f.code != "OBK201" for f in lacks)
+    """The configs that include a file; searched only if the file seems incomplete."""
+    incomplete = (f for f in faults if f.code in _OF_FRAGMENTS)
+    is_whole = all(f.severity == "info" and f.code != "OBK201" for f in incomplete)
     if path.startswith("<") or is_whole:
         return ()
     return options.including(path)
@@ -174,16 +174,16 @@ def _of_fragment(
     yield found(
         "OBK016",
         f"{list_names(including, most=3)} {'includes' if len(including) == 1 else 'include'} "
-        "this file, so it is checked as a fragment: what may be defined elsewhere is not "
-        "reported as missing",
+        "this file, so it is checked as a fragment: keys and nodes that may be defined "
+        "elsewhere are not reported as missing",
         Span.at(source, 1, 1),
-        help=f"`obk validate {including[0]}` checks the whole stack",
+        help=f"run `obk validate {including[0]}` to check the whole stack",
     )
     yield from (fault for fault in faults if fault.code not in _OF_FRAGMENTS)
 
 
 def _causes(faults: tuple[Diagnostic, ...], *, are_whole: bool) -> Iterator[Diagnostic]:
-    """The findings without those that only follow from another one about the same text."""
+    """The findings, without those that only follow from another one about the same text."""
     columns: dict[tuple[str, str, int], list[int]] = defaultdict(list)
     for fault in faults:
         if fault.code in _FOLLOWS:
@@ -201,6 +201,6 @@ def _causes(faults: tuple[Diagnostic, ...], *, are_whole: bool) -> Iterator[Diag
 
 
 def _covers(span: Span, columns: Sequence[int]) -> bool:
-    """Whether any of the columns, which ascend, is within the stretch on its first line."""
+    """Whether a span covers any of the columns (ascending) on its first line."""
     first = bisect_left(columns, span.column)
     return first < len(columns) and columns[first] < span.first_line_end

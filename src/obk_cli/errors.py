@@ -1,6 +1,6 @@
 """Errors outside the config, such as a missing file or a bad option, and their exit codes.
 
-The command line prints each as one message.
+The command line prints each error as one message.
 """
 
 import errno
@@ -40,7 +40,7 @@ class ObkError(Exception):
 
 
 class MisuseError(ObkError):
-    """The command line itself is wrong: an option's value, a combination."""
+    """The command line is invalid: an option's value or a combination of options."""
 
     exit_code = EXIT_MISUSE
 
@@ -76,16 +76,16 @@ def resource_error(error: BaseException) -> str | None:
         case FileNotFoundError() if not _has_working_folder():
             return "the working folder no longer exists"
         case BlockingIOError() if hasattr(error, "characters_written"):
-            return None  # an output that does not wait
+            return None  # a non-blocking output
         case OSError(errno=int() as number) if number in _RESOURCE_ERRORS:
             return f"{_place(error)}{_RESOURCE_ERRORS[number]}"
     return None
 
 
 def pythonpath_shadow(error: BaseException) -> str | None:
-    """Which file on PYTHONPATH shadows a library and caused an error; None: no such file.
+    """Which file on PYTHONPATH shadows a library and caused the error; None: no such file.
 
-    Other environments add their folders there, and these seldom fit this Python.
+    Other environments add their folders there, which seldom match this Python.
     """
     listed = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     folders = [Path(folder).absolute() for folder in listed if folder]
@@ -97,7 +97,7 @@ def pythonpath_shadow(error: BaseException) -> str | None:
 
 
 def _files_of(error: BaseException) -> Iterator[str]:
-    """The files that may have caused an error: of the module named, of the line that failed."""
+    """Files that may have caused an error: of the named module, and of the line that failed."""
     top = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
     modules = (getattr(error, "obj", None), sys.modules.get(top))
     trace = error.__traceback__

@@ -46,12 +46,12 @@ def read_bytes(path: str) -> bytes | str:
 
 
 def _is_named_pipe(path: Path) -> bool:
-    """Whether opening it would wait for a writer; the pipes of a shell have one."""
+    """Whether opening it would wait for a writer; a shell's pipe already has one."""
     return path.is_fifo() and not path.resolve().is_relative_to("/proc")
 
 
 def explain_os_error(error: OSError | ValueError) -> str:
-    """An error of the system as a short reason."""
+    """A short reason for a system error."""
     match error:
         case FileNotFoundError():
             return "file not found"
@@ -65,7 +65,7 @@ def explain_os_error(error: OSError | ValueError) -> str:
 
 
 def unwritable(path: Path, error: OSError) -> CommandFailedError:
-    """The error of a command that cannot write its file."""
+    """The error for a command that cannot write its file."""
     reason = explain_os_error(error)
     if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
         reason = f"the folder {path.parent} does not exist"
@@ -97,29 +97,29 @@ def is_within_untrusted(path: Path) -> bool:
 
 
 STATE_MODE = 0o600
-"""Mode of state files, which only their owner may read: what a run was given and its status."""
+"""Mode of state files, such as a run's arguments and status; only their owner may read them."""
 _NEW_MODE = 0o666
 """Mode of other new files, before the user's umask."""
 
 
 def write_text(path: Path, text: str, *, mode: int | None = None) -> bool:
-    """Write the text as UTF-8; escaped bytes, as in file names, are written as they were."""
+    """Write text as UTF-8; escaped bytes, as in file names, are restored."""
     return write_bytes(path, text.encode("utf-8", "surrogateescape"), mode=mode)
 
 
 def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
     """Write a file whole or not at all, with its folder; return whether anything changed.
 
-    A link is followed. A pipe or a device is written to and stays.
+    Links are followed. Pipes and devices are written to, not replaced.
 
     Args:
         path: the file.
-        data: all that it is to hold.
-        mode: its permissions; None: those of the file that is replaced, and its owner, else those
-            of any new one.
+        data: its complete content.
+        mode: its permissions; None: keep owner and permissions of the replaced file, otherwise
+            those of any new file.
 
     Raises:
-        OSError: the folder or the file cannot be written; the old file is as it was.
+        OSError: the folder or the file cannot be written; the old file is unchanged.
     """
     if path.exists() and not path.is_file() and not path.is_dir():
         path.write_bytes(data)
@@ -146,9 +146,9 @@ def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
 
 
 def _copy_owner_and_mode(old: Path, new: Path) -> None:
-    """Give a file the owner and the permissions of the one that it replaces."""
+    """Copy owner and permissions of the replaced file to the new one."""
     before = old.stat()
-    with suppress(PermissionError):  # only root gives files away, and has to
+    with suppress(PermissionError):  # only root can change owners, and only root needs to
         os.chown(new, before.st_uid, before.st_gid)
     new.chmod(stat.S_IMODE(before.st_mode))
 
@@ -157,7 +157,7 @@ def resource_folder(name: str) -> Path:
     """The folder of resources ("schema", "templates") that is installed with this code.
 
     Raises:
-        FileNotFoundError: it is in neither place; the installation is broken.
+        FileNotFoundError: the folder is in neither place; the installation is broken.
     """
     package = Path(__file__).resolve().parent
     places = (package / "data" / name, package.parents[1] / name)

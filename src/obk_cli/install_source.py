@@ -32,9 +32,9 @@ class InstallSource:
     git: str = ""
     """`git+URL@COMMIT`."""
     archive: str = ""
-    """URL of a wheel or a source distribution; a local file is `file:///...`."""
+    """URL of a wheel or source distribution; for a local file `file:///...`."""
     messages: str = ""
-    """URL of the archive of the compiled messages; empty: they have none of their own."""
+    """URL of the archive with the compiled messages; empty if they have none of their own."""
 
     def pip_install(self, *extras: str) -> str:
         """Return a command for a POSIX shell that installs obk with these extras."""
@@ -54,7 +54,7 @@ class InstallSource:
             if has_ros and self.messages:
                 return (tool, f"{MESSAGES} @ {self.messages}")
             local = _local_path(self.archive)
-            # The messages are released beside the tool, and need it to be built.
+            # The messages are released with the tool, and need it to build.
             find = ["--find-links", str(local.parent)] if local and has_ros else []
             return (*find, tool)
         return (f"{TOOL}{options}",)
@@ -75,7 +75,7 @@ class InstallSource:
 
     @property
     def is_local(self) -> bool:
-        """Whether only this machine has it."""
+        """Whether the source exists only on this machine."""
         places = (self.archive, self.messages, self.git.removeprefix("git+"))
         return self.folder is not None or any(place.startswith("file:") for place in places)
 
@@ -116,7 +116,7 @@ def _local_path(url: str) -> Path | None:
 
 
 def _git(folder: Path, *arguments: str) -> str | None:
-    """Return what git prints, None without git or outside a repository."""
+    """Return git's output; None without git or outside a repository."""
     command = ("git", "-C", str(folder), *arguments)
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
@@ -126,7 +126,7 @@ def _git(folder: Path, *arguments: str) -> str | None:
 
 
 def _remote_url(remote: str) -> str:
-    """Return a remote's URL without a password or token; empty for a folder of this machine."""
+    """Return a remote's URL without a password or token; empty for a local folder."""
     if "://" not in remote:
         host, colon, path = remote.partition(":")
         is_scp = colon and "/" not in host

@@ -28,11 +28,11 @@ def require_extra(module: str, extra: str) -> None:
     """Raise an error if a library is not installed.
 
     Args:
-        module: that the library is imported by.
-        extra: of the distribution `obelisk-cli`, that brings it.
+        module: the name by which the library is imported.
+        extra: the extra of `obelisk-cli` that installs it.
 
     Raises:
-        CommandFailedError: it is not installed.
+        CommandFailedError: the library is not installed.
     """
     if importlib.util.find_spec(module) is None:
         raise CommandFailedError(
@@ -44,14 +44,14 @@ def require_ros() -> None:
     """Raise an error if rclpy is not installed.
 
     Raises:
-        CommandFailedError: it is not installed.
+        CommandFailedError: rclpy is not installed.
     """
     if importlib.util.find_spec("rclpy") is None:
         raise no_ros("the library `rclpy` is not installed")
 
 
 def no_ros(why: object) -> CommandFailedError:
-    """The error of a command that needs ROS 2.
+    """The error for a command that needs ROS 2.
 
     Args:
         why: the reason why ROS 2 cannot be used.
@@ -63,7 +63,7 @@ def no_ros(why: object) -> CommandFailedError:
 
 
 def _install(extra: str) -> str:
-    # Read for an error only: the metadata of distributions takes long to import.
+    # Only needed for an error: importing the metadata of distributions takes long.
     from obk_cli.install_source import install_command
 
     return f"`{install_command(extra)}`"
@@ -78,7 +78,7 @@ def distribution_version(name: str) -> str | None:
 
 
 def distributions_like(pattern: str) -> Mapping[str, str]:
-    """Name -> version of the installed distributions whose whole name, with `_`, has a pattern."""
+    """Name -> version of the installed distributions whose name (with `_`) matches a pattern."""
     every = _versions(tuple(sys.path))
     return {name: version for name, version in every.items() if re.fullmatch(pattern, name)}
 
@@ -103,9 +103,9 @@ def _versions(folders: tuple[str, ...]) -> Mapping[str, str]:
 
 
 def run_versions() -> Mapping[str, str]:
-    """Versions of obk, Python, rclpy and MuJoCo, and the ROS distribution, as far as they are here.
+    """Versions of obk, Python, rclpy and MuJoCo, and the ROS distribution, as far as installed.
 
-    Nothing is imported for it.
+    Imports none of them.
     """
     wheels = distributions_like(r"ros_[a-z]+_rclpy")
     found = {

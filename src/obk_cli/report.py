@@ -1,7 +1,7 @@
-"""Findings as text for a person, as JSON, as annotations of GitHub, and as SARIF.
+"""Format findings as text, as JSON, as GitHub annotations, and as SARIF.
 
-The text has the sentence, the line with the place underlined, related places and help; of an info
-only the sentence, unless more is asked for.
+The text has the message, the source line with the location underlined, related locations and help.
+Infos have only the message, unless `verbose` is set.
 """
 
 import json
@@ -25,11 +25,11 @@ _COLOURS: dict[str, str] = {"error": "31", "warning": "33", "info": "36", "help"
 _SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 _CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
 _WIDEST = 160
-"""Characters of a line that are shown."""
+"""Maximum number of characters shown of a line."""
 
 
 def report_text(diagnostics: Iterable[Diagnostic], *, colour: bool, verbose: bool = False) -> str:
-    """The findings one after another, an empty line around those of several lines."""
+    """The findings one after another; those of several lines are separated by empty lines."""
     paint = _Paint(colour)
     groups = groupby(diagnostics, key=lambda d: d.severity == "info" and not verbose)
     blocks: list[str] = []
@@ -42,7 +42,7 @@ def report_text(diagnostics: Iterable[Diagnostic], *, colour: bool, verbose: boo
 
 
 def summary(paths: Iterable[str], diagnostics: Iterable[Diagnostic], *, colour: bool) -> str:
-    """One line: what was looked at and how much was found."""
+    """One line: which files were checked and how many findings there are."""
     counts = Counter(diagnostic.severity for diagnostic in diagnostics)
     files = list(paths)
     where = files[0] if len(files) == 1 else f"{len(files)} files"
@@ -89,7 +89,7 @@ def _headline(diagnostic: Diagnostic, paint: _Paint) -> str:
 
 
 def _on_one_line(text: str) -> str:
-    """The text with control characters of the user's values written out."""
+    """The text with control characters of the user's values escaped."""
     return _CONTROL.sub(lambda char: char[0].encode("unicode_escape").decode(), text)
 
 
@@ -99,7 +99,7 @@ def _excerpt(span: Span, width: int, paint: _Paint, role: str) -> Iterator[str]:
         return
     shown, column = _window(line, span)
     length = max(min(span.first_line_end - span.column, len(shown) + 1 - column), 1)
-    # A tab stays a tab under itself, so that the mark stands where the text does.
+    # A tab is copied below itself, so that the mark lines up with the text.
     indent = "".join("\t" if char == "\t" else " " for char in shown[: column - 1])
     yield f"  {span.line:>{width}} | {visible(shown)}"
     if column <= len(shown) + 1:
@@ -107,7 +107,7 @@ def _excerpt(span: Span, width: int, paint: _Paint, role: str) -> Iterator[str]:
 
 
 def _window(line: str, span: Span) -> tuple[str, int]:
-    """The part of a line that is shown, and the column in it where the stretch begins."""
+    """The part of a line that is shown, and the column in it at which the span starts."""
     end = min(span.first_line_end - 1, span.column - 1 + _WIDEST // 2)
     start = max(0, min(end + _WIDEST // 4, len(line)) - _WIDEST) if end > _WIDEST else 0
     before = "..." if start else ""
@@ -141,7 +141,7 @@ def _json_finding(finding: Diagnostic) -> dict[str, object]:
 
 
 def _json_edit(edit: Edit) -> dict[str, object]:
-    """The stretch that is replaced, and its replacement."""
+    """The replaced span and its replacement."""
     return {**_json_place(edit.place), "text": edit.text}
 
 
@@ -193,13 +193,13 @@ _SARIF_LEVELS = {"error": "error", "warning": "warning", "info": "note"}
 
 
 def report_sarif(diagnostics: Iterable[Diagnostic]) -> str:
-    """One log with one run; paths are URIs, relative ones relative to the working folder."""
+    """One log with one run; relative paths become URIs relative to the working folder."""
     findings = tuple(diagnostics)
     codes = sorted({finding.code for finding in findings})
     driver = {"name": "obk", "rules": [_sarif_rule(code) for code in codes]}
     run = {
         "tool": {"driver": driver},
-        # Columns count characters, as everywhere in the tool.
+        # Columns count characters, as everywhere in obk.
         "columnKind": "unicodeCodePoints",
         "results": [_sarif_result(finding, codes.index(finding.code)) for finding in findings],
     }
@@ -264,7 +264,7 @@ def _sarif_place(span: Span) -> dict[str, object]:
 
 def _artifact(name: str) -> dict[str, str]:
     path = PurePath(name)
-    # Its bytes, where they are no text.
+    # Paths that are not text are encoded as bytes.
     relative = quote(str(path), errors="surrogateescape")
     return {"uri": path.as_uri() if path.is_absolute() else relative}
 

@@ -10,11 +10,11 @@ _SEQUENCE: Final = re.compile(
     r"(?P<colour>\x1b\[[0-9;:]*m)"
     r"|(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]?"  # control sequences
     r"|(?:\x1b[\]PX^_]|[\x9d\x90\x98\x9e\x9f])[^\x07\x1b\x9c]*(?:\x07|\x1b\\|\x9c)?"  # strings
-    r"|\x1b[ -/]*[0-~]?"  # what is left of two characters
-    r"|[\x00-\x08\x0a-\x1f\x7f-\x9f\ud800-\udfff]"  # the last are halves of characters
+    r"|\x1b[ -/]*[0-~]?"  # other two-character sequences
+    r"|[\x00-\x08\x0a-\x1f\x7f-\x9f\ud800-\udfff]"  # including unpaired surrogates
 )
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Characters that a terminal executes, breaks lines at, or turns the direction of writing for."""
+"""Characters that a terminal executes, or that break lines or change the writing direction."""
 _INVISIBLE: Final = re.compile(
     r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
@@ -23,26 +23,26 @@ _RESET: Final = "\x1b[0m"
 
 
 def only_colour(text: str) -> str:
-    """The text without all that would move, clear, rename or ask the terminal.
+    """The text without sequences that move, clear, rename or query the terminal.
 
-    Colours stay, and end with the text.
+    Colours are kept, and end with the text.
     """
     kept = _SEQUENCE.sub(lambda match: match["colour"] or "", text)
     return kept + _RESET if "\x1b" in kept and not kept.endswith(_RESET) else kept
 
 
 def plain(text: str) -> str:
-    """The text without any escape sequence, control character, and byte that is no text."""
+    """The text without escape sequences, control characters and invalid bytes."""
     return _SEQUENCE.sub("", text)
 
 
 def visible(text: str) -> str:
-    """The text with a sign in place of each control character but tabs: columns stay."""
+    """The text with a visible sign for each control character except tabs; columns are kept."""
     return _INVISIBLE.sub("\ufffd", text)
 
 
 def escaped(text: str) -> str:
-    """The text on one line, with its control characters as JSON writes them."""
+    """The text on one line, with control characters escaped as in JSON."""
     return _CONTROL.sub(lambda match: _NAMES.get(match[0]) or f"\\u{ord(match[0]):04x}", text)
 
 
@@ -50,17 +50,17 @@ _ELLIPSIS = "\u2026"
 
 
 def printable(text: str) -> str:
-    """The text with what no picture can show, line ends among it, replaced."""
+    """The text with everything that a picture cannot show replaced, including line ends."""
     return "".join("\ufffd" if _is_unshowable(c) else c for c in text)
 
 
 def columns_of(text: str) -> int:
-    """How many letters of one width the text takes."""
+    """Display width of the text [columns]."""
     return sum(_columns(letter) for letter in text)
 
 
 def shortened(text: str, most: int) -> str:
-    """The text in at most so many columns (at least 2), its middle left out if need be."""
+    """The text in at most `most` columns (at least 2); the middle is left out if necessary."""
     if columns_of(text) <= most:
         return text
     end = _first_letters(text[::-1], (most - 1) // 2)[::-1]
@@ -68,7 +68,7 @@ def shortened(text: str, most: int) -> str:
 
 
 def _is_unshowable(letter: str) -> bool:
-    # The last two are no characters to XML, not even by number.
+    # XML does not allow the last two, not even as character references.
     return unicodedata.category(letter) in ("Cc", "Cs") or letter in "\ufffe\uffff"
 
 

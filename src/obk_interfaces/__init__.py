@@ -1,8 +1,8 @@
-"""Build ROS 2 message packages for the running Python, without CMake and ament.
+"""Build ROS 2 message packages for the running Python, without CMake or ament.
 
-`build` takes folders with a `package.xml` and `msg/`, `srv/` or `action/`, and installs `lib/`,
-`include/` and `share/` into a prefix that rclpy can use. It works with the ROS 2 wheels of the
-environment and with a sourced ROS 2. It prints nothing and installs no package in part.
+`build` takes folders with a `package.xml` and `msg/`, `srv/` or `action/`. It installs `lib/`,
+`include/` and `share/` to a prefix that rclpy can use. It supports the ROS 2 wheels of the
+environment and a sourced ROS 2. It prints nothing and never installs a package partially.
 """
 
 from obk_interfaces.build import BuildReport, Progress, ProgressCallback, build, digest_of

@@ -1,7 +1,7 @@
-"""Build packages: check, generate, compile, link, install, in this order.
+"""Build packages: check, generate, compile, link and install, in this order.
 
-The calling thread generates sources while compilers work on those that are finished. Nothing is
-installed unless everything was built. A package whose fingerprint is unchanged is not built.
+The calling thread generates sources while compilers process the finished ones. Nothing is installed
+unless everything was built. A package with an unchanged fingerprint is not rebuilt.
 """
 
 import hashlib
@@ -48,7 +48,7 @@ Step: TypeAlias = Literal["unchanged", "generate", "compile", "link", "install"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Progress:
-    """A step of the build has advanced: `done` of `total` pieces of the step are finished."""
+    """Progress of a build: `done` of `total` items of a step are finished."""
 
     step: Step
     subject: str
@@ -60,7 +60,7 @@ ProgressCallback: TypeAlias = Callable[[Progress], None]
 
 
 def fingerprint_of(package: InterfacePackage, prefixes: Prefixes, toolchain: Toolchain) -> str:
-    """Digest what `digest_of` covers, and the compiler."""
+    """Digest everything that `digest_of` covers, and the compiler."""
     words = (digest_of(package, prefixes), *toolchain.cc, *toolchain.cxx)
     return hashlib.sha256(b"\0".join(word.encode() for word in words)).hexdigest()
 
@@ -70,7 +70,7 @@ def digest_of(
 ) -> str:
     """Digest the package, its dependencies, this engine, the Python and the ROS installation.
 
-    `built_with` are digests of dependencies that no prefix has.
+    `built_with` are digests of dependencies that are in no prefix.
     """
     digest = hashlib.sha256()
     for word in (sys.version, str(prefixes.ros), *built_with):
@@ -92,7 +92,7 @@ def _files_of_engine() -> Iterable[Path]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildReport:
-    """The result of a build; names of packages in the order in which they were built."""
+    """The result of a build, with names of packages in build order."""
 
     built: tuple[str, ...]
     unchanged: tuple[str, ...]
@@ -102,7 +102,7 @@ class BuildReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Job:
-    """A package being built: its folders, its dependencies and its libraries with their objects."""
+    """A package being built: its folders, dependencies, and libraries with their objects."""
 
     tree: PackageTree
     prefixes: Prefixes
@@ -120,15 +120,15 @@ def build(
     jobs: int | None = None,
     on_progress: ProgressCallback = lambda _: None,
 ) -> BuildReport:
-    """Build packages and install them into a prefix.
+    """Build packages and install them to a prefix.
 
     Args:
         packages: the packages to build, in any order.
         build_dir: scratch folder; if it is kept, later builds skip unchanged packages.
         prefix: receives `lib/`, `include/` and `share/`; installed packages can be dependencies.
         underlays: further prefixes whose packages may be used, nearest first.
-        jobs: number of compilers at once; None: the number of processors.
-        on_progress: called in this thread when a step has advanced.
+        jobs: number of parallel compilers; None for the number of processors.
+        on_progress: called in this thread after each item.
 
     Raises:
         DefinitionError: message definitions are invalid.
@@ -157,7 +157,7 @@ def build(
 
 
 def _check(packages: Sequence[InterfacePackage], prefixes: Prefixes) -> None:
-    """Report together all errors that would otherwise stop the build halfway."""
+    """Report all errors together that would otherwise stop the build halfway."""
     by_name = {package.name: package for package in packages}
     for package in packages:
         interfaces = (d for d in package.depends if d.endswith(("_msgs", "_interfaces")))
@@ -180,7 +180,7 @@ def _update(
     workers: int,
     on_progress: ProgressCallback,
 ) -> tuple[str, ...]:
-    """Update the own prefix of every package; return the names of the packages that were built."""
+    """Update each package's own prefix, and return the names of the rebuilt packages."""
     jobs: list[_Job] = []
     compiles: list[Future[None]] = []
     pool = ThreadPoolExecutor(workers)
@@ -240,7 +240,7 @@ def _prepare(tree: PackageTree, prefixes: Prefixes, toolchain: Toolchain, finger
 
 
 def _link(job: _Job, toolchain: Toolchain) -> None:
-    """Link the libraries of a package, then write its fingerprint: it is complete."""
+    """Link the libraries of a package, then write its fingerprint to mark it as complete."""
     for library, objects in job.libraries:
         library_path(library, job.tree.install).parent.mkdir(parents=True, exist_ok=True)
         command = link_command(

@@ -1,6 +1,6 @@
 """Check message definitions before the generators run.
 
-Every problem of a `.msg`, `.srv` or `.action` file is reported with its place; no text raises an
+Every problem in a `.msg`, `.srv` or `.action` file is reported with its location; no text raises an
 error. The generators check default values and constants.
 """
 
@@ -17,7 +17,7 @@ from obk_interfaces.prefix import Prefixes
 
 __all__ = ["check_definition", "check_package", "known_messages"]
 
-# Source: ISO/IEC 9899:2011, 6.4.1 (those that are lower case)
+# Source: ISO/IEC 9899:2011, 6.4.1 (only the lower-case keywords)
 _C_KEYWORDS = frozenset(
     "auto break case char const continue default do double else enum extern float for goto if "
     "inline int long register restrict return short signed sizeof static struct switch typedef "
@@ -114,7 +114,7 @@ def check_definition(
     problems: list[DefinitionProblem] = []
     if not _MESSAGE_NAME.fullmatch(interface.name):
         sentence = f"`{interface.name}` cannot be the name of a message"
-        help = "a message's file is named in CamelCase, such as JointState.msg"
+        help = "name the file in CamelCase, such as JointState.msg"
         problems.append(
             DefinitionProblem(path=path, line=1, column=1, sentence=sentence, help=help)
         )
@@ -122,7 +122,7 @@ def check_definition(
     expected = _SECTIONS[interface.kind]
     if len(sections) != expected:
         sentence = (
-            f"{len(sections) - 1} lines `---`, where a .{interface.kind} file has {expected - 1}"
+            f"{len(sections) - 1} lines `---`, expected {expected - 1} in a .{interface.kind} file"
         )
         problems.append(DefinitionProblem(path=path, line=1, column=1, sentence=sentence))
     for lines in sections:
@@ -174,7 +174,7 @@ def _check_field(line: _Line, name: str, start: int) -> Iterator[DefinitionProbl
         yield line.problem(
             start,
             f"`{name}` cannot be the name of a field",
-            "small letters, digits and single underscores, starting with a letter",
+            "use lower-case letters, digits and single underscores, starting with a letter",
         )
 
 
@@ -183,7 +183,7 @@ def _check_constant(line: _Line, name: str, start: int) -> Iterator[DefinitionPr
         yield line.problem(
             start,
             f"`{name}` cannot be the name of a constant",
-            "capital letters, digits and single underscores, such as MAX_SPEED",
+            "use upper-case letters, digits and single underscores, such as MAX_SPEED",
         )
 
 
@@ -221,7 +221,7 @@ def _help_for_type(base: str, package: InterfacePackage, messages: frozenset[str
 
 
 def _spelled_out(name: str, package: InterfacePackage, messages: frozenset[str]) -> str:
-    """Return how the type is written in this package's definitions."""
+    """Return how to write the type in this package's definitions."""
     if "/" in name or name in _PRIMITIVES or f"{package.name}/{name}" in messages:
         return name
     return next(message for message in sorted(messages) if message.endswith(f"/{name}"))

@@ -1,6 +1,6 @@
 """Errors of a message build; catch `InterfaceError` for all of them.
 
-The text of each error is for the user: what is wrong, where, and what is expected.
+Each message is for the user: what is wrong, where, and what is expected.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DefinitionProblem:
-    """A mistake in the text of a message definition; line and column count from 1."""
+    """A mistake in a message definition; line and column count from 1."""
 
     path: Path
     line: int
@@ -59,7 +59,7 @@ class BuildToolError(InterfaceError):
 
 
 class CommandError(InterfaceError):
-    """A compiler or a generator failed; `output` is what it printed, `command` its command line."""
+    """A compiler or a generator failed; `output` is its output, `command` its command line."""
 
     def __init__(self, sentence: str, *, output: str, command: Sequence[str] = ()) -> None:
         words = (sentence, output.rstrip(), f"the command was: {' '.join(command)}")

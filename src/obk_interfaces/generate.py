@@ -1,9 +1,10 @@
 """Run the rosidl generators on one package, in this process.
 
-Writes the translated definitions and the C, C++ and Python sources into the package's build tree;
-compiles nothing. The generators name at most the file of an invalid definition, so the invalid line
-is found by parsing each line on its own. Each IDL file is parsed once instead of six times, which
-saves a third of the time: the generators' modules get a cache that is removed at the end.
+They write the translated definitions and the C, C++ and Python sources to the package's build tree;
+nothing is compiled. If a definition is invalid, the generators name at most the file. The invalid
+line is then found by parsing each line separately. Each IDL file is parsed once instead of six
+times, which saves a third of the time: the generators' modules get a cache that is removed at the
+end.
 """
 
 import contextlib
@@ -34,7 +35,7 @@ _PARSING_MODULES = (
 
 @contextmanager
 def _parsing_each_idl_once() -> Iterator[None]:
-    """Let the generators cache parsed IDL files within the block."""
+    """Make the generators cache parsed IDL files within the block."""
     parse = getattr(importlib.import_module("rosidl_parser.parser"), _PARSE_FUNCTION)
     parsed: dict[str, Any] = {}
 
@@ -58,7 +59,7 @@ _BEFORE_VALUE = re.compile(r"\s*\S+\s+[^\s=]+\s*=?\s*")
 
 
 def _first_rejected_line(path: Path, package: str) -> DefinitionProblem | None:
-    """The first line that is invalid on its own; None if each line is valid."""
+    """Return the first line that is invalid on its own; None if every line is valid."""
     parse = importlib.import_module("rosidl_adapter.parser").parse_message_string
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         if line.strip() == "---":
@@ -83,10 +84,10 @@ def generate(tree: PackageTree, prefixes: Prefixes) -> None:
     Raises:
         BuildToolError: a generator is not installed.
         DefinitionError: a generator rejected a line of a definition.
-        CommandError: a generator failed otherwise.
+        CommandError: a generator failed for another reason.
     """
     _make_folders(tree)
-    with warnings.catch_warnings(action="ignore"):  # from the generators: users cannot fix them
+    with warnings.catch_warnings(action="ignore"):  # users cannot fix the generators' warnings
         for interface in tree.package.interfaces:
             _translate(tree, interface)
         with _parsing_each_idl_once():
@@ -162,7 +163,7 @@ def _run_generator(
 def _arguments(
     tree: PackageTree, prefixes: Prefixes, generator: str, output: Path, **extra: list[str]
 ) -> str:
-    """Write the argument file that every rosidl generator reads; return its path."""
+    """Write the argument file that every rosidl generator reads, and return its path."""
     package = tree.package
     document = {
         "package_name": package.name,
@@ -200,7 +201,7 @@ def _function(module: str, name: str) -> Callable[..., object]:
 
 
 def _quietly(failure: str, run: Callable[[], object]) -> None:
-    """Run a generator and capture its output; convert any exception into one error with the output.
+    """Run a generator and capture its output; convert any exception to an error with the output.
 
     Generators print, raise exceptions of many types, and some exit the interpreter.
     """

@@ -1,8 +1,8 @@
 """Read interface packages, order them by dependency, and locate the folders of a build.
 
-In the build root of a package, `generated/` has a folder for each rosidl generator (two of them
-write files of the same name), `objects/` has the compiler's output, and `install/` is the finished
-prefix. The text of message definitions is not read here.
+In the build root of a package, `generated/` has a folder per rosidl generator, because two of them
+write files of the same name. `objects/` has the compiler's output, and `install/` is the finished
+prefix. This module does not read the text of message definitions.
 """
 
 import re
@@ -40,7 +40,7 @@ _STANDARD = frozenset(
     "statistics_msgs std_msgs std_srvs stereo_msgs tf2_msgs trajectory_msgs unique_identifier_msgs "
     "visualization_msgs".split()
 )
-"""Packages that every ROS 2 has: definitions may use them without a declaration."""
+"""Packages in every ROS 2 installation; definitions may use them without a declaration."""
 _USED_TYPE = re.compile(r"^\s*([a-z]\w*)/(?:msg/)?[A-Z]", re.MULTILINE)
 _CMAKE_COMMENT = re.compile(r"#\[(=*)\[.*?\]\1\]|#[^\n]*", re.DOTALL)
 _CMAKE_CALL = re.compile(r"\b([A-Za-z_]\w*)\s*\(([^()]*)\)")
@@ -85,15 +85,15 @@ class InterfacePackage:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of definitions that this package has."""
+        """The kinds of definitions in this package."""
         return tuple(k for k in KINDS if any(i.kind == k for i in self.interfaces))
 
 
 def discover(paths: Iterable[Path]) -> tuple[InterfacePackage, ...]:
-    """Find all interface packages below the paths, dependencies first.
+    """Find all interface packages under the paths, dependencies first.
 
     Raises:
-        PackageError: a path or a manifest does not exist or cannot be read, two packages have the
+        PackageError: a path or manifest does not exist or cannot be read, two packages have the
             same name, or no interface package is found.
         DependencyError: the packages depend on each other in a cycle.
     """
@@ -106,7 +106,7 @@ def discover(paths: Iterable[Path]) -> tuple[InterfacePackage, ...]:
         other = found.setdefault(package.name, package)
         if other.root != package.root:
             raise PackageError(
-                f"two packages are called {package.name}: {other.root} and {package.root}"
+                f"two packages have the name {package.name}: {other.root} and {package.root}"
             )
     if not found:
         listing = ", ".join(map(str, paths))
@@ -134,9 +134,9 @@ def load_package(root: Path) -> InterfacePackage:
     )
     for interface in interfaces:
         if not (root / interface.file).is_file():
-            raise PackageError(f"{root / interface.file}: is a definition, but not a regular file")
+            raise PackageError(f"{root / interface.file}: not a regular file")
     if not interfaces:
-        raise PackageError(f"{root}: has msg/, srv/ or action/, but no definition in it")
+        raise PackageError(f"{root}: no definitions in msg/, srv/ or action/")
     name = _required_text(document, "name", manifest)
     depends = {*_depends(document), *_depends_elsewhere(root, interfaces)} - {name}
     return InterfacePackage(
@@ -149,7 +149,7 @@ def load_package(root: Path) -> InterfacePackage:
 
 
 def _depends_elsewhere(root: Path, interfaces: Iterable[Interface]) -> frozenset[str]:
-    """Dependencies that the manifest may lack: CMake's, and standard packages that are used.
+    """Return dependencies that the manifest may lack: CMake's, and used standard packages.
 
     A `find_package` counts if a definition uses a type of that package.
     """
@@ -165,7 +165,7 @@ def _depends_elsewhere(root: Path, interfaces: Iterable[Interface]) -> frozenset
 
 
 def _cmake_depends(text: str) -> tuple[frozenset[str], frozenset[str]]:
-    """The packages that a CMakeLists.txt finds, and those that its definitions depend on."""
+    """Return the packages that a CMakeLists.txt finds, and those that its definitions depend on."""
     found: set[str] = set()
     generated: set[str] = set()
     for command, words in cmake_calls(text):
@@ -178,9 +178,9 @@ def _cmake_depends(text: str) -> tuple[frozenset[str], frozenset[str]]:
 
 
 def cmake_calls(text: str) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """The commands of a CMakeLists.txt, in lower case, and their arguments.
+    """Yield the commands of a CMakeLists.txt, in lower case, with their arguments.
 
-    Variables that the file itself sets, and PROJECT_NAME, are filled in; nothing is run.
+    Variables that the file itself sets, and PROJECT_NAME, are expanded; nothing is run.
     """
     variables: dict[str, str] = {}
     for call in _CMAKE_CALL.finditer(_CMAKE_COMMENT.sub("", text)):
@@ -195,13 +195,13 @@ def cmake_calls(text: str) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def definition_files(root: Path, kind: str) -> Iterator[Path]:
-    """Find the definitions of a kind in a package; ignore hidden files, which editors write."""
+    """Find the definitions of a kind in a package, ignoring hidden files, which editors write."""
     files = (root / kind).glob(f"*.{kind}")
     return (file for file in files if not file.name.startswith("."))
 
 
 def read_depends(manifest: Path) -> tuple[str, ...]:
-    """Return the names that a manifest depends on, sorted.
+    """Return the sorted names of the packages that a manifest depends on.
 
     Raises:
         PackageError: the manifest cannot be read.
@@ -212,7 +212,7 @@ def read_depends(manifest: Path) -> tuple[str, ...]:
 def _manifests(paths: Iterable[Path]) -> Iterable[Path]:
     for base in paths:
         if not base.is_dir():
-            raise PackageError(f"no such folder: {base}")
+            raise PackageError(f"folder not found: {base}")
         for manifest in sorted(base.resolve().rglob("package.xml")):
             if not _is_ignored(manifest.parent):
                 yield manifest
@@ -236,14 +236,14 @@ def _read_manifest(path: Path) -> ET.Element:
         fault = ErrorString(error.code)
         raise PackageError(f"{path}:{line}:{column + 1}: not well-formed XML: {fault}") from error
     except (LookupError, ValueError) as error:
-        fault = f"the encoding that it names cannot be read ({error}), UTF-8 can"
+        fault = f"unsupported encoding ({error}), use UTF-8"
         raise PackageError(f"{path}:1:1: {fault}") from error
 
 
 def _required_text(document: ET.Element, tag: str, path: Path) -> str:
     text = (document.findtext(tag) or "").strip()
     if not text:
-        raise PackageError(f"{path}: has no <{tag}>")
+        raise PackageError(f"{path}: <{tag}> is missing or empty")
     return text
 
 
@@ -263,47 +263,47 @@ _P = TypeVar("_P", bound=_Dependent)
 
 
 def order_by_dependency(packages: Iterable[_P]) -> tuple[_P, ...]:
-    """Order by dependency, then by name.
+    """Order packages by dependency, then by name.
 
-    Dependencies on other packages than the given ones are ignored.
+    Dependencies on packages that are not given are ignored.
 
     Raises:
-        DependencyError: packages depend on each other in a cycle; the text names them.
+        DependencyError: packages depend on each other in a cycle; the message names them.
     """
     waiting = {p.name: p for p in sorted(packages, key=lambda p: p.name)}
     ordered: list[_P] = []
     while waiting:
         ready = next((p for p in waiting.values() if waiting.keys().isdisjoint(p.depends)), None)
         if ready is None:
-            raise DependencyError("packages depend on one another: " + _cycle(waiting))
+            raise DependencyError("packages depend on each other: " + _cycle(waiting))
         ordered.append(waiting.pop(ready.name))
     return tuple(ordered)
 
 
 def _cycle(waiting: dict[str, _P]) -> str:
-    """Follow dependencies from the first package until a name repeats; each has one that waits."""
+    """Follow unresolved dependencies from the first package until a name repeats."""
     trail = [next(iter(waiting))]
     while trail[-1] not in trail[:-1]:
         trail.append(next(name for name in waiting[trail[-1]].depends if name in waiting))
     return " -> ".join(trail[trail.index(trail[-1]) :])
 
 
-# rclpy needs these at run time with rmw_fastrtps_cpp. The introspection type support cannot be left
-# out: the middleware creates the type objects of discovery from it.
+# rclpy needs these at runtime with rmw_fastrtps_cpp. The introspection type support cannot be left
+# out: the middleware creates the type objects for discovery from it.
 TYPE_SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
 C_GENERATORS = ("rosidl_generator_c", "rosidl_typesupport_c", *TYPE_SUPPORTS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackageTree:
-    """Build folders of one package below `root`."""
+    """Build folders of one package under `root`."""
 
     package: InterfacePackage
     root: Path
 
     @property
     def generated(self) -> Path:
-        """The output of the generators, and their arguments."""
+        """The output of the generators, and their argument files."""
         return self.root / "generated"
 
     @property
@@ -318,7 +318,7 @@ class PackageTree:
 
     @property
     def share(self) -> Path:
-        """Definitions and their translations, before they are installed."""
+        """Definitions and their translations, before installation."""
         return self.generated / "share" / self.package.name
 
     @property
@@ -328,7 +328,7 @@ class PackageTree:
 
     @property
     def fingerprint(self) -> Path:
-        """Digest of the inputs of a finished build; written last."""
+        """File with the digest of a finished build's inputs; written last."""
         return self.root / "fingerprint"
 
     def code_of(self, generator: str) -> Path:

@@ -1,6 +1,7 @@
 """Find installed packages in prefixes, assemble a package's prefix, install and remove it.
 
-Files are replaced, never written in place: a running process keeps the library it has loaded.
+Files are replaced, never written in place, so a running process keeps the library that it has
+loaded.
 """
 
 import filecmp
@@ -74,7 +75,7 @@ class Prefixes:
 
 
 def _installed_depends(share: Path) -> tuple[str, ...]:
-    """The dependencies of an installed package: the manifest's, and those in the ament index."""
+    """Return an installed package's dependencies, from its manifest and from the ament index."""
     index = share.parent / "ament_index" / "resource_index" / "package_run_dependencies"
     try:
         listed = (index / share.name).read_text(encoding="utf-8").strip().split(";")
@@ -86,11 +87,11 @@ def _installed_depends(share: Path) -> tuple[str, ...]:
 def find_ros_prefix() -> Path:
     """Return the prefix of the importable ROS 2 generators.
 
-    It cannot be `sys.prefix`, which differs in a build environment and is the virtual environment
-    with a sourced ROS 2.
+    It cannot be `sys.prefix`, which differs in a build environment, and which is the virtual
+    environment if ROS 2 is sourced.
 
     Raises:
-        BuildToolError: the generators cannot be imported, or have no templates.
+        BuildToolError: the generators cannot be imported or have no templates.
     """
     spec = importlib.util.find_spec("rosidl_generator_c")
     if spec is None or spec.origin is None:
@@ -124,7 +125,7 @@ def include_folders(prefixes: Iterable[Path]) -> tuple[Path, ...]:
 
 
 def assemble(tree: PackageTree) -> None:
-    """Copy everything but the libraries from the generated tree to the package's prefix."""
+    """Copy everything except the libraries from the generated tree to the package's prefix."""
     name = tree.package.name
     shutil.copytree(tree.share, tree.install / "share" / name)
     for generator in C_GENERATORS:
@@ -157,7 +158,7 @@ def _write_index(tree: PackageTree) -> None:
 
 
 def is_installed(tree: PackageTree, prefix: Path) -> bool:
-    """Whether every file of the package's prefix is in another prefix with the same content."""
+    """Whether another prefix has every file of the package's prefix with the same content."""
     return all(
         (copy := prefix / file.relative_to(tree.install)).is_file()
         and filecmp.cmp(file, copy, shallow=False)
@@ -167,7 +168,7 @@ def is_installed(tree: PackageTree, prefix: Path) -> bool:
 
 
 def install_into(tree: PackageTree, prefix: Path) -> None:
-    """Replace the package's files in a prefix by those of the finished build."""
+    """Replace the package's files in a prefix with those of the finished build."""
     remove_package(tree.package.name, prefix)
     shutil.copytree(tree.install, prefix, dirs_exist_ok=True)
 

@@ -1,10 +1,10 @@
-"""The shared libraries of a package, and the command lines of the compiler and the linker for them.
+"""The shared libraries of a package, and the compiler and linker commands that build them.
 
 The generated sources are many small files that include the same large headers. One unit with all
-sources of a library and language compiles three times as fast as one unit for each source.
+sources of a library and language compiles three times as fast as one unit per source.
 
-Only this module reads `CC` and `CXX`; it runs no compiler. The libraries contain no path of the
-build machine: run paths are relative, and file names in messages start at the build root.
+Only this module reads `CC` and `CXX`; it runs no compiler. The libraries contain no paths of the
+build machine: run paths are relative, and file names in messages are relative to the build root.
 """
 
 import hashlib
@@ -131,7 +131,7 @@ def _module(tree: PackageTree) -> SharedLibrary:
     """Return the Python extension module of the package.
 
     librosidl_typesupport_c opens the type supports by bare name. The module is linked with them, so
-    they are already loaded by then and are found although their folder is on no search path.
+    they are loaded by then and are found although their folder is on no search path.
     """
     name = tree.package.name
     own = ("rosidl_generator_py", "rosidl_typesupport_c", "rosidl_generator_c")
@@ -144,14 +144,14 @@ def _module(tree: PackageTree) -> SharedLibrary:
     )
 
 
-# Sources with this ending define file-local names that clash in one unit.
+# Sources with this suffix define file-local names that clash in a single unit.
 _SEPARATE = "__description.c"
-# Each generated file defines these two macros.
+# Every generated file defines these two macros.
 _DELIMITER = "#undef STRINGIFY\n#undef STRINGIFY_\n"
 
 
 def write_units(library: SharedLibrary, folder: Path) -> tuple[Path, ...]:
-    """Write the unity sources of a library into a folder; return all files to compile."""
+    """Write the unity sources of a library to a folder, and return all files to compile."""
     separate = [source for source in library.sources if source.name.endswith(_SEPARATE)]
     together = [source for source in library.sources if not source.name.endswith(_SEPARATE)]
     units = [*separate]
@@ -183,17 +183,17 @@ def find_toolchain() -> Toolchain:
     """Find the compilers and headers for an extension module of this Python.
 
     Raises:
-        BuildToolError: something is missing; the text names what to install.
+        BuildToolError: something is missing; the message says what to install.
     """
     cc, cxx = find_compilers()
     return Toolchain(cc=cc, cxx=cxx, includes=(*find_python_headers(), _numpy_include()))
 
 
 def find_compilers() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the commands for C and for C++.
+    """Return the commands for C and C++.
 
     Raises:
-        BuildToolError: one of them is not installed.
+        BuildToolError: a compiler is not installed.
     """
     return (
         _compiler("CC", "C", ("gcc", "cc", "clang")),
@@ -240,7 +240,7 @@ def _numpy_include() -> Path:
     return Path(numpy.get_include())
 
 
-# -w: the sources are generated; no user can fix their warnings.
+# -w: users cannot fix warnings in generated sources.
 _FLAGS = ("-O1", "-fPIC", "-DNDEBUG", "-w")
 
 

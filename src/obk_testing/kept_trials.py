@@ -1,4 +1,4 @@
-"""What is kept of the trials of a test: the names of its files, and the lines of its report."""
+"""Keep the trials of a test: names of its files, and the lines of its report."""
 
 import hashlib
 import os
@@ -14,7 +14,7 @@ from obk_testing.result import TrialResult
 __all__ = ["account_of", "failure_reason", "file_stem", "node_id_of", "write_trial"]
 
 _SHOWN_LOG: Final = 10
-"""Log entries of a failed trial that its report shows."""
+"""Maximum number of log entries in the report of a failed trial."""
 _WARNING: Final = 30
 _LONGEST_NAME: Final = 120
 _SMOKE: Final = "smoke"
@@ -25,7 +25,7 @@ def _is_smoke(item: pytest.Item) -> bool:
 
 
 def node_id_of(item: pytest.Item) -> str:
-    """The id by which the test can be run from the folder of this run."""
+    """Return the id that runs the test from the folder of this run."""
     if _is_smoke(item):
         return item.name.replace("test_", "", 1)
     path = os.path.relpath(item.path, item.config.invocation_params.dir)
@@ -33,7 +33,7 @@ def node_id_of(item: pytest.Item) -> str:
 
 
 def file_stem(item: pytest.Item) -> str:
-    """The name of the files of a test: the same wherever the test run was started."""
+    """Return the name of a test's files, independent of where the test run was started."""
     options = item.config.option
     start = item.config.invocation_params.dir
     base = Path(start, options.stack).parent if options.stack else item.config.rootpath
@@ -49,7 +49,7 @@ def file_stem(item: pytest.Item) -> str:
 
 
 def failure_reason(report: pytest.TestReport) -> str:
-    """Why a test failed, in one line."""
+    """Return one line with the reason why a test failed; empty if it did not."""
     if not report.failed:
         return ""
     crash = getattr(report.longrepr, "reprcrash", None)
@@ -61,7 +61,7 @@ def failure_reason(report: pytest.TestReport) -> str:
 def write_trial(
     path: Path, result: TrialResult, title: str, about: Mapping[str, str]
 ) -> Iterator[str]:
-    """Write the recording and, if it can be drawn, the picture of a trial; yields their paths."""
+    """Write the recording and, if possible, the picture of a trial; yield their paths."""
     from obk_testing.plot import draw_trial, is_drawable
     from obk_testing.recording import write_recording
 
@@ -73,7 +73,7 @@ def write_trial(
 
 
 def account_of(result: TrialResult) -> Iterator[str]:
-    """The lines about a trial in the report of a failed test."""
+    """Yield the lines about a trial in the report of a failed test."""
     yield f"{result.facts.plan.name}, seed {result.seed}, {result.duration_s:g} s simulated"
     yield from (f"{one.t:.3f} s: {one.text}" for one in result.facts.interventions)
     yield from (f"fault: {fault}" for fault in result.faults)

@@ -1,7 +1,7 @@
-"""Random generators that modules keep: a trial begins with them as the first one did.
+"""Reset random generators in modules, so that every trial starts with the same states.
 
-Modules stay loaded from trial to trial, so what one trial draws from a generator of a module or of
-a class would change the next one.
+Modules stay loaded between trials. Without a reset, random numbers that one trial draws from a
+generator in a module or class would change the next trial.
 """
 
 import random
@@ -15,18 +15,18 @@ import numpy as np
 __all__ = ["ModuleGenerators"]
 
 _LARGEST_GIVEN: Final = 1 << 64
-"""Seeds that numpy draws itself have 128 bits; seeds in source have fewer."""
+"""Limit that distinguishes numpy's own 128-bit seeds from seeds in source code."""
 
 Restore = Callable[[Sequence[int]], None]
 _known: Final[dict[int, tuple[Any, Restore]]] = {}
-"""By identity: a generator, and what sets it back; one for the process, as modules are."""
+"""By `id`: a generator and the function that resets it; one per process, like modules."""
 
 
 class ModuleGenerators:
-    """The generators of the modules that a stack has loaded."""
+    """The generators in the modules that a stack has loaded."""
 
     def __init__(self, modules: Iterable[str]) -> None:
-        """Note their states, unless an earlier stack has them too."""
+        """Record their states, unless an earlier stack has already recorded them."""
         self._found = [
             (name, generator)
             for module in sorted(modules)
@@ -36,7 +36,7 @@ class ModuleGenerators:
             _known.setdefault(id(generator), (generator, _restoring(generator)))
 
     def begin_trial(self, seed: int) -> None:
-        """Set them back; those without a seed of their own get one from the trial's."""
+        """Reset the generators; those without their own seed get one derived from the trial's."""
         for name, generator in self._found:
             _, restore = _known[id(generator)]
             restore([seed, *name.encode()])
@@ -59,7 +59,7 @@ def _is_generator(value: object) -> bool:
 
 
 def _restoring(generator: Any) -> Restore:
-    """What sets a generator back; its argument is the seed of one that has none of its own."""
+    """Return a function that resets a generator; its argument seeds generators without a seed."""
     if isinstance(generator, random.Random):
         random_state = generator.getstate()
         return lambda _: generator.setstate(random_state)

@@ -1,6 +1,6 @@
-"""Draw what a test looked at: the arrays that it read, with faults and interventions marked.
+"""Plot the arrays that a test read, with faults and interventions marked.
 
-Needs matplotlib; `is_drawable` is False without it.
+It needs matplotlib; `is_drawable` is False without it.
 """
 
 import importlib.util
@@ -20,9 +20,9 @@ from obk_testing.topic_log import Array
 __all__ = ["Signal", "draw_trial", "is_drawable", "signals_of"]
 
 _MOST_SIGNALS: Final = 6
-"""More plots below one another cannot be read."""
+"""Maximum number of plots below each other; more would be unreadable."""
 _ERROR: Final = 40
-"""Severity of log entries that are marked."""
+"""Minimum severity of log entries that are marked."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,7 @@ class Signal:
     values: Array
     """Shape `(n, k)`."""
     labels: tuple[str, ...]
-    """Of the `k` lines."""
+    """Labels of the `k` lines."""
     unit: str | None = None
 
 
@@ -45,14 +45,14 @@ def is_drawable() -> bool:
 
 
 def signals_of(result: TrialResult) -> tuple[Signal, ...]:
-    """What the test read of a trial, or the positions of the simulator if it read nothing."""
+    """Return what the test read in a trial, or the simulator's positions if it read nothing."""
     keys = [*result.facts.looked_at] or [("qpos",)]
     signals = (_signal(result, key) for key in keys)
     return tuple(signal for signal in signals if signal is not None)[-_MOST_SIGNALS:]
 
 
 def _signal(result: TrialResult, key: tuple[str, ...]) -> Signal | None:
-    """The signal of a key of `looked_at`; None: it has no numbers."""
+    """Return the signal for a key of `looked_at`; None if it has no numbers."""
     labels: tuple[str, ...] = ()
     unit: str | None = None
     try:
@@ -70,7 +70,7 @@ def _signal(result: TrialResult, key: tuple[str, ...]) -> Signal | None:
                 unit = log.unit(field)
             case _:
                 return None
-    except LookupError:  # also what made the test fail
+    except LookupError:  # includes keys whose lookup made the test fail
         return None
     if not len(t) or values.dtype.kind not in "fiub":
         return None
@@ -89,7 +89,7 @@ def _position_labels(result: TrialResult) -> tuple[str, ...]:
 
 
 def draw_trial(result: TrialResult, title: str, path: Path) -> bool:
-    """Write a picture, PNG or SVG by its name; return whether there was anything to draw.
+    """Write a picture, PNG or SVG by its name; return whether there was anything to plot.
 
     Raises:
         OSError: the file cannot be written.

@@ -1,7 +1,7 @@
-"""The pytest plugin: the fixtures `stack` and `seed`, in which a config runs in lock-step.
+"""The pytest plugin: the fixtures `stack` and `seed`, which run a config in lock-step.
 
-Load it with `-p obk_testing.plugin`, as `obk test` does, so that simulated time is in place before
-test modules and nodes are imported. A test that fails leaves its trials as recordings and pictures.
+Load it with `-p obk_testing.plugin`, as `obk test` does, so that simulated time is installed before
+test modules and nodes are imported. A failed test leaves its trials as recordings and pictures.
 """
 
 import os
@@ -17,8 +17,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, Final, NoReturn, Protocol
 
-# Before the first import of rclpy and numpy: no other process sees the nodes, and sums are made in
-# one order.
+# Before the first import of rclpy and numpy: hides the nodes from other processes, and makes the
+# order of sums fixed.
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
@@ -49,11 +49,11 @@ __all__ = ["StartStack", "trials_of"]
 
 _SCHEDULE: Final = ("latency", "jitter", "phases", "compute", "bring_up")
 _MOST_KEPT: Final = 10
-"""Failures of one test that each process records; the others can be repeated."""
+"""Maximum number of failures that each process records per test; others can be repeated."""
 
 
 class StartStack(Protocol):
-    """What the fixture `stack` is."""
+    """The interface of the fixture `stack`."""
 
     def __call__(
         self,
@@ -72,29 +72,29 @@ class StartStack(Protocol):
         record: Iterable[str] | None = None,
         without: Iterable[str] = (),
     ) -> StackTrial:
-        """Bring a stack up in lock-step.
+        """Bring up a stack in lock-step.
 
-        Unless one of `latency`, `jitter`, `phases`, `compute` and `bring_up` is given, the seed
-        draws the schedule: seed 0 has the ideal one, in which nothing takes time.
+        Unless one of `latency`, `jitter`, `phases`, `compute` and `bring_up` is set, the seed
+        determines the schedule. Seed 0 has the ideal one, in which nothing takes time.
 
         Args:
-            config: path, relative to the folder of the test; None: the config of `obk test`.
-            seed: of everything that is drawn.
-            parameters: node -> parameter -> value, before the nodes are configured.
-            set: changes of the config, as `obk launch --set` takes them.
-            keyframe: where the simulation starts.
-            latency: from the publication of a message to its arrival [s].
-            jitter: the most that is added to it, drawn for each message [s].
-            phases: whether timers start at a drawn part of their period.
-            compute: node -> time that each of its callbacks takes [s].
-            bring_up: node -> when it becomes active [s]; `measured`: as in the newest real run of
-                this stack on this machine; or the path of a run's folder.
-            watch: topics that are published although no node subscribes.
-            record: topics whose messages are kept; None: all.
-            without: nodes that are left out.
+            config: path, relative to the folder of the test; None for the config of `obk test`.
+            seed: seed of all random numbers.
+            parameters: node -> parameter -> value, set before the nodes are configured.
+            set: changes to the config, as for `obk launch --set`.
+            keyframe: the initial keyframe of the simulation.
+            latency: time from publishing a message to its arrival [s].
+            jitter: maximum random addition to the latency, drawn for each message [s].
+            phases: whether timers start at a random part of their period.
+            compute: node -> computing time of each of its callbacks [s].
+            bring_up: node -> when it becomes active [s]; or `measured`, as in the newest real run
+                of this stack on this machine; or the path of a run's folder.
+            watch: topics that count as subscribed even without a subscriber.
+            record: topics to record; None for all.
+            without: nodes to leave out.
 
         Returns:
-            The trial, at time 0, with active nodes.
+            The trial at time 0, with active nodes.
         """
 
 
@@ -106,13 +106,13 @@ class _Trials:
     schedules: set[str] = field(default_factory=set)
     """`ideal`, `varied` or `own`."""
     earlier: tuple[TrialResult, ...] = ()
-    """Of the first run of a test that runs twice."""
+    """Results of the first run of a test that runs twice."""
     earlier_wall_s: float = 0.0
     checked: str = ""
 
     @property
     def wall_s(self) -> float:
-        """Wall-clock time that the simulation took [s]."""
+        """Wall time of the simulation [s]."""
         return self.earlier_wall_s + sum(trial.wall_s for trial in self.started)
 
     def results(self) -> tuple[TrialResult, ...]:
@@ -125,14 +125,14 @@ class _Trials:
 
 @dataclass(slots=True)
 class _Session:
-    """What a test run collects."""
+    """Data that a test run collects."""
 
-    begin_s: float = field(default_factory=perf_counter)
+    start_s: float = field(default_factory=perf_counter)
     patches: ExitStack = field(default_factory=ExitStack)
     records: list[TrialRecord] = field(default_factory=list)
     tests_run: int = 0
     kept: Counter[str] = field(default_factory=Counter)
-    """Recorded failures by the name of the test, in this process."""
+    """Number of recorded failures by the name of the test, in this process."""
 
 
 _SESSION: Final = pytest.StashKey[_Session]()
@@ -140,12 +140,12 @@ _TRIALS: Final = pytest.StashKey[_Trials]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the options of the plugin."""
+    """Add the plugin's options."""
     group = parser.getgroup("obk", "closed-loop tests")
     group.addoption(
         "--seeds",
         default="1",
-        help="run tests with `seed` for so many seeds; `=17` for one of them",
+        help="number of seeds for tests with `seed`; `=17` runs only seed 17",
     )
     group.addoption(
         "--twice", action="store_true", help="run each test twice and compare its trials"
@@ -154,18 +154,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--time-limit",
         type=float,
         metavar="SECONDS",
-        help="start no test after so many seconds; the first one always runs",
+        help="start no test after this time; the first one always runs",
     )
-    group.addoption(
-        "--keep-all", action="store_true", help="keep recordings of tests that pass too"
-    )
+    group.addoption("--keep-all", action="store_true", help="also keep recordings of passed tests")
     group.addoption("--keep-none", action="store_true", help="keep no recordings")
     group.addoption(
         "--trial-folder",
         metavar="DIR",
-        help="where recordings and pictures go (default: build/obk-test in the root folder)",
+        help="folder for recordings and pictures (default: build/obk-test in the root folder)",
     )
-    group.addoption("--stack", metavar="CONFIG", help="the config of `stack()` without one")
+    group.addoption("--stack", metavar="CONFIG", help="the config for `stack()` without one")
     group.addoption(
         "--stack-set",
         metavar="PATH=VALUE",
@@ -176,25 +174,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Put simulated time in place, and let tests import the workspace's modules and messages."""
-    _seeds(config)  # a wrong option ends the run here
+    """Install simulated time, and make the workspace's modules and messages importable."""
+    _seeds(config)  # raises a usage error for an invalid option
     _import_from_workspace(config.rootpath)
-    # lark, which ROS's message packages import, still uses it.
+    # lark, which ROS's message packages import, still uses this module.
     config.addinivalue_line(
         "filterwarnings",
         "ignore:module 'sre_(parse|constants)' is deprecated:DeprecationWarning",
     )
     if threading.current_thread() is threading.main_thread():
-        # As Ctrl-C does, so that nothing is left behind.
+        # Like Ctrl-C, so that everything is cleaned up.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # Nodes of several trials have the same names; in lock-step /rosout takes another way.
+    # Nodes of several trials have the same names, and lock-step does not use rcl's /rosout.
     set_logger_level("rcl.logging_rosout", LoggingSeverity.ERROR)
     session = config.stash[_SESSION] = _Session()
     session.patches.enter_context(intercepted())
     config.pluginmanager.register(_Reports(session), "obk_reports")
     limit_s = config.getoption("time_limit")
     if limit_s is not None:
-        config.pluginmanager.register(_TimeLimit(session.begin_s + limit_s), "obk_time_limit")
+        config.pluginmanager.register(_TimeLimit(session.start_s + limit_s), "obk_time_limit")
 
 
 def _import_from_workspace(folder: Path) -> None:
@@ -204,21 +202,21 @@ def _import_from_workspace(folder: Path) -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Restore the functions of the system."""
+    """Restore the system's functions."""
     if _SESSION in config.stash:
         config.stash[_SESSION].patches.close()
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Keep hypothesis out of the summary of tests that do not use it: it takes 0.5 s to import."""
+    """Unregister hypothesis if tests do not use it, because its summary takes 0.5 s to import."""
     plugins = session.config.pluginmanager
     if "hypothesis" not in sys.modules and plugins.has_plugin("hypothesispytest"):
         plugins.unregister(name="hypothesispytest")
 
 
 class _Reports:
-    """Collects the records of all reports; with pytest-xdist those of its workers."""
+    """Collects the records of all reports, including those of pytest-xdist workers."""
 
     def __init__(self, session: _Session) -> None:
         self._session = session
@@ -236,19 +234,19 @@ def _seed_of(item: pytest.Item) -> int:
 
 
 class _TimeLimit:
-    """Skips the tests that are left when the time is over, so that the others are reported."""
+    """Skips the remaining tests when the time is over, so that finished ones are reported."""
 
     def __init__(self, end_s: float) -> None:
         self._end_s = end_s
         self._has_run = False
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """Take the seeds in turn, so that each test runs for about as many."""
+        """Sort by seed, so that all tests run for about the same number of seeds."""
         items.sort(key=_seed_of)
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_protocol(self) -> bool | None:
-        """Leave a test to pytest, or claim it without running it."""
+        """Skip a test after the time limit by claiming it; otherwise leave it to pytest."""
         if self._has_run and perf_counter() > self._end_s:
             return True
         self._has_run = True
@@ -265,7 +263,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
         session.records,
         config=config.getoption("stack"),
         overrides=config.getoption("stack_set"),
-        duration_s=perf_counter() - session.begin_s,
+        duration_s=perf_counter() - session.start_s,
         processes=int(config.getoption("numprocesses", None) or 1),
         twice=config.getoption("twice"),
     )
@@ -290,7 +288,7 @@ def _seeds(config: pytest.Config) -> Sequence[int]:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run a test that asks for `seed` for each of the seeds."""
+    """Run a test with the fixture `seed` once per seed."""
     if "seed" in metafunc.fixturenames:
         seeds = _seeds(metafunc.config)
         metafunc.parametrize("seed", seeds, ids=[f"seed{seed}" for seed in seeds])
@@ -306,7 +304,7 @@ def _stacks() -> Iterator[LoadedStacks]:
 
 @pytest.fixture
 def stack(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Iterator[StartStack]:
-    """`stack("my_robot.yaml")` brings a config up in lock-step; see `StartStack`."""
+    """`stack("my_robot.yaml")` brings up a config in lock-step; see `StartStack`."""
     trials = request.node.stash[_TRIALS] = _Trials()
 
     def start(config: str | Path | None = None, **options: Any) -> StackTrial:
@@ -344,7 +342,7 @@ def _load(
     changes: Sequence[str] = (),
     without: tuple[str, ...] = (),
 ) -> LoadedStack:
-    """A loaded stack; a config that cannot be loaded fails the test without a traceback."""
+    """Load a stack; if the config cannot be loaded, fail the test without a traceback."""
     path, settings = _config_of(request, config)
     loaded: LoadedStack | CommandFailedError
     try:
@@ -355,21 +353,21 @@ def _load(
 
 
 def _fail(error: CommandFailedError | LockstepError) -> NoReturn:
-    """Let the test fail without a traceback; outside of `except`, so that pytest shows no chain."""
+    """Fail the test without a traceback; call this outside `except` to avoid an exception chain."""
     help = getattr(error, "help", None)
     pytest.fail(f"{error}\n  help: {help}" if help else str(error), pytrace=False)
 
 
 @pytest.fixture
 def given_plan(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Plan:
-    """The plan of the config of `obk test`."""
+    """The plan of the config that was passed to `obk test`."""
     return _load(request, _stacks, None).plan
 
 
 def _config_of(
     request: pytest.FixtureRequest, config: str | Path | None
 ) -> tuple[Path, Sequence[str]]:
-    """The path of a config, and the overrides of the command line if they are for it."""
+    """Return the path of a config, and the command line's overrides if they apply to it."""
     options = request.config.option
     given = Path(request.config.invocation_params.dir, options.stack) if options.stack else None
     if config is None:
@@ -385,14 +383,14 @@ def _config_of(
 
 
 def trials_of(item: pytest.Item) -> tuple[TrialResult, ...]:
-    """The trials that a test has started, up to now."""
+    """Return the trials that a test has started so far."""
     trials = item.stash.get(_TRIALS, None)
     return trials.results() if trials is not None else ()
 
 
 @pytest.fixture
 def describe_check(request: pytest.FixtureRequest) -> Callable[[str], None]:
-    """Have the summary show what a test has checked, in a sentence."""
+    """Set the sentence in the summary that describes what a test has checked."""
 
     def describe(sentence: str) -> None:
         request.node.stash[_TRIALS].checked = sentence
@@ -402,7 +400,7 @@ def describe_check(request: pytest.FixtureRequest) -> Callable[[str], None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, object]:
-    """With `--twice`, run a test again with new nodes, and compare its trials."""
+    """With `--twice`, run a test again with new nodes and compare the trials."""
     if not pyfuncitem.config.getoption("twice") or "stack" not in pyfuncitem.funcargs:
         return (yield)
     try:
@@ -455,7 +453,7 @@ def _first_difference(one: Sequence[TrialResult], two: Sequence[TrialResult]) ->
 def pytest_runtest_makereport(
     item: pytest.Item,
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Keep the trials of a test that fails, and record what the summary needs."""
+    """Keep the trials of a failed test, and record data for the summary."""
     report = yield
     trials = item.stash.get(_TRIALS, None)
     is_over = report.when == "call" and not report.skipped

@@ -1,8 +1,8 @@
-"""Compile a config and load the programs of its nodes, to make nodes for trial after trial.
+"""Compile a config and load the programs of its nodes, to create nodes for each trial.
 
-The programs run one inside another, as in a composed process, each up to its `spin_obelisk`. There
-they stay, on a thread of their own, until the process ends. Every trial makes new nodes from what
-they asked for, so no attribute of a node passes from one trial to the next.
+The programs are nested, as in a composed process, and each runs up to its call to `spin_obelisk`.
+They stay there, on a separate thread, until the process ends. Every trial creates new nodes from
+their spin requests, so no attribute of a node passes from one trial to the next.
 """
 
 import copy
@@ -48,7 +48,7 @@ __all__ = ["LoadedStack", "LoadedStacks", "compile_stack", "load_stack"]
 _DISCOVERY: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _TRIALS_OF_A_PARTICIPANT: Final = 20
 _NOT_FOR_TESTS: Final = {"viewer": "none", "render": ""}
-"""Parameters of the simulator that open windows or write files."""
+"""Simulator parameters that open windows or write files, with values that disable them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,9 +59,9 @@ class CompiledStack:
     plan: Plan
     packages: PackageIndex
     environment: Environment | None
-    """The packages and models that were looked up."""
+    """The packages and models found during compilation."""
     unclear_robots: frozenset[str] = frozenset()
-    """Robots, by full name, of which the config does not say whether they are hardware."""
+    """Full names of robots for which the config does not specify whether they are hardware."""
 
 
 def compile_stack(
@@ -74,13 +74,14 @@ def compile_stack(
     """Compile a config for tests.
 
     Args:
-        config: the file.
-        overrides: `path=value`, as `--set` takes them.
-        without: full names of nodes that are left out.
-        environment: of an earlier compilation of the same config, which saves time.
+        config: path of the config.
+        overrides: `path=value`, as for `--set`.
+        without: full names of nodes to leave out.
+        environment: from an earlier compilation of the same config, to save time.
 
     Raises:
-        CommandFailedError: it has errors, its robot is hardware, or a node cannot be in lock-step.
+        CommandFailedError: the config has errors, its robot is hardware, or a node cannot run in
+            lock-step.
     """
     options = Options(
         variables=dict(os.environ),
@@ -93,15 +94,15 @@ def compile_stack(
         errors = tuple(each for each in outcome.diagnostics if each.severity == "error")
         raise CommandFailedError(
             f"{config} has errors\n{report_text(errors, colour=False)}",
-            help=f"`obk validate {config}` reports them too",
+            help=f"run `obk validate {config}` to see them",
         )
     left_out = _full_names(outcome.plan, without)
-    # A robot whose config does not say what it is may be a simulator of the user's own: the class
-    # of its node decides, before it is configured.
+    # A robot of an unspecified kind may be a custom simulator. The class of its node decides,
+    # before the node is configured.
     refuse_hardware(
         outcome.config,
-        "a test never opens hardware",
-        help="name a variant whose robot is simulated, or override it: "
+        "tests never open hardware",
+        help="select a variant with a simulated robot, or override it: "
         "set=['robot[0].is_simulated=true']",
         may_be_unclear=True,
         left_out=left_out,
@@ -127,36 +128,36 @@ def _full_names(plan: Plan, names: Iterable[str]) -> set[str]:
 
 
 def find_node(plan: Plan, name: str) -> PlannedNode:
-    """The node of a full name, a node name, or a section that has only one node.
+    """Find a node by its full name, its name, or a section with only one node.
 
     Raises:
-        LookupError: there is none, or more than one.
+        LookupError: no node matches, or several do.
     """
     found = [each for each in plan.nodes if name in (each.full_name, each.node, each.section)]
     if len(found) != 1:
         names = ", ".join(f"{each.full_name} ({each.section})" for each in plan.nodes)
-        reason = "more than one node is" if found else "no node is"
-        raise LookupError(f"{reason} called `{name}`; there are {names}")
+        reason = "several nodes match" if found else "no node matches"
+        raise LookupError(f"{reason} `{name}`; nodes: {names}")
     return found[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadedNode:
-    """A node that can be made."""
+    """A node that can be created."""
 
     planned: PlannedNode
     program: Program
     request: SpinRequest
 
     def make(self) -> Any:
-        """Make the node, in the surroundings that are in force."""
+        """Create the node in the current surroundings."""
         arguments = ros_arguments_of(self.request.args)
         set_log_levels(logger_name(self.program.node), arguments)
         with self.program.command_line(), node_arguments(arguments):
             return self.request.make()
 
     def with_parameters(self, planned: PlannedNode, old: str, new: str) -> "LoadedNode":
-        """The same program with another file of parameters."""
+        """Return the same program with another parameter file."""
         program, request = self.program, self.request
         return replace(
             self,
@@ -171,22 +172,22 @@ def _replaced(arguments: Sequence[str], old: str, new: str) -> tuple[str, ...]:
 
 
 class Participant:
-    """DDS's participant of this process, which takes longer to make than the nodes of a trial.
+    """This process's DDS participant, whose creation takes longer than that of a trial's nodes.
 
-    It grows with every node that it has had, so a new one takes its place now and then.
+    Its memory grows with every node, so it is replaced periodically.
     """
 
     def __init__(self) -> None:
-        """Make none yet."""
+        """Start without a participant."""
         self._stacks = self._trials = self._trials_since = 0
         self._owns_context = False
         self._keeper: Any = None
 
     def open(self) -> None:
-        """Make it for the first stack."""
+        """Create the participant for the first stack."""
         if not rclpy.ok():
             before = os.environ.get(_DISCOVERY)
-            os.environ[_DISCOVERY] = "OFF"  # no other process sees the nodes
+            os.environ[_DISCOVERY] = "OFF"  # hides the nodes from other processes
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
             if before is None:
                 del os.environ[_DISCOVERY]
@@ -198,7 +199,7 @@ class Participant:
             self._make()
 
     def close(self) -> None:
-        """Destroy it after the last stack."""
+        """Destroy the participant after the last stack."""
         self._stacks -= 1
         if self._stacks == 0:
             self._destroy()
@@ -207,12 +208,12 @@ class Participant:
             self._owns_context = False
 
     def enter(self) -> None:
-        """Keep it during a trial."""
+        """Keep the participant during a trial."""
         self._trials += 1
         self._trials_since += 1
 
     def leave(self) -> None:
-        """End a trial; perhaps make a new participant."""
+        """End a trial, and replace the participant if due."""
         self._trials -= 1
         is_due = self._trials_since >= _TRIALS_OF_A_PARTICIPANT
         if self._trials == 0 and is_due and self._keeper is not None:
@@ -221,7 +222,7 @@ class Participant:
             self._make()
 
     def _make(self) -> None:
-        # With its first node; it goes with the last.
+        # rcl creates the participant with its first node, and destroys it with the last.
         self._keeper = rclpy.create_node(
             "obk_test", start_parameter_services=False, enable_rosout=False
         )
@@ -234,25 +235,25 @@ class Participant:
 
 
 def _return_memory() -> None:
-    """Return what the C library keeps of freed memory, if it is glibc."""
+    """Return freed memory to the system, if the C library is glibc."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
 
 
 _participant: Final = Participant()
-"""One for the process, as rclpy's context is."""
+"""One per process, like rclpy's context."""
 
 
 class LoadedStack:
-    """The programs of a config; makes the nodes of its trials."""
+    """The loaded programs of a config, which create the nodes of its trials."""
 
     def __init__(self, compiled: CompiledStack) -> None:
-        """Import the programs and run each up to its `spin_obelisk`.
+        """Import the programs, and run each one up to its `spin_obelisk`.
 
         Raises:
-            CommandFailedError: a program is missing, is not Python of this interpreter, or ends
-                without a call of `spin_obelisk`.
+            CommandFailedError: a program is missing, is not Python for this interpreter, or ends
+                without calling `spin_obelisk`.
         """
         self.plan = compiled.plan
         self.config = compiled.config
@@ -270,7 +271,7 @@ class LoadedStack:
             self._load(compiled)
             failed.pop_all()
         gc.collect()
-        gc.freeze()  # what is loaded now need not be looked through after each trial
+        gc.freeze()  # excludes the loaded objects from later collections
 
     def _load(self, compiled: CompiledStack) -> None:
         self.participant.open()
@@ -283,7 +284,7 @@ class LoadedStack:
         with refuse_plain_nodes():
             self._thread.start()
             self._ready.wait()
-        sys.argv = arguments  # each program has its own until it waits
+        sys.argv = arguments  # each program has set its own
         # A test may have imported modules of the nodes before.
         packages = {program.module.partition(".")[0] for _, program in programs}
         self.generators = ModuleGenerators(
@@ -295,17 +296,17 @@ class LoadedStack:
             raise self._error
 
     def close(self) -> None:
-        """Let the programs end."""
+        """Let the programs end, and release all resources."""
         self._over.set()
         if self._thread is not None:
             self._thread.join(5.0)
         self._resources.close()
 
     def with_parameters(self, plan: Plan) -> "LoadedStack":
-        """The same programs with the parameters of another plan, open until this one is closed.
+        """Return the same programs with another plan's parameters, until this stack is closed.
 
         Args:
-            plan: differs from the plan of this stack in parameters only.
+            plan: may differ from the plan of this stack only in parameters.
         """
         other = copy.copy(self)
         other.plan = plan
@@ -323,7 +324,7 @@ class LoadedStack:
         return other
 
     def remove_parameters(self) -> None:
-        """Remove the files of `with_parameters`; no node can be made then."""
+        """Remove the files of `with_parameters`; no node can be created afterwards."""
         if self._is_variant:
             shutil.rmtree(self._folder)
 
@@ -333,13 +334,12 @@ class LoadedStack:
         for node in nodes:
             if not is_composable(replace(node, env={}), executables[node.full_name]):
                 raise CommandFailedError(
-                    f"{node.origin}: {node.full_name} ({node.package}/{node.executable}) is no "
-                    "Python node with a life cycle of this interpreter, so it cannot be in "
-                    "lock-step",
-                    help=f"leave it out, stack(..., without=['{node.full_name}']), and put "
-                    "something in its place with `stub`",
+                    f"{node.origin}: {node.full_name} ({node.package}/{node.executable}) is not a "
+                    "Python lifecycle node for this interpreter, so it cannot run in lock-step",
+                    help=f"leave it out, stack(..., without=['{node.full_name}']), and replace it "
+                    "with `stub`",
                 )
-        # Parameters may be secret; the folder belongs to this user only.
+        # Parameters may be secret, so the folder is private to this user.
         self._folder = Path(
             self._resources.enter_context(tempfile.TemporaryDirectory(prefix="obk-test-"))
         )
@@ -369,7 +369,7 @@ class LoadedStack:
         self._ready.set()
 
     def _run(self, programs: list[tuple[PlannedNode, Program]]) -> None:
-        """Run the first program and, within its call of `spin_obelisk`, the others."""
+        """Run the first program, and the others within its call to `spin_obelisk`."""
         if not programs:
             self._ready.set()
             self._over.wait()
@@ -390,7 +390,7 @@ class LoadedStack:
             pass
         if len(self.nodes) == before:
             raise CommandFailedError(
-                f"{node.full_name}: {program} ended without a call of spin_obelisk"
+                f"{node.full_name}: {program} ended without calling spin_obelisk"
             )
 
 
@@ -410,26 +410,26 @@ def _for_tests(node: PlannedNode) -> PlannedNode:
 def load_stack(
     config: Path, overrides: Sequence[str] = (), *, without: Iterable[str] = ()
 ) -> LoadedStack:
-    """Compile and load a config; the arguments and errors are those of `compile_stack`."""
+    """Compile and load a config; for arguments and errors see `compile_stack`."""
     return LoadedStack(compile_stack(config, overrides, without=without))
 
 
 _MOST_VARIANTS: Final = 8
-"""Loaded stacks that are kept between two tests."""
+"""Number of loaded stacks that are kept between two tests."""
 
 
 class LoadedStacks:
-    """The stacks of a session; variants of a config that differ in parameters share programs."""
+    """The stacks of a session; variants of a config with different parameters share programs."""
 
     def __init__(self) -> None:
         self._programs: list[tuple[Path, tuple[str, ...], LoadedStack]] = []
-        """Config, nodes left out, and the stack, in the order of loading."""
+        """Config, omitted nodes, and the stack, in the order of loading."""
         self._variants: dict[tuple[Path, tuple[str, ...], tuple[str, ...]], LoadedStack] = {}
 
     def get(
         self, config: Path, overrides: Sequence[str] = (), *, without: Iterable[str] = ()
     ) -> LoadedStack:
-        """A stack, compiled and loaded unless it is; arguments and errors of `compile_stack`."""
+        """Return a stack, loading it if necessary; for arguments and errors see `compile_stack`."""
         key = (config, tuple(without), tuple(overrides))
         if key in self._variants:
             return self._variants[key]
@@ -448,19 +448,19 @@ class LoadedStacks:
         return stack
 
     def trim(self) -> None:
-        """Let go of the oldest stacks; no trial of theirs may be running."""
+        """Release the oldest stacks; none of their trials may be running."""
         if len(self._variants) <= _MOST_VARIANTS:
             return
         for stack in self._variants.values():
             stack.remove_parameters()
         self._variants = {}
-        # The first one stays: most variants share its programs.
+        # The first one is kept, because most variants share its programs.
         for *_, stack in self._programs[1:]:
             stack.close()
         del self._programs[1:]
 
     def close(self) -> None:
-        """Let the programs end."""
+        """Let the programs of all stacks end."""
         self._variants.clear()
         for *_, stack in self._programs:
             stack.close()

@@ -1,6 +1,6 @@
 """Write a trial as an MCAP file for `obk bag`, `obk plot` and Foxglove, and read signals back.
 
-Times are simulated: time 0 is 1970-01-01. The states of the simulator are the topic `STATE_TOPIC`.
+Times are simulated: time 0 is 1970-01-01. The simulator's states are in the topic `STATE_TOPIC`.
 """
 
 import json
@@ -31,14 +31,14 @@ STATE_TOPIC: Final = "/obk_test/true_state"
 _ROSOUT: Final = "/rosout"
 _NS: Final = 1e-9
 Entry = tuple[int, int, int, bytes]
-"""Time [ns], place among those of that time, channel, bytes."""
+"""Time [ns], position among entries of that time, channel, bytes."""
 
 
 def write_recording(path: Path, result: TrialResult, about: Mapping[str, str]) -> None:
-    """Write a trial; replaces the file.
+    """Write a trial, replacing an existing file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         result: the trial.
         about: further metadata, such as the test's name.
 
@@ -78,7 +78,7 @@ def _metadata(result: TrialResult, about: Mapping[str, str]) -> dict[str, dict[s
 
 
 def _cpu() -> str:
-    """The model of the processor: numpy, glibc and MuJoCo choose code by it."""
+    """Return the processor model, by which numpy, glibc and MuJoCo choose code."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -110,7 +110,7 @@ def _messages(writer: BagWriter, result: TrialResult) -> Iterator[Entry]:
 
 
 def _states(writer: BagWriter, states: StateLog, count: int) -> Iterator[Entry]:
-    # Only our simulator has states, so MuJoCo is installed.
+    # Only our own simulator has states, so MuJoCo is installed.
     from obelisk_py.core.sim.mujoco.robot import StateCopy, TrueSimState, TrueStateReader
 
     channel = _add_topic(writer, STATE_TOPIC, TrueSimState)
@@ -154,15 +154,15 @@ def _codec(message_class: Any) -> Any:
 def read_signals(
     path: Path, fields: Iterable[str], *, positions: int | None
 ) -> dict[str, tuple[Array, Array]]:
-    """Times and values of some fields of a recording.
+    """Read times and values of some fields in a recording.
 
     Args:
-        path: of the file.
+        path: path of the file.
         fields: `TOPIC.FIELD`.
-        positions: number of positions of the simulator, read as `qpos`; None: not read.
+        positions: number of simulator positions to read as `qpos`; None to skip them.
 
     Raises:
-        RecordingError: the file cannot be read, or has no such topic or field.
+        RecordingError: the file cannot be read, or a topic or field is missing.
     """
     run = open_run(path)
     found: dict[str, tuple[Array, Array]] = {}

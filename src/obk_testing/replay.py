@@ -1,8 +1,8 @@
 """Run nodes of a config in lock-step on recorded inputs: `python -m obk_testing.replay REQUEST`.
 
-`obk play --into` starts it. REQUEST is a `ReplayRequest` as JSON. What the nodes publish is written
-to a recording. Of a recording in lock-step every input comes when it came, also within one time, so
-that the same code gives the same bits.
+`obk play --into` starts it. REQUEST is a `ReplayRequest` as JSON. Messages published by the nodes
+are written to a new recording. If the input was recorded in lock-step, every message arrives at
+the recorded time and in the recorded order, so the same code yields bitwise equal outputs.
 """
 
 import json
@@ -32,32 +32,32 @@ from obk_testing.trial import StackTrial
 __all__ = ["ReplayRequest", "main", "replay"]
 
 _SLICE_NS: Final = NS_PER_S
-"""Messages of so much time wait in the scheduler [ns]."""
+"""Time range of messages that are scheduled at once [ns]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayRequest:
-    """What to run on what."""
+    """A request to run nodes on recorded inputs."""
 
     config: str
     overrides: tuple[str, ...]
     without: tuple[str, ...]
-    """Full names of the nodes that are left out."""
+    """Full names of the nodes to leave out."""
     recording: str
     inputs: tuple[str, ...]
-    """Topics that come from the recording."""
+    """Topics taken from the recording."""
     outputs: tuple[str, ...]
     """Topics that the nodes publish."""
     output: str
-    """The file of the new recording."""
+    """Path of the new recording."""
 
 
 def replay(request: ReplayRequest) -> Iterator[str]:
-    """Run the nodes and write what they publish; yields what a user should know.
+    """Run the nodes, write the messages that they publish, and yield notes for the user.
 
     Raises:
-        CommandFailedError: the config cannot be run, or messages are defined differently.
-        LockstepError: a node cannot be in lock-step.
+        CommandFailedError: the config cannot be run, or message definitions differ.
+        LockstepError: a node cannot run in lock-step.
         RecordingError: the recording cannot be read.
     """
     run = open_run(request.recording)
@@ -85,15 +85,15 @@ def _first_ns(run: RecordedRun, inputs: tuple[str, ...]) -> int:
 
 
 def _schedule(run: RecordedRun, names: set[str]) -> tuple[Schedule, list[str]]:
-    """The schedule of the recorded run for some of its nodes, and what of it cannot be repeated."""
+    """Return the recorded run's schedule for some nodes, and notes on what cannot be repeated."""
     values = _attached(run, "schedule.json")
     if not isinstance(values, dict):
         return Schedule(), []
     notes = []
     if values.get("phases"):
-        notes.append("the timers of the recorded run had drawn phases, which are not repeated")
+        notes.append("the timers of the recorded run had random phases, which are not repeated")
     if _attached(run, "interventions.json"):
-        notes.append("what the test did to the recorded run is not repeated")
+        notes.append("the test's interventions in the recorded run are not repeated")
     compute, bring_up = (
         {name: float(one) for name, one in values.get(key, {}).items() if name in names}
         for key in ("compute", "bring_up")
@@ -121,18 +121,18 @@ def _require_types(run: RecordedRun, inputs: tuple[str, ...], trial: StackTrial)
         kind = trial.message_type(topic)
         if recorded[topic] != kind:
             raise CommandFailedError(
-                f"{topic} was recorded as {recorded[topic]}, the node subscribes to {kind}"
+                f"{topic} was recorded as {recorded[topic]}, but the node subscribes to {kind}"
             )
         here = schema_text(kind, installed_definition)
         theirs = definitions.get(topic)
         if here is None or theirs is None:
             continue
         if _fields(parse_definition(kind, here)) != _fields(theirs):
-            raise CommandFailedError(f"{topic}: the recording has another definition of {kind}")
+            raise CommandFailedError(f"{topic}: the definition of {kind} differs in the recording")
 
 
 def _fields(definition: MessageDefinition) -> Mapping[str, list[tuple[Any, ...]]]:
-    """What the bytes of a message depend on."""
+    """Return everything in a definition that determines the bytes of a message."""
     return {
         kind: [(one.name, one.kind, one.size, one.is_sequence) for one in fields]
         for kind, fields in definition.types.items()
@@ -140,7 +140,7 @@ def _fields(definition: MessageDefinition) -> Mapping[str, list[tuple[Any, ...]]
 
 
 def _feed(trial: StackTrial, run: RecordedRun, request: ReplayRequest, shift_ns: int) -> None:
-    """Let time go on to the end of the recording, with the inputs at their times."""
+    """Run until the end of the recording, with the inputs at their times."""
     ticks = _ticks(run, request.outputs) if run.is_lockstep else {}
     fed_ns = 0
     for message in messages_in_order(run.path, request.inputs):
@@ -154,7 +154,7 @@ def _feed(trial: StackTrial, run: RecordedRun, request: ReplayRequest, shift_ns:
 
 
 def _ticks(run: RecordedRun, outputs: tuple[str, ...]) -> dict[int, int]:
-    """When the nodes published in the recorded run [ns] -> the place of the last message."""
+    """Map times of the nodes' messages in the recorded run [ns] to the last sequence number."""
     found: dict[int, int] = {}
     for one in messages_in_order(run.path, outputs):
         found[one.published_ns] = max(one.sequence, found.get(one.published_ns, 0))
@@ -162,14 +162,14 @@ def _ticks(run: RecordedRun, outputs: tuple[str, ...]) -> dict[int, int]:
 
 
 def _is_late(message: RecordedMessage, ticks: Mapping[int, int]) -> bool:
-    """Whether the nodes had published before the message of the same time."""
+    """Whether the nodes had published before the message, at the same time."""
     return ticks.get(message.published_ns, message.sequence) < message.sequence
 
 
 def main(arguments: list[str]) -> int:
-    """Run a request; return the exit code."""
+    """Run a request, and return the exit code."""
     request = msgspec.json.decode(arguments[0], type=ReplayRequest)
-    # Nodes of several programs have the same loggers; in lock-step /rosout takes another way.
+    # Nodes of several programs have the same loggers, and lock-step does not use rcl's /rosout.
     set_logger_level("rcl.logging_rosout", LoggingSeverity.ERROR)
     with intercepted():
         try:
@@ -187,4 +187,4 @@ if __name__ == "__main__":
     code = main(sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(code)  # programs wait in threads of their own
+    os._exit(code)  # programs are waiting in their own threads

@@ -1,7 +1,7 @@
-"""What a run left: every message with its time, the state after every step, faults and logs.
+"""The results of a run: messages with times, states after every step, faults and logs.
 
-`run["/arm/est"].q_joints` is an array with a row for each message, `run.qpos` one with a row for
-each step of the simulator.
+`run["/arm/est"].q_joints` is an array with one row per message. `run.qpos` has one row per step of
+the simulator.
 """
 
 import hashlib
@@ -30,26 +30,26 @@ __all__ = [
 ]
 
 __tracebackhide__ = True
-"""Pytest shows the line of the test, not those in here."""
+"""Makes pytest show the line in the test instead of lines in this module."""
 
 _FIRST: Final = -1
-"""Place of a state: steps come before the messages of their time."""
+"""Position of a state: steps come before messages of the same time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intervention:
-    """Something that a test did to the stack."""
+    """An action of a test on the stack."""
 
     t: float
     """When [s]."""
     duration: float
-    """How long [s]; 0: at once, infinite: until the end."""
+    """How long [s]; 0 if instantaneous, infinite if until the end."""
     text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialFacts:
-    """What a trial was made from, and what the test did."""
+    """The setup of a trial, and the test's actions."""
 
     config: Path
     plan: Plan
@@ -58,15 +58,15 @@ class TrialFacts:
     """Fields of the schedule."""
     interventions: tuple[Intervention, ...] = ()
     looked_at: dict[tuple[str, ...], None] = field(default_factory=dict)
-    """The arrays that the test read, in that order: (topic, field), (`qpos`,), (`joint`, name)."""
+    """The arrays that the test read, in order: (topic, field), (`qpos`,), (`joint`, name)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Whether two runs agree within a tolerance; true if they do."""
+    """Whether two runs agree within a tolerance; true in a condition if they do."""
 
     difference: str | None
-    """Where they differ most beyond it, as a sentence."""
+    """The largest difference beyond the tolerance, as a sentence; None if they agree."""
 
     def __bool__(self) -> bool:
         return self.difference is None
@@ -76,32 +76,32 @@ class Comparison:
 
 
 class StateLog:
-    """The states of one simulator, after every step."""
+    """The states of a simulator after every step."""
 
     def __init__(self, robot: str, model: Any) -> None:
         """Start without states.
 
         Args:
             robot: full name of its node.
-            model: MuJoCo's.
+            model: the MuJoCo model.
         """
         self.robot = robot
         self.model = model
         self.joints = joints_of(model)
-        """Joints with one position: name -> place in qpos."""
+        """Joints with one position: name -> index in qpos."""
         self.times_ns: list[int] = []
         self.positions: list[Array] = []
         self.velocities: list[Array] = []
 
     def add(self, time_ns: int, data: Any) -> None:
-        """Keep the state of MuJoCo's data at a time [ns]."""
+        """Store the state in MuJoCo's data at a time [ns]."""
         self.times_ns.append(time_ns)
         self.positions.append(data.qpos.copy())
         self.velocities.append(data.qvel.copy())
 
 
 class TrialResult:
-    """A trial up to a time."""
+    """The results of a trial up to a time."""
 
     def __init__(
         self,
@@ -115,16 +115,16 @@ class TrialResult:
         log: Sequence[LogEntry],
         ways: Mapping[str, str],
     ) -> None:
-        """Take what a trial has collected.
+        """Build the result from the data that a trial has collected.
 
         Args:
-            facts: what it was made from.
+            facts: the setup of the trial.
             duration_s: simulated time [s].
-            topics: by full name.
-            states: of the simulator; None: there is none.
-            faults: of nodes, as sentences.
-            notes: of the engine.
-            log: what the nodes logged.
+            topics: topics by full name.
+            states: states of the simulator; None if there is none.
+            faults: faults of nodes, as sentences.
+            notes: notes of the engine.
+            log: log messages of the nodes.
             ways: why a topic of the config has no messages, by full name.
         """
         self.facts = facts
@@ -138,11 +138,11 @@ class TrialResult:
         self.faults = tuple(faults)
         """Faults of nodes, as in the log."""
         self.notes = tuple(notes)
-        """What is not in lock-step, or takes time, by the engine."""
+        """The engine's notes about anything that takes time or is not in lock-step."""
         self.log = tuple(log)
-        """What the nodes logged."""
+        """Log messages of the nodes."""
         self.states = states
-        """Of the simulator; it may go on after this result."""
+        """States of the simulator; more may be added after this result."""
         self._ways = ways
         self._count = len(states.times_ns) if states else 0
 
@@ -159,7 +159,7 @@ class TrialResult:
             return self.topics[topic]
         if topic in self._ways:
             raise LookupError(self._ways[topic])
-        help = did_you_mean(topic, self.topics) or f"there are {', '.join(sorted(self.topics))}"
+        help = did_you_mean(topic, self.topics) or f"topics: {', '.join(sorted(self.topics))}"
         raise LookupError(f"no topic `{topic}`: {help}")
 
     @cached_property
@@ -202,10 +202,10 @@ class TrialResult:
         return column
 
     def digest(self, topics: Iterable[str] | None = None) -> str:
-        """SHA-256 of every state and of every message with its time.
+        """Compute the SHA-256 of every state and every message, with their times.
 
         Args:
-            topics: only these; None: all that are recorded.
+            topics: only these topics; None for all recorded ones.
         """
         digest = hashlib.sha256()
         if self.states is not None:
@@ -221,23 +221,22 @@ class TrialResult:
         return digest.hexdigest()
 
     def first_difference(self, other: "TrialResult") -> str | None:
-        """The place where two runs part, as a sentence; None: they are the same to the bit."""
+        """Describe where two runs first differ; None if they are bitwise equal."""
         found = sorted([*self._state_differences(other), *self._message_differences(other)])
         return f"{found[0][0] / NS_PER_S:.6f} s: {found[0][2]}" if found else None
 
     def close_to(
         self, other: "TrialResult | str | Path", *, atol: float, fields: Iterable[str] = ()
     ) -> Comparison:
-        """Whether the positions of the simulator agree with those of another run.
+        """Compare the simulator's positions with those of another run.
 
         Args:
-            other: the run, or the MCAP file that `obk test --keep-all` left of one.
-            atol: greatest difference [unit of the positions and fields].
-            fields: `TOPIC.FIELD` that have to agree too, message by message, such as
-                `/arm/est.q_joints`.
+            other: a run, or an MCAP file written by `obk test --keep-all`.
+            atol: maximum difference [unit of the positions and fields].
+            fields: `TOPIC.FIELD` to compare too, message by message, such as `/arm/est.q_joints`.
 
         Returns:
-            True in a condition if they agree; shown as the greatest difference otherwise.
+            True in a condition if they agree; otherwise displayed as the largest difference.
 
         Raises:
             LookupError: a run lacks a field or the states, or the file cannot be read.
@@ -252,7 +251,7 @@ class TrialResult:
             try:
                 theirs = read_signals(Path(other), names, positions=width)
             except RecordingError as error:
-                help = "`obk test --keep-all` leaves recordings of tests that pass"
+                help = "run `obk test --keep-all` to keep recordings of passed tests"
                 raise LookupError(f"{error.message}\n  help: {error.help or help}") from None
         for name, (t, mine) in self.signals(names).items():
             difference = _compare(name, t, mine, theirs[name][1], atol)
@@ -261,7 +260,7 @@ class TrialResult:
         return Comparison(difference=None)
 
     def signals(self, fields: Iterable[str]) -> dict[str, tuple[Array, Array]]:
-        """Times and values of the positions, if there are any, and of some fields."""
+        """Return times and values of the positions, if any, and of some fields."""
         found: dict[str, tuple[Array, Array]] = {}
         if self.states is not None:
             found["qpos"] = (self.t, self._qpos)
@@ -278,7 +277,7 @@ class TrialResult:
 
     def _require_states(self) -> StateLog:
         if self.states is None:
-            raise LookupError("the stack has no simulator of ours, so it has no state of one")
+            raise LookupError("the stack has no MuJoCo simulator of Obelisk, so it has no states")
         return self.states
 
     def _state_differences(self, other: "TrialResult") -> Iterator[tuple[int, int, str]]:
@@ -335,7 +334,7 @@ def _differing_fields(messages: TopicLog, one: bytes, two: bytes) -> str:
 
 
 def joints_of(model: Any) -> dict[str, int]:
-    """The joints of a MuJoCo model with one position: name -> place in qpos."""
+    """Return the joints of a MuJoCo model with one position: name -> index in qpos."""
     scalar = (2, 3)  # mjJNT_SLIDE, mjJNT_HINGE
     return {
         model.joint(number).name: int(model.jnt_qposadr[number])

@@ -1,8 +1,8 @@
 """Model how a real run differs from the ideal one: latency, jitter, phases, bring-up.
 
-In the ideal schedule nothing takes time and all nodes are active at once. A real stack comes up
-node after node, so its robot moves for some steps before the first command arrives. The events of
-a real run hold when each node became active; `bring_up_times` reads them.
+In the ideal schedule, nothing takes time and all nodes become active at once. The nodes of a real
+stack become active one after another, so its robot moves for some steps before the first command
+arrives. The events of a real run record when each node became active; `bring_up_times` reads them.
 """
 
 import json
@@ -21,39 +21,39 @@ from obk_cli.runs.folder import config_of, run_folders, runs_folder
 __all__ = ["MEASURED", "Activation", "BringUp", "Schedule", "bring_up_times", "read_activations"]
 
 MEASURED: Final = "measured"
-"""The bring-up of the newest real run of the stack on this machine."""
+"""Selects the bring-up of the newest real run of the stack on this machine."""
 
 BringUp = Mapping[str, float] | str | Path
-"""Node -> when it becomes active [s]; or `measured`; or a run's folder or its `events.jsonl`."""
+"""Node -> when it becomes active [s]; `measured`; or a run's folder or its `events.jsonl`."""
 
 _EVENTS: Final = "events.jsonl"
 _ROUNDING: Final = 1e-6
 _MOST_JITTER_S: Final = 0.0003
 _LATEST_START_S: Final = 0.02
-"""What a varied schedule draws at most: more than between nodes of one calm host."""
+"""Maximum for a varied schedule: more than the delay between nodes on an idle host."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
-    """How a trial differs from the ideal one, in which nothing takes time; times in seconds."""
+    """Differences from an ideal run, in which nothing takes time; times in seconds."""
 
     latency: float = 0.0
-    """From the publication of a message to its arrival."""
+    """Time from publishing a message to its arrival."""
     jitter: float = 0.0
-    """The most that is added to the latency, drawn by the seed for each message."""
+    """Maximum random addition to the latency, drawn for each message by the seed."""
     phases: bool = False
-    """Whether timers start at a part of their period that is drawn by the seed."""
+    """Whether timers start at a random part of their period, drawn by the seed."""
     compute: Mapping[str, float] = field(default_factory=dict)
-    """Node -> time that each of its callbacks takes."""
+    """Node -> computing time of each of its callbacks."""
     bring_up: Mapping[str, float] = field(default_factory=dict)
-    """Node -> when it becomes active; others at once."""
+    """Node -> when it becomes active; the others at time 0."""
 
     @classmethod
     def varied(cls, seed: int, nodes: Iterable[str]) -> Self:
-        """The schedule that a seed draws; seed 0 has the ideal one.
+        """Draw a schedule by a seed; seed 0 has the ideal one.
 
         Args:
-            seed: of the trial.
+            seed: seed of the trial.
             nodes: full names of the nodes that may become active later.
         """
         if seed == 0:
@@ -78,16 +78,16 @@ def bring_up_times(
     *,
     environment: Mapping[str, str] = os.environ,
 ) -> Mapping[str, float]:
-    """When each node becomes active, from the simulator's first step on: node -> time [s].
+    """Return when each node becomes active after the simulator's first step: node -> time [s].
 
     Args:
-        given: those times, or where they come from.
+        given: these times, or their source.
         plan: the stack.
-        folder: to which a path is relative.
+        folder: base of a relative path.
         environment: variables, which set the folder of all runs.
 
     Raises:
-        CommandFailedError: there is no such run, or a node did not become active in it.
+        CommandFailedError: the run does not exist, or a node did not become active in it.
     """
     if isinstance(given, Mapping):
         return given
@@ -107,7 +107,7 @@ def bring_up_times(
     if missing:
         raise CommandFailedError(
             f"{', '.join(missing)} did not become active in {path}",
-            help=f"pass a run of `{plan.name}` that brought up all of its nodes",
+            help=f"pass a run of `{plan.name}` in which all nodes became active",
         )
     return _after_first_step(plan, found)
 
@@ -117,20 +117,20 @@ class Activation:
     """A node's first activation in a real run."""
 
     answered_s: float
-    """When the launcher had the node's answer [s since 1970]."""
+    """When the launcher received the node's response [s since 1970]."""
     took_s: float
-    """Time from the launcher's request to that answer [s]."""
+    """Time from the launcher's request to the response [s]."""
     simulated_s: float | None = None
-    """By the node itself, in simulated time [s]; None if it did not report it."""
+    """Simulated time of the activation as reported by the node [s]; None if not reported."""
     first_output_s: float | None = None
-    """When it published for the first time [s]; None if it did not report it."""
+    """Simulated time of its first publication [s]; None if not reported."""
 
 
 def read_activations(events: Path) -> dict[str, Activation]:
-    """The first activation of each node of a run, by full name.
+    """Read the first activation of each node of a run, by full name.
 
     Args:
-        events: its `events.jsonl`.
+        events: the run's `events.jsonl`.
 
     Raises:
         OSError: the file cannot be read.
@@ -162,7 +162,7 @@ def _events(path: Path) -> Iterator[Mapping[str, Any]]:
             try:
                 event = json.loads(line)
             except ValueError:
-                continue  # the last line of a run that was killed
+                continue  # the last line of a killed run
             if isinstance(event, dict):
                 yield event
 
@@ -179,8 +179,8 @@ def _newest_bring_up(plan: Plan, runs: Path) -> dict[str, float]:
         if found.keys() >= _nodes(plan):
             return _after_first_step(plan, found)
     raise CommandFailedError(
-        f"no run of `{plan.name}` in {runs} brought up all of its nodes, so its bring-up is "
-        "not measured",
+        f"`measured` needs a run of `{plan.name}` in {runs} in which all nodes became "
+        "active, but there is none",
         help="run `obk launch CONFIG --duration 3` once on this machine, or pass the times: "
         "bring_up={'control': 0.02}",
     )
@@ -191,36 +191,37 @@ def _nodes(plan: Plan) -> set[str]:
 
 
 def _after_first_step(plan: Plan, found: Mapping[str, Activation]) -> dict[str, float]:
-    """When nodes become active, from the first step of the simulator on [s].
+    """Return when nodes become active after the first step of the simulator [s].
 
-    Nodes with simulated time report it themselves, a second later. Of others there is only when the
-    launcher had their answer. The simulator steps from within its activation on, so its first step
-    is half of that time earlier, give or take as much.
+    Nodes with simulated time report it themselves, a second later. For other nodes, only the time
+    of the response to the launcher is known. The simulator starts stepping during its activation.
+    The first step is estimated at the middle of this activation, so the error is at most half of
+    it.
     """
     simulators = [found[node.full_name] for node in plan.nodes if node.model]
     if simulators:
-        begin_s = simulators[0].answered_s - simulators[0].took_s / 2
+        origin_s = simulators[0].answered_s - simulators[0].took_s / 2
     else:
-        begin_s = min(activation.answered_s for activation in found.values())
+        origin_s = min(activation.answered_s for activation in found.values())
 
     def start_s(node: PlannedNode) -> float:
         activation = found[node.full_name]
         if activation.simulated_s is not None:
             return activation.simulated_s + _idle_s(node, activation)
-        # To the microsecond: times since 1970 have no more digits.
-        return round(max(0.0, activation.answered_s - begin_s), 6)
+        # Rounded to 1 us, because times since 1970 have no more precision.
+        return round(max(0.0, activation.answered_s - origin_s), 6)
 
     return {node.full_name: 0.0 if node.model else start_s(node) for node in plan.nodes}
 
 
 def _idle_s(node: PlannedNode, activation: Activation) -> float:
-    """For how long a node that was active published nothing, in whole periods of its timer [s].
+    """Return how long an active node published nothing, in whole periods of its timer [s].
 
-    Its first inputs were late, as connections between processes are made then.
+    Its first inputs are late, because connections between processes are made at that time.
     """
     period_s = max((each.period_s for each in node.promises if each.topic), default=0.0)
     if activation.first_output_s is None or activation.simulated_s is None or period_s <= 0.0:
         return 0.0
     until_s = activation.first_output_s - activation.simulated_s
-    # A tick is never early, and some periods are no exact numbers.
+    # A tick is never early, and some periods are not exact floats.
     return max(0, math.floor(until_s / period_s + _ROUNDING) - 1) * period_s

@@ -1,8 +1,8 @@
-"""The test of a config that has no tests: it runs for 5 s, without a fault, twice the same.
+"""The default test of a config without tests: 5 s without a fault, and reproducible.
 
-`obk test my_robot.yaml` runs it. It checks what holds for any stack: no node fails, every state and
-every message is finite, topics are published at the rates that the config promises, the robot
-accepts its commands, and a second run has the same bits.
+`obk test my_robot.yaml` runs it. It checks conditions that hold for any stack: no node fails, every
+state and message is finite, topics are published at the rates in the config, the robot accepts its
+commands, and a second run is bitwise equal.
 """
 
 from collections import defaultdict
@@ -21,21 +21,21 @@ if TYPE_CHECKING:  # the plugin changes the environment of the process that impo
 
 DURATION_S: Final = 5.0
 _SETTLED_S: Final = 1.0
-"""From then on rates are measured, and until then commands may be rejected [s]."""
+"""Rates are measured after this time; commands may be rejected until then [s]."""
 _TOLERANCE: Final = 0.1
-"""Of a rate, as a part of it."""
+"""Tolerance of a rate, as a fraction of it."""
 _DRAWN: Final = ("Image", "CameraInfo", "MarkerArray", "Marker")
-"""Messages that are not asked for: pictures need OpenGL, and take most of the time."""
+"""Messages that are not requested: pictures need OpenGL and take most of the time."""
 _MAY_BE_INFINITE: Final = ("LaserScan", "Range", "PointCloud2", "ObkScan", "MultiEchoLaserScan")
-"""Messages in which a number that is not finite is a measurement: nothing is in range (REP 117)."""
+"""Messages in which a number that is not finite means that nothing is in range (REP 117)."""
 _REJECTED: Final = "control rejected"
-"""How the robot's report of rejected commands starts."""
+"""Start of the robot's report about rejected commands."""
 
 
 def test_smoke(
     stack: "StartStack", seed: int, given_plan: Plan, describe_check: Callable[[str], None]
 ) -> None:
-    """Run the stack twice and check what holds for any stack."""
+    """Run the stack twice and check conditions that hold for any stack."""
     promised = promised_rates(given_plan)
     trial = stack(seed=seed, watch=promised)
     run = trial.run(DURATION_S)
@@ -56,7 +56,7 @@ def test_smoke(
 
 
 def promised_rates(plan: Plan) -> dict[str, float]:
-    """Topic -> rate that the config promises for all its publishers together [Hz]."""
+    """Return topic -> total rate that the config sets for all of its publishers [Hz]."""
     rates: defaultdict[str, list[float | None]] = defaultdict(list)
     for node in plan.nodes:
         for end in node.publishes:
@@ -70,7 +70,7 @@ def promised_rates(plan: Plan) -> dict[str, float]:
 
 
 def problems_of(run: TrialResult, promised: dict[str, float]) -> Iterator[str]:
-    """What is wrong with a run, a sentence each."""
+    """Yield the problems of a run, one sentence each."""
     yield from run.faults
     if run.states is not None:
         for name, values in (("positions", run.qpos), ("velocities", run.qvel)):
@@ -103,7 +103,7 @@ def _not_finite(name: str, topic: TopicLog) -> Iterator[str]:
 
 
 def _field_not_finite(message: Any) -> str | None:
-    """The path of the first number in a message that is not finite."""
+    """Return the path of the first number in a message that is not finite."""
     for field, kind in message.get_fields_and_field_types().items():
         value = getattr(message, field)
         if "float" in kind or "double" in kind:
@@ -122,6 +122,6 @@ def _wrong_rate(name: str, topic: TopicLog | None, rate_hz: float) -> Iterator[s
     times = () if topic is None else topic.t[topic.t >= _SETTLED_S]
     span_s = DURATION_S - _SETTLED_S
     measured_hz = len(times) / span_s
-    # One message more or less is no other rate.
+    # One message more or less does not change the rate.
     if abs(measured_hz - rate_hz) > _TOLERANCE * rate_hz + 1.0 / span_s:
         yield f"{name} is published at {measured_hz:.1f} Hz, expected {rate_hz:g} Hz"

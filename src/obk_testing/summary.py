@@ -1,6 +1,6 @@
 """The summary of a test run: passed trials of each test, the worst failures, how to repeat them.
 
-Each test leaves a `TrialRecord` in its report, as plain data that pytest-xdist can send.
+Each test stores a `TrialRecord` in its report, as plain data that pytest-xdist can send.
 """
 
 import re
@@ -18,9 +18,9 @@ from obk_cli.terminal import plain
 __all__ = ["TrialRecord", "record_of", "rerun_command", "summary_lines"]
 
 PROPERTY: Final = "obk_trials"
-"""The name of the record among the properties of a report."""
+"""Name of the record among the properties of a report."""
 _MOST_SHOWN: Final = 3
-"""Failures of one test that are shown in full."""
+"""Maximum number of failures per test that are shown in full."""
 _NUMBER: Final = r"(?:np\.\w+\()?(-?\d[\w.+-]*)\)?"
 _COMPARED: Final = re.compile(rf"assert {_NUMBER} (<=?|>=?) {_NUMBER}")
 _LONGEST: Final = 100
@@ -28,31 +28,31 @@ _LONGEST: Final = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialRecord:
-    """What the summary needs of the trials of one test."""
+    """Data about the trials of one test, for the summary."""
 
     node_id: str
-    """As `--again` takes it."""
+    """Test id, as accepted by `--again`."""
     seed: int | None
-    """None: the test has no seed."""
+    """None if the test has no seed."""
     simulated_s: float
     wall_s: float
     trials: int
     schedules: tuple[str, ...]
-    """`ideal`, `varied` or `own`, each once."""
+    """`ideal`, `varied` or `own`, without duplicates."""
     outcome: str = "passed"
     reason: str = ""
-    """Why it failed, a line."""
+    """Reason of a failure, one line."""
     checked: str = ""
-    """What a smoke test checked, a line."""
+    """What a smoke test checked, one line."""
     files: tuple[str, ...] = ()
 
     def as_property(self) -> tuple[str, str]:
-        """The record as a property of a report."""
+        """Encode the record as a property of a report."""
         return PROPERTY, msgspec.json.encode(self).decode()
 
 
 def record_of(report: Any) -> TrialRecord | None:
-    """The record in a report; None: it has none."""
+    """Decode the record in a report; None if it has none."""
     texts = [text for name, text in report.user_properties if name == PROPERTY]
     return msgspec.json.decode(texts[-1], type=TrialRecord) if texts else None
 
@@ -60,12 +60,12 @@ def record_of(report: Any) -> TrialRecord | None:
 def rerun_command(
     config: str | None, overrides: Sequence[str], node_id: str, *, twice: bool = False
 ) -> str:
-    """The command that repeats a test.
+    """Return the command that repeats a test.
 
     Args:
-        config: as `obk test` was called with; None: pytest was called.
+        config: argument of `obk test`; None if pytest was called.
         overrides: `--set` options.
-        node_id: of the test.
+        node_id: id of the test.
         twice: whether `--twice` was given.
     """
     options = ("--twice",) if twice else ()
@@ -86,14 +86,14 @@ def summary_lines(
     processes: int,
     twice: bool = False,
 ) -> Iterator[str]:
-    """The lines of a summary.
+    """Yield the lines of a summary.
 
     Args:
-        records: of all tests that made trials.
-        config: as `obk test` was called with; None: pytest was called.
+        records: records of all tests with trials.
+        config: argument of `obk test`; None if pytest was called.
         overrides: `--set` options.
-        duration_s: of the whole test run.
-        processes: that ran tests side by side.
+        duration_s: duration of the whole test run [s].
+        processes: number of parallel processes.
         twice: whether `--twice` was given.
     """
     tests: defaultdict[str, list[TrialRecord]] = defaultdict(list)
@@ -118,7 +118,7 @@ def summary_lines(
 
 
 def _without_seed(node_id: str) -> str:
-    """The test without its seed; its other parameters stay."""
+    """Remove the seed from a test id; other parameters stay."""
     return re.sub(r"\[seed\d+\]|-seed\d+(?=\])|seed\d+-(?=[^\[]*\])", "", node_id)
 
 
@@ -127,7 +127,7 @@ def _seed(record: TrialRecord) -> str:
 
 
 def _ratio(record: TrialRecord) -> float | None:
-    """By how much a failed comparison misses its limit; None: it compares no two numbers."""
+    """Return how far a failed comparison misses its limit; None if it compares no two numbers."""
     compared = _COMPARED.search(record.reason)
     if compared is None:
         return None
@@ -138,7 +138,7 @@ def _ratio(record: TrialRecord) -> float | None:
 
 
 def _badness(record: TrialRecord) -> tuple[float, int]:
-    """A key that sorts the worst failure first: errors, then misses, the largest first."""
+    """Sort key with the worst failure first: errors, then the largest misses."""
     miss = _ratio(record)
     return (float("-inf") if miss is None else -miss), record.seed or 0
 

@@ -1,4 +1,4 @@
-"""The messages of one topic as arrays: by field, by joint, with times, header stamps and units."""
+"""The messages of a topic as arrays: by field, by joint, with times, header stamps and units."""
 
 import functools
 import importlib
@@ -22,22 +22,22 @@ from obk_cli.ros.field_path import field_steps
 __all__ = ["Array", "FieldLog", "TopicLog"]
 
 __tracebackhide__ = True
-"""Pytest shows the line of the test, not those in here."""
+"""Makes pytest show the line in the test instead of lines in this module."""
 
 Array = NDArray[Any]
 Steps = tuple[str | int, ...]
-"""Names of fields and places in arrays, outermost first."""
+"""Names of fields and indices in arrays, outermost first."""
 _HALF_NS: Final = 0.5e-9
 
 
 class FieldLog:
-    """A field of messages that is itself a message; its fields are attributes.
+    """A field that is itself a message; its fields are attributes.
 
-    As an array, it has a row for each message and a column for each of its numbers.
+    Converted to an array, it has a row per message and a column per number.
     """
 
     def __init__(self, log: "TopicLog", steps: Steps, values: Sequence[Any]) -> None:
-        """Take the values of the field, one for each message."""
+        """Wrap the values of the field, one per message."""
         self._log = log
         self._steps = steps
         self._values = values
@@ -65,10 +65,10 @@ class FieldLog:
 
 
 class TopicLog:
-    """The messages of one topic; `messages.q_joints` is an array with a row for each.
+    """The messages of a topic; `messages.q_joints` is an array with one row per message.
 
-    A field of a field is `messages.pose.position.x` or `messages["pose.position.x"]`. The second
-    form also reads fields that are called as something here, such as `t` or `at`.
+    A nested field is `messages.pose.position.x` or `messages["pose.position.x"]`. The second form
+    also works for fields with the name of an attribute of this class, such as `t` or `at`.
     """
 
     def __init__(
@@ -79,13 +79,13 @@ class TopicLog:
         unpack: Callable[[bytes], Any],
         on_look: Callable[[tuple[str, ...]], None] = lambda _: None,
     ) -> None:
-        """Take the messages of a topic.
+        """Wrap the messages of a topic.
 
         Args:
             label: name of the topic.
-            message_class: of its messages.
-            log: time of publication [ns], place among all messages, and bytes; what is added
-                later is left out.
+            message_class: class of the messages.
+            log: time of publication [ns], position among all messages, and bytes; messages that are
+                added later are ignored.
             unpack: bytes -> message.
             on_look: called with topic and field when a field is read.
         """
@@ -98,7 +98,7 @@ class TopicLog:
 
     @classmethod
     def of(cls, topic: Topic, on_look: Callable[[tuple[str, ...]], None]) -> "TopicLog":
-        """What a topic has logged so far."""
+        """Wrap the messages that a topic has logged so far."""
         return cls(topic.label, topic.message_class, topic.log or (), topic.codec.unpack, on_look)
 
     def __repr__(self) -> str:
@@ -112,7 +112,7 @@ class TopicLog:
 
     @cached_property
     def entries(self) -> Sequence[tuple[int, int, bytes]]:
-        """Time of publication [ns], place among all messages of the run, bytes."""
+        """Time of publication [ns], position among all messages of the run, bytes."""
         return tuple(islice(self._log, self._count))
 
     @cached_property
@@ -143,7 +143,7 @@ class TopicLog:
         return self.field((name,))
 
     def __getitem__(self, path: str) -> Any:
-        """A field by its path, such as `pose.position.x` or `ranges[0]`.
+        """Return a field by its path, such as `pose.position.x` or `ranges[0]`.
 
         Raises:
             LookupError: the messages have no such field.
@@ -151,7 +151,7 @@ class TopicLog:
         steps = field_steps(f".{path}")
         if not steps:
             raise LookupError(
-                f"`{path}` is not a field: expected one such as pose.position or ranges[0]"
+                f"`{path}` is not a field, expected one such as pose.position or ranges[0]"
             )
         try:
             return self.field(steps)
@@ -159,18 +159,17 @@ class TopicLog:
             raise LookupError(str(error)) from error
 
     def field(self, steps: Steps) -> Any:
-        """The values of a field.
+        """Return the values of a field.
 
         Args:
-            steps: names and places in arrays, outermost first.
+            steps: names and indices in arrays, outermost first.
 
         Returns:
-            An array with a row for each message; for a field that is itself a message, a
-            `FieldLog`.
+            An array with one row per message; for a field that is itself a message, a `FieldLog`.
 
         Raises:
             AttributeError: the messages have no such field.
-            LookupError: an array of a message is shorter, or its length varies.
+            LookupError: an array in a message is too short, or its length varies.
         """
         self._on_look((self.label, _path(steps)))
         values: list[Any] = list(self.messages)
@@ -188,13 +187,13 @@ class TopicLog:
             return np.array(values)
         except ValueError as error:
             raise LookupError(
-                f"{self.label}: the length of `{_path(steps)}` varies, so it is no array; read it "
-                "from `.messages`"
+                f"{self.label}: the length of `{_path(steps)}` varies, so it cannot be an array; "
+                "read it from `.messages`"
             ) from error
 
     def _item(self, value: Any, place: int, steps: Steps) -> Any:
         if isinstance(value, str) or not hasattr(value, "__getitem__"):
-            raise AttributeError(f"{self.label}: `{_path(steps)}` is no array")
+            raise AttributeError(f"{self.label}: `{_path(steps)}` is not an array")
         if place >= len(value):
             raise LookupError(f"{self.label}: `{_path(steps)}` has only {len(value)} items")
         return value[place]
@@ -208,7 +207,7 @@ class TopicLog:
             raise AttributeError(f"{where} has no field `{name}`: {help}")
 
     def unit(self, field: str) -> str | None:
-        """The unit of a field, such as `rad/s`; None if its definition names none.
+        """Return the unit of a field, such as `rad/s`; None if its definition has none.
 
         Args:
             field: its path, such as `q_joints` or `pose.position.x`.
@@ -218,7 +217,7 @@ class TopicLog:
             kind = message_class.get_fields_and_field_types().get(name)
             if kind is None:
                 return None
-            # The vector of a message such as an Imu has the unit, its x has none of its own.
+            # In a message such as Imu, the vector has the unit, and its `x` has none of its own.
             unit = _unit_of(message_name(message_class), name) or unit
             inner = re.search(r"([a-z]\w*)/(\w+)", kind)
             if inner is not None:
@@ -227,10 +226,10 @@ class TopicLog:
         return unit
 
     def at(self, t: float) -> Any:
-        """The newest message at a time [s].
+        """Return the newest message at a time [s].
 
         Raises:
-            LookupError: none was published by then.
+            LookupError: no message was published by then.
         """
         place = int(np.searchsorted(self.t, t + _HALF_NS, side="right")) - 1
         if place < 0:
@@ -238,21 +237,21 @@ class TopicLog:
         return self.unpack(self._log[place][2])
 
     def joint(self, name: str, field: str) -> Array:
-        """A field of one joint, by the names in the messages, shape `(n,)`.
+        """Return a field of one joint, looked up by the names in the messages, shape `(n,)`.
 
         Args:
-            name: of the joint.
-            field: an array with an item for each joint, such as `q_joints`.
+            name: name of the joint.
+            field: an array with one item per joint, such as `q_joints`.
 
         Raises:
-            LookupError: the messages name no such joint.
-            AttributeError: they have no such field.
+            LookupError: the messages have no such joint.
+            AttributeError: the messages have no such field.
         """
         first = self.messages[0] if len(self) else None
         names = list(getattr(first, "joint_names", ()) or getattr(first, "name", ()))
         if name not in names:
-            help = did_you_mean(name, names) or f"they name {', '.join(names) or 'none'}"
-            raise LookupError(f"the messages of {self.label} name no joint `{name}`: {help}")
+            help = did_you_mean(name, names) or f"they have {', '.join(names) or 'none'}"
+            raise LookupError(f"the messages of {self.label} have no joint `{name}`: {help}")
         column: Array = self[f"{field}[{names.index(name)}]"]
         return column
 
@@ -263,7 +262,7 @@ def _path(steps: Steps) -> str:
 
 
 def _numbers(value: Any) -> Iterator[float]:
-    """The numbers in a message, those of arrays too, in its order."""
+    """Yield the numbers in a message, including those in arrays, in order."""
     if isinstance(value, bool | int | float | np.number):
         yield float(value)
     elif isinstance(value, np.ndarray | array | list | tuple):
@@ -279,7 +278,7 @@ _UNIT: Final = re.compile(r"\[([^\[\]]+)\]")
 
 @functools.cache
 def _unit_of(msg_type: str, field: str) -> str | None:
-    """The unit in the comment of a field, `[rad]`; None if it has several or none."""
+    """Return the unit in the comment of a field, `[rad]`; None if it has several or none."""
     package, _, name = msg_type.split("/")
     comment: list[str] = []
     for line in (installed_definition(package, name) or "").splitlines():

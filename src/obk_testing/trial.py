@@ -1,7 +1,7 @@
-"""One trial: the nodes of a stack in lock-step, and what a test does to them.
+"""A trial: the nodes of a stack in lock-step, and the test's actions on them.
 
-A test is sequential code: time stands still between two calls of `run`, so it looks, decides and
-acts at exact times. What it does without a time, it does now.
+A test is sequential code: time stands still between two calls of `run`, so it can check, decide and
+act at exact times. Actions without a time happen immediately.
 """
 
 import functools
@@ -41,16 +41,16 @@ from obk_testing.schedule import Schedule
 __all__ = ["StackTrial"]
 
 __tracebackhide__ = True
-"""Pytest shows the line of the test, not those in here."""
+"""Makes pytest show the line in the test instead of lines in this module."""
 
 _ANSWER_S: Final = 1.0
-"""Simulated time that a service may take to answer a test [s]."""
+"""Timeout for a service to respond to a test, in simulated time [s]."""
 _KEYFRAME: Final = "ic_keyframe"
 _BEFORE: Final = {"configure": "unconfigured", "activate": "inactive"}
 """The state that a transition starts from."""
 _STUB_DEPTH: Final = 10
 _AFTER_TIMERS: Final = 1 << 60
-"""Places behind those of all timers."""
+"""Positions after those of all timers."""
 Vector = Sequence[float] | NDArray[np.float64]
 
 
@@ -60,12 +60,12 @@ class _Push:
 
     body: int
     wrench: NDArray[np.float64]
-    begin_ns: int
+    start_ns: int
     end_ns: int
 
 
 class StackTrial:
-    """The nodes of a stack, active, at time 0 and later."""
+    """The active nodes of a stack, from time 0 on."""
 
     def __init__(
         self,
@@ -78,25 +78,25 @@ class StackTrial:
         watch: Iterable[str] = (),
         record: Iterable[str] | None = None,
     ) -> None:
-        """Make the nodes and bring them up.
+        """Create the nodes and bring them up.
 
         Args:
             stack: the stack.
-            seed: of noise, of unseeded generators, and of what the schedule draws; 0 leaves the
-                noise as the config has it.
-            schedule: None: the one that the seed draws, see `Schedule.varied`.
+            seed: seed of noise, unseeded generators and the schedule; 0 keeps the noise as
+                configured.
+            schedule: None for the schedule of the seed, see `Schedule.varied`.
             parameters: node -> parameter -> value, set before the nodes are configured.
-            keyframe: of the model, where the simulation starts; None: as in the config.
-            watch: topics that are published although no node subscribes.
-            record: topics whose messages are kept; None: all.
+            keyframe: the initial keyframe of the model; None to use the config's.
+            watch: topics that count as subscribed even without a subscriber.
+            record: topics to record; None for all.
 
         Raises:
-            LockstepError: a node cannot be brought up, or cannot be in lock-step.
+            LockstepError: a node cannot be brought up or cannot run in lock-step.
             LookupError: a node does not exist.
         """
         self.stack = stack
         self.seed = seed
-        # Simulators are active at time 0, so that a test can act on them at once.
+        # Simulators are active at time 0, so that a test can act on them immediately.
         names = [node.planned.full_name for node in stack.nodes if not node.planned.model]
         self.schedule = Schedule.varied(seed, names) if schedule is None else schedule
         self.nodes: dict[str, Any] = {}
@@ -105,12 +105,12 @@ class StackTrial:
         self._states: StateLog | None = None
         self._pushes: list[_Push] = []
         self._masses: list[tuple[int, float]] = []
-        """Bodies by number, and by what their masses are multiplied."""
+        """Ids of bodies, and the factors of their masses."""
         self._is_closed = self._has_begun = False
         self.wall_s = 0.0
-        """Wall-clock time that `run` has taken [s]."""
+        """Wall time of all calls of `run` [s]."""
         self.interventions: list[Intervention] = []
-        """What the test did to the stack."""
+        """The test's actions on the stack."""
         self._looked_at: dict[tuple[str, ...], None] = {}
         recorded = None if record is None else frozenset(record)
         self._lockstep = LockstepRun(
@@ -128,7 +128,7 @@ class StackTrial:
             if node.env:
                 self._lockstep.scheduler.note(
                     ("env", node.full_name),
-                    f"{node.full_name} is without its environment variables "
+                    f"{node.full_name} runs without its environment variables "
                     f"({', '.join(node.env)}): all nodes share this process",
                 )
         self._compute_s = self._by_full_name(self.schedule.compute)
@@ -159,29 +159,29 @@ class StackTrial:
         return self._lockstep.scheduler.now_ns / NS_PER_S
 
     def run(self, duration: float) -> TrialResult:
-        """Let time go on.
+        """Advance the simulated time.
 
         Args:
             duration: simulated time [s].
 
         Returns:
-            The trial from its start up to now.
+            The trial from its start until now.
 
         Raises:
-            LockstepError: nodes cause events without end, or a thread does not give its turn back.
+            LockstepError: nodes trigger each other endlessly, or a thread does not end its turn.
         """
         scheduler = self._lockstep.scheduler
-        begin_s = time.perf_counter()
+        start_s = time.perf_counter()
         try:
             with self._lockstep.entered():
                 scheduler.run_until(scheduler.now_ns + round(duration * NS_PER_S))
         finally:
-            self.wall_s += time.perf_counter() - begin_s
+            self.wall_s += time.perf_counter() - start_s
             self._collect_faults()
         return self.result()
 
     def result(self) -> TrialResult:
-        """The trial from its start up to now."""
+        """Return the trial from its start until now."""
         lockstep = self._lockstep
         return TrialResult(
             facts=TrialFacts(
@@ -202,7 +202,7 @@ class StackTrial:
         )
 
     def at(self, t: float, call: Callable[[], object]) -> None:
-        """Call something at a time [s], after the steps and before the messages of that time."""
+        """Schedule a call at a time [s], after the steps and before the messages of that time."""
         due_ns = max(round(t * NS_PER_S), self._lockstep.scheduler.now_ns)
         self._lockstep.scheduler.push(due_ns, FAULT, None, lambda: (call(), None)[1])
 
@@ -211,13 +211,13 @@ class StackTrial:
     def push(
         self, body: str, force: Vector, duration: float, torque: Vector = (0.0, 0.0, 0.0)
     ) -> None:
-        """Push a body of the model from now on.
+        """Push a body of the model, starting now.
 
         Args:
-            body: its name.
-            force: at its centre of mass, in the world frame [N], shape `(3,)`.
-            duration: how long [s].
-            torque: in the world frame [N m], shape `(3,)`.
+            body: name of the body.
+            force: force at its center of mass, in the world frame [N], shape `(3,)`.
+            duration: duration [s].
+            torque: torque in the world frame [N m], shape `(3,)`.
 
         Raises:
             LookupError: the model has no such body, or the stack has no simulator.
@@ -229,16 +229,16 @@ class StackTrial:
             _Push(
                 body=number,
                 wrench=np.concatenate([np.asarray(force, float), np.asarray(torque, float)]),
-                begin_ns=now_ns,
+                start_ns=now_ns,
                 end_ns=now_ns + round(duration * NS_PER_S),
             )
         )
 
     def scale_mass(self, body: str, factor: float) -> None:
-        """Multiply the mass and the inertia of a body of the model, for the rest of the trial.
+        """Multiply the mass and inertia of a body of the model, for the rest of the trial.
 
         Args:
-            body: its name.
+            body: name of the body.
             factor: above 0; 2 doubles the weight.
 
         Raises:
@@ -256,12 +256,12 @@ class StackTrial:
     # --- topics
 
     def drop(self, topic: str, share: float = 1.0, duration: float = float("inf")) -> None:
-        """Lose a share of the messages that are published from now on, drawn by the seed.
+        """Drop a share of the messages published from now on, selected by the seed.
 
         Args:
             topic: full name.
             share: 0 to 1.
-            duration: how long [s].
+            duration: duration [s].
         """
         self._log_intervention(f"drop {share:g} of {topic}", duration)
         draw = random.Random(f"drop {topic} {self.seed}")  # noqa: S311
@@ -271,25 +271,25 @@ class StackTrial:
         )
 
     def delay(self, topic: str, seconds: float, duration: float = float("inf")) -> None:
-        """Let the messages that are published from now on arrive later.
+        """Delay the messages published from now on.
 
         Args:
             topic: full name.
-            seconds: how much later [s].
-            duration: how long this lasts [s].
+            seconds: additional latency [s].
+            duration: how long messages are delayed [s].
         """
         self._log_intervention(f"delay {topic} by {seconds:g} s", duration)
         during, delay_ns = self._during(duration), round(seconds * NS_PER_S)
         self._topic(topic).rules.append(lambda now_ns, _: delay_ns if during(now_ns) else 0)
 
     def noise(self, topic: str, field: str, sigma: float, duration: float = float("inf")) -> None:
-        """Add noise to a field of numbers of what is published from now on, drawn by the seed.
+        """Add noise to a numeric field of the messages published from now on, drawn by the seed.
 
         Args:
             topic: full name.
-            field: of the message; a number or an array of numbers.
+            field: a number or an array of numbers in the message.
             sigma: standard deviation, in the unit of the field.
-            duration: how long [s].
+            duration: duration [s].
 
         Raises:
             LookupError: the messages have no such field.
@@ -314,18 +314,18 @@ class StackTrial:
         found.filters.append(disturb)
 
     def publish(self, topic: str, message: Any) -> None:
-        """Publish a message now, as a node outside the stack."""
+        """Publish a message now, from outside the stack."""
         self._log_intervention(f"publish on {topic}")
         with self._lockstep.entered():
             self._lockstep.topics.publish(topic, message)
 
     def feed(self, topic: str, data: bytes, time_ns: int, *, after_timers: bool = False) -> None:
-        """Publish a recorded message at a time, as a node outside the stack.
+        """Publish a recorded message at a given time, from outside the stack.
 
         Args:
-            topic: full name; a node has to subscribe to it.
-            data: the message, serialized.
-            time_ns: when [ns].
+            topic: full name; a node must subscribe to it.
+            data: the serialized message.
+            time_ns: time of publication [ns].
             after_timers: whether its publisher ran after the timers of that time.
         """
         found, scheduler = self._topic(topic), self._lockstep.scheduler
@@ -344,7 +344,7 @@ class StackTrial:
             scheduler.push(time_ns, FAULT, None, publish)
 
     def message_type(self, topic: str) -> str:
-        """The full type name of a topic's messages.
+        """Return the full type name of a topic's messages.
 
         Raises:
             LookupError: no node has the topic.
@@ -354,44 +354,44 @@ class StackTrial:
     # --- nodes
 
     def freeze(self, node: str, duration: float) -> None:
-        """Let a node do nothing for some time [s]; what was due meanwhile comes afterwards."""
+        """Freeze a node for some time [s]; events that become due meanwhile run afterwards."""
         scheduler, scheduled = self._lockstep.scheduler, self._scheduled(node)
         self._log_intervention(f"freeze {node}", duration)
         scheduler.freeze(scheduled)
         self.at(self.t + duration, lambda: scheduler.thaw(scheduled))
 
     def kill(self, node: str) -> None:
-        """End a node at once, as SIGKILL does."""
+        """Kill a node, as with SIGKILL."""
         scheduled = self._scheduled(node)
         self._collect_faults()
         self._log_intervention(f"kill {node}")
         self._lockstep.kill(scheduled)
 
     def restart(self, node: str, after: float = 0.0) -> None:
-        """Kill a node, and make and bring up a new one after some time [s]."""
+        """Kill a node, and create and bring up a new one after some time [s]."""
         name = find_node(self.stack.plan, node).full_name
         self.kill(name)
         self._log_intervention(f"restart {node}", after)
         self.at(self.t + after, functools.partial(self._remake, name))
 
     def call(self, service: str, request: Any = None) -> Any:
-        """Call a service and let time go on until it answers.
+        """Call a service, and advance the time until it responds.
 
         Args:
             service: full name.
-            request: None: an empty one.
+            request: None for an empty request.
 
         Returns:
             The response.
 
         Raises:
-            LookupError: no node serves the name.
-            LockstepError: it does not answer within a second.
+            LookupError: no node provides the service.
+            LockstepError: the service does not respond within 1 s.
         """
         services, scheduler = self._lockstep.services, self._lockstep.scheduler
         if not services.has(service):
             near = did_you_mean(service, services.names()) or ", ".join(services.names())
-            raise LookupError(f"no node serves {service}: {near}")
+            raise LookupError(f"no node provides the service {service}: {near}")
         self._log_intervention(f"call {service}")
         answers: list[Any] = []
         with self._lockstep.entered():
@@ -401,7 +401,7 @@ class StackTrial:
                 scheduler.run_until(scheduler.next_due_ns(end_ns))
         if not answers:
             raise LockstepError(
-                f"{service} gave no answer within {_ANSWER_S:g} s of simulated time"
+                f"{service} did not respond within {_ANSWER_S:g} s of simulated time"
             )
         return answers[0]
 
@@ -410,7 +410,7 @@ class StackTrial:
 
         Raises:
             LookupError: the node has no such parameter.
-            LockstepError: the node rejects it; the message has its reason.
+            LockstepError: the node rejects the value; the message has the node's reason.
         """
         self._log_intervention(f"set `{name}` of {node} to {value!r}")
         with self._lockstep.entered():
@@ -419,13 +419,13 @@ class StackTrial:
     def stub(
         self, name: str, on: str, do: Callable[[Any], Mapping[str, Any] | None], kind: type[Any]
     ) -> None:
-        """Put a stand-in in the place of a node that was left out.
+        """Replace a node that was left out with a stub.
 
         Args:
-            name: its full name.
+            name: full name of the node.
             on: the topic that it subscribes to.
-            do: called with each message; returns what to publish, topic -> message.
-            kind: the class of the messages of `on`.
+            do: called with each message; returns the messages to publish, topic -> message.
+            kind: the message class of `on`.
         """
         topics = self._lockstep.topics
 
@@ -443,7 +443,7 @@ class StackTrial:
             self.nodes[name] = self._lockstep.make_node(name, make)
 
     def close(self) -> None:
-        """Shut the nodes down and let go of them; more than one call has no effect."""
+        """Shut down and release the nodes; further calls have no effect."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -456,8 +456,8 @@ class StackTrial:
                 lockstep.nodes[name].node = None
                 del node
             lockstep.close()
-        # Nodes keep their names in rcl until they are collected; what a C extension holds on to
-        # takes a second time.
+        # Nodes keep their names in rcl until they are collected. Objects that a C extension holds
+        # need a second collection.
         for _ in range(2):
             gc.collect()
             if not any(node() for node in nodes):
@@ -465,7 +465,7 @@ class StackTrial:
         if self._has_begun:
             self.stack.participant.leave()
 
-    # --- how
+    # --- implementation
 
     def _by_full_name(self, given: Mapping[str, Any]) -> dict[str, Any]:
         plan = self.stack.plan
@@ -491,9 +491,9 @@ class StackTrial:
         node = self.nodes[name] = self._lockstep.make_node(name, loaded.make, compute_s)
         if name in self.stack.unclear_robots and not isinstance(node, ObeliskSimRobot):
             raise LockstepError(
-                f"{loaded.planned.origin}: the robot {name} ({type(node).__name__}) is no "
-                "simulator that obk knows, and a test never opens hardware. If it is simulated, "
-                "write `is_simulated: true`"
+                f"{loaded.planned.origin}: the robot {name} ({type(node).__name__}) is not a "
+                "simulator that obk knows, and tests never open hardware. If it is simulated, "
+                "set `is_simulated: true`"
             )
         for parameter, value in self._parameters.get(name, {}).items():
             self._set_parameter(name, parameter, value)
@@ -526,40 +526,40 @@ class StackTrial:
             raise LockstepError(f"{name} did not {label}: {node.last_fault}")
 
     def _try_transition(self, name: str, label: str) -> None:
-        """Take a node to a state during the run, unless it has ended or is elsewhere by now."""
+        """Start a transition during the run, unless the node has ended or is in another state."""
         node, scheduled = self.nodes[name], self._lockstep.nodes[name]
         if scheduled.is_alive and node.state_label == _BEFORE[label]:
             self._lockstep.scheduler.run_as(scheduled, getattr(node, f"trigger_{label}"))
 
     def _observe(self, steps: StepEvents) -> None:
-        """Log the states of a simulator, and push its bodies."""
+        """Record the states of a simulator, and apply pushes to its bodies."""
         data, scheduler = steps.robot.mj_data, self._lockstep.scheduler
         steps.before_step.append(lambda: self._apply_pushes(data))
         name = steps.robot.get_fully_qualified_name()
-        for number, factor in self._masses:  # a robot that restarts reads its model again
+        for number, factor in self._masses:  # a restarted robot reads its model again
             _scale_mass(steps.robot.mj_model, number, factor)
         states = self._states
         if states is None:
             states = self._states = StateLog(name, steps.robot.mj_model)
-        if states.robot == name:  # of the first simulator, restarted or not
+        if states.robot == name:  # only the first simulator, restarted or not
             steps.after_step.append(lambda: states.add(scheduler.now_ns, data))
 
     def _apply_pushes(self, data: Any) -> None:
-        # A step that ends now has begun a step ago.
+        # A step that ends now started one step ago.
         now_ns = self._lockstep.scheduler.now_ns
         if not self._pushes:
             return
         for push in self._pushes:
             data.xfrc_applied[push.body] = 0.0
         for push in self._pushes:
-            if push.begin_ns < now_ns <= push.end_ns:
+            if push.start_ns < now_ns <= push.end_ns:
                 data.xfrc_applied[push.body] += push.wrench
         self._pushes = [push for push in self._pushes if now_ns <= push.end_ns]
 
     def _simulator(self) -> StepEvents:
         simulators = list(self._lockstep.simulators.values())
         if not simulators:
-            raise LookupError("the stack has no simulator of ours whose bodies can be pushed")
+            raise LookupError("the stack has no MuJoCo simulator of Obelisk, so it has no bodies")
         return simulators[0]
 
     def _topic(self, name: str) -> Topic:
@@ -578,9 +578,9 @@ class StackTrial:
         return self._lockstep.nodes[find_node(self.stack.plan, node).full_name]
 
     def _during(self, duration: float) -> Callable[[int], bool]:
-        begin_ns = self._lockstep.scheduler.now_ns
-        end_ns = begin_ns + duration * NS_PER_S
-        return lambda now_ns: begin_ns <= now_ns < end_ns
+        start_ns = self._lockstep.scheduler.now_ns
+        end_ns = start_ns + duration * NS_PER_S
+        return lambda now_ns: start_ns <= now_ns < end_ns
 
     def _collect_faults(self) -> None:
         for name, node in self.nodes.items():
@@ -589,10 +589,10 @@ class StackTrial:
         self._faults |= dict.fromkeys(self._lockstep.faults)
 
     def _unpublished(self) -> dict[str, str]:
-        """Why topics of the plan have no messages."""
+        """Return why topics in the plan have no messages."""
         listened = {end.topic for node in self.stack.plan.nodes for end in node.subscribes}
         return {
-            end.topic: f"{end.topic} has no message: no node subscribes, so {node.full_name} does "
+            end.topic: f"{end.topic} has no messages: no node subscribes, so {node.full_name} does "
             f"not publish it. Pass `watch=['{end.topic}']` to the stack"
             for node in self.stack.plan.nodes
             for end in node.publishes
@@ -610,7 +610,7 @@ def _body_of(model: Any, name: str) -> int:
 
 
 def _scale_mass(model: Any, body: int, factor: float) -> None:
-    import mujoco  # only a stack with a simulator has it
+    import mujoco  # only installed with a simulator
 
     model.body_mass[body] *= factor
     model.body_inertia[body] *= factor
@@ -622,7 +622,7 @@ def _list(vector: Vector) -> str:
 
 
 def _destroy(lockstep: LockstepRun, scheduled: ScheduledNode, node: Any) -> None:
-    """Shut a node down, and with it the nodes that its code has made; nothing is published."""
+    """Shut down a node and the nodes that its code has created; nothing is published."""
     lockstep.kill(scheduled)
     for each in (*reversed(scheduled.others), node):
         lockstep.executor.remove_node(each)

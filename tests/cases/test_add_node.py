@@ -1,8 +1,8 @@
-"""A config dropped into `add_node/` is a test: a new node is put into it.
+"""Each config in `add_node/` is a test that adds a node to it.
 
-The first line says which: `# add: SECTION [device=NAME] [replaces=NODE]`. The node is that of
-`new_SECTION.part`. The report stands in the `.txt` beside the config, the new text in the
-`.after`; a config that rejects the node has none.
+The first line defines the node: `# add: SECTION [device=NAME] [replaces=NODE]`. The entry of the
+node is in `new_SECTION.part`. The report is in the `.txt` next to the config, the new text in the
+`.after`; configs that reject the node have no `.after`.
 """
 
 from collections.abc import Iterator
@@ -53,7 +53,7 @@ def report_on(result: AddedNode | Rejected) -> Iterator[str]:
 
 
 @pytest.fixture(autouse=True)
-def _beside_the_cases(monkeypatch: pytest.MonkeyPatch) -> None:
+def _in_case_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(HERE / "add_node")
 
 

@@ -1,8 +1,8 @@
-"""A file dropped into `reject/OBKnnn` or `accept/OBKnnn` is a test.
+"""Each file in `reject/OBKnnn` or `accept/OBKnnn` is a test.
 
-A reject case is reported word for word as the `.txt` beside it says; an accept case is reported
-not at all. `# set: path=value` on the first line is a `--set`. A `.part` is not a case of its own.
-A folder `.packages` holds packages of the case's own. Cases of OBK6 are checked for lock-step runs.
+The report of a reject case is in the `.txt` next to it; an accept case has no findings.
+`# set: path=value` on the first line is a `--set`. A `.part` is not a separate case. A folder
+`.packages` contains packages of the case. Cases of OBK6 are checked for lock-step runs.
 """
 
 import json
@@ -28,11 +28,11 @@ WITHOUT_CASE = {
     "OBK007": "tests/unit/obk_cli/config/test_yaml_parser.py",
     "OBK300": "tests/unit/obk_cli/check/test_simulation.py",
 }
-"""Codes whose fault is not a text of a few lines -> the tests that show them."""
+"""Codes whose fault cannot be shown in a short text -> the tests that cover them."""
 
 
 def cases(kind: str) -> list[object]:
-    """The files of a kind, those of the model family marked."""
+    """The files of one kind; those of the model family are marked."""
     marks = {"OBK3": pytest.mark.mujoco, "OBK215": pytest.mark.mujoco}
     return [
         pytest.param(
@@ -45,7 +45,7 @@ def cases(kind: str) -> list[object]:
 
 
 def compile_case(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
-    """Compile a case from its own folder, with the cases' workspace for packages."""
+    """Compile a case from its own folder, with the packages of the cases' workspace."""
     monkeypatch.chdir(path.parent)
     environment = MachineEnvironment(path.parent, path.parent, ENVIRONMENT)
     own = path.with_suffix(".packages")
@@ -98,7 +98,7 @@ def one_of_each_family() -> list[object]:
 
 
 @pytest.mark.parametrize("path", one_of_each_family())
-def test_the_sarif_log_of_a_fault_is_what_the_standard_asks_for(
+def test_the_sarif_log_of_a_fault_follows_the_standard(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = json.loads(report_sarif(compile_case(path, monkeypatch).diagnostics))

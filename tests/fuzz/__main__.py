@@ -1,4 +1,4 @@
-"""Runs the property tests in turn and writes what was run and found."""
+"""Run the property tests in turn and write the results."""
 
 import argparse
 import importlib
@@ -22,11 +22,11 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 RESULT: Final = ROOT / "build" / "benchmarks" / "fuzz.json"
 ENGINES: Final = ("hypothesis", "atheris")
 START_S: Final = 120.0
-"""For a process to load everything and to end [s]."""
+"""Time for a process to load everything and to exit [s]."""
 
 
 def tests() -> Iterator[tuple[str, str]]:
-    """Module and name of every property test that needs no fixture."""
+    """Module and name of all property tests that need no fixture."""
     for path in sorted((ROOT / "tests" / "property").glob("test_*.py")):
         try:
             module = importlib.import_module(f"tests.property.{path.stem}")
@@ -43,7 +43,7 @@ def _is_alone(test: Any) -> bool:
 
 
 def run(module: str, name: str, engine: str, seconds: float, seed: int) -> dict[str, Any]:
-    """One test in a process of its own."""
+    """Run one test in its own process."""
     command = (
         sys.executable,
         "-m",
@@ -84,7 +84,7 @@ def _since(begin: float) -> float:
 
 
 def _with_earlier(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Results of a part of the tests, and those that were written before of the others."""
+    """Results of some tests, merged with earlier results of the others."""
     earlier = json.loads(RESULT.read_text(encoding="utf-8"))["tests"] if RESULT.exists() else []
     merged = {(result["engine"], result["test"]): result for result in (*earlier, *results)}
     return list(merged.values())

@@ -1,4 +1,4 @@
-"""A test within bounds: what an input raises, how long it takes, what memory it wants."""
+"""Run a test within bounds of exceptions, time and memory."""
 
 import resource
 import time
@@ -13,22 +13,22 @@ from hypothesis.errors import HypothesisException
 __all__ = ["LONGEST_S", "MOST_BYTES", "Bounded", "bound_memory"]
 
 LONGEST_S: Final = 2.0
-"""Of processor time that one input may take [s]."""
+"""CPU time that one input may take [s]."""
 MOST_BYTES: Final = 500_000_000
-"""By which the process may grow."""
+"""Memory by which the process may grow."""
 MOST_FINDINGS: Final = 20
 OURS: Final = ("/src/obk", "/src/obelisk")
 
 
 @dataclass(slots=True)
 class Bounded:
-    """A test that takes note of findings in place of failing."""
+    """A test that records findings instead of failing."""
 
     test: Callable[..., Any]
     executions: int = 0
     slowest_s: float = 0.0
     findings: dict[str, str] = field(default_factory=dict)
-    """Where it came from -> what it was, with the input as far as it is short."""
+    """Location of a finding -> its description, with the input if it is short."""
 
     def __call__(self, *arguments: Any, **options: Any) -> None:
         """Run one input."""
@@ -51,7 +51,7 @@ class Bounded:
 
 
 def bound_memory() -> None:
-    """From here on, more memory than `MOST_BYTES` is a MemoryError."""
+    """Limit the memory: more than `MOST_BYTES` from now on raises a MemoryError."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
     used = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmData"))
     most = used * 1024 + MOST_BYTES
@@ -59,7 +59,7 @@ def bound_memory() -> None:
 
 
 def _place(error: Exception) -> str:
-    """The innermost line of ours."""
+    """The innermost line of the project's code."""
     frames = traceback.extract_tb(error.__traceback__)
     ours = [frame for frame in frames if any(part in frame.filename for part in OURS)]
     frame = (ours or frames)[-1]

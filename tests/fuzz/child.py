@@ -1,4 +1,4 @@
-"""One test, run for some seconds: `python -m tests.fuzz.child MODULE TEST ENGINE SECONDS SEED`.
+"""Run one test for some time: `python -m tests.fuzz.child MODULE TEST ENGINE SECONDS SEED`.
 
 Prints one line of JSON: executions, the slowest input [s], findings.
 """
@@ -24,7 +24,7 @@ __all__ = ["main"]
 
 CORPUS_FILES = 32
 CORPUS_BYTES = 2048
-"""Of choices: enough for the largest inputs that the tests draw."""
+"""Size of the random choices, enough for the largest inputs that the tests draw."""
 
 
 def main(module: str, name: str, engine: str, seconds: float, seed: int) -> None:
@@ -53,7 +53,7 @@ def main(module: str, name: str, engine: str, seconds: float, seed: int) -> None
 
     @functools.wraps(bounded.test)
     def call(*arguments: Any, **options: Any) -> None:
-        if time.monotonic() < end:  # what a test still draws after that is not run
+        if time.monotonic() < end:  # a test still draws after that, but does not run
             bounded(*arguments, **options)
 
     test.hypothesis.inner_test = call
@@ -61,11 +61,11 @@ def main(module: str, name: str, engine: str, seconds: float, seed: int) -> None
         _explore(atheris, test.hypothesis.fuzz_one_input, bounded, end, seed)
     else:
         _generate(test, end, seed)
-        _tell(bounded)
+        _report(bounded)
 
 
 def _generate(test: Any, end: float, seed: int) -> None:
-    """By hypothesis, with one seed after another."""
+    """Run with hypothesis, with one seed after another."""
     while time.monotonic() < end:
         test._hypothesis_internal_use_seed = seed
         test()
@@ -75,13 +75,13 @@ def _generate(test: Any, end: float, seed: int) -> None:
 def _explore(
     atheris: Any, run: Callable[[bytes], object], bounded: Bounded, end: float, seed: int
 ) -> None:
-    """By atheris, from random bytes; it never returns."""
+    """Run with atheris, on random bytes; never returns."""
 
     def run_one(data: bytes) -> None:
         run(data)
         if time.monotonic() > end:
-            _tell(bounded)
-            os._exit(0)  # the library has no other end in which Python has a word
+            _report(bounded)
+            os._exit(0)  # the library has no other exit hook for Python
 
     with tempfile.TemporaryDirectory() as corpus:
         draw = random.Random(seed)
@@ -91,7 +91,7 @@ def _explore(
         atheris.Fuzz()
 
 
-def _tell(bounded: Bounded) -> None:
+def _report(bounded: Bounded) -> None:
     reported = {"executions": bounded.executions, "slowest_s": round(bounded.slowest_s, 3)}
     print(json.dumps({**reported, "findings": bounded.findings}), flush=True)
 

@@ -1,4 +1,4 @@
-"""What the examples compile to, byte for byte. `make golden` rewrites the expected files."""
+"""The output of `obk compile` for the examples. `make golden` rewrites the expected files."""
 
 import json
 import subprocess
@@ -37,7 +37,7 @@ for name in sys.argv[1:]:
 
 
 def golden(name: str, form: str) -> Path:
-    """The expected file; a launch file is text here, so that no one takes it for code of ours."""
+    """The expected file; launch files have the suffix `.txt`, so that tools ignore them."""
     ending = FORMS[form].ending.replace(".py", ".py.txt")
     return HERE / f"{Path(name).stem}{ending}"
 
@@ -51,7 +51,7 @@ def compile_example(name: str, repository: Path) -> Plan:
 
 @pytest.mark.parametrize("name", EXAMPLES)
 @pytest.mark.parametrize("form", FORMS)
-def test_an_example_compiles_to_what_is_written_down(
+def test_an_example_compiles_to_the_expected_output(
     name: str,
     form: str,
     repository: Path,
@@ -68,7 +68,7 @@ def test_an_example_compiles_to_what_is_written_down(
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_both_spellings_come_to_the_same_but_for_places(form: str) -> None:
+def test_both_formats_compile_to_the_same_plan_except_for_locations(form: str) -> None:
     old, new = (golden(name, form).read_text(encoding="utf-8") for name in EXAMPLES)
     if form == "plan":
         plans = [json.loads(text) for text in (old, new)]
@@ -114,7 +114,7 @@ def test_a_robot_has_no_finding(name: str, repository: Path) -> None:
     assert outcome.diagnostics == ()
 
 
-def test_the_same_config_gives_the_same_bytes_in_every_process(repository: Path) -> None:
+def test_the_same_config_gives_identical_output_in_every_process(repository: Path) -> None:
     outputs = {
         subprocess.run(
             [sys.executable, "-c", PRINT_ALL_FORMS, *EXAMPLES],

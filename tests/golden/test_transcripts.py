@@ -1,4 +1,4 @@
-"""What the commands print, word for word: one transcript a command. `make golden` rewrites them.
+"""Transcripts of all commands, one per command. `make golden` rewrites them.
 
 The help of all commands is in `docs/reference/commands.md`, which a test keeps up to date.
 """
@@ -42,7 +42,7 @@ for command in sys.argv[1:]:
     for stream in (1, 2):
         os.write(stream, f"\0{code}\0".encode())
 """
-"""Each command in a process of its own; what they import is imported once."""
+"""Run each command in a fork of one process, which imports modules only once."""
 SEEING = """
 import os, psutil
 from obk_cli.runs import orphans
@@ -50,7 +50,7 @@ seen = map(int, os.environ["SEEN"].split())
 seen = [psutil.Process(pid) for pid in seen if psutil.pid_exists(pid)]
 orphans._own_processes = lambda: seen
 """
-"""Orphans of other stacks on this machine are neither shown nor ended."""
+"""Neither show nor end orphans of other stacks on this machine."""
 BROKEN = """\
 config: broken
 control:
@@ -124,7 +124,7 @@ COMMANDS = {
         f"sweep {DUMMY} --engine ray",
     ),
     "logs": ("logs", "logs dummy"),
-    # Not all checks: what they find depends on the machine.
+    # Not all checks, because their findings depend on the machine.
     "doctor": ("doctor --list", "doctor workspce", "doctor folders workspace"),
 }
 OF_RUNS = {"ps": ("ps",), "reap": ("reap --dry-run", "reap", "reap")}
@@ -172,7 +172,7 @@ VARYING = {
     "record": ((r" in [\d.]+ s,", " in <time> s,"),),
     "monitor": ((r"monitor [\d.]+ %", "monitor <load> %"), (r"  1234 .*", "  1234  ...")),
 }
-"""What differs from run to run in the transcript of a command, and what stands for it."""
+"""Text in a transcript that differs between runs -> its replacement."""
 
 
 CLOSED_LOOP = """\
@@ -198,7 +198,7 @@ def nothing(_: Path) -> None:
 
 
 def recording(folder: Path) -> None:
-    """A recording of four seconds with a topic and two messages that were lost."""
+    """A recording of four seconds with one topic and two lost messages."""
     second = 1_000_000_000
     with BagWriter(folder / "speed.mcap") as writer:
         writer.describe({"obelisk": {"run": "arm_1"}}, {"plan.json": "{}"}, second)
@@ -239,7 +239,7 @@ def two_runs(folder: Path) -> None:
 
 
 def wrong_messages(folder: Path) -> None:
-    """A workspace with a package of messages whose definition is wrong."""
+    """A workspace with a message package that has an invalid definition."""
     package = folder / "apart/wrong/src/wrong_msgs"
     (package / "msg").mkdir(parents=True)
     (folder / "apart/COLCON_IGNORE").touch()
@@ -255,7 +255,7 @@ def wrong_messages(folder: Path) -> None:
 
 
 def calm_dummy(folder: Path) -> None:
-    """The example with rates that a busy machine keeps."""
+    """The example at rates that a busy machine can keep."""
     dummy = folder / "examples" / "dummy"
     shutil.copytree(EXAMPLE.parent, dummy)
     calm(dummy)
@@ -278,9 +278,9 @@ def transcript(
     *,
     seen: Mapping[int, str] | None = None,
 ) -> str:
-    """The commands, one after another in a folder, with what they printed and their exit codes.
+    """Run the commands in a folder; return them with their outputs and exit codes.
 
-    `seen`: the processes that are found, and what stands for their numbers; None: all.
+    `seen`: the processes to find, and the replacements of their IDs; None: all.
     """
     (folder / "broken.yaml").write_text(BROKEN)
     (folder / "warning.yaml").write_text(WARNING)
@@ -346,7 +346,7 @@ def test_ps_prints_its_transcript(
         running = transcript(OF_RUNS["ps"], tmp_path, repository, seen=seen)
         (stack.folder / "control.sock").unlink()
         silent = transcript(OF_RUNS["ps"], tmp_path, repository, seen=seen)
-    # The launcher's time is fixed; without its answer the process's own age is shown.
+    # The launcher's uptime is fixed; without its reply, the age of the process is shown.
     silent = re.sub(r"up [\d:]+", "up <time>", silent)
     text = "\n".join((nothing, running, silent))
     compare("ps", text, request.config.getoption("--update-golden"))
@@ -400,7 +400,7 @@ def test_web_prints_its_transcript(
 
 
 def until_interrupted(command: str) -> str:
-    """What a command prints that ends, or that is interrupted as soon as it waits."""
+    """The output of a command that ends, or that is interrupted as soon as it waits."""
     with subprocess.Popen(
         [OBK, *command.split()], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as process:
@@ -415,7 +415,7 @@ def until_interrupted(command: str) -> str:
 
 @contextmanager
 def orphan() -> Iterator[Mapping[int, str]]:
-    """A process whose launcher is gone."""
+    """A process whose launcher has ended."""
     launcher, started = this_process()
     sleep = shutil.which("sleep")
     assert sleep
@@ -446,7 +446,7 @@ def compare(name: str, text: str, is_update: bool) -> None:
 
 
 def in_order_of_names(lines: re.Match[str]) -> str:
-    """Processes that start together are reported in the order in which they are up."""
+    """Sort the lines of processes that start at once, which report in any order."""
     return "".join(sorted(lines[0].splitlines(keepends=True)))
 
 

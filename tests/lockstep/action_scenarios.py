@@ -1,4 +1,4 @@
-"""What happens to actions in lock-step, as JSON: a program, because it needs a compiled package."""
+"""Scenarios of actions in lock-step, printed as JSON; a program, as it needs a built package."""
 
 import json
 from collections.abc import Callable
@@ -16,7 +16,7 @@ STEP_S = 0.1
 
 
 class Walker:
-    """An action server that walks a metre in 0.1 s, and a client that notes what it receives."""
+    """An action server that walks a metre in 0.1 s, and a client that records what it receives."""
 
     def __init__(self, **options: Any) -> None:
         self.world = World(**options)

@@ -1,4 +1,4 @@
-"""A process that can run nodes in lock-step, for one file of tests at a time."""
+"""A process that can run nodes in lock-step, for one test file at a time."""
 
 import gc
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ def _lockstep_process() -> Iterator[None]:
 
 @pytest.fixture
 def make_world() -> Iterator[Callable[..., World]]:
-    """Makes runs that are closed after the test; the options are those of `LockstepRun`."""
+    """Create runs that are closed after the test; the options are those of `LockstepRun`."""
     worlds: list[World] = []
 
     def make(**options: Any) -> World:
@@ -36,7 +36,7 @@ def make_world() -> Iterator[Callable[..., World]]:
 
 @pytest.fixture
 def world(make_world: Callable[..., World]) -> World:
-    """The ideal run, without nodes."""
+    """An ideal run without nodes."""
     return make_world()
 
 
@@ -50,7 +50,7 @@ def _stacks(_lockstep_process: None) -> Iterator[dict[Any, LoadedStack]]:
 
 @pytest.fixture
 def start_config(_stacks: dict[Any, LoadedStack]) -> Iterator[Callable[..., StackTrial]]:
-    """`start_config(path, "robot.on_crash=ignore", seed=3)`; the trials end with the test."""
+    """`start_config(path, "robot.on_crash=ignore", seed=3)` starts a trial; the test closes it."""
     trials: list[StackTrial] = []
 
     def start(

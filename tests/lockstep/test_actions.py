@@ -26,7 +26,7 @@ SUCCEEDED, CANCELED, ABORTED = (
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What each scenario saw, by its name."""
+    """The record of each scenario, by its name."""
     folder = tmp_path_factory.mktemp("actions")
     source, overlay = folder / "source", folder / "overlay"
     (source / "action").mkdir(parents=True)
@@ -59,7 +59,7 @@ def test_a_goal_has_feedback_and_a_result(results: dict[str, Any]) -> None:
 
 
 def test_each_way_takes_the_latency(results: dict[str, Any]) -> None:
-    # The goal and its response take 20 ms, the request of the result comes while it walks.
+    # The goal and its response take 20 ms; the request for the result arrives while it walks.
     assert results["latency"]["seen"] == [
         [0.52, "accepted"],
         [0.62, 1.0],
@@ -79,14 +79,14 @@ def test_a_server_that_raises_aborts_the_goal(results: dict[str, Any]) -> None:
     assert results["raises"]["seen"] == [[0.5, "accepted"], [0.5, [ABORTED, False]]]
 
 
-def test_a_missing_server_is_noted_and_may_come_later(results: dict[str, Any]) -> None:
+def test_a_missing_server_is_noted_and_may_start_later(results: dict[str, Any]) -> None:
     seen, notes = results["no_server"]["seen"], results["no_server"]["notes"]
     assert seen[0] == [1.0, False]
     assert seen[1:] == [[2.0, "accepted"], [2.1, 1.0], [2.1, [SUCCEEDED, True]]]
     assert any("no node serves the action /walk" in note for note in notes)
 
 
-def test_a_goal_that_blocks_is_an_error_with_its_place(results: dict[str, Any]) -> None:
+def test_a_blocking_goal_is_an_error_with_its_location(results: dict[str, Any]) -> None:
     (error,) = results["blocking"]["seen"]
     assert "/client" in error
     assert "action_scenarios.py:" in error

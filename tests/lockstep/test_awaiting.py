@@ -28,7 +28,7 @@ def _serve(node: Any, name: str = "/hello") -> Any:
     return node.create_service(Trigger, name, answer)
 
 
-def test_a_call_is_answered_after_the_latency_of_both_ways(
+def test_a_call_gets_its_response_after_the_latency_of_both_directions(
     make_world: Callable[..., World],
 ) -> None:
     world = make_world(timing=TimingModel(latency=0.002))
@@ -114,7 +114,7 @@ def test_await_works_in_every_kind_of_callback(world: World) -> None:
 
 
 @pytest.mark.parametrize("has_executor", [True, False])
-def test_a_future_of_the_users_own_is_awaited(world: World, has_executor: bool) -> None:
+def test_a_future_of_the_user_is_awaited(world: World, has_executor: bool) -> None:
     node = world.node()
     future = Future(executor=node.executor if has_executor else None)
     seen: list[Any] = []
@@ -151,7 +151,7 @@ def test_a_task_is_awaited_and_its_exception_is_raised(world: World) -> None:
     assert "ValueError: negative" in str(node.last_fault)
 
 
-def test_an_awaitable_that_only_yields_is_looked_at_each_millisecond(world: World) -> None:
+def test_an_awaitable_that_only_yields_is_polled_each_millisecond(world: World) -> None:
     node = world.node()
     seen: list[float] = []
 
@@ -184,7 +184,7 @@ def test_a_canceled_future_ends_the_wait(world: World) -> None:
     assert node.last_fault is None
 
 
-def test_a_killed_server_never_answers_and_is_no_error(world: World) -> None:
+def test_a_killed_server_never_responds_and_is_no_error(world: World) -> None:
     server, node = world.node("server"), world.node()
     _serve(server)
     client = node.create_client(Trigger, "/hello")
@@ -221,7 +221,7 @@ def test_a_destroyed_client_gets_no_response(make_world: Callable[..., World]) -
     assert not futures[0].done()
 
 
-def test_a_call_that_blocks_ends_the_run_with_its_place(world: World) -> None:
+def test_a_blocking_call_ends_the_run_with_its_location(world: World) -> None:
     server, node = world.node("server"), world.node()
     _serve(server)
     client = node.create_client(Trigger, "/hello")
@@ -253,7 +253,7 @@ def test_waiting_for_a_service_without_end_ends_the_run(world: World) -> None:
             pass
 
     world.at(node, 0.1, wait_for_ever)
-    with pytest.raises(LockstepError, match=r"test_awaiting\.py:\d+: what it waits for"):
+    with pytest.raises(LockstepError, match=r"test_awaiting\.py:\d+: it waits for"):
         world.run(0.2)
     other = world.node("other")
     client = other.create_client(Trigger, "/missing")

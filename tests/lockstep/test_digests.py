@@ -1,4 +1,4 @@
-"""The same bits: in one process, in others, in any order, whatever is recorded."""
+"""Digests are equal in one process and in others, in any order, whatever is recorded."""
 
 import os
 import subprocess
@@ -46,7 +46,7 @@ def test_runs_of_one_process_have_one_digest(start_config: Start, config: Path) 
     assert len(digests) == 1
 
 
-def test_other_seeds_have_other_bits(start_config: Start) -> None:
+def test_other_seeds_have_other_results(start_config: Start) -> None:
     digests = {start_config(ARM, seed=seed).run(0.1).digest() for seed in (0, 1, 2)}
     assert len(digests) == 3
 
@@ -74,7 +74,7 @@ def test_other_processes_hash_seeds_and_orders_have_the_same_digests(start_confi
         assert (there[::-1] if backwards else there) == here, result.stderr
 
 
-def test_what_is_recorded_changes_nothing(start_config: Start) -> None:
+def test_recording_topics_changes_nothing(start_config: Start) -> None:
     everything = start_config(ARM, seed=3).run(DURATION_S)
     some = start_config(ARM, seed=3, record=LOOP).run(DURATION_S)
     more = start_config(ARM, seed=3, watch=["/arm/wrist_force"]).run(DURATION_S)

@@ -1,4 +1,4 @@
-"""What nodes may do wrong in lock-step, and how they end."""
+"""Faults of nodes in lock-step, and how the nodes end."""
 
 import sys
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""`Parameter`s in lock-step: changed between two events, at the same one in every run."""
+"""`Parameter`s in lock-step change between two events, at the same time in every run."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.ros
 
 
 class Tuned(GuardedLifecycleNode):
-    """Notes its values at each tick, before and after it sets them itself."""
+    """Records its values at each tick, before and after it sets them itself."""
 
     kp = Parameter(1.0)
     kd = Parameter(2.0)

@@ -1,4 +1,4 @@
-"""`OnnxPolicy`: what it observes, what it commands, and networks that it rejects."""
+"""`OnnxPolicy`: its observations, its commands, and networks that it rejects."""
 
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ JOINTS = {"joint_names": ["b", "a"], "q_joints": [2.0, 1.0], "v_joints": [20.0, 
 
 
 def policy(world: World, **parameters: Any) -> OnnxPolicy:
-    """A policy of two joints that is active, with some parameters changed."""
+    """An active policy of two joints, with some parameters changed."""
     given = {
         "params_path": str(NETWORK),
         "observation": ["joint_positions", "joint_velocities"],
@@ -55,7 +55,7 @@ def test_the_base_is_observed_in_its_own_frame(world: World) -> None:
     assert observed == pytest.approx([1, 0, 0, 0, 0, 1, 0, 0, 0.5], abs=1e-12)
 
 
-def test_an_estimate_that_lacks_what_is_observed_is_an_error(world: World) -> None:
+def test_an_estimate_without_an_observed_field_is_an_error(world: World) -> None:
     node = policy(world)
     with pytest.raises(ObeliskError, match="no joint a, b"):
         node.observe(EstimatedState(joint_names=["c"], q_joints=[0.0], v_joints=[0.0]))
@@ -97,18 +97,18 @@ def test_no_command_is_published_that_is_not_finite(world: World) -> None:
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"observation": ["joint_positions"]}, "has 4 numbers, the parameters describe 2"),
-        ({"action_joints": ["a", "b"]}, "has 1 numbers, the parameters describe 2"),
+        ({"observation": ["joint_positions"]}, "has 4 numbers, expected 2 from the parameters"),
+        ({"action_joints": ["a", "b"]}, "has 1 numbers, expected 2 from the parameters"),
         ({"observation": ["joint_position"]}, "joint_positions"),
         ({"observation_scales": [1.0]}, "1 values"),
-        ({"joints": ["a"]}, "has 4 numbers, the parameters describe 2"),
-        ({"params_path": __file__}, "no network"),
+        ({"joints": ["a"]}, "has 4 numbers, expected 2 from the parameters"),
+        ({"params_path": __file__}, "not an ONNX network"),
         ({"default_pose": [0.0] * 3}, "`default_pose` has 3 values, expected 1 or 2"),
         ({"action_scale": [1.0, 2.0]}, "`action_scale` has 2 values, expected 1"),
         ({"kp": [1.0, 2.0]}, "`kp` has 2 values, expected 1"),
     ],
 )
-def test_what_does_not_fit_the_network_is_rejected(
+def test_parameters_that_do_not_match_the_network_are_rejected(
     world: World, parameters: dict[str, Any], message: str
 ) -> None:
     node = policy(world)

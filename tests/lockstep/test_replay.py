@@ -1,4 +1,4 @@
-"""Nodes on recorded inputs: the same code gives the same bits, in whatever order inputs came."""
+"""Replay of recorded inputs: the same code gives the same result, in any order of inputs."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -52,7 +52,7 @@ def request_for(trial: StackTrial, node: str, recording: Path) -> ReplayRequest:
     ],
     ids=["ideal", "late", "bring-up"],
 )
-def test_a_node_publishes_what_it_published_when_it_was_recorded(
+def test_a_node_publishes_the_recorded_messages_again(
     start_config: Start, tmp_path: Path, config: Path, node: str, schedule: Schedule
 ) -> None:
     recording = tmp_path / "trial.mcap"
@@ -67,11 +67,11 @@ def test_a_node_publishes_what_it_published_when_it_was_recorded(
         count, differs_s = first_different_message(first, second, topic)
         assert differs_s is None, f"{topic} differs at {differs_s} s"
         assert count > 10
-    if VIEWS in second.topics:  # what the controller saw; the last column is drawn
+    if VIEWS in second.topics:  # the values that the controller received; the last column is random
         np.testing.assert_array_equal(first[VIEWS].data[:, :3], second[VIEWS].data[:, :3])
 
 
-def test_messages_that_are_defined_differently_here_are_refused(
+def test_messages_with_a_different_definition_are_rejected(
     start_config: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording = tmp_path / "trial.mcap"
@@ -84,5 +84,5 @@ def test_messages_that_are_defined_differently_here_are_refused(
         return text and text.replace("float64[] q_joints", "float32[] q_joints")
 
     monkeypatch.setattr("obk_testing.replay.installed_definition", other_definition)
-    with pytest.raises(CommandFailedError, match="another definition of obelisk_estimator_msgs"):
+    with pytest.raises(CommandFailedError, match="the definition of obelisk_estimator_msgs"):
         list(replay(request))

@@ -22,7 +22,7 @@ Start = Callable[..., StackTrial]
 
 
 def _controls(trial: StackTrial) -> list[float]:
-    """What the actuators are set to."""
+    """The controls of the actuators."""
     controls: list[float] = trial.nodes[ROBOT].mj_data.ctrl.tolist()
     return controls
 
@@ -62,7 +62,7 @@ def test_old_commands_are_acted_on_at_the_step_after_the_deadline(
         assert after == [0.0]
     elif action == "hold":
         assert after == last
-    else:  # a position servo holds the position where it was
+    else:  # a position servo holds its last position
         np.testing.assert_allclose(after, trial.nodes[ROBOT].mj_data.qpos, atol=0.01)
     run = trial.run(1.0)
     assert any(entry.severity >= 30 and "0.5" in entry.text for entry in run.log)
@@ -82,7 +82,7 @@ def test_a_restarted_simulator_steps_on(start_config: Start) -> None:
     assert abs(trial.run(0.01).qvel[-1, 0] - before) > 0.1
 
 
-def test_a_frozen_simulator_loses_the_time(start_config: Start) -> None:
+def test_a_frozen_simulator_skips_the_time(start_config: Start) -> None:
     trial = start_config(DUMMY)
     trial.run(0.1)
     trial.freeze("robot", 0.1)

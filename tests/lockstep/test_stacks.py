@@ -1,4 +1,4 @@
-"""Stacks without MuJoCo in lock-step: programs, robots, faults, restarts and stand-ins."""
+"""Stacks without MuJoCo in lock-step: programs, robots, faults, restarts and fakes."""
 
 import functools
 import os
@@ -36,7 +36,7 @@ Start = Callable[..., StackTrial]
 
 @pytest.fixture
 def start(start_config: Start) -> Start:
-    """Starts trials of the config, with changes of it."""
+    """Start trials of the config, with changes."""
     return functools.partial(start_config, CONFIG)
 
 
@@ -67,7 +67,7 @@ with intercepted():
 """
 
 
-def test_generators_of_modules_begin_each_trial_of_any_process_alike(start: Start) -> None:
+def test_global_random_generators_are_reset_for_each_trial(start: Start) -> None:
     def views(seed: int) -> list[str]:
         return [*map(str, start(seed=seed).run(0.1)["/hazards/views"].data[-1, 3:])]
 
@@ -79,7 +79,7 @@ def test_generators_of_modules_begin_each_trial_of_any_process_alike(start: Star
 
 
 @pytest.mark.parametrize("loop", ["sleep", "wait", "existing"])
-def test_a_simulator_with_a_thread_of_its_own_is_a_guest(start: Start, loop: str) -> None:
+def test_a_simulator_with_its_own_thread_is_a_guest(start: Start, loop: str) -> None:
     digests = set()
     for _ in range(2):
         trial = start(parameters={ROBOT: {"loop": loop}})
@@ -111,7 +111,7 @@ def test_a_simulator_that_raises_fails_its_node(start: Start) -> None:
     assert "robots.py" in fault
 
 
-def test_a_callback_that_raises_is_a_fault_with_its_place(start: Start) -> None:
+def test_a_callback_that_raises_is_a_fault_with_its_location(start: Start) -> None:
     trial = start(parameters={CONTROL: {"fault": "compute"}})
     run = trial.run(1.0)
     assert trial.nodes[CONTROL].state_label == "unconfigured"
@@ -129,24 +129,24 @@ def test_a_node_that_cannot_be_configured_ends_the_bring_up(start: Start) -> Non
         start(parameters={CONTROL: {"fault": "configure"}})
 
 
-def test_hardware_is_refused_before_a_node_is_made(start: Start) -> None:
+def test_hardware_is_rejected_before_a_node_is_created(start: Start) -> None:
     with pytest.raises(CommandFailedError, match="/obelisk_robot_0 is hardware"):
         start("robot.is_simulated=false")
 
 
-def test_a_robot_that_is_no_simulator_is_refused_unless_the_config_says_it_is(
+def test_a_robot_that_is_no_simulator_is_rejected_unless_the_config_declares_it(
     start: Start,
 ) -> None:
-    with pytest.raises(LockstepError, match=r"/obelisk_robot_0 \(Drive\) is no simulator"):
+    with pytest.raises(LockstepError, match=r"/obelisk_robot_0 \(Drive\) is not a simulator"):
         start("robot.executable=drive")
-    from hazards_py.robots import open_drives  # found once its program is loaded
+    from hazards_py.robots import open_drives  # found after its program is loaded
 
     assert not open_drives
     trial = start("robot.executable=drive", "robot.is_simulated=true")
     assert len(trial.run(0.1)["/hazards/joint_encoders"]) == 20
 
 
-def test_a_node_that_cannot_be_in_lockstep_is_named_with_what_to_do(
+def test_a_node_that_cannot_run_in_lockstep_is_named_with_a_hint(
     start: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def is_composable(process: PlannedNode, command: Command) -> bool:
@@ -190,11 +190,11 @@ def test_a_plain_node_in_a_program_is_an_error(start: Start) -> None:
 
 
 def test_a_program_without_a_node_is_an_error(start: Start) -> None:
-    with pytest.raises(CommandFailedError, match="ended without a call of spin_obelisk"):
+    with pytest.raises(CommandFailedError, match="ended without calling spin_obelisk"):
         start("control.executable=no_spin")
 
 
-def test_a_stub_stands_in_for_a_node(start: Start) -> None:
+def test_a_stub_replaces_a_node(start: Start) -> None:
     trial = start(without=("estimation",))
 
     def estimate(message: JointEncoders) -> dict[str, Any]:
@@ -236,7 +236,7 @@ def test_freeze_delays_and_kill_ends_a_node(start: Start) -> None:
 
 
 @pytest.mark.parametrize("node", ["control", "estimation", "robot"])
-def test_a_restarted_node_goes_on(start: Start, node: str) -> None:
+def test_a_restarted_node_continues(start: Start, node: str) -> None:
     trial = start()
     trial.run(0.2)
     before = dict(trial.nodes)
@@ -249,7 +249,7 @@ def test_a_restarted_node_goes_on(start: Start, node: str) -> None:
     assert run["/hazards/views"].at(0.7).data[2] > 0.1
 
 
-def test_a_node_is_killed_or_restarted_while_it_comes_up(start: Start) -> None:
+def test_a_node_is_killed_or_restarted_while_it_starts(start: Start) -> None:
     schedule = Schedule(bring_up={"control": 0.3, "estimation": 0.2})
     trial = start(schedule=schedule)
     trial.run(0.1)

@@ -1,4 +1,4 @@
-"""What code asks the system for, in lock-step: time, dates, sleep, chance, threads and logs."""
+"""System calls in lock-step: time, dates, sleep, random numbers, threads and logs."""
 
 import asyncio
 import datetime
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.ros
 
 
 def _in_callback(world: World, read: Callable[[], Any], t: float = 1.5) -> Any:
-    """What `read` returns in a callback at a time."""
+    """The result of `read` in a callback at a time."""
     node = world.node()
     seen: list[Any] = []
     world.at(node, t, lambda: seen.append(read()))
@@ -273,7 +273,7 @@ def test_a_thread_that_waits_for_a_socket_leaves_the_run_with_a_note(world: Worl
         thread.join(5.0)
     ((data, received_s),) = received
     assert data == b"message"
-    assert received_s > 1e9  # the system's time
+    assert received_s > 1e9  # the system time
 
 
 def test_a_thread_that_only_computes_is_an_error_with_its_stack(
@@ -353,7 +353,7 @@ def test_a_guest_thread_that_never_sleeps_is_an_error_with_its_stack(
     assert not thread.is_alive()
 
 
-def test_logs_have_the_simulated_time_and_their_place(world: World) -> None:
+def test_logs_have_the_simulated_time_and_their_location(world: World) -> None:
     node = world.node()
     world.at(node, 0.25, lambda: node.get_logger().warning("look at this"))
     world.run(0.3)

@@ -1,4 +1,4 @@
-"""Timers and rates in lock-step: of every clock, canceled, reset, late, and with other periods."""
+"""Timers and rates in lock-step: all clocks; canceled, reset and late timers; new periods."""
 
 from collections.abc import Callable
 from typing import Any
@@ -49,7 +49,7 @@ def test_callback_groups_are_accepted_and_callbacks_never_overlap(
     assert most == [1] * 15
 
 
-def test_timers_of_one_time_come_in_the_order_in_which_they_were_made(world: World) -> None:
+def test_timers_due_together_run_in_order_of_creation(world: World) -> None:
     one, two = world.node("one"), world.node("two")
     seen: list[str] = []
     two.create_timer(0.02, lambda: seen.append("two, 20 ms"))

@@ -1,4 +1,4 @@
-"""Topics in lock-step: order, history, durability, quality of service, raw bytes and infos."""
+"""Topics in lock-step: order, history, durability, QoS, raw bytes and message infos."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=2, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def test_messages_of_one_time_come_in_the_order_of_publication(world: World) -> None:
+def test_simultaneous_messages_arrive_in_order_of_publication(world: World) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")
     seen: list[str] = []
     first = sender.create_publisher(String, "/first", 10)
@@ -44,7 +44,7 @@ def test_messages_of_one_time_come_in_the_order_of_publication(world: World) -> 
     assert seen == [f"{name} {number}" for number in range(3) for name in ("first", "second")]
 
 
-def test_every_subscription_has_a_copy_of_its_own(world: World) -> None:
+def test_every_subscription_has_its_own_copy(world: World) -> None:
     sender, one, two = world.node("sender"), world.node("one"), world.node("two")
     seen: list[str] = []
 
@@ -81,7 +81,7 @@ def test_a_busy_node_keeps_the_newest_of_its_depth(
     assert seen == kept
 
 
-def test_a_late_subscription_receives_what_was_latched(world: World) -> None:
+def test_a_late_subscription_receives_latched_messages(world: World) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")
     seen: list[tuple[float, str]] = []
     publisher = sender.create_publisher(String, "/latched", LATCHED)
@@ -121,7 +121,7 @@ def test_another_type_on_a_topic_is_an_error_or_a_note(world: World) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")
     seen: list[Any] = []
     sender.create_publisher(String, "/topic", 1)
-    # As in a composed process: a participant of DDS has one type for each topic.
+    # As in a composed process: a DDS participant has one type per topic.
     with pytest.raises(RCLError):
         receiver.create_subscription(Float64, "/topic", seen.append, 1)
     with world.lockstep.entered():
@@ -177,7 +177,7 @@ def test_a_message_of_another_type_is_an_error_of_the_publisher(world: World) ->
     assert "TypeError" in str(node.last_fault)
 
 
-def test_a_destroyed_subscription_receives_nothing_that_is_on_its_way(
+def test_a_destroyed_subscription_receives_no_messages_in_transit(
     make_world: Callable[..., World],
 ) -> None:
     world = make_world(timing=TimingModel(latency=0.01))
@@ -214,7 +214,7 @@ def test_messages_overtake_each_other_and_none_is_lost(world: World, is_frozen: 
     assert seen == [3.0, 1.0, 2.0, 0.0]
 
 
-def test_a_destroyed_publisher_is_gone(world: World) -> None:
+def test_a_destroyed_publisher_is_removed(world: World) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")
     seen: list[Any] = []
     publisher = sender.create_publisher(String, "/latched", LATCHED)
@@ -239,7 +239,7 @@ def test_a_lifecycle_publisher_is_silent_unless_its_node_is_active(world: World)
     assert seen == ["active"]
 
 
-def test_quality_of_service_events_are_refused_by_name(world: World) -> None:
+def test_quality_of_service_events_are_rejected_by_name(world: World) -> None:
     node = world.node()
     callbacks = SubscriptionEventCallbacks(deadline=lambda _info: None)
 

@@ -21,7 +21,7 @@ Node = Any
 
 @contextmanager
 def lockstep_process() -> Iterator[None]:
-    """While entered, time can be simulated, and no other process sees the nodes of this one."""
+    """Make time simulated while entered, and hide this process's nodes from other processes."""
     with pytest.MonkeyPatch.context() as patch, intercepted():
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -34,19 +34,19 @@ class World:
     """A run and the nodes that a test adds to it."""
 
     def __init__(self, **options: Any) -> None:
-        """Make an empty run; the options are those of `LockstepRun`."""
+        """Create an empty run; the options are those of `LockstepRun`."""
         self.lockstep = LockstepRun(**options)
         self.scheduler = self.lockstep.scheduler
         self._nodes: list[tuple[str, Node]] = []
 
     @property
     def notes(self) -> list[str]:
-        """The notes of the run."""
+        """The log of the run."""
         return self.scheduler.notes
 
     @property
     def log(self) -> list[str]:
-        """What the nodes logged."""
+        """The log messages of the nodes."""
         return [entry.text for entry in self.lockstep.interception.log]
 
     @property
@@ -61,7 +61,7 @@ class World:
         *,
         compute_s: float = 0.0,
     ) -> Node:
-        """Make an active node."""
+        """Create an active node."""
         with self.lockstep.entered():
             full_name = f"/{name}"
             node = self.lockstep.make_node(full_name, lambda: make(name), compute_s)
@@ -72,12 +72,12 @@ class World:
         return node
 
     def run(self, duration_s: float) -> None:
-        """Let time go on."""
+        """Advance time."""
         with self.lockstep.entered():
             self.scheduler.run_until(self.scheduler.now_ns + round(duration_s * NS_PER_S))
 
     def at(self, node: Node, t: float, call: Callable[[], object]) -> None:
-        """Call something in a callback of a node at a time [s]."""
+        """Call a function in a callback of a node at a time [s]."""
         timer: Any = None
 
         def once() -> object:
@@ -99,7 +99,7 @@ class World:
                 scheduled.others.clear()
                 del node
             self.lockstep.close()
-        gc.collect()  # otherwise the nodes keep their names in rcl
+        gc.collect()  # otherwise the nodes would keep their names in rcl
 
 
 def seconds(node: Node) -> float:

@@ -1,4 +1,4 @@
-"""Models for the simulator's tests: the example's, and one with a bit of everything."""
+"""Models for the simulator's tests: that of the example, and one with all kinds of elements."""
 
 import mujoco
 import numpy as np
@@ -94,7 +94,7 @@ def everything_xml(tmp_path):
 
 @pytest.fixture
 def moving(everything):
-    """The model in a state in which nothing is zero, with all of its sensors computed."""
+    """The model in a state without zeros, with all of its sensors computed."""
     data = mujoco.MjData(everything)
     random = np.random.default_rng(7)
     data.qpos[:] += random.uniform(-0.3, 0.3, everything.nq)

@@ -1,4 +1,4 @@
-"""Sensor groups asked for the message of the present state."""
+"""Sample sensor groups in the current state."""
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -13,7 +13,7 @@ _STAMP_NS = 12_000_000_034
 
 
 def group(model, data, kind, *, names=(), rays=None, warn=pytest.fail):
-    """A sampler that publishes at once."""
+    """A sampler that publishes immediately."""
     source = SensorSource(
         model=model,
         data=data,
@@ -28,7 +28,7 @@ def group(model, data, kind, *, names=(), rays=None, warn=pytest.fail):
 
 
 def taken(kind, sampler):
-    """The message of the present state."""
+    """The message of the current state."""
     sampler.take()
     data = sampler.message.to_bytes(_STAMP_NS)
     message = deserialize_message(data, SENSOR_KINDS[kind].message_type)

@@ -1,4 +1,4 @@
-"""What the actuators get once commands are old: zeros, the last control, or a brake."""
+"""Controls after commands have become old: zeros, the last control, or damping."""
 
 from types import SimpleNamespace
 
@@ -55,7 +55,7 @@ def test_the_first_step_after_the_deadline_has_zeros():
 
 
 @pytest.mark.parametrize("action", ["zero", "damp"])
-def test_the_next_command_is_applied_at_once(action):
+def test_the_next_command_is_applied_immediately(action):
     run = Run(arm(MOTORS), action)
     run.command(1.0, 2.0)
     run.now_s += 0.6
@@ -69,7 +69,7 @@ def test_the_next_command_is_applied_at_once(action):
 
 
 @pytest.mark.parametrize("action", ["zero", "hold", "damp"])
-def test_before_the_first_command_the_robot_stays_as_it_starts(action):
+def test_before_the_first_command_the_robot_keeps_its_initial_pose(action):
     run = Run(arm(MOTORS), action)
     run.data.ctrl[:] = [3.0, 4.0]
     run.now_s += 1e6
@@ -78,7 +78,7 @@ def test_before_the_first_command_the_robot_stays_as_it_starts(action):
     assert run.reported == []
 
 
-def test_to_hold_is_only_to_tell():
+def test_hold_only_reports():
     run = Run(arm(MOTORS), "hold")
     run.command(1.0, 2.0)
     for _ in range(5):
@@ -153,7 +153,7 @@ def brake_control(actuators, qpos, qvel):
         ('<damper joint="hip" kv="5" ctrlrange="0 1"/>', 0.0),
     ],
 )
-def test_servos_hold_where_they_are_and_others_get_zero(actuator, control):
+def test_servos_hold_their_position_and_other_actuators_get_zero(actuator, control):
     assert brake_control(actuator, [0.7, 0.0], [2.0, 0.0]) == [pytest.approx(control)]
 
 

@@ -14,12 +14,12 @@ from .two_joints import ARM, arm
 pytestmark = pytest.mark.mujoco
 
 MOTORS = '<motor joint="knee" gear="4"/><motor joint="hip"/>'
-"""In another order than the joints."""
+"""In a different order than the joints."""
 SERVOS = '<position joint="knee" kp="30" kv="2" gear="2"/><velocity joint="hip" kv="5"/>'
 OFFSET = (
     '<general joint="knee" gainprm="30" biastype="affine" biasprm="3 -30 -2"/><motor joint="hip"/>'
 )
-"""A servo whose force is not zero at the position that it is reported."""
+"""A servo whose force is not zero at its current position."""
 GAINS = {
     "pos_target": [0.4, -0.2],
     "vel_target": [0.1, 0.3],
@@ -64,7 +64,7 @@ def test_without_names_the_order_is_that_of_the_actuators():
     assert torques.control(law, data).tolist() == [2.0, 3.0]
 
 
-def test_the_law_is_evaluated_at_every_step_also_of_several_at_once():
+def test_the_law_is_evaluated_at_every_step_even_in_a_batch():
     one, one_inbox = simulation(arm(MOTORS))
     many, many_inbox = simulation(arm(MOTORS))
     for inbox in (one_inbox, many_inbox):
@@ -113,11 +113,11 @@ def test_after_gains_a_message_without_them_counts_again():
 @pytest.mark.parametrize(
     ("change", "rejection"),
     [
-        ({"kp": [1.0]}, "`kp` has the length 1, the model has 2 joints"),
-        ({"kd": [1.0] * 3}, "`kd` has the length 3, the model has 2 joints"),
-        ({"pos_target": []}, "`pos_target` has the length 0, the model has 2 joints"),
-        ({"vel_target": [0.0]}, "`vel_target` has the length 1, the model has 2 joints"),
-        ({"feed_forward": [0.0]}, "`feed_forward` has the length 1, the model has 2 joints"),
+        ({"kp": [1.0]}, "`kp` has the length 1, expected 2 (one per joint)"),
+        ({"kd": [1.0] * 3}, "`kd` has the length 3, expected 2 (one per joint)"),
+        ({"pos_target": []}, "`pos_target` has the length 0, expected 2 (one per joint)"),
+        ({"vel_target": [0.0]}, "`vel_target` has the length 1, expected 2 (one per joint)"),
+        ({"feed_forward": [0.0]}, "`feed_forward` has the length 1, expected 2 (one per joint)"),
         ({"pos_target": [float("nan"), 0.0]}, "`pos_target[0]` is nan"),
         ({"vel_target": [0.0, float("inf")]}, "`vel_target[1]` is inf"),
         ({"feed_forward": [0.0, float("-inf")]}, "`feed_forward[1]` is -inf"),
@@ -125,25 +125,25 @@ def test_after_gains_a_message_without_them_counts_again():
         ({"kd": [2e10, 0.0]}, "`kd[0]` is 2e+10"),
         (
             {"joint_names": ["hip", "ankle"]},
-            "`joint_names` are not the joints that the model drives: `knee`, `hip`",
+            "`joint_names` does not match the joints that the model drives: `knee`, `hip`",
         ),
         (
             {"joint_names": ["hip", "hip"]},
-            "`joint_names` are not the joints that the model drives: `knee`, `hip`",
+            "`joint_names` does not match the joints that the model drives: `knee`, `hip`",
         ),
         (
             {"joint_names": ["hip"]},
-            "`joint_names` are not the joints that the model drives: `knee`, `hip`",
+            "`joint_names` does not match the joints that the model drives: `knee`, `hip`",
         ),
     ],
 )
-def test_what_is_not_one_finite_number_for_each_joint_is_rejected(change, rejection):
+def test_anything_but_one_finite_number_per_joint_is_rejected(change, rejection):
     message = PDFeedForward(**{**GAINS, **change})
     assert JointTorques(arm(MOTORS)).read(message) == rejection
 
 
 @pytest.mark.parametrize("field", ["vel_target", "feed_forward", "kp", "kd"])
-def test_what_is_left_empty_is_zero(field):
+def test_empty_fields_are_zero(field):
     torques = JointTorques(arm(MOTORS))
     empty = torques.read(PDFeedForward(**{**GAINS, field: []}))
     zeros = torques.read(PDFeedForward(**{**GAINS, field: [0.0, 0.0]}))
@@ -160,22 +160,22 @@ def test_what_is_left_empty_is_zero(field):
         ),
         (
             '<motor joint="hip"/><intvelocity name="slow" joint="knee" actrange="-1 1"/>',
-            "the actuator `slow` takes no torque",
+            "gains need torques, but the actuator `slow` takes no torque",
         ),
         (
             '<adhesion name="sticky" body="torso" ctrlrange="0 1"/>',
-            "gains are for joints, and the actuator `sticky` drives no hinge or slide",
+            "gains need joints, but the actuator `sticky` drives no hinge or slide",
         ),
     ],
 )
-def test_a_model_that_cannot_follow_says_why(actuators, rejection):
+def test_a_model_that_cannot_follow_reports_why(actuators, rejection):
     model = mujoco.MjModel.from_xml_string(
         ARM.format(actuators=actuators).replace("<body><joint", '<body name="torso"><joint')
     )
     assert JointTorques(model).read(PDFeedForward(**GAINS)) == rejection
 
 
-def test_a_law_beyond_all_bounds_is_held_within_them():
+def test_an_unbounded_law_is_clipped_to_its_bounds():
     model = arm(MOTORS)
     torques = JointTorques(model)
     data = mujoco.MjData(model)

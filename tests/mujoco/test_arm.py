@@ -1,4 +1,4 @@
-"""The example arm: its model and its law; examples/arm/tests close the loop."""
+"""The example arm: its model and its control law; examples/arm/tests test the closed loop."""
 
 import mujoco
 import numpy as np
@@ -60,7 +60,7 @@ def test_no_pose_asks_for_more_than_the_motors_have(model, folder, params):
         assert (pose < model.jnt_range[:, 1]).all()
 
 
-def test_the_motion_begins_where_the_arm_is_and_rests_at_each_pose():
+def test_the_motion_starts_at_the_arm_and_rests_at_each_pose():
     start, poses = np.zeros(6), np.eye(3, 6)
     motion = Motion(start=start, poses=poses, move_s=2.0, rest_s=1.0)
     assert motion.at(0.0)[0] == pytest.approx(start)
@@ -78,7 +78,7 @@ def test_the_speed_of_the_motion_is_that_of_its_angles():
         assert motion.at(time_s)[1] == pytest.approx((after - before) / 2e-5, abs=1e-6)
 
 
-def test_a_constant_stays_as_it_is_smoothed_and_a_step_is_followed():
+def test_a_constant_is_not_changed_by_smoothing_and_a_step_is_followed():
     assert smoothed(np.ones(6), np.ones(6), 0.002, 0.005) == pytest.approx(np.ones(6))
     value = np.zeros(6)
     for _ in range(50):
@@ -86,11 +86,11 @@ def test_a_constant_stays_as_it_is_smoothed_and_a_step_is_followed():
     assert value == pytest.approx(np.ones(6), abs=1e-6)
 
 
-def test_what_was_smoothed_stays_where_time_goes_back():
+def test_smoothed_values_do_not_change_if_time_goes_back():
     assert smoothed(np.zeros(6), np.ones(6), -100.0, 0.005) == pytest.approx(np.zeros(6))
 
 
-def test_the_fingers_are_above_what_the_poses_are_meant_for(model, params):
+def test_the_fingers_are_above_the_objects_of_the_poses(model, params):
     data = mujoco.MjData(model)
     things = ("red_box", "green_box", "blue_ball")
     for pose, thing in zip(params["poses"].reshape(-1, 6), things, strict=True):

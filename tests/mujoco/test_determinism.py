@@ -1,4 +1,4 @@
-"""Two runs as fast as possible of one scripted controller are the same to the bit."""
+"""Two runs of one scripted controller as fast as possible are identical."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ class _Control:
 
 
 class _IrregularClock:
-    """A wall clock that runs differently in every run, so that steps are batched differently."""
+    """A wall clock with a different rate in every run, so that steps are batched differently."""
 
     def __init__(self, seed):
         self._random = np.random.default_rng(seed)
@@ -48,7 +48,7 @@ class _IrregularClock:
 
 
 def _trajectory(model, seed):
-    """The states at every message that the controller answers, and the last one."""
+    """The states at every message that the controller responds to, and the last state."""
     inbox = ControlInbox(field="u", size=model.nu, monotonic_s=lambda: 0.0)
     simulation = Simulation(model, inbox)
     states, steps = [], []
@@ -84,7 +84,7 @@ def _trajectory(model, seed):
     return np.array(states), steps
 
 
-def test_two_runs_of_a_scripted_controller_are_the_same_to_the_bit(everything):
+def test_two_runs_of_a_scripted_controller_are_identical(everything):
     one, one_steps = _trajectory(everything, seed=1)
     other, other_steps = _trajectory(everything, seed=2)
     assert len(one) > 500

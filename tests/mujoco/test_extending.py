@@ -1,4 +1,4 @@
-"""The examples of `docs/extending.md`, carried out in a copy of what they change."""
+"""The examples in `docs/extending.md`, applied to a copy of the files that they change."""
 
 import os
 import re
@@ -28,7 +28,7 @@ ADDED = "OBK299 or MagneticField or magnetic or csv-dummy/dummy.yaml"
 
 @pytest.fixture(scope="module")
 def extended(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the repository, as far as needed, with everything that the document adds."""
+    """A copy of the required part of the repository, with everything that the page adds."""
     copy = tmp_path_factory.mktemp("repository")
     unwanted = shutil.ignore_patterns("__pycache__", ".obk", "build", "test_transcripts.py")
     for folder in NEEDED:
@@ -49,7 +49,7 @@ def extended(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.mark.slow
-def test_what_was_added_is_tested_and_found_good(extended: Path) -> None:
+def test_the_added_code_is_tested_and_valid(extended: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-rA", "-k", ADDED],
         cwd=extended,
@@ -63,9 +63,9 @@ def test_what_was_added_is_tested_and_found_good(extended: Path) -> None:
     for reported in (
         "test_a_fault_is_reported_word_for_word[OBK299/hardware]",
         "test_the_right_twin_is_not_reported[OBK299/hardware]",
-        "test_a_kind_publishes_the_type_that_the_language_says[MagneticField]",
+        "test_a_kind_publishes_the_type_of_the_language[MagneticField]",
         "test_the_field_is_given_in_the_frame_of_its_site",
-        "test_an_example_compiles_to_what_is_written_down[csv-dummy/dummy.yaml]",
+        "test_an_example_compiles_to_the_expected_output[csv-dummy/dummy.yaml]",
     ):
         assert re.search(rf"^PASSED .*{re.escape(reported)}$", done.stdout, re.MULTILINE), (
             done.stdout

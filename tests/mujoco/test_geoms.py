@@ -55,7 +55,7 @@ def test_a_capsule_is_a_cylinder_with_a_ball_at_each_end(markers):
     assert [ball.pose.position.z for ball in balls] == pytest.approx([1.0, 1.0])
 
 
-def test_every_marker_has_a_number_of_its_own(markers):
+def test_every_marker_has_its_own_number(markers):
     made = markers(rod="capsule", shelf="box", foot="sphere")
     assert [marker.id for marker in made] == [0, 1, 2, 3, 4]
     assert {marker.ns for marker in made} == {"mujoco"}

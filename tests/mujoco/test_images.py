@@ -1,4 +1,4 @@
-"""Pictures of cameras: what is seen, the layout of the message, slow drawing, no OpenGL."""
+"""Camera images: content, message layout, slow rendering, missing OpenGL."""
 
 import os
 import subprocess
@@ -44,7 +44,7 @@ def scene():
 
 @pytest.fixture
 def feed(scene):
-    """Starts a camera; everything that it gives and holds is in the result."""
+    """Start a camera; the result has everything that it publishes and holds."""
     closing = []
     data = mujoco.MjData(scene)
     mujoco.mj_forward(scene, data)
@@ -72,7 +72,7 @@ def feed(scene):
 
 
 class _PaintedView:
-    """A camera without OpenGL: a grey that is the height of the lid."""
+    """A camera without OpenGL, which draws a grey level for the height of the lid."""
 
     def __init__(self, model, camera, back_end):
         self.may_draw = threading.Event()
@@ -103,14 +103,14 @@ def _greys(feed):
 
 
 def _opened(feed):
-    """The camera, or why this machine has none."""
+    """The camera, or the reason why this machine has none."""
     try:
         return feed()
     except ObeliskConfigError as error:
         return str(error)
 
 
-def test_a_camera_sees_colours_where_they_are_or_says_why_it_cannot(scene, feed):
+def test_a_camera_renders_colours_in_place_or_reports_why_it_cannot(scene, feed):
     camera = _opened(feed)
     if isinstance(camera, str):
         assert camera.startswith("camera `above`: cameras need OpenGL, and ")
@@ -121,7 +121,7 @@ def test_a_camera_sees_colours_where_they_are_or_says_why_it_cannot(scene, feed)
     mujoco.mj_forward(scene, camera.data)
     camera.take()
     camera.take()
-    # The third one may be drawn by now; it is waited for by no one.
+    # The third one may be rendered by now; no thread waits for it.
     before, after = (multiarray_to_np(message.y) for message in camera.messages[:2])
     assert before.shape == (30, 40, 3)
     assert [dim.label for dim in camera.messages[0].y.layout.dim] == ["height", "width", "channels"]
@@ -142,10 +142,10 @@ with mujoco.Renderer(model, 30, 40) as renderer:
     renderer.update_scene(data, camera="above")
     sys.stdout.buffer.write(renderer.render().tobytes())
 """
-"""MuJoCo's own renderer; it takes its back end from the environment when it is imported."""
+"""MuJoCo's own renderer, which reads its back end from the environment when it is imported."""
 
 
-def test_a_picture_is_the_one_that_mujocos_own_renderer_draws(feed):
+def test_a_picture_equals_that_of_mujocos_own_renderer(feed):
     camera = _opened(feed)
     if isinstance(camera, str):
         pytest.skip(camera)
@@ -189,13 +189,12 @@ def test_at_a_pace_a_picture_is_left_out_while_the_last_one_is_drawn(feed):
     feed.closing.pop()()
     assert _greys(camera) == [1]
     assert camera.warnings == [
-        "camera `above` is drawn more slowly than its `dt` asks for: 1 picture left out since "
-        "the start"
+        "camera `above` cannot keep up with its `dt`: 1 picture skipped since the start"
     ]
 
 
 @pytest.mark.usefixtures("painted")
-def test_a_camera_that_is_closed_gives_back_what_it_holds(feed):
+def test_a_closed_camera_releases_its_resources(feed):
     feed()
     before = threading.active_count()
     feed.closing.pop()()
@@ -222,7 +221,7 @@ def test_a_picture_that_is_never_drawn_is_reported_with_the_camera(feed, monkeyp
     camera = feed()
     _PaintedView.newest.may_draw.clear()
     camera.take()
-    with pytest.raises(ObeliskError, match=r"^camera `above`: OpenGL has not drawn a picture "):
+    with pytest.raises(ObeliskError, match=r"^camera `above`: OpenGL did not render a picture "):
         camera.take()
     _PaintedView.newest.may_draw.set()
     monkeypatch.undo()
@@ -248,7 +247,7 @@ def test_a_fault_while_drawing_ends_the_run(feed, painted, monkeypatch):
         ({"MUJOCO_GL": " EGL "}, set(), "egl"),
     ],
 )
-def test_the_back_end_is_the_users_choice_or_what_there_is(environment, libraries, chosen):
+def test_the_back_end_is_the_users_choice_or_an_available_one(environment, libraries, chosen):
     find = {name: f"lib{name}.so" for name in libraries}.get
     assert choose_back_end(environment, find) == chosen
 
@@ -260,13 +259,13 @@ def test_the_back_end_is_the_users_choice_or_what_there_is(environment, librarie
         ({"MUJOCO_GL": "glfw"}, "`glfw`"),
     ],
 )
-def test_no_back_end_is_reported_with_what_would_help(environment, part):
+def test_a_missing_back_end_is_reported_with_a_hint(environment, part):
     with pytest.raises(ObeliskConfigError) as caught:
         choose_back_end(environment, lambda _: None)
     assert part in str(caught.value)
 
 
-def test_a_back_end_that_does_not_work_is_reported_with_its_own_words():
+def test_a_broken_back_end_is_reported_with_its_own_message():
     def load(name):
         assert name == "mujoco.osmesa"
         raise AttributeError("'NoneType' object has no attribute 'glGetError'")

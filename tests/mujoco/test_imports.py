@@ -1,4 +1,4 @@
-"""What the simulator's own program imports of MuJoCo."""
+"""The modules of MuJoCo that the simulator's program imports."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""From a `sim` block to a model: what is found wrong, all of it, and what is chosen."""
+"""Loading a model from a `sim` block: reports all errors, and selects the right settings."""
 
 import pytest
 
@@ -11,7 +11,7 @@ pytestmark = pytest.mark.mujoco
 
 @pytest.fixture
 def load(tmp_path, dummy_xml):
-    """Loads a block about the dummy model; keyword arguments change the block."""
+    """Load a block about the dummy model; keyword arguments change the block."""
     warnings = []
 
     def load(*, keyframe="", share_of=lambda _: None, **changes):
@@ -51,7 +51,7 @@ def test_the_block_of_the_example_is_loaded(load):
     assert load.warnings == []
 
 
-def test_all_findings_are_reported_at_once(load):
+def test_all_findings_are_reported_together(load):
     rejection = _refusal(
         load,
         keyframe="stand",
@@ -66,12 +66,12 @@ def test_all_findings_are_reported_at_once(load):
     )
     for part in (
         "sensor `joint_pso` is not in the model (did you mean `joint_pos`",
-        "sensor `joint_vel` is written as `jointpos`, in the model it is a `jointvel`",
+        "sensor `joint_vel` is declared as `jointpos`, but in the model it is a `jointvel`",
         "`ObkImu` cannot carry the `acelerometer` sensor",
         "a ray caster has no `site_name`",
         "this simulator does not publish `GridCells`; it publishes ObkJointEncoders, ",
-        "sensor_settings[4].config_path: `rays.yaml` is not there; looked for ",
-        "geom `dummy_sphere` is written as `box`, in the model it is a `sphere`",
+        "sensor_settings[4].config_path: file not found: `rays.yaml`; tried ",
+        "geom `dummy_sphere` is declared as `box`, but in the model it is a `sphere`",
         "keyframe `stand` is not in the model",
     ):
         assert part in rejection, rejection
@@ -114,18 +114,21 @@ def test_variables_in_the_file_of_a_ray_caster_are_replaced(load, tmp_path, monk
             "site_name: ${NOT_SET_IN_CASE}",
             "rays.yaml cannot be read: environment variable `NOT_SET_IN_CASE` is not set",
         ),
-        ("[1, 2]", "rays.yaml holds no ray caster: a mapping with `site_name` and `pattern`"),
+        (
+            "[1, 2]",
+            "rays.yaml is not a ray caster, expected a mapping with `site_name` and `pattern`",
+        ),
         ("{a: {", "rays.yaml cannot be read: "),
         ("site_name: tpi", "site `tpi` is not in the model"),
     ],
 )
-def test_what_is_wrong_with_the_file_of_a_ray_caster_is_reported(load, tmp_path, text, part):
+def test_errors_in_the_file_of_a_ray_caster_are_reported(load, tmp_path, text, part):
     (tmp_path / "rays.yaml").write_text(text)
     group = _group(msg_type="ObkScan", config_path="rays.yaml")
     assert part in _refusal(load, sensor_settings=[group])
 
 
-def test_a_model_that_is_not_there_is_reported_with_the_other_findings(load, tmp_path):
+def test_a_missing_model_is_reported_with_the_other_findings(load, tmp_path):
     rejection = _refusal(
         load,
         model_xml_path="robot.xml",
@@ -133,8 +136,8 @@ def test_a_model_that_is_not_there_is_reported_with_the_other_findings(load, tmp
         sensor_settings=[_group(sensor_names={"a": "gyro"})],
     )
     assert (
-        f"model_xml_path: `robot.xml` is not there; looked for {tmp_path / 'robot.xml'}, "
-        "and there is no package `my_robot`" in rejection
+        f"model_xml_path: file not found: `robot.xml`; tried {tmp_path / 'robot.xml'}; "
+        "the package `my_robot` was not found either" in rejection
     )
     assert "`ObkJointEncoders` cannot carry the `gyro` sensor `a`" in rejection
 
@@ -157,7 +160,7 @@ def test_a_model_that_mujoco_rejects_is_reported_with_its_message(load, tmp_path
     assert "worldbdy" in rejection
 
 
-def test_a_model_that_does_not_compile_is_reported_in_its_words(load, tmp_path):
+def test_a_model_that_does_not_compile_is_reported_with_mujocos_message(load, tmp_path):
     (tmp_path / "bad.xml").write_text(
         "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>"
     )
@@ -174,14 +177,14 @@ def test_a_model_that_does_not_compile_is_reported_in_its_words(load, tmp_path):
         ("{num_steps_per_viz: 5}", "key `model_xml_path` is missing"),
     ],
 )
-def test_a_text_that_is_no_block_is_named(tmp_path, text, part):
+def test_an_invalid_block_is_named(tmp_path, text, part):
     with pytest.raises(ObeliskConfigError) as caught:
         load_model(text, keyframe="", folder=tmp_path, share_of=lambda _: None, warn=print)
     assert part in str(caught.value)
 
 
 @pytest.mark.parametrize("period", [0, -1.0, "often", True, float("inf")])
-def test_a_period_of_the_geoms_that_is_none_is_named(load, period):
+def test_an_invalid_period_of_the_geoms_is_named(load, period):
     rejection = _refusal(load, viz_geoms={"dt": period, "dummy_box": "box"})
     assert f"viz_geoms.dt: {period!r}, expected a number of seconds greater than 0" in rejection
 
@@ -199,7 +202,7 @@ def test_a_time_step_that_is_not_the_models_is_used_and_logged(load):
     loaded = load(time_step=0.0005)
     assert loaded.model.opt.timestep == 0.0005
     (warning,) = load.warnings
-    assert warning.startswith("warning[OBK504]: time_step: `time_step` is 0.0005 s, the model ")
+    assert warning.startswith("warning[OBK504]: time_step: `time_step` is 0.0005 s, but the model ")
 
 
 def test_a_geom_that_no_marker_can_show_is_named(load):
@@ -211,8 +214,8 @@ def test_the_time_step_of_the_config_wins_with_a_warning(load):
     loaded = load(time_step=0.0005)
     assert loaded.model.opt.timestep == 0.0005
     assert len(load.warnings) == 1
-    assert "`time_step` is 0.0005 s, the model has 0.001 s" in load.warnings[0]
+    assert "`time_step` is 0.0005 s, but the model has 0.001 s" in load.warnings[0]
 
 
-def test_the_keyframe_that_is_asked_for_is_used(load):
+def test_the_requested_keyframe_is_used(load):
     assert load(keyframe="other").keyframe == "other"

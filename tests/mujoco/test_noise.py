@@ -1,4 +1,4 @@
-"""Noise, dropout and delay: how large, how often, when, and the same for the same seed."""
+"""Noise, dropout and delay: magnitude, frequency, time, and reproducibility by seed."""
 
 import math
 from types import SimpleNamespace
@@ -59,7 +59,7 @@ SCAN = {
 
 @pytest.fixture
 def run(everything):
-    """Runs a model that stands still in the air; gives each group's messages and their steps."""
+    """Run a model that rests in the air; return each group's messages and their steps."""
     everything.opt.gravity[:] = 0
 
     def run(groups, steps=400, *, runs=1, paused_at=None, listeners=1):
@@ -113,12 +113,12 @@ def _xyz(messages, get):
     return np.array([[get(m).x, get(m).y, get(m).z] for m in messages])
 
 
-def test_a_message_that_is_dropped_or_delayed_on_purpose_breaks_no_promise(run):
+def test_a_message_dropped_or_delayed_on_purpose_breaks_no_rate(run):
     for more in ({}, {"dropout": 0.3}, {"delay": 0.01}, {"dropout": 1.0}):
         assert run([{**IMU, "dt": 0.004, **more}])["/imu"].counted == [0.004] * 200, more
 
 
-def test_a_group_promises_no_more_than_one_sample_a_step(run):
+def test_a_group_expects_at_most_one_sample_per_step(run):
     assert run([{**IMU, "dt": 0.0005}], 10)["/imu"].counted == [0.002] * 10
 
 
@@ -141,7 +141,7 @@ def test_noise_has_the_spread_and_the_bias_that_were_written(run):
     assert noisy[0].orientation == clean[0].orientation
 
 
-def test_an_orientation_is_turned_about_its_own_axes_and_stays_one(run):
+def test_a_noisy_orientation_is_rotated_about_its_own_axes_and_normalized(run):
     turned = {**IMU, "noise": {"orientation": {"bias": [0.0, 0.0, 0.3]}}}
     clean, noisy = (run([group], 1)["/imu"].messages[0].orientation for group in (IMU, turned))
     c, s = math.cos(0.15), math.sin(0.15)
@@ -174,7 +174,7 @@ def test_every_field_that_may_be_noisy_is_changed_and_no_other(run):
         assert noisy.header == clean.header
 
 
-def test_numbers_in_arrays_are_disturbed_in_their_own_precision(run):
+def test_noise_in_arrays_has_their_precision(run):
     noise = {"joint_pos": {"sigma": 0.1}, "joint_vel": {"bias": 2.0}}
     clean, noisy = (
         run([group], 8)["/q"].messages[-1] for group in (ENCODERS, {**ENCODERS, "noise": noise})
@@ -184,7 +184,7 @@ def test_numbers_in_arrays_are_disturbed_in_their_own_precision(run):
     assert noisy.joint_names == ["left_hip"]
 
 
-def test_a_ray_that_hits_nothing_stays_so_with_noise(run):
+def test_a_ray_without_a_hit_stays_a_miss_with_noise(run):
     clean, noisy = (
         np.array(run([group], 1)["/scan"].messages[0].data)
         for group in (SCAN, {**SCAN, "noise": {"data": {"bias": 0.5}}})
@@ -214,7 +214,7 @@ def test_dropout_leaves_out_its_share(run):
 
 
 @pytest.mark.parametrize(("delay", "late"), [(0.002, 1), (0.0025, 2), (0.01, 5), (1e-5, 1)])
-def test_a_delayed_message_comes_after_the_step_that_reaches_its_time(run, delay, late):
+def test_a_delayed_message_follows_the_step_that_reaches_its_time(run, delay, late):
     sent = run([{**ENCODERS, "delay": delay}], 100)["/q"]
     sampled = [round(message.header.stamp.nanosec / 2e6) for message in sent.messages]
     assert sampled[:3] == [2, 4, 6]
@@ -237,7 +237,7 @@ def test_noise_and_dropout_are_the_same_in_every_run_of_a_seed(run):
     assert rates(topic="/other_imu") != rates()
 
 
-def test_random_numbers_do_not_depend_on_who_listens(run):
+def test_random_numbers_do_not_depend_on_subscribers(run):
     group = {**IMU, "noise": {"angular_velocity": {"sigma": 1.0}}, "dropout": 0.5}
     received, unheard = (run([group], 50, listeners=count)["/imu"].steps for count in (1, 0))
     assert received == unheard

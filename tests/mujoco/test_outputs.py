@@ -1,4 +1,4 @@
-"""What a block publishes, how often in simulation time, and with which numbers."""
+"""The messages of a `sim` block: topics, rates in simulation time, and values."""
 
 import pytest
 from rclpy.serialization import deserialize_message
@@ -31,7 +31,7 @@ class _Publisher:
 
 @pytest.fixture
 def example(repository):
-    """The example's own block, run for a number of steps as fast as possible."""
+    """The example's own block, run for some steps as fast as possible."""
     folder = repository / "examples" / "dummy"
     config = load_yaml_core((folder / "dummy_new.yaml").read_text())
 
@@ -92,13 +92,13 @@ def test_stamps_are_the_multiples_of_the_period(example):
     assert stamps == [2_000_000 * number for number in range(1, 11)]
 
 
-def test_markers_go_to_both_topics_every_second(example):
+def test_markers_are_published_on_both_topics_every_second(example):
     sent = example(2_000)
     for topic in ("~/viz_geoms", "obelisk/sim/mujoco_scene_viz"):
         assert [len(message.markers) for message in sent[topic].messages] == [3, 3]
 
 
-def test_both_joint_encoder_messages_say_the_same(example):
+def test_both_joint_encoder_messages_have_the_same_values(example):
     sent = example(50)
     plain = sent["/obelisk/dummy/joint_encoders"].messages[-1]
     named = sent["/obelisk/dummy/obk_joint_encoders"].messages[-1]

@@ -1,4 +1,4 @@
-"""The example quadruped: its model and its kinematics; examples/quadruped/tests close the loop."""
+"""The example quadruped: model and kinematics; examples/quadruped/tests test the closed loop."""
 
 import mujoco
 import numpy as np
@@ -36,7 +36,7 @@ def test_the_masses_are_those_of_a_robot_of_this_size(model):
 
 
 @pytest.mark.parametrize("keyframe", ["ic", "home"])
-def test_it_stays_as_a_keyframe_has_it(model, keyframe):
+def test_it_keeps_the_pose_of_a_keyframe(model, keyframe):
     data = at_keyframe(model, keyframe)
     assert min((contact.dist for contact in data.contact), default=0.0) > -0.001
     within = (model.jnt_range[1:, 0] < data.qpos[7:]) & (data.qpos[7:] < model.jnt_range[1:, 1])
@@ -47,7 +47,7 @@ def test_it_stays_as_a_keyframe_has_it(model, keyframe):
     assert np.abs(data.qvel).max() < 0.05
 
 
-def test_the_feet_are_where_the_model_has_them(model):
+def test_the_feet_are_at_the_positions_of_the_model(model):
     data = mujoco.MjData(model)
     for angles in poses():
         data.qpos[:7] = (0, 0, 0, 1, 0, 0, 0)
@@ -62,18 +62,18 @@ def test_the_feet_are_where_the_model_has_them(model):
             assert jacobian == pytest.approx(expected[:, 6 + 3 * leg : 9 + 3 * leg], abs=1e-9)
 
 
-def test_the_angles_are_those_that_put_the_feet_there():
+def test_the_angles_put_the_feet_at_their_targets():
     for angles in poses():
         assert joint_angles(foot_positions(angles)) == pytest.approx(angles, abs=1e-9)
 
 
-def test_a_foot_out_of_reach_is_put_as_near_as_the_leg_gets():
+def test_a_foot_out_of_reach_gets_as_close_as_possible():
     feet = foot_positions(np.tile([0.0, 0.5, -1.0], (4, 1)))
     far = joint_angles(feet - [0, 0, 1.0])
     assert far[:, 2] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_quaternion_becomes_the_matrix_that_mujoco_makes_of_it():
+def test_a_quaternion_gives_the_matrix_of_mujoco():
     x, y, z, w = quaternion = np.array([0.1, 0.2, -0.3, 0.9]) / np.sqrt(0.95)
     expected = np.zeros(9)
     mujoco.mju_quat2Mat(expected, np.array([w, x, y, z]))

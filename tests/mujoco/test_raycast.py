@@ -1,4 +1,4 @@
-"""Ray casters: the layout of the rays, their distances against MuJoCo's own and closed forms."""
+"""Ray casters: ray layouts, and distances compared with MuJoCo and closed forms."""
 
 import math
 
@@ -13,7 +13,7 @@ from .groups import group, taken
 pytestmark = pytest.mark.mujoco
 
 SINGLE = 1e-6
-"""Of a value: the messages hold 32 bits."""
+"""Relative error of a value, because messages have 32 bits."""
 
 SCENE = """
 <mujoco model="scene">
@@ -65,7 +65,7 @@ def _sample(model, data, kind, settings):
 
 
 def _own_rays(model, data, settings, site_rotation):
-    """Starts and directions, computed without the code under test but for the layout."""
+    """Origins and directions, computed without the code under test except for the layout."""
     rays = lay_out(settings.pattern)
     site = data.site(settings.site)
     turn = np.empty(9)
@@ -181,7 +181,7 @@ def still(scene):
 
 
 def _along_plane_and_ball(start, direction):
-    """The nearer of the plane z = 0 and the ball of the scene, in closed form."""
+    """Distance to the nearer of the plane z = 0 and the ball of the scene, in closed form."""
     down = -start[2] / direction[2] if direction[2] < 0 else math.inf
     to_ball = start - np.array([3.0, 0.0, 1.0])
     along = direction @ to_ball
@@ -191,7 +191,7 @@ def _along_plane_and_ball(start, direction):
     return nearest if nearest < math.inf else math.nan
 
 
-def test_a_lidar_sees_plane_and_ball_where_they_are(scene, still):
+def test_a_lidar_hits_plane_and_ball_at_their_positions(scene, still):
     fine = {**LIDAR, "spacing": "exact", "channels": 41, "horizontal_res": 2.0, "offset": None}
     fine["vertical_fov_range"] = [-10.0, 30.0]
     settings = _settings(fine, site="eye", geom_groups=[0, 1])
@@ -232,7 +232,7 @@ def steps():
 
 
 ROW = {"type": "height_scan", "resolution": 0.5, "size": [0.0, 2.0], "direction": None}
-"""Seen from the cart of the steps, whose heading is along y: x = 1.0, 0.5, 0.0, -0.5, -1.0."""
+"""As seen from the cart on the steps, whose heading is along y: x = 1.0, 0.5, 0.0, -0.5, -1.0."""
 
 
 @pytest.mark.parametrize(
@@ -247,13 +247,13 @@ ROW = {"type": "height_scan", "resolution": 0.5, "size": [0.0, 2.0], "direction"
         ({"direction": [0.0, 0.0, 1.0]}, [math.nan] * 5),
     ],
 )
-def test_a_height_scan_holds_the_z_of_each_hit(steps, more, wanted):
+def test_a_height_scan_contains_the_z_of_each_hit(steps, more, wanted):
     model, data = steps
     message = _sample(model, data, "ObkScan", _settings({**ROW, **more}, site="eye"))
     assert list(message.data) == pytest.approx(wanted, nan_ok=True, abs=1e-6)
 
 
-def test_a_height_scan_along_another_direction_still_holds_heights(steps):
+def test_a_height_scan_along_another_direction_still_contains_heights(steps):
     model, data = steps
     pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0]}
     settings = _settings({**pattern, "direction": [0.0, 3.0, -3.0]}, site="eye")
@@ -390,7 +390,7 @@ def test_the_rays_of_a_lidar_meet_a_wall_at_the_angles_of_its_columns():
     assert np.isnan(seen[np.cos(angles) <= 0]).all()
 
 
-def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_to_the_left():
+def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_left():
     pattern = {
         "type": "depth_camera",
         "width": 3,
@@ -407,7 +407,7 @@ def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_to_the_left
 @pytest.mark.parametrize(
     ("through", "shift"), [(None, 0.5), ("corners", 0.5), ("centres", 0.0)], ids=str
 )
-def test_a_pixel_is_where_the_matrix_of_the_camera_puts_its_ray(through, shift):
+def test_a_pixel_matches_the_ray_of_the_camera_matrix(through, shift):
     settings = _settings({**CAMERA, "rays_through": through})
     forward, left, up = lay_out(settings.pattern).directions.T
     matrix = np.array(CAMERA["intrinsic_matrix"]).reshape(3, 3)
@@ -418,7 +418,7 @@ def test_a_pixel_is_where_the_matrix_of_the_camera_puts_its_ray(through, shift):
 
 
 @pytest.mark.parametrize(("through", "shift"), [(None, 0.5), ("centres", 0.0)], ids=str)
-def test_a_depth_camera_sees_the_ground_where_its_pixels_do(through, shift):
+def test_a_depth_camera_hits_the_ground_along_its_pixels(through, shift):
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><site name="eye" pos="0 0 1"/>
         <geom type="plane" size="0 0 1"/></worldbody></mujoco>"""
@@ -438,7 +438,7 @@ def test_a_depth_camera_sees_the_ground_where_its_pixels_do(through, shift):
     assert np.frombuffer(message.data, np.float32) == pytest.approx(10.0 / (rows + 9.0), rel=1e-6)
 
 
-def test_the_own_body_is_not_hit_and_others_of_the_robot_are(scene, still):
+def test_rays_ignore_their_own_body_but_hit_other_bodies_of_the_robot(scene, still):
     up = {**LIDAR, "channels": 1, "vertical_fov_range": [90.0, 90.0], "offset": None}
     pattern = {**up, "horizontal_fov_range": [0.0, 0.0]}
     message = _sample(scene, still, "ObkScan", _settings(pattern, site="eye"))
@@ -452,7 +452,7 @@ def test_a_site_of_the_world_sees_the_world(scene, still):
     assert list(message.data) == [0.0]
 
 
-def test_what_is_beyond_the_longest_distance_is_a_miss(scene, still):
+def test_hits_beyond_the_maximum_distance_are_misses(scene, still):
     pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0], "values": "distance"}
     near, far, unlimited = (
         _sample(scene, still, "ObkScan", _settings(pattern, site="eye", max_distance=d)).data[0]
@@ -485,7 +485,7 @@ FRAMES = {
 
 
 def _hits(everything, moving, settings):
-    """Where the rays end in the world, NaN for a miss."""
+    """End points of the rays in the world; NaN for a miss."""
     site = moving.site("imu").xmat.reshape(3, 3)
     level = _level(moving, "imu") if isinstance(settings.pattern, HeightScan) else site
     rays = _own_rays(everything, moving, settings, level)
@@ -495,9 +495,7 @@ def _hits(everything, moving, settings):
 
 @pytest.mark.parametrize("frame", [*FRAMES, None])
 @pytest.mark.parametrize("pattern", [HEIGHT, LIDAR], ids=["height", "lidar"])
-def test_the_points_of_a_cloud_are_given_in_the_frame_that_is_asked_for(
-    everything, moving, pattern, frame
-):
+def test_the_points_of_a_cloud_are_in_the_requested_frame(everything, moving, pattern, frame):
     settings = _settings(pattern, frame=frame, points_in="frame", keep_misses=True, geom_groups=[])
     message = _sample(everything, moving, "PointCloud2", settings)
     assert message.header.frame_id == (frame or "world")

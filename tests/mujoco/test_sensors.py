@@ -1,4 +1,4 @@
-"""Each kind of sensor group: MuJoCo's numbers in the right fields, frames, names."""
+"""All kinds of sensor groups have MuJoCo's values in the right fields, frames and names."""
 
 import mujoco
 import numpy as np
@@ -34,7 +34,7 @@ def _same(numbers, data, *sensors):
 
 
 @pytest.mark.parametrize("kind", SENSOR_KINDS)
-def test_a_kind_publishes_the_type_that_the_language_says(kind):
+def test_a_kind_publishes_the_type_of_the_language(kind):
     assert message_name(SENSOR_KINDS[kind].message_type) == SENSOR_GROUPS[kind].published
 
 
@@ -53,7 +53,7 @@ def test_joint_encoders_stand_in_the_order_of_the_config(everything, moving):
     _same(message.joint_vel, moving, "right_hip_vel", "left_hip_vel")
 
 
-def test_joint_encoders_that_measure_no_velocity_have_none(everything, moving):
+def test_joint_encoders_without_velocity_sensors_have_none(everything, moving):
     message = _sample(everything, moving, "ObkJointEncoders", {"left_slide_pos": "jointpos"})
     assert message.joint_names == ["left_slide"]
     _same(message.joint_pos, moving, "left_slide_pos")
@@ -79,7 +79,7 @@ def test_plain_joint_encoders_are_positions_then_velocities(everything, moving):
 
 
 @pytest.mark.parametrize("kind", ["ObkImu", "Imu"])
-def test_an_imu_speaks_in_the_frame_of_its_site(everything, moving, kind):
+def test_an_imu_reports_in_the_frame_of_its_site(everything, moving, kind):
     names = {"imu_quat": "framequat", "acc": "accelerometer", "gyro": "gyro"}
     message = _sample(everything, moving, kind, names)
     assert message.header.frame_id == "imu"
@@ -90,14 +90,14 @@ def test_an_imu_speaks_in_the_frame_of_its_site(everything, moving, kind):
         assert getattr(message, f"{part}_covariance").tolist() == [0.0] * 9
 
 
-def test_what_an_imu_does_not_measure_is_marked(everything, moving):
+def test_values_that_an_imu_does_not_measure_are_marked(everything, moving):
     message = _sample(everything, moving, "Imu", {"acc": "accelerometer"})
     assert message.orientation_covariance[0] == -1.0
     assert message.angular_velocity_covariance[0] == -1.0
     assert message.linear_acceleration_covariance[0] == 0.0
 
 
-def test_a_frame_pose_is_given_in_the_world(everything, moving):
+def test_a_frame_pose_is_relative_to_the_world(everything, moving):
     names = {"centre_pos": "framepos", "centre_quat": "framequat"}
     message = _sample(everything, moving, "ObkFramePose", names)
     assert (message.header.frame_id, message.frame_name) == ("world", "centre")
@@ -105,7 +105,7 @@ def test_a_frame_pose_is_given_in_the_world(everything, moving):
     _same(_wxyz(message.orientation), moving, "centre_quat")
 
 
-def test_a_frame_pose_is_given_in_the_reference_of_its_sensors(everything, moving):
+def test_a_frame_pose_is_relative_to_the_reference_of_its_sensors(everything, moving):
     names = {"toe_in_base": "framepos", "toe_quat_in_base": "framequat"}
     warnings = []
     message = _sample(everything, moving, "PoseStamped", names, warnings)
@@ -133,14 +133,14 @@ def test_forces_stand_in_the_order_of_the_config_with_their_sites(everything, mo
     _same(message.forces, moving, "hip_force", "sole_touch", "toe_force")
 
 
-def test_forces_at_one_site_are_given_in_its_frame(everything, moving):
+def test_forces_at_one_site_are_in_its_frame(everything, moving):
     moving.sensordata[:] = np.arange(1, len(moving.sensordata) + 1)
     message = _sample(everything, moving, "ObkForceSensor", {"toe_force": "force"})
     assert message.header.frame_id == "toe"
     _same(message.forces, moving, "toe_force")
 
 
-def test_odometry_passes_on_what_sits_at_its_object(everything, moving):
+def test_odometry_publishes_sensors_at_its_object_unchanged(everything, moving):
     names = {
         "centre_pos": "framepos",
         "centre_quat": "framequat",
@@ -155,7 +155,7 @@ def test_odometry_passes_on_what_sits_at_its_object(everything, moving):
     _same(_xyz(message.twist.twist.angular), moving, "centre_gyro")
 
 
-def test_odometry_brings_what_is_measured_elsewhere_on_the_body_to_its_object(everything, moving):
+def test_odometry_transforms_sensors_elsewhere_on_the_body_to_its_object(everything, moving):
     names = {
         "centre_pos": "framepos",
         "centre_quat": "framequat",
@@ -182,7 +182,7 @@ def test_odometry_with_a_sensor_on_another_body_warns_and_passes_it_on(everythin
     _same(_xyz(message.twist.twist.linear), moving, "toe_velocity")
     assert warnings == [
         "the sensor `toe_velocity` and the pose of `centre` are on different bodies; its values "
-        "are passed on as they are"
+        "are published unchanged"
     ]
 
 
@@ -191,8 +191,8 @@ def test_odometry_that_cannot_bring_a_velocity_to_its_object_warns(everything, m
     warnings = []
     _sample(everything, moving, "Odometry", names, warnings)
     assert warnings == [
-        "the sensor `velocity` is not where the pose of `centre` is, and without a `gyro` on that "
-        "body the linear velocity is that at the sensor"
+        "the sensor `velocity` is not at the pose of `centre`. Without a `gyro` on that "
+        "body, the linear velocity is that at the sensor"
     ]
     _sample(everything, moving, "Odometry", {**names, "gyro": "gyro"}, warnings)
     del names["velocity"]

@@ -1,4 +1,4 @@
-"""Stepping a model: which state, which sensors, which control, what happens when it blows up."""
+"""Steps of a model: state, sensors, control, and divergence."""
 
 from types import SimpleNamespace
 
@@ -36,7 +36,7 @@ def _controls(model, step):
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_the_trajectory_is_that_of_mj_step_to_the_bit(everything, integrator):
+def test_the_trajectory_is_identical_to_that_of_mj_step(everything, integrator):
     model = _with_integrator(everything, integrator)
     simulation, inbox = _simulation(model)
     simulation.reset(None)
@@ -98,7 +98,7 @@ def test_a_reset_goes_to_the_keyframe_with_its_control(dummy):
     assert simulation.data.ctrl.tolist() == [-1.0], "a control from before the reset is forgotten"
 
 
-def test_without_a_keyframe_a_reset_goes_to_the_models_own_start(dummy):
+def test_without_a_keyframe_a_reset_restores_the_models_default(dummy):
     simulation, _ = _simulation(dummy)
     simulation.reset("other")
     simulation.advance(10)
@@ -107,7 +107,7 @@ def test_without_a_keyframe_a_reset_goes_to_the_models_own_start(dummy):
     assert simulation.data.qpos.tolist() == [0.0]
 
 
-def test_after_a_hundred_thousand_steps_the_time_is_exact_where_that_of_mujoco_has_drifted(dummy):
+def test_after_a_hundred_thousand_steps_the_time_is_exact_unlike_that_of_mujoco(dummy):
     dummy.opt.timestep = 0.007
     simulation, _ = _simulation(dummy)
     simulation.reset("ic")
@@ -129,7 +129,7 @@ def test_time_begins_at_that_of_the_keyframe():
     assert simulation.time_ns == 2_504_000_000
 
 
-def test_a_control_acts_on_the_next_step_and_stays_until_there_is_a_newer_one(everything):
+def test_a_control_acts_on_the_next_step_until_a_newer_one_arrives(everything):
     simulation, inbox = _simulation(everything)
     simulation.reset(None)
     simulation.advance()
@@ -141,7 +141,7 @@ def test_a_control_acts_on_the_next_step_and_stays_until_there_is_a_newer_one(ev
     assert simulation.data.ctrl.tolist() == [0.5, -0.5]
 
 
-def test_two_runs_with_the_same_controls_are_equal_to_the_bit(dummy):
+def test_two_runs_with_the_same_controls_are_identical(dummy):
     def run():
         simulation, inbox = _simulation(dummy)
         simulation.reset("ic")

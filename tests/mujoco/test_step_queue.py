@@ -1,4 +1,4 @@
-"""Requests to a simulation: carried out in order, on the thread that steps, reported or failed."""
+"""Requests to a simulation are executed in order, on the stepping thread, or fail with a reason."""
 
 from concurrent.futures import Future
 
@@ -13,7 +13,7 @@ def _done(text):
     return lambda: StepResult(is_done=True, text=text)
 
 
-def test_actions_are_carried_out_in_the_order_in_which_they_came():
+def test_actions_are_executed_in_order_of_arrival():
     requests = StepQueue()
     asked = [requests.submit(_done(text)) for text in ("one", "two")]
     assert requests.is_waiting()
@@ -23,7 +23,7 @@ def test_actions_are_carried_out_in_the_order_in_which_they_came():
     assert not requests.is_waiting()
 
 
-def test_what_was_given_up_is_not_carried_out():
+def test_a_canceled_request_is_not_executed():
     requests, carried_out = StepQueue(), []
     given_up: Future = requests.submit(lambda: carried_out.append("given up"))
     wanted = requests.submit(_done("wanted"))
@@ -33,7 +33,7 @@ def test_what_was_given_up_is_not_carried_out():
     assert wanted.result(0).is_done
 
 
-def test_a_fault_is_reported_to_both_sides():
+def test_a_fault_is_reported_on_both_ends():
     def fail():
         raise RuntimeError("the simulation diverged")
 

@@ -1,4 +1,4 @@
-"""A trial as a file: what is written can be read by `obk bag`, `obk plot` and `close_to`."""
+"""The file of a trial can be read by `obk bag`, `obk plot` and `close_to`."""
 
 import json
 from pathlib import Path
@@ -56,7 +56,7 @@ def trial(step: float = 0.1) -> TrialResult:
     )
 
 
-def test_a_recording_holds_the_trial(result: TrialResult, tmp_path: Path) -> None:
+def test_a_recording_contains_the_trial(result: TrialResult, tmp_path: Path) -> None:
     path = tmp_path / "trial.mcap"
     path.write_text("of an earlier run")
     write_recording(path, result, {"test": "t.py::test_x"})
@@ -101,7 +101,7 @@ def test_a_missing_golden_recording_is_named(result: TrialResult, tmp_path: Path
         result.close_to(tmp_path / "none.mcap", atol=0.1)
 
 
-def test_the_picture_shows_what_the_test_looked_at(result: TrialResult, tmp_path: Path) -> None:
+def test_the_picture_shows_the_view_of_the_test(result: TrialResult, tmp_path: Path) -> None:
     assert [signal.name for signal in signals_of(result)] == ["qpos"]
     _ = result["/x"].data
     result.facts.looked_at.pop(("qpos",), None)
@@ -120,7 +120,7 @@ def test_a_field_without_numbers_is_not_drawn(result: TrialResult) -> None:
 
 
 def test_attachments_are_valid_json(result: TrialResult, tmp_path: Path) -> None:
-    """An intervention without end ends with the trial."""
+    """An intervention without an end ends with the trial."""
     from mcap.reader import make_reader
 
     write_recording(tmp_path / "trial.mcap", result, {})

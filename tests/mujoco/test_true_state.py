@@ -1,4 +1,4 @@
-"""`TrueSimState` against the state itself."""
+"""`TrueSimState` compared with the state itself."""
 
 import mujoco
 import numpy as np

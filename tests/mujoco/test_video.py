@@ -1,4 +1,4 @@
-"""Videos of a simulation: what is seen when, which camera, and what is reported of it."""
+"""Videos of a simulation: content over time, camera selection, and reports."""
 
 from contextlib import ExitStack
 from itertools import count
@@ -50,11 +50,11 @@ def simulation():
 
 
 def made(simulation, path, show, *, camera="above", rate_hz=10, reported=None):
-    """Record a video; return what was reported, or None if this machine has no OpenGL.
+    """Record a video; return its reports, or None if this machine has no OpenGL.
 
     Args:
         show: called with the video; calls `seen` for each state.
-        reported: receives each report at once.
+        reported: receives each report immediately.
     """
     reported = [] if reported is None else reported
     settings = read_video(str(path), camera, "", rate_hz)
@@ -80,7 +80,7 @@ def lift(simulation, *, time_s, height):
 
 
 def colours(path):
-    """The strongest channel of each frame, and when it is seen [s]."""
+    """The strongest channel of each frame, and the time at which it is shown [s]."""
     with av.open(path) as read:
         frames = list(read.decode(video=0))
     middles = [frame.to_ndarray(format="rgb24")[24, 32] for frame in frames]
@@ -129,7 +129,7 @@ def test_a_picture_is_the_last_state(simulation, tmp_path):
         assert np.argmax(np.asarray(picture)[24, 32]) == BLUE
 
 
-def test_a_robot_that_never_took_a_step_is_seen_where_it_stands(simulation, tmp_path):
+def test_a_robot_that_never_took_a_step_is_shown_in_its_initial_pose(simulation, tmp_path):
     reported = made(simulation, tmp_path / "out.gif", lambda video: None)
     if reported is not None:
         assert reported[-1] == VideoStatus(
@@ -137,7 +137,7 @@ def test_a_robot_that_never_took_a_step_is_seen_where_it_stands(simulation, tmp_
         )
 
 
-def test_after_a_reset_the_video_goes_on(simulation, tmp_path):
+def test_after_a_reset_the_video_continues(simulation, tmp_path):
     path = tmp_path / "out.mp4"
 
     simulation.data.time = 7.0
@@ -160,7 +160,7 @@ def test_an_existing_video_is_not_replaced(simulation, tmp_path):
     assert path.read_text() == "mine"
 
 
-def test_a_file_that_takes_no_more_is_reported_at_once(simulation, tmp_path):
+def test_a_file_that_cannot_be_written_is_reported_immediately(simulation, tmp_path):
     def show(video):
         (drawing,) = (child for child in psutil.Process().children() if "video" in child.cmdline())
         drawing.rlimit(psutil.RLIMIT_FSIZE, (1, 1))
@@ -183,7 +183,7 @@ def test_a_file_that_takes_no_more_is_reported_at_once(simulation, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_not_there_is_reported_before_anything_is_simulated(simulation, tmp_path):
+def test_a_missing_folder_is_reported_before_the_simulation_starts(simulation, tmp_path):
     path = tmp_path / "none" / "out.mp4"
     with pytest.raises(ObeliskConfigError) as caught:
         video_outputs(
@@ -197,22 +197,22 @@ def test_a_folder_that_is_not_there_is_reported_before_anything_is_simulated(sim
     )
 
 
-def test_a_camera_that_is_not_there_is_reported_with_those_that_are(simulation):
+def test_a_missing_camera_is_reported_with_the_existing_ones(simulation):
     with pytest.raises(ObeliskConfigError) as caught:
         video_job(simulation.model, read_video("out.mp4", "abvoe", "", 0))
     assert str(caught.value) == ("the camera `abvoe` is not in the model; did you mean `above`?")
 
 
-def test_size_and_rate_are_those_that_are_asked_for_or_the_cameras(simulation):
+def test_size_and_rate_are_the_requested_ones_or_the_cameras(simulation):
     order = video_job(simulation.model, read_video("out.mp4", "above", "", 0))
     assert (order.width, order.height, order.rate_hz) == (64, 48, 30)
     order = video_job(simulation.model, read_video("out.mp4", "", "320x200", 200))
     assert order.camera is None
-    # Of steps of 10 ms no more can be seen.
+    # With steps of 10 ms, higher rates are not possible.
     assert (order.width, order.height, order.rate_hz) == (320, 200, 100)
 
 
-def test_a_camera_whose_pictures_do_not_fit_is_reported_with_a_size_that_does(simulation):
+def test_a_camera_with_oversized_pictures_is_reported_with_a_valid_size(simulation):
     with pytest.raises(ObeliskConfigError) as caught:
         video_job(simulation.model, read_video("out.mp4", "odd", "", 0))
     assert str(caught.value) == (
@@ -221,7 +221,7 @@ def test_a_camera_whose_pictures_do_not_fit_is_reported_with_a_size_that_does(si
     assert video_job(simulation.model, read_video("out.gif", "odd", "", 0)).width == 65
 
 
-def test_without_a_camera_the_whole_model_is_seen(simulation):
+def test_without_a_camera_the_whole_model_is_visible(simulation):
     try:
         view = CameraView(simulation.model, None, choose_back_end(), (80, 60))
     except ObeliskConfigError as error:

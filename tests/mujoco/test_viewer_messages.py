@@ -1,4 +1,4 @@
-"""States of a simulation on their way to an onlooker, through a real pair of sockets."""
+"""Sending states of a simulation to a viewer, through a real pair of sockets."""
 
 import socket
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ def model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(MOVED_BY_OTHERS)
 
 
-def test_what_arrives_is_the_state_to_the_bit_and_what_follows_from_it(
+def test_the_received_state_is_identical_and_so_are_derived_values(
     model: mujoco.MjModel,
 ) -> None:
     data = mujoco.MjData(model)
@@ -58,7 +58,7 @@ def test_what_arrives_is_the_state_to_the_bit_and_what_follows_from_it(
     assert states.data.time == 1.5
 
 
-def test_until_the_first_state_the_model_stands_as_it_starts(model: mujoco.MjModel) -> None:
+def test_until_the_first_state_the_model_is_in_its_initial_state(model: mujoco.MjModel) -> None:
     with link() as (_, theirs):
         states = States(model, theirs)
         assert not states.take_next(timeout_s=0.01)
@@ -67,7 +67,7 @@ def test_until_the_first_state_the_model_stands_as_it_starts(model: mujoco.MjMod
         assert states.data.geom_xpos[1].tolist() == [0.0, 0.0, 1.0]
 
 
-def test_states_come_in_order_or_only_the_newest(model: mujoco.MjModel) -> None:
+def test_states_arrive_in_order_or_only_the_newest(model: mujoco.MjModel) -> None:
     data = mujoco.MjData(model)
     with link() as (ours, theirs):
         states, sender = States(model, theirs), StateSender(model, data, ours, lambda *_: None)
@@ -81,7 +81,7 @@ def test_states_come_in_order_or_only_the_newest(model: mujoco.MjModel) -> None:
         assert (sender.sent, sender.dropped) == (4, 0)
 
 
-def test_an_onlooker_that_takes_nothing_costs_no_waiting_and_what_it_misses_is_counted(
+def test_a_stalled_viewer_does_not_block_and_its_losses_are_counted(
     model: mujoco.MjModel,
 ) -> None:
     data = mujoco.MjData(model)
@@ -111,10 +111,10 @@ def test_after_the_last_state_it_is_over(model: mujoco.MjModel) -> None:
         assert states.is_over
 
 
-def test_sending_to_an_onlooker_that_is_gone_does_nothing(model: mujoco.MjModel) -> None:
+def test_sending_to_a_viewer_that_has_ended_does_nothing(model: mujoco.MjModel) -> None:
     received: list[tuple[str, str]] = []
     with link() as (ours, theirs):
-        sender = StateSender(model, mujoco.MjData(model), ours, lambda *said: received.append(said))
+        sender = StateSender(model, mujoco.MjData(model), ours, lambda *args: received.append(args))
         theirs.close()
         sender.send()
         sender.send()
@@ -136,22 +136,23 @@ def test_a_state_of_100_kilobytes_arrives() -> None:
     assert states.data.userdata[-1] == 3.0
 
 
-def test_a_state_that_no_packet_holds_is_reported_once() -> None:
+def test_a_state_too_large_for_a_packet_is_reported_once() -> None:
     large = with_user_data(2_000_000)
     received: list[tuple[str, str]] = []
     with link() as (ours, _):
         room = ours.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
         size = mujoco.mj_stateSize(large, SIGNATURE) * 8
-        sender = StateSender(large, mujoco.MjData(large), ours, lambda *said: received.append(said))
+        sender = StateSender(large, mujoco.MjData(large), ours, lambda *args: received.append(args))
         sender.send()
         sender.send()
     ((severity, text),) = received
     assert severity == "warning"
-    assert text.startswith(f"a state of this model has {size} bytes, more than the {room} ")
+    assert text.startswith(f"a state of this model has {size} bytes, but a socket on this machine ")
+    assert f"accepts at most {room} at once" in text
     assert "sysctl -w net.core.wmem_max=" in text
 
 
-def test_words_cross_the_same_link_until_it_ends() -> None:
+def test_texts_use_the_same_link_until_it_ends() -> None:
     with link() as (ours, theirs):
         send_message(theirs, "info", "shown at http://127.0.0.1:8080")
         send_message(theirs, "warning", "größer: als")

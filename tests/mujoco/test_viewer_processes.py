@@ -1,4 +1,4 @@
-"""Onlookers as processes: what they say, whom they let in, and that they end with the robot."""
+"""Viewers as processes: their reports, access control, and shutdown with the robot."""
 
 import inspect
 import os
@@ -36,37 +36,37 @@ while True:
 """
 
 
-class Looked:
-    """An onlooker and what it has said so far."""
+class Viewed:
+    """A viewer and its reports so far."""
 
     def __init__(self, model: mujoco.MjModel, kind: str, *arguments: str) -> None:
-        self.said: list[tuple[str, str]] = []
-        self.onlooker = ViewerProcess(
+        self.output: list[tuple[str, str]] = []
+        self.viewer = ViewerProcess(
             kind,
             arguments,
             model,
             mujoco.MjData(model),
-            notify=lambda *said: self.said.append(said),
+            notify=lambda *output: self.output.append(output),
         )
 
     @property
     def port(self) -> int:
-        """Of the web viewer, once it says it."""
-        eventually(lambda: self.said, "a sentence of the onlooker")
-        severity, text = self.said[0]
+        """The URL in the report of the web viewer, waited for."""
+        eventually(lambda: self.output, "a report of the viewer")
+        severity, text = self.output[0]
         assert severity == "info", text
         assert text.startswith("the simulation is shown at http://127.0.0.1:"), text
         return int(text.rpartition(":")[2])
 
 
 @pytest.fixture
-def looking(dummy: mujoco.MjModel) -> Iterator[Callable[..., Looked]]:
+def looking(dummy: mujoco.MjModel) -> Iterator[Callable[..., Viewed]]:
     with ExitStack() as closing:
 
-        def look(kind: str, *arguments: str) -> Looked:
-            looked = Looked(dummy, kind, *arguments)
-            closing.callback(looked.onlooker.close)
-            return looked
+        def look(kind: str, *arguments: str) -> Viewed:
+            viewed = Viewed(dummy, kind, *arguments)
+            closing.callback(viewed.viewer.close)
+            return viewed
 
         yield look
 
@@ -81,24 +81,24 @@ def listens_on(pid: int) -> set[str]:
     return {c.laddr.ip for c in connections if c.status == psutil.CONN_LISTEN}
 
 
-def test_a_page_on_this_machine_only_behind_the_robot_gone_when_it_is_closed(
-    looking: Callable[..., Looked],
+def test_a_page_is_local_has_low_priority_and_ends_when_closed(
+    looking: Callable[..., Viewed],
 ) -> None:
     pytest.importorskip("mjviser")
-    looked = looking("web", "0")
-    pid = looked.onlooker.pid
-    with urllib.request.urlopen(f"http://127.0.0.1:{looked.port}", timeout=DEADLINE_S) as page:
+    viewed = looking("web", "0")
+    pid = viewed.viewer.pid
+    with urllib.request.urlopen(f"http://127.0.0.1:{viewed.port}", timeout=DEADLINE_S) as page:
         assert b"<html" in page.read().lower()
     assert listens_on(pid) == {"127.0.0.1"}
     assert psutil.Process(pid).nice() > psutil.Process().nice()
-    looked.onlooker.close()
+    viewed.viewer.close()
     assert not psutil.pid_exists(pid)
-    assert the_port_is_free(looked.port)
-    assert len(looked.said) == 1
+    assert the_port_is_free(viewed.port)
+    assert len(viewed.output) == 1
 
 
 def test_a_page_of_another_user_in_the_same_browser_sees_nothing(
-    looking: Callable[..., Looked],
+    looking: Callable[..., Viewed],
 ) -> None:
     pytest.importorskip("mjviser")
     port = looking("web", "0").port
@@ -115,7 +115,7 @@ def test_a_page_of_another_user_in_the_same_browser_sees_nothing(
 
 
 def websocket_status(port: int, host: str, origin: str) -> bytes:
-    """HTTP's status for a browser that wants a WebSocket."""
+    """The HTTP status for a browser that requests a WebSocket."""
     headers = (
         f"Host: {host}",
         f"Origin: {origin}",
@@ -130,85 +130,87 @@ def websocket_status(port: int, host: str, origin: str) -> bytes:
 
 
 @pytest.mark.slow
-def test_two_at_once_have_a_port_each(looking: Callable[..., Looked]) -> None:
+def test_two_viewers_have_different_ports(looking: Callable[..., Viewed]) -> None:
     pytest.importorskip("mjviser")
     one, other = looking("web", "0"), looking("web", "0")
     assert one.port != other.port
 
 
-def test_a_port_that_is_taken_is_reported(looking: Callable[..., Looked]) -> None:
+def test_a_port_that_is_taken_is_reported(looking: Callable[..., Viewed]) -> None:
     pytest.importorskip("mjviser")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        looked = looking("web", str(port))
-        eventually(lambda: looked.said, "the rejection")
-    assert looked.said == [
+        viewed = looking("web", str(port))
+        eventually(lambda: viewed.output, "the rejection")
+    assert viewed.output == [
         (
             "warning",
-            f"the web viewer cannot have port {port} (`viewer_port`): Address already in use; "
-            "another one, or 0 for a free one, would do; the simulation goes on without it",
+            f"the web viewer cannot use port {port} (`viewer_port`): Address already in use; "
+            "choose another port, or 0 for a free one; the simulation continues without it",
         )
     ]
 
 
-def test_a_library_that_is_not_installed_is_reported_with_the_extra_that_brings_it(
-    looking: Callable[..., Looked], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_missing_library_is_reported_with_its_extra(
+    looking: Callable[..., Viewed], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     missing = 'raise ModuleNotFoundError("No module named \'viser\'", name="viser")\n'
     (tmp_path / "viser.py").write_text(missing)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
-    looked = looking("web", "0")
-    eventually(lambda: looked.said, "the rejection")
-    ((severity, text),) = looked.said
+    viewed = looking("web", "0")
+    eventually(lambda: viewed.output, "the rejection")
+    ((severity, text),) = viewed.output
     assert severity == "warning"
     assert "`viser`" in text
     assert "obelisk-cli[viewer]" in text
 
 
-def test_a_window_without_a_display_is_reported_and_sending_goes_on(
-    looking: Callable[..., Looked], monkeypatch: pytest.MonkeyPatch
+def test_a_window_without_a_display_is_reported_and_sending_continues(
+    looking: Callable[..., Viewed], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    looked = looking("native")
-    eventually(lambda: looked.said, "the rejection")
-    ((severity, text),) = looked.said
+    viewed = looking("native")
+    eventually(lambda: viewed.output, "the rejection")
+    ((severity, text),) = viewed.output
     assert severity == "warning"
     assert text.startswith("the native viewer needs a display")
-    assert text.endswith("; the simulation goes on without it")
-    looked.onlooker.states.send()
+    assert text.endswith("; the simulation continues without it")
+    viewed.viewer.states.send()
 
 
 def test_a_display_that_cannot_be_opened_is_reported(
-    looking: Callable[..., Looked], monkeypatch: pytest.MonkeyPatch
+    looking: Callable[..., Viewed], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("DISPLAY", ":9999")
-    looked = looking("native")
-    eventually(lambda: looked.said, "the rejection")
-    assert looked.said == [
+    viewed = looking("native")
+    eventually(lambda: viewed.output, "the rejection")
+    assert viewed.output == [
         (
             "warning",
-            "the native viewer needs a display, and `:9999` cannot be opened; `web` (a page in "
-            "the browser) needs none; the simulation goes on without it",
+            "the native viewer needs a display, and `:9999` cannot be opened; the viewer `web` (a "
+            "page in the browser) needs none; the simulation continues without it",
         )
     ]
 
 
 @pytest.mark.slow
-def test_one_that_dies_is_reported_once(looking: Callable[..., Looked]) -> None:
+def test_one_that_dies_is_reported_once(looking: Callable[..., Viewed]) -> None:
     pytest.importorskip("mjviser")
-    looked = looking("web", "0")
-    assert looked.port
-    os.kill(looked.onlooker.pid, signal.SIGKILL)
-    eventually(lambda: len(looked.said) == 2, "the news of its end")
-    severity, text = looked.said[1]
+    viewed = looking("web", "0")
+    assert viewed.port
+    os.kill(viewed.viewer.pid, signal.SIGKILL)
+    eventually(lambda: len(viewed.output) == 2, "the report of its end")
+    severity, text = viewed.output[1]
     assert severity == "warning"
-    assert text.startswith("the web viewer has ended (signal 9); the simulation goes on without it")
+    assert text.startswith(
+        "the web viewer has ended (signal 9); the simulation continues without it"
+    )
     for _ in range(3):
-        looked.onlooker.states.send()
-    looked.onlooker.close()
-    assert len(looked.said) == 2
+        viewed.viewer.states.send()
+    viewed.viewer.close()
+    assert len(viewed.output) == 2
 
 
 def test_it_ends_with_a_robot_that_is_killed(dummy_xml: Path) -> None:
@@ -217,14 +219,14 @@ def test_it_ends_with_a_robot_that_is_killed(dummy_xml: Path) -> None:
         [sys.executable, "-c", ROBOT, dummy_xml], stdout=subprocess.PIPE, text=True
     ) as robot:
         assert robot.stdout is not None
-        onlooker = psutil.Process(int(robot.stdout.readline()))
+        viewer = psutil.Process(int(robot.stdout.readline()))
         assert "shown at" in robot.stdout.readline()
         robot.kill()
-    eventually(lambda: not onlooker.is_running(), "its end")
+    eventually(lambda: not viewer.is_running(), "its end")
 
 
 @pytest.mark.parametrize("kind", VIEWER_KINDS)
-def test_an_onlooker_loads_no_ros(kind: str) -> None:
+def test_a_viewer_loads_no_ros(kind: str) -> None:
     program = f"import sys, {VIEWER_KINDS[kind].module}; print('rclpy' in sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
@@ -238,6 +240,6 @@ def test_the_page_cannot_be_tunnelled_to_another_host() -> None:
 
     from obelisk_py.core.sim.mujoco.viewers.web import _Server
 
-    # What a browser's wish for a tunnel comes to, as viser has it.
+    # The failure of a browser's WebSocket request, as viser receives it.
     assert "self.request_share_url" in inspect.getsource(viser._viser)
     assert object.__new__(_Server).request_share_url() is None

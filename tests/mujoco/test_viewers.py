@@ -1,4 +1,4 @@
-"""Who looks at a simulation, by the node's parameters, and how often it gets a state."""
+"""Viewers of a simulation, as set by the node's parameters, and their update rates."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,11 +26,11 @@ def parameters(**values: str | int) -> Callable[[str], Any]:
     return lambda name: {**PARAMETERS, **values}[name]
 
 
-def test_there_is_no_viewer_by_default() -> None:
+def test_no_viewer_is_the_default() -> None:
     assert requested_viewers(parameters()) == ()
 
 
-def test_a_web_viewer_has_a_port_and_a_native_one_has_none() -> None:
+def test_only_a_web_viewer_has_a_port() -> None:
     assert requested_viewers(parameters(viewer="web")) == (
         ViewerRequest(kind="web", arguments=("0",)),
     )
@@ -45,7 +45,7 @@ def test_a_web_viewer_has_a_port_and_a_native_one_has_none() -> None:
         ({"viewer": "wbe"}, "the parameter `viewer` is `wbe`; there are: none, native, web"),
         (
             {"viewer": "web", "viewer_port": 70000},
-            "the parameter `viewer_port` is 70000; expected a port from 1 to 65535, "
+            "the parameter `viewer_port` is 70000, expected a port from 1 to 65535, "
             "or 0 for a free one",
         ),
     ],
@@ -57,7 +57,7 @@ def test_a_value_that_means_nothing_is_rejected(values: dict[str, Any], sentence
 
 
 class Watching:
-    """In place of a process: notes the step of each state it is handed."""
+    """Replaces a process; records the step of each state that it receives."""
 
     made: "list[Watching]"
 
@@ -75,7 +75,7 @@ class Watching:
         self.is_closed = True
 
 
-def test_every_onlooker_gets_the_start_and_then_a_state_every_so_many_steps(
+def test_every_viewer_gets_the_initial_state_and_then_one_every_n_steps(
     dummy: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Watching.made = []

@@ -1,4 +1,4 @@
-"""An arm of two hinges, for the tests of what actuators make of controls."""
+"""An arm of two hinges, for the tests of actuators and controls."""
 
 import mujoco
 
@@ -17,5 +17,5 @@ ARM = """
 
 
 def arm(actuators):
-    """The model, with these actuators."""
+    """The model with these actuators."""
     return mujoco.MjModel.from_xml_string(ARM.format(actuators=actuators))

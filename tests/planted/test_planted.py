@@ -1,8 +1,8 @@
 """Planted faults: each is found at its line and column with its help, and nothing else is.
 
-`stack.yaml` says under each faulty line what is to be found there and how the line ought to be;
-`# ^` stands under the column, `# ^-2` two columns to the right of it. Faults after which nothing
-further of a file can be read cannot stand among others; each is a case in `tests/cases`.
+`stack.yaml` has a comment below each faulty line, with the expected finding and the correct line.
+`# ^` marks the column, `# ^-2` two columns to the right of it. Faults that stop the analysis of a
+file cannot be combined with others; each of those is a case in `tests/cases`.
 """
 
 import re
@@ -39,7 +39,7 @@ def planted(path: Path) -> Iterator[Planted]:
 
 
 def clean(path: Path) -> str:
-    """The text with each faulty line as it ought to be."""
+    """The text with each faulty line replaced by the correct one."""
     lines: list[str] = []
     faulty, stands = "", False
     for line in path.read_text(encoding="utf-8").splitlines():
@@ -66,7 +66,7 @@ def compiled(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
 
 
 def reported(finding: Diagnostic, expected_help: str | None) -> Planted:
-    """The finding as it would be planted; a help that ends in dots is given in part."""
+    """The finding in the format of the plants; a help that ends in dots is abbreviated."""
     help = finding.help
     if help and expected_help and expected_help.endswith("..."):
         is_right = help.startswith(expected_help.removesuffix("..."))
@@ -75,24 +75,24 @@ def reported(finding: Diagnostic, expected_help: str | None) -> Planted:
 
 
 @pytest.mark.mujoco
-def test_every_planted_fault_is_found_at_its_place_with_its_cure(
+def test_every_planted_fault_is_found_at_its_location_with_its_help(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     expected = sorted([*planted(HERE / "stack.yaml"), *planted(HERE / "wrong_scan.part")], key=str)
     helps = {fault[:4]: fault[4] for fault in expected}
     findings = compiled(HERE / "stack.yaml", monkeypatch).diagnostics
     found = [(f.span.path, f.span.line, f.span.column, f.code) for f in findings]
-    heard = [reported(f, helps.get(place)) for f, place in zip(findings, found, strict=True)]
-    assert sorted(heard, key=str) == expected
+    received = [reported(f, helps.get(place)) for f, place in zip(findings, found, strict=True)]
+    assert sorted(received, key=str) == expected
 
 
-def test_there_are_sixty_kinds_of_faults_in_the_one_file() -> None:
+def test_the_file_has_sixty_kinds_of_faults() -> None:
     codes = {fault[3] for fault in planted(HERE / "stack.yaml")}
     assert len(codes) >= 60
 
 
 @pytest.mark.mujoco
-def test_nothing_is_said_of_the_clean_twin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_clean_twin_has_no_findings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "stack.yaml").write_text(clean(HERE / "stack.yaml"), encoding="utf-8")
     (tmp_path / "scan.part").write_bytes((HERE / "scan.part").read_bytes())
     outcome = compiled(tmp_path / "stack.yaml", monkeypatch)

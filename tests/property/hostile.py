@@ -1,4 +1,4 @@
-"""What hostile input is made of: sound files with bytes changed, JSON of any shape, odd texts."""
+"""Strategies for hostile input: valid files with changed bytes, JSON of any shape, odd texts."""
 
 import string
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ SPOILT = st.lists(
     st.sampled_from(_SEQUENCES) | st.text(string.ascii_letters + ";[]?0m \t", max_size=6),
     max_size=8,
 ).map("".join)
-"""Texts with what a terminal follows."""
+"""Texts that contain terminal control sequences."""
 _WORDS = st.sampled_from(("", "a", "/a", "../..", "active", "\ud800", "nan", "a" * 300))
 _NUMBERS = st.sampled_from((0, 1, -1, 2**31, 2**63, 2**64, 10**400, 1e308, 0.5, -0.0))
 JSON = st.recursive(
@@ -30,7 +30,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(_WORDS, inner, max_size=3),
     max_leaves=8,
 )
-"""Values of any shape, some of which JSON itself does not have."""
+"""Values of any shape, some of which are invalid in JSON."""
 _LENGTHS = tuple(
     n.to_bytes(size, "little")
     for size in (1, 2, 4, 8)
@@ -52,7 +52,7 @@ _EDITS = st.lists(
 
 
 def damaged(seeds: Sequence[bytes]) -> st.SearchStrategy[bytes]:
-    """Sound files with up to six places cut off, left out, overwritten, grown or repeated."""
+    """Valid files with up to six parts truncated, removed, overwritten, extended or repeated."""
     return st.tuples(st.sampled_from(tuple(seeds)), _EDITS).map(lambda drawn: _edited(*drawn))
 
 
@@ -73,13 +73,13 @@ def _edited(data: bytes, edits: Sequence[tuple[str, float, bytes]]) -> bytes:
 
 
 def respelt(sound: object) -> st.SearchStrategy[object]:
-    """A sound JSON value in which up to three parts are of any shape."""
+    """A valid JSON value in which up to three parts have any shape."""
     changes = st.lists(st.tuples(st.sampled_from(_places(sound)), JSON), max_size=3)
     return changes.map(lambda drawn: _changed(sound, drawn))
 
 
 def _places(value: object) -> list[tuple[str | int, ...]]:
-    """The ways to all parts of a JSON value, its own first."""
+    """The paths to all parts of a JSON value, starting with its own."""
     if isinstance(value, dict):
         held = list(value.items())
     else:
@@ -105,6 +105,6 @@ def _with_part(value: object, place: tuple[str | int, ...], part: object) -> obj
 
 
 def assert_shows_only_text(lines: str | Sequence[str]) -> None:
-    """That no character of the lines, ends of lines between them aside, moves a terminal."""
+    """Assert that no character of the lines, except line breaks between them, moves the cursor."""
     for line in [lines] if isinstance(lines, str) else lines:
         assert not _CONTROLS & set(line), repr(line)

@@ -1,4 +1,4 @@
-"""A config with a node added says what it said and the node, and every byte of it stays."""
+"""Adding a node to a config keeps the meaning and every byte of the existing text."""
 
 from collections import Counter
 from pathlib import Path
@@ -30,7 +30,7 @@ LACKS = (
     "no robot subscribes to PositionSetpoint",
     "nothing in `control` publishes PositionSetpoint",
 )
-"""What a real config may lack that the new node needs."""
+"""Parts that a real config may lack and the new node needs."""
 SECTIONS = {
     "controller": "control",
     "estimator": "estimation",
@@ -94,7 +94,7 @@ def test_a_real_config_validates_as_before(path: Path, kind: str) -> None:
     assert after.config is not None
     kept = [node for node in after.config.nodes if node.full_name != added.node_name]
     assert [ends(node) for node in kept] == [ends(node) for node in before.config.nodes]
-    is_list_made = any("is a list now" in note for note in added.notes)
+    is_list_made = any("is now a list" in note for note in added.notes)
     assert is_subsequence(text.replace(" ", "") if is_list_made else text, added.text)
     (new,) = [node for node in after.config.nodes if node not in kept]
     assert {topic for _, topic in ends(new)} == {link.topic for link in added.links}
@@ -130,7 +130,7 @@ def nodes(draw: st.DrawFn, section: str) -> dict[str, object]:
 
 @st.composite
 def texts(draw: st.DrawFn) -> str:
-    """A sound config in either spelling and in any layout, with comments and blank lines."""
+    """A valid config in either format and in any layout, with comments and blank lines."""
     sections: dict[str, object] = {}
     for section in draw(st.permutations(list(PARTS))):
         node = draw(nodes(section))
@@ -148,7 +148,7 @@ def texts(draw: st.DrawFn) -> str:
         width=draw(st.sampled_from([20, 80, 1000])),
     )
     lines = text.splitlines(keepends=True)
-    if not any(mark in text for mark in ("'", '"', "|", "\\")):  # no text over several lines
+    if not any(mark in text for mark in ("'", '"', "|", "\\")):  # no text with several lines
         for place in draw(st.lists(st.integers(0, len(lines)), max_size=5)):
             lines.insert(place, draw(st.sampled_from(["# c\n", "      # d\n", "\n", "  # e\n"])))
     text = "".join(lines)
@@ -171,7 +171,7 @@ def test_in_any_layout_the_node_is_all_that_is_new(text: str, kind: str) -> None
         SourceFile.of("c.yaml", text), new_node_of(kind), options(Path("/"), "OBK4", "OBK5")
     )
     if isinstance(added, Rejected):
-        # Only flow style is: the whole text, or a section that is.
+        # Only flow style is not: the whole text, or a section.
         assert "{" in text
         (pasted,) = yaml.safe_load(added.snippet)
         assert pasted["pkg"] == "new_node"
@@ -189,7 +189,7 @@ def test_in_any_layout_the_node_is_all_that_is_new(text: str, kind: str) -> None
 
 
 def comments(text: str) -> list[str]:
-    """The lines that are a comment alone, if no text of the config may look like one."""
+    """The lines that are comments, if no text of the config can look like one."""
     has_text = any(mark in text for mark in ("'", '"', "|", "\\"))
     return [] if has_text else [line for line in text.split() if line.startswith("#")]
 

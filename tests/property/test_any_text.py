@@ -1,4 +1,4 @@
-"""House style: any text gives a tree or diagnostics, never an exception; spans lie in the file."""
+"""Any text gives a tree or diagnostics, never an exception, with spans within the file."""
 
 import random
 import re
@@ -37,7 +37,7 @@ VALUES = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(KEYS, inner, max_size=5),
     max_leaves=30,
 )
-SOUND = (TESTS / "cases/accept/OBK004/topic_twice.yaml").read_text()
+VALID_TEXT = (TESTS / "cases/accept/OBK004/topic_twice.yaml").read_text()
 ODD = (
     r'. / .. ~/x //a ./ ~a {x} /dev/zero "a\0b" "a\0b/c" "\e[2J" "\n" "" "${" ${A} "a=b" "-" "*" '
     "0 -1 1e400 .nan -.inf 99999999999999999999 true ~ [] {} [[1]] {a:[~]}"
@@ -46,9 +46,9 @@ ODD = (
 
 @cache
 def environment() -> MachineEnvironment:
-    """Packages whose code and models are there, so that every check has something to look at.
+    """Packages with code and models, so that every check has something to inspect.
 
-    The same for all texts: what the packages say is read once.
+    They are the same for all texts, so that the packages are read once.
     """
     world = MachineEnvironment(Path.cwd(), Path.cwd(), {})
     world.packages = PackageIndex(
@@ -90,7 +90,7 @@ def test_any_bytes(data: bytes) -> None:
 
 
 @given(st.binary() | NEARLY_YAML.map(str.encode))
-def test_any_file_is_compiled_or_refused(data: bytes) -> None:
+def test_any_file_is_compiled_or_rejected(data: bytes) -> None:
     with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
         file.write(data)
         file.flush()
@@ -104,17 +104,17 @@ def test_any_file_is_compiled_or_refused(data: bytes) -> None:
 
 
 @given(NEARLY_YAML)
-def test_any_text_is_compiled_or_refused(text: str) -> None:
+def test_any_text_is_compiled_or_rejected(text: str) -> None:
     compiled(text)
 
 
 @given(VALUES.map(repr))
-def test_any_shape_of_known_keys_is_compiled_or_refused(text: str) -> None:
+def test_any_shape_of_known_keys_is_compiled_or_rejected(text: str) -> None:
     compiled(text.replace("None", "~"))
 
 
 @given(st.sampled_from([*SEEDS, PLANTED]), st.integers())
-def test_a_mutated_config_is_compiled_or_refused(text: str, seed: int) -> None:
+def test_a_mutated_config_is_compiled_or_rejected(text: str, seed: int) -> None:
     draw = random.Random(seed)
     for _ in range(draw.randint(1, 8)):
         at, end = sorted(draw.sample(range(len(text) + 1), 2)) if len(text) > 1 else (0, 0)
@@ -129,8 +129,8 @@ def test_a_mutated_config_is_compiled_or_refused(text: str, seed: int) -> None:
     compiled(text)
 
 
-@given(st.sampled_from([PLANTED, SOUND]), st.sampled_from(ODD), st.integers())
-def test_no_value_is_too_odd_wherever_it_stands(text: str, odd: str, seed: int) -> None:
+@given(st.sampled_from([PLANTED, VALID_TEXT]), st.sampled_from(ODD), st.integers())
+def test_no_value_is_too_odd_anywhere(text: str, odd: str, seed: int) -> None:
     draw = random.Random(seed)
     for _ in range(draw.randint(1, 3)):
         value = draw.choice(list(re.finditer(r"(?<=: )[^][{},#\n]+", text)))
@@ -139,7 +139,7 @@ def test_no_value_is_too_odd_wherever_it_stands(text: str, odd: str, seed: int) 
 
 
 @given(NEARLY_YAML)
-def test_places_lie_inside_the_text(text: str) -> None:
+def test_locations_are_inside_the_text(text: str) -> None:
     source = SourceFile.of("f", text)
     parsed = parse_source(source)
     for diagnostic in parsed.diagnostics:
@@ -153,7 +153,7 @@ def test_places_lie_inside_the_text(text: str) -> None:
 def test_an_independent_reader_reads_the_same(text: str) -> None:
     parsed = parse_source(SourceFile.of("f", text))
     if parsed.diagnostics or parsed.tree is None or set("\x85\u2028\u2029") & set(text):
-        return  # line breaks to the independent reader, as they were in YAML 1.1
+        return  # line breaks for the independent reader, as in YAML 1.1
     try:
         value = load_yaml_core(text)
     except YamlTextError:
@@ -163,7 +163,7 @@ def test_an_independent_reader_reads_the_same(text: str) -> None:
 
 
 def _canonical(value: object) -> str:
-    """A text that is equal for equal values: keys in order, NaN as its name."""
+    """A text that is equal for equal values: sorted keys, NaN by name."""
     if isinstance(value, dict):
         return str(sorted((key, _canonical(item)) for key, item in value.items()))
     return str([_canonical(v) for v in value]) if isinstance(value, list) else repr(value)
@@ -176,7 +176,7 @@ def _has_only_text_for_keys(value: object) -> bool:
 
 
 @pytest.mark.parametrize("text", SEEDS)
-def test_a_plain_value_stands_where_its_span_says(text: str) -> None:
+def test_a_plain_value_is_at_its_span(text: str) -> None:
     tree = parse_source(SourceFile.of("f", text)).tree
     assert tree is not None
     for scalar in scalars(tree):

@@ -1,4 +1,4 @@
-"""Codecs against rclpy's own serialisation: the same bytes, the same values, and no other ones."""
+"""Codecs compared with rclpy's serialization: same bytes, same values, same errors."""
 
 import array
 import importlib
@@ -83,7 +83,7 @@ def values(kind: Any) -> st.SearchStrategy[Any]:
     if isinstance(kind, NamespacedType):
         return messages(class_of(f"{kind.namespaces[0]}/{kind.name}"))
     if isinstance(kind, AbstractString):
-        # Lone surrogates have no UTF-8.
+        # Lone surrogates cannot be encoded in UTF-8.
         return st.text(st.characters(codec="utf-8"), max_size=8)
     if isinstance(kind, Array):
         return st.lists(values(kind.value_type), min_size=kind.size, max_size=kind.size)
@@ -99,7 +99,7 @@ def messages(message_class: Any) -> st.SearchStrategy[Any]:
 
 
 def differs_in_padding_only(data: bytes, by_rclpy: bytes) -> bool:
-    """rclpy leaves in the padding what it finds there, and ours is zero."""
+    """Padding is undefined in rclpy and zero in the library."""
     differing = [ours for ours, its in zip(data, by_rclpy, strict=False) if ours != its]
     return len(data) <= len(by_rclpy) and not any(differing)
 
@@ -123,7 +123,7 @@ def is_same(one: Any, other: Any) -> bool:
 
 
 def cut_at_nul(message: Any) -> Any:
-    """What C makes of a message: a string ends at its first NUL."""
+    """The message after conversion in C, where a string ends at its first NUL."""
     return deserialize_message(serialize_message(message), type(message))
 
 
@@ -151,7 +151,7 @@ def test_bytes_values_and_types_are_those_of_rclpy(name):
 
 
 @pytest.mark.parametrize("name", [*OWN, *OTHERS])
-def test_bytes_that_are_cut_off_are_refused(name):
+def test_truncated_bytes_are_rejected(name):
     codec = codec_for(class_of(name))
 
     @FEW
@@ -166,7 +166,7 @@ def test_bytes_that_are_cut_off_are_refused(name):
 
 
 @pytest.mark.parametrize("name", [*OWN, *OTHERS])
-def test_bytes_that_went_wrong_are_refused_or_are_what_rclpy_takes_them_for(name):
+def test_corrupted_bytes_are_rejected_or_read_as_by_rclpy(name):
     message_class = class_of(name)
     codec = codec_for(message_class)
 

@@ -1,4 +1,4 @@
-"""Cures on any config: never an exception, never more errors, and a second run finds nothing."""
+"""Fixes of any config: no exceptions, no new errors, and a second run finds nothing to fix."""
 
 import random
 from pathlib import Path
@@ -16,7 +16,7 @@ SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]
 
 
 def fixed(text: str, folder: Path) -> Fixed:
-    """The cures of a text that is on no disk."""
+    """The fixes of a text without a file."""
     environment = MachineEnvironment(folder, folder, {})
     environment.packages = PackageIndex(workspaces=(), prefixes=())
     options = Options(
@@ -35,8 +35,8 @@ def errors(result: Fixed) -> tuple[int, int]:
     )
 
 
-def with_slips(text: str, seed: int) -> str:
-    """A few letters left out, doubled or swapped, as a hand at a keyboard does."""
+def with_typing_mistakes(text: str, seed: int) -> str:
+    """Text with a few letters left out, doubled or swapped, like typing mistakes."""
     draw = random.Random(seed)
     for _ in range(draw.randint(1, 6)):
         at = draw.randrange(len(text) - 1)
@@ -46,8 +46,8 @@ def with_slips(text: str, seed: int) -> str:
 
 
 @given(st.sampled_from(SEEDS), st.integers())
-def test_slips_in_any_config_are_mended_or_left(text: str, seed: int) -> None:
-    first = fixed(with_slips(text, seed), CORPUS / "nowhere")
+def test_typing_mistakes_in_any_config_are_fixed_or_left(text: str, seed: int) -> None:
+    first = fixed(with_typing_mistakes(text, seed), CORPUS / "nowhere")
     before, after = errors(first)
     assert after <= before
     for _, new in first.files:

@@ -1,4 +1,4 @@
-"""Models that were cut, changed or made up are read or refused, and take no one along."""
+"""Truncated, changed or invented models are read or rejected, and never crash the process."""
 
 import os
 import tempfile
@@ -57,7 +57,7 @@ def look_at(data: bytes) -> None:
 
 
 @given(damaged([path.read_bytes() for path in MODELS]) | st.binary())
-def test_a_damaged_model_is_read_or_refused(data: bytes) -> None:
+def test_a_damaged_model_is_read_or_rejected(data: bytes) -> None:
     look_at(data)
 
 

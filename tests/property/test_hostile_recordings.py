@@ -1,4 +1,4 @@
-"""Recordings that were cut, changed or made up are read, read in part, or refused in a sentence."""
+"""Truncated, changed or invented recordings are read, read in part, or rejected with a message."""
 
 import struct
 import tempfile
@@ -31,7 +31,7 @@ MESSAGE = b"\0\1\0\0" + struct.pack("<dI4sIIb", 1.5, 4, b"arm\0", 1, 1, 7)
 
 @cache
 def seeds() -> tuple[bytes, ...]:
-    """One of obk's own, ended and not, and one with compressed chunks and everything else."""
+    """A finished and an unfinished recording by obk, and one with all features of the format."""
     with tempfile.TemporaryDirectory() as folder:
         own, other = Path(folder, "own.mcap"), Path(folder, "other.mcap")
         with BagWriter(own) as writer:
@@ -53,7 +53,7 @@ def seeds() -> tuple[bytes, ...]:
 
 
 def look_at(data: bytes) -> None:
-    """What `obk bag info` and `obk plot` do with a file."""
+    """Run `obk bag info` and `obk plot` on a file."""
     with tempfile.NamedTemporaryFile(suffix=".mcap") as file:
         file.write(data)
         file.flush()
@@ -75,17 +75,17 @@ def look_at(data: bytes) -> None:
 
 
 @given(st.binary(max_size=200).map(lambda data: b"\x89MCAP0\r\n" + data) | st.binary())
-def test_a_file_of_any_bytes_is_read_or_refused(data: bytes) -> None:
+def test_a_file_of_any_bytes_is_read_or_rejected(data: bytes) -> None:
     look_at(data)
 
 
 @given(st.deferred(lambda: damaged(seeds())))
-def test_a_damaged_recording_is_read_or_refused(data: bytes) -> None:
+def test_a_damaged_recording_is_read_or_rejected(data: bytes) -> None:
     look_at(data)
 
 
 def made_up(topic: str, definition: str, name: str, message: bytes) -> bytes:
-    """A sound file about something that is not."""
+    """A valid file with an invalid schema or content."""
     file = BytesIO()
     made = Writer(file, compression=CompressionType.NONE)
     made.start("ros2", name)
@@ -103,7 +103,7 @@ def made_up(topic: str, definition: str, name: str, message: bytes) -> bytes:
     SPOILT,
     damaged([MESSAGE]) | st.binary(),
 )
-def test_definitions_and_messages_of_any_bytes_are_read_or_refused(
+def test_definitions_and_messages_of_any_bytes_are_read_or_rejected(
     topic: str, definition: str, name: str, message: bytes
 ) -> None:
     look_at(made_up(topic, definition, name, message))

@@ -1,4 +1,4 @@
-"""Whatever the files and answers of a run hold: it is shown or left out, and never raises."""
+"""Invalid files and replies of a run are shown or skipped, and never raise."""
 
 import json
 import os
@@ -99,16 +99,16 @@ FILES = st.binary() | damaged([json.dumps(RUN).encode()]) | st.builds(json.dumps
 
 
 def no_leftovers() -> AbstractContextManager[object]:
-    """No look at all processes of this machine, which takes most of the time."""
+    """Skip the scan of all processes of this machine, which takes most of the time."""
     return mock.patch.object(ps, "find_orphans", return_value=())
 
 
 def shown(call: object, *arguments: object, **options: object) -> list[str]:
-    """What a command prints; a refusal prints nothing."""
+    """The output of a command, which is empty if the command fails with a message."""
     text = StringIO()
     with redirect_stdout(text), suppress(ObkError, SystemExit):
         call(*arguments, **options)  # type: ignore[operator]
-    text.getvalue().encode()  # as a terminal gets it
+    text.getvalue().encode()  # as a terminal receives it
     return text.getvalue().splitlines()
 
 
@@ -135,7 +135,7 @@ def test_a_run_file_of_any_content_is_shown_or_left_out(content: bytes | str) ->
 
 
 @given(st.binary() | damaged(ANSWERS) | JSON.map(json.dumps))
-def test_any_answer_of_a_launcher_is_understood_or_none(line: bytes | str) -> None:
+def test_any_reply_of_a_launcher_is_parsed_or_ignored(line: bytes | str) -> None:
     data = line.encode() if isinstance(line, str) else line
     decode_answer(data, StackStatus)
     decode_answer(data, ChangeAnswer)
@@ -167,7 +167,7 @@ def test_a_change_of_any_shape_is_shown(reported: object, spoilt: str) -> None:
 
 
 @given(st.binary() | st.just("[" * 100_000) | (JSON | respelt(OVERLAY)).map(json.dumps))
-def test_a_record_of_an_overlay_of_any_content_is_read_or_none(content: bytes | str) -> None:
+def test_a_record_of_an_overlay_of_any_content_is_read_or_ignored(content: bytes | str) -> None:
     with tempfile.TemporaryDirectory() as workspace:
         path = Path(workspace, FOLDER, "overlay", RECORD)
         path.parent.mkdir(parents=True)

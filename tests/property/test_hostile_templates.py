@@ -1,4 +1,4 @@
-"""Templates whose names and texts are anybody's: files below the package, or a fault in words."""
+"""Templates with hostile names and texts give files below the package, or an error message."""
 
 from pathlib import PurePosixPath
 
@@ -26,7 +26,7 @@ def utf8(text: str) -> bytes:
 
 
 @given(st.lists(st.tuples(NAMES, TEXTS), min_size=1, max_size=3))
-def test_a_template_of_any_name_makes_a_file_below_the_package_or_none(
+def test_a_template_of_any_name_creates_a_file_below_the_package_or_nothing(
     drawn: list[tuple[str, str]],
 ) -> None:
     templates = [Template(name=name, content=utf8(text)) for name, text in drawn]

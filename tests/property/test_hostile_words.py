@@ -1,4 +1,4 @@
-"""Hostile text of nodes, users and files: it is shown, and no character moves the terminal."""
+"""Hostile text from nodes, users and files is shown, and never moves the cursor."""
 
 import re
 import tempfile
@@ -99,12 +99,12 @@ FRAGMENTS = st.lists(
 
 
 def without_nul(text: str) -> str:
-    """No variable of an environment has one."""
+    """NUL, which environment variables cannot contain."""
     return text.replace("\0", "")
 
 
 @given(st.lists(st.sampled_from(get_args(OutputEvent)), max_size=4), st.data())
-def test_what_nodes_say_in_events_moves_no_terminal(
+def test_events_of_nodes_move_no_terminal_cursor(
     kinds: list[type[OutputEvent]], data: st.DataObject
 ) -> None:
     report, status = LaunchReport(("/a",), colour=False, quiet=True), STATUS
@@ -116,22 +116,22 @@ def test_what_nodes_say_in_events_moves_no_terminal(
 
 
 @given(SPOILT, SPOILT)
-def test_a_line_of_a_node_moves_no_terminal(said: str, cause: str) -> None:
+def test_a_line_of_a_node_moves_no_terminal(output: str, cause: str) -> None:
     report = LaunchReport(("/a",), colour=False, quiet=False)
-    assert_shows_only_text([*report.line("/a", said), *report.note(said)])
-    coloured = LaunchReport(("/a",), colour=True, quiet=False).line("/a", said)
+    assert_shows_only_text([*report.line("/a", output), *report.note(output)])
+    coloured = LaunchReport(("/a",), colour=True, quiet=False).line("/a", output)
     assert_shows_only_text([_SGR.sub("", line) for line in coloured])
     view = StackView(
         run="arm",
         name="arm",
         domain=1,
-        state=said,
-        phase=said,
+        state=output,
+        phase=output,
         uptime_s=1.0,
         realtime_factor=None,
         nodes=(),
         topics=(),
-        lines=(said,),
+        lines=(output,),
         cause=cause,
         cost_percent=0.0,
         has_ended=bool(cause),
@@ -157,14 +157,14 @@ def test_a_message_of_any_content_moves_no_terminal(value: object) -> None:
 
 
 @given(st.text(), st.integers(-9, 9), st.dictionaries(st.sampled_from(RATE_KEYS), st.text()))
-def test_a_status_of_any_content_is_a_rate_or_none(
+def test_a_status_of_any_content_is_a_rate_or_ignored(
     name: str, level: int, values: dict[str, str]
 ) -> None:
     parse_rate(name, level, values)
 
 
 @given(SPOILT | st.text())
-def test_a_name_of_any_text_is_taken_or_refused_in_words(name: str) -> None:
+def test_a_name_of_any_text_is_accepted_or_rejected_with_a_message(name: str) -> None:
     problem = check_name(name, kind="controller", owner_of=lambda _: None)
     assert check_name(suggest_name(name, kind="node"), kind="node", owner_of=lambda _: None) is None
     if problem is not None:
@@ -174,19 +174,19 @@ def test_a_name_of_any_text_is_taken_or_refused_in_words(name: str) -> None:
 
 
 @given(SPOILT.map(without_nul), SPOILT.map(without_nul), st.text().map(without_nul))
-def test_what_a_config_and_its_environment_say_moves_no_terminal(
-    said: str, variable: str, raw: str
+def test_a_config_and_its_environment_move_no_terminal_cursor(
+    output: str, variable: str, raw: str
 ) -> None:
-    escaped = "".join(f"\\x{ord(c):02x}" if ord(c) < 256 else c for c in said)
+    escaped = "".join(f"\\x{ord(c):02x}" if ord(c) < 256 else c for c in output)
     options = Options(variables={"A": variable, "B": raw}, working_folder=Path("/nowhere"))
-    for text in (CONFIG.format(escaped), CONFIG.format(said)):
+    for text in (CONFIG.format(escaped), CONFIG.format(output)):
         found = compile_source(SourceFile.of("c.yaml", text), options).diagnostics
         assert_shows_only_text(report_text(found, colour=False, verbose=True).split("\n"))
         report_github(found)
 
 
 @given(st.dictionaries(st.sampled_from("abc"), FRAGMENTS, min_size=1))
-def test_files_that_include_one_another_are_merged_or_refused(texts: dict[str, bytes]) -> None:
+def test_files_that_include_one_another_are_merged_or_rejected(texts: dict[str, bytes]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, data in texts.items():
             Path(folder, f"{name}.yaml").write_bytes(data)
@@ -200,7 +200,7 @@ def test_files_that_include_one_another_are_merged_or_refused(texts: dict[str, b
     st.sampled_from(("msg", "srv", "action")),
     st.from_regex(r"[A-Za-z_0-9 .-]{1,20}", fullmatch=True),
 )
-def test_a_definition_of_any_bytes_is_taken_or_refused(
+def test_a_definition_of_any_bytes_is_accepted_or_rejected(
     definition: bytes, manifest: bytes, kind: str, name: str
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:

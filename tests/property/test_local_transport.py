@@ -1,7 +1,7 @@
 """Any order of events in a run: each subscription gets each message once, in order, none is lost.
 
-Sockets, senders and receivers are real; DDS is a model: it matches both ends at different times,
-delivers late but in order, and drops a killed subscription when it likes.
+Sockets, senders and receivers are real. DDS is a model: it matches both ends at different times,
+delivers late but in order, and may drop a killed subscription at any time.
 """
 
 import tempfile
@@ -35,23 +35,23 @@ PACK = CODEC.pack
 
 @dataclass(eq=False)
 class Subscription:
-    """A subscription in a process of its own."""
+    """A subscription in its own process."""
 
     gid: bytes
     is_of_run: bool
     got: list[int] = field(default_factory=list)
     is_listed: bool = True
     has_publisher: bool = False
-    """Whether DDS has matched the publisher with it, on its own side too."""
+    """Whether DDS has matched the publisher with it, also on the side of the subscription."""
     guaranteed: int | None = None
-    """The first number that it must get; None while DDS does not count it as matched."""
+    """The first number that it must receive; None while DDS does not count it as matched."""
     is_alive: bool = True
     in_transit: deque[tuple[int, int]] = field(default_factory=deque)
-    """Numbers of DDS and messages that it does not have yet."""
+    """Numbers that DDS has sent and messages that it has not received yet."""
     waiting: deque[Sample] = field(default_factory=deque)
-    """What DDS holds for it."""
+    """The messages that DDS holds for it."""
     before_close: int | None = None
-    """How many it had got when it closed; of the others, those that had come are delivered."""
+    """The number of messages received before it closed; others that had arrived are delivered."""
     receiver: LocalReceiver | None = None
     worker: Worker = field(default_factory=Worker)
 
@@ -67,7 +67,7 @@ class Subscription:
         self.waiting.append(Sample(PACK(Int64(data=value)), PUBLISHER, number, 0, 0))
 
     def run(self) -> None:
-        """What its executor does."""
+        """Run its executor."""
         if self.receiver is None:
             while not self.is_of_run and self.waiting:
                 self.got.append(CODEC.unpack(self.waiting.popleft().data).data)
@@ -97,7 +97,7 @@ class Subscription:
 
 
 class Run(RuleBasedStateMachine):
-    """One publisher, and subscriptions of the run and outside that come and go."""
+    """One publisher, and subscriptions inside and outside the run that come and go."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -111,7 +111,7 @@ class Run(RuleBasedStateMachine):
         self._published = 0
         self._through_dds = 0
         self._seen: list[Subscription] = []
-        """Those that DDS had matched with the publisher at its last message."""
+        """The subscriptions that DDS had matched with the publisher at its last message."""
         self._patch.setattr(sender_module, "publisher_gid", lambda _handle: PUBLISHER)
         self._patch.setattr(sender_module, "subscriptions_of", lambda *_: self._endpoints())
         self._patch.setattr(LocalSender, "_has_ended", lambda _sender, gid: self._is_dead(gid))
@@ -172,7 +172,7 @@ class Run(RuleBasedStateMachine):
         matched = self._matched
         new = [each for each in matched if each not in self._seen]
         if new and len(matched) == len(self._seen):
-            # In place of killed ones: the publisher sees the same count, and may look later.
+            # They replace killed ones: the publisher sees the same count, and may check later.
             for each in new:
                 each.guaranteed = 10**9
         self._seen = matched
@@ -184,7 +184,7 @@ class Run(RuleBasedStateMachine):
 
     @rule()
     def wait(self) -> None:
-        """Longer than the publisher waits before it looks again."""
+        """Longer than the time between two checks of the publisher."""
         self._sender._next_check_s = 0.0
 
     # --- subscriptions
@@ -199,7 +199,7 @@ class Run(RuleBasedStateMachine):
     @precondition(lambda self: self._alive)
     @rule()
     def settle(self) -> None:
-        """Match all and let them receive, so that a publisher may bypass DDS."""
+        """Match all subscriptions and let them receive, so that a publisher may bypass DDS."""
         for each in self._alive:
             self._complete(each)
         for _ in range(3):
@@ -287,7 +287,7 @@ class Run(RuleBasedStateMachine):
     def _finish(self) -> None:
         self.settle()
         self.settle()
-        for _ in range(DEPTH):  # a socket takes what waits only as it is read
+        for _ in range(DEPTH):  # a socket frees space only when it is read
             is_waiting = [peer.flush() for peer in self._sender.peers]
             for each in self._alive:
                 each.run()

@@ -1,4 +1,4 @@
-"""Properties of lock-step runs: random graphs of nodes, and timers against those of rcl."""
+"""Properties of lock-step runs: random graphs of nodes, and timers compared with those of rcl."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -42,11 +42,11 @@ class NodePlan:
 
 @dataclass(frozen=True, slots=True)
 class Callback:
-    """A callback that ran."""
+    """A callback that was executed."""
 
     at_ns: int
     topic: int | None
-    """Number of the node that sent the message; None: the timer."""
+    """Number of the node that sent the message; None for the timer."""
     sent_ns: int
     number: int
 
@@ -64,7 +64,7 @@ def graphs(draw: st.DrawFn) -> list[NodePlan]:
 
 
 def _run(graph: list[NodePlan], latency_ms: int, seed: int) -> list[list[Callback]]:
-    """The callbacks of each node, in their order."""
+    """The callbacks of each node, in order."""
     world = World(seed=seed, timing=TimingModel(latency=latency_ms / 1000))
     seen: list[list[Callback]] = [[] for _ in graph]
     for number, plan in enumerate(graph):
@@ -85,7 +85,7 @@ def _add_timer(world: World, node: Any, number: int, plan: NodePlan, seen: list[
         now_ns = world.scheduler.now_ns
         ticks.append(now_ns)
         seen.append(Callback(now_ns, None, now_ns, len(ticks)))
-        # What a callback publishes has the time at which it ends.
+        # Messages published by a callback have the time at which it ends.
         sent_ns = now_ns + plan.compute_ms * MS
         publisher.publish(Int64MultiArray(data=[sent_ns, len(ticks)]))
 
@@ -125,7 +125,7 @@ def test_random_graphs(graph: list[NodePlan], latency_ms: int, seed: int) -> Non
 def _check_one_at_a_time(calls: list[Callback], plan: NodePlan) -> None:
     for one, two in pairwise(calls):
         assert two.at_ns >= one.at_ns + plan.compute_ms * MS
-    # Messages come by their times, whatever their topics.
+    # Messages are ordered by time, across all topics.
     messages = [call.sent_ns for call in calls if call.topic is not None]
     assert messages == sorted(messages)
 
@@ -156,7 +156,7 @@ def _check_history(received: list[Callback], arrivals: list[int], depth: int) ->
 def test_timers_are_those_of_rcl(
     period_ms: int, looks_ms: list[int], resets: set[int], changes: dict[int, int]
 ) -> None:
-    """A timer that an executor looks at only now and then ticks as rcl's would."""
+    """A timer that an executor checks only occasionally ticks as rcl's timer would."""
     world = World()
     node = world.node()
     scheduled = world.lockstep.nodes["/node"]

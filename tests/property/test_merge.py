@@ -1,4 +1,4 @@
-"""What merging promises, for any two texts: what the outer one says is there, and each place."""
+"""Properties of merging any two texts: the outer text wins, and locations are kept."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ MAPS = st.dictionaries(KEYS, VALUES, max_size=4)
 
 
 def tree_of(value: object, path: str) -> Tree:
-    """As flow text reads it: Python's own notation but for null."""
+    """Flow style: Python's own notation except for null."""
     text = repr(value).replace("None", "~").replace("True", "true").replace("False", "false")
     tree = parse_source(SourceFile.of(path, text)).tree
     assert tree is not None
@@ -37,7 +37,7 @@ def spans(tree: Tree) -> Iterator[Span]:
 
 
 @given(MAPS, MAPS)
-def test_what_the_outer_text_says_is_there_and_what_it_does_not_name_stays(
+def test_the_outer_text_wins_and_other_values_are_kept(
     inner: dict[str, object], outer: dict[str, object]
 ) -> None:
     merged = merge_trees(tree_of(inner, "inner"), tree_of(outer, "outer"))
@@ -63,7 +63,7 @@ def test_a_text_over_nothing_and_nothing_over_a_text_are_the_text(value: dict[st
 
 
 @given(VALUES, VALUES)
-def test_a_single_value_gives_way_to_whatever_is_over_it(inner: object, outer: object) -> None:
+def test_a_single_value_is_replaced_by_any_outer_value(inner: object, outer: object) -> None:
     below, above = tree_of(inner, "inner"), tree_of(outer, "outer")
     if isinstance(below, TreeScalar) or isinstance(above, TreeScalar):
         assert merge_trees(below, above) == above

@@ -1,4 +1,4 @@
-"""Migrating loses nothing: there and back a config compiles to the same plan, comments and all."""
+"""Migrating is lossless: after a round trip, a config compiles to the same plan."""
 
 import re
 from dataclasses import asdict
@@ -22,7 +22,7 @@ CONFIGS = [path for path in FILES if path.name != "depth_config.yaml"]
 
 
 def plan_of(path: Path, text: str) -> dict[str, object]:
-    """The plan without its places; what is wrong in the wiring and the surroundings is ignored."""
+    """The plan without locations; ignores errors of topics and surroundings."""
     environment = MachineEnvironment(path.parent, path.parent, {})
     environment.packages = PackageIndex(workspaces=(CORPUS,), prefixes=())
     options = Options(
@@ -48,14 +48,14 @@ def migrated(text: str, to: str) -> str:
 
 
 def comments(text: str) -> list[str]:
-    """The comments; a `#` within double quotes begins none."""
+    """The comments; a `#` within double quotes starts none."""
     found = re.findall(r'"(?:\\.|[^"\\])*"|(#[^\r\n]*)', text, re.DOTALL)
     return [comment for comment in found if comment]
 
 
 @pytest.mark.mujoco
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)
-def test_a_config_compiles_to_the_same_plan_in_either_spelling(path: Path) -> None:
+def test_a_config_compiles_to_the_same_plan_in_either_format(path: Path) -> None:
     text = path.read_bytes().decode()
     there = migrated(text, "key")
     back = migrated(there, "seed")
@@ -66,7 +66,7 @@ def test_a_config_compiles_to_the_same_plan_in_either_spelling(path: Path) -> No
 
 
 @pytest.mark.parametrize("name", ["seed/dummy.yaml", "seed/dummy_py_sections.yaml"])
-def test_the_seeds_come_back_byte_for_byte(name: str) -> None:
+def test_the_seeds_round_trip_byte_for_byte(name: str) -> None:
     text = (CORPUS / name).read_text()
     there = migrated(text, "key")
     assert "\nonboard:" not in there
@@ -99,7 +99,7 @@ HEADS = st.fixed_dictionaries({}, optional={"config": NAMES, "obk": st.just({"ig
 
 @st.composite
 def texts(draw: st.DrawFn) -> str:
-    """A config in either spelling and in any layout, with comments where comments can stand."""
+    """A config in either format and in any layout, with comments wherever they are allowed."""
     head, sections = draw(HEADS), draw(SECTIONS)
     config = {**head, "onboard": sections} if draw(st.booleans()) else {**head, **sections}
     text: str = yaml.safe_dump(
@@ -126,7 +126,7 @@ def _texts(value: object) -> list[str]:
 
 
 def canonical(text: str) -> object:
-    """What a config says, read by PyYAML, whatever its spelling."""
+    """The content of a config in either format, read by PyYAML."""
     value = yaml.load(text, Loader=yaml.BaseLoader)
     head = {key: item for key, item in value.items() if key in ("config", "obk")}
     sections = value.get("onboard") or {k: v for k, v in value.items() if k not in head}
@@ -152,20 +152,20 @@ def _components(key: str, value: object) -> object:
 
 
 @given(texts())
-def test_any_layout_says_the_same_in_either_spelling(text: str) -> None:
+def test_any_layout_has_the_same_meaning_in_both_formats(text: str) -> None:
     there = migrated(text, "key")
     back = migrated(there, "seed")
     for other in (there, back):
         assert canonical(other) == canonical(text)
         assert "'" in text or comments(other) == comments(text)
         assert other.count("\r") == (other.count("\n") if "\r" in text else 0)
-    # A level in braces stays.
+    # A level in braces is kept.
     assert "onboard" not in there or "onboard: {" in text
     assert migrated(there, "key") == there
     assert migrated(back, "seed") == back
 
 
 @given(st.text("ab:- \n[]{},&*'\"#?<key control robot publishers ros_parameter onboard _setting"))
-def test_any_text_is_migrated_or_refused(text: str) -> None:
+def test_any_text_is_migrated_or_rejected(text: str) -> None:
     migrate_source(SourceFile.of("c.yaml", text), "key")
     migrate_source(SourceFile.of("c.yaml", text), "seed")

@@ -1,4 +1,4 @@
-"""The JSON schema accepts a config exactly where the checker finds no fault of its shape."""
+"""The JSON schema accepts a config exactly if the checker finds no fault of its shape."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -32,24 +32,24 @@ CASES = sorted((ROOT / "tests/cases/accept").glob("*/*.yaml"))
 
 
 def read(files: Iterable[Path]) -> list[dict[str, Any]]:
-    """The files that are a mapping."""
+    """The files whose content is a mapping."""
     texts = (load_yaml_core(path.read_text(encoding="utf-8")) for path in files)
     return [config for config in texts if isinstance(config, dict)]
 
 
-# Neither ray casters nor what is only a config together with other files.
+# Neither ray casters nor configs that depend on other files.
 CONFIGS = [config for config in read(FILES) if "config" in config and "include" not in config]
 
 
 @cache
 def configs_and_cases() -> list[dict[str, Any]]:
-    """What is edited: read when the first test wants it, not by every worker."""
+    """The configs to edit, read when the first test needs them."""
     return [*CONFIGS, *read(CASES)]
 
 
-# Key twice, two spellings mixed, types of messages: across places, which a schema cannot compare.
+# Duplicate keys, two mixed formats, types of messages: a schema cannot compare several locations.
 SHAPE_CODES = frozenset(f"OBK{n}" for n in (*range(101, 107), 109, 110, 111, 113, 114))
-# How many rays a pattern has is a product, which a schema cannot bound.
+# The number of rays of a pattern is a product, which a schema cannot limit.
 PRODUCT = "rays, expected at most"
 KEYS = st.sampled_from(
     "name namespace qos env respawn on_crash log_level remappings device params callback_groups "
@@ -72,7 +72,7 @@ VALUES = (
 
 
 def _is_whole(checker: jsonschema.TypeChecker, value: object) -> bool:
-    """YAML distinguishes `0.0` from `0`, and so does the checker; JSON does not."""
+    """YAML and the checker distinguish `0.0` from `0`; JSON does not."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
@@ -84,7 +84,7 @@ VALIDATOR = jsonschema.validators.extend(  # type: ignore[no-untyped-call]
 
 
 def shape_faults(config: dict[str, Any], environment: dict[str, str]) -> list[str]:
-    """What the checker has to say about the shape alone."""
+    """The findings of the checker about the shape."""
     text = yaml.safe_dump(config, sort_keys=False, allow_unicode=True)
     assert load_yaml_core(text) == config
     machine = MachineEnvironment(ROOT, ROOT, environment)
@@ -95,7 +95,7 @@ def shape_faults(config: dict[str, Any], environment: dict[str, str]) -> list[st
 
 
 def holders(value: Any) -> Iterator[Any]:
-    """Every mapping and list that holds something."""
+    """Every mapping and list with content."""
     if isinstance(value, dict | list) and value:
         yield value
         for inner in value.values() if isinstance(value, dict) else value:
@@ -103,7 +103,7 @@ def holders(value: Any) -> Iterator[Any]:
 
 
 def places_of_numbers(value: Any) -> Iterator[tuple[Any, Any]]:
-    """Every number that the config holds: its mapping or list, and its key there."""
+    """Every number in the config: its mapping or list, and its key."""
     for holder in holders(value):
         for key, inner in holder.items() if isinstance(holder, dict) else enumerate(holder):
             if isinstance(inner, int | float) and not isinstance(inner, bool):
@@ -111,7 +111,7 @@ def places_of_numbers(value: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def places_of_scalars(value: Any) -> Iterator[tuple[Any, Any]]:
-    """Every scalar that the config holds, null too: its mapping or list, and its key there."""
+    """Every scalar in the config, including null: its mapping or list, and its key."""
     for holder in holders(value):
         for key, inner in holder.items() if isinstance(holder, dict) else enumerate(holder):
             if not isinstance(inner, dict | list):
@@ -119,7 +119,7 @@ def places_of_scalars(value: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def as_text(scalar: object) -> str:
-    """A scalar as a person writes it without quotes."""
+    """A scalar as a person would write it without quotes."""
     if scalar is None or isinstance(scalar, str):
         return scalar or ""
     return str(scalar).lower()
@@ -127,8 +127,8 @@ def as_text(scalar: object) -> str:
 
 @st.composite
 def with_variables(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, str]]:
-    """A config with variables in place of one scalar or of some, and an environment that has
-    those scalars."""
+    """A config with variables instead of one or more scalars, and an environment with
+    these scalars."""
     config: dict[str, Any] = deepcopy(draw(st.sampled_from(configs_and_cases())))
     places = list(places_of_scalars(config))
     chosen = draw(st.lists(st.sampled_from(range(len(places))), min_size=1, unique=True))
@@ -144,7 +144,7 @@ def with_variables(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, str]]:
 def edited(
     draw: st.DrawFn, values: st.SearchStrategy[Any], numbers: st.SearchStrategy[Any]
 ) -> dict[str, Any]:
-    """A config after one edit; every second one is of a number, whose bounds are the finest."""
+    """A config after one edit; every second edit changes a number, to test the bounds."""
     config: dict[str, Any] = deepcopy(draw(st.sampled_from(configs_and_cases())))
     if draw(st.booleans()):
         holder, place = draw(st.sampled_from(list(places_of_numbers(config))))
@@ -172,7 +172,7 @@ def test_the_schema_accepts_a_config_that_the_checker_accepts(config: dict[str, 
 
 
 @given(edited(VALUES, NUMBERS))
-def test_the_schema_accepts_an_edited_config_exactly_where_the_checker_does(
+def test_the_schema_accepts_an_edited_config_exactly_if_the_checker_does(
     config: dict[str, Any],
 ) -> None:
     faults = shape_faults(config, {})
@@ -182,7 +182,7 @@ def test_the_schema_accepts_an_edited_config_exactly_where_the_checker_does(
 
 
 @given(with_variables())
-def test_the_schema_refuses_no_variable_that_the_checker_accepts(
+def test_the_schema_rejects_no_variable_that_the_checker_accepts(
     drawn: tuple[dict[str, Any], dict[str, str]],
 ) -> None:
     config, environment = drawn

@@ -1,4 +1,4 @@
-"""What the tests of composed processes share: programs of nodes, and a process that runs them."""
+"""Shared code for the tests of composed processes: programs of nodes, and a process to run them."""
 
 import os
 import subprocess
@@ -28,22 +28,22 @@ class Reported(ObeliskNode):
         self.declare_parameter("gain", 0)
         self.last_argument = sys.argv[-1]
 
-    def tell(self, what):
+    def report(self, what):
         print(self.get_name(), what, flush=True)
 
     def on_configure(self, state):
         self.get_logger().debug("a detail")
-        self.tell(self.get_parameter("gain").value)
-        self.tell(self.resolve_topic_name("in"))
-        self.tell(self.last_argument)
+        self.report(self.get_parameter("gain").value)
+        self.report(self.resolve_topic_name("in"))
+        self.report(self.last_argument)
         return super().on_configure(state)
 
     def on_deactivate(self, state):
-        self.tell("deactivated")
+        self.report("deactivated")
         return super().on_deactivate(state)
 
     def on_shutdown(self, state):
-        self.tell("shut down")
+        self.report("shut down")
         return super().on_shutdown(state)
 
 
@@ -72,7 +72,7 @@ class Leaving(Act):
 
 class Stuck(Act):
     def act(self):
-        self.tell("stuck")
+        self.report("stuck")
         time.sleep(1000)
 
 
@@ -110,7 +110,7 @@ Entry = dict[str, Any]
 def entry(
     node: str, function: str | None = "main", *arguments: str, module: str = "nodes"
 ) -> Entry:
-    """A node of the specification with the ROS arguments that give it its name."""
+    """A node of the plan with the ROS arguments that set its name."""
     namespace, name = node.rsplit("/", 1)
     names = ["-r", f"__node:={name}", *(["-r", f"__ns:={namespace}"] if namespace else [])]
     return {
@@ -122,7 +122,7 @@ def entry(
 
 
 class Composed:
-    """A composed process, what it wrote, and a client for its services."""
+    """A composed process, its output, and a client for its services."""
 
     def __init__(self, process: "subprocess.Popen[str]") -> None:
         self.process = process
@@ -136,11 +136,11 @@ class Composed:
 
     @property
     def text(self) -> str:
-        """All that was written."""
+        """The whole output."""
         return "\n".join(self.lines)
 
     def ask(self, kind: Any, name: str, request: Any) -> Any:
-        """A service's answer; asked again if it gets lost, as the first one to a client may."""
+        """The response of a service; repeats the request, as the first response may get lost."""
         client = self._client(kind, name)
         while True:
             answer = client.call_async(request)
@@ -157,7 +157,7 @@ class Composed:
                 eventually(lambda node=node, goal=goal: self.state(node) == goal, f"{goal} {node}")
 
     def set_off(self, node: str) -> None:
-        """Configure a node and ask it to activate; it may fail before anybody sees it active."""
+        """Configure a node and request activation; the node may fail before it is seen active."""
         self._change(node, "configure")
         eventually(lambda: self.state(node) == "inactive", f"inactive {node}")
         self._change(node, "activate")
@@ -168,22 +168,22 @@ class Composed:
         return str(answer.current_state.label)
 
     def listen(self, kind: type[Any], topic: str) -> Callable[[], bool]:
-        """Whether a message has come by now."""
-        heard: list[Any] = []
-        self.client.create_subscription(kind, topic, heard.append, 10)
+        """Whether a message has arrived."""
+        received: list[Any] = []
+        self.client.create_subscription(kind, topic, received.append, 10)
 
-        def has_come() -> bool:
+        def has_arrived() -> bool:
             self._executor.spin_once(0.01)
-            return bool(heard)
+            return bool(received)
 
-        return has_come
+        return has_arrived
 
     def wait_for_line(self, part: str) -> None:
-        """Wait for a line with these words."""
+        """Wait for a line with this text."""
         eventually(lambda: part in self.text, part, seen=lambda: self.text)
 
     def end(self, *signals: int) -> int:
-        """The exit code, after these signals."""
+        """The exit code after these signals."""
         for number in signals:
             self.process.send_signal(number)
         code = self.process.wait(DEADLINE_S)
@@ -191,7 +191,7 @@ class Composed:
         return code
 
     def close(self) -> None:
-        """Leave nothing behind."""
+        """Stop the process and clean up."""
         self.process.kill()
         self.end()
         self._executor.shutdown()
@@ -218,7 +218,7 @@ class Composed:
 
 @contextmanager
 def client_context() -> Iterator[list[Composed]]:
-    """A list for processes, which are closed at the end; their clients have a context."""
+    """A list for processes, which are closed at the end; their clients share a context."""
     rclpy.init(args=[])
     made: list[Composed] = []
     try:
@@ -230,7 +230,7 @@ def client_context() -> Iterator[list[Composed]]:
 
 
 def started_module(module: Sequence[str | Path], python_path: Path) -> "subprocess.Popen[str]":
-    """A module that runs, with another folder to import from."""
+    """Run a module, with an additional folder to import from."""
     return subprocess.Popen(
         [sys.executable, "-P", "-m", *module],
         stdout=subprocess.PIPE,

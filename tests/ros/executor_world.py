@@ -1,4 +1,4 @@
-"""What the tests of the executor share: nodes in a context of their own, run in a thread."""
+"""Shared code for the tests of the executor: nodes in their own context, run in a thread."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ N = TypeVar("N", bound=Node)
 
 
 class World:
-    """A context with an executor that no one runs yet."""
+    """A context with an executor that is not running yet."""
 
     def __init__(self, num_threads: int = 1) -> None:
         self.context = Context()
@@ -32,14 +32,14 @@ class World:
         return self.adopt(Node(name, context=self.context, **options))
 
     def adopt(self, node: N) -> N:
-        """Let the executor run a node of this context."""
+        """Add a node of this context to the executor."""
         self._nodes.append(node)
         self.executor.add_node(node)
         return node
 
     @contextmanager
     def spinning(self) -> Iterator[None]:
-        """Run the callbacks in a thread; what they raise fails the test."""
+        """Run the callbacks in a thread; their exceptions fail the test."""
         faults: list[BaseException] = []
 
         def spin() -> None:
@@ -58,7 +58,7 @@ class World:
         assert not faults
 
     def run_until(self, condition: Callable[[], object], what: str) -> None:
-        """Run callbacks until something holds."""
+        """Run callbacks until a condition is true."""
         with self.spinning():
             eventually(condition, what)
 
@@ -71,7 +71,7 @@ class World:
 
 @contextmanager
 def world(num_threads: int = 1) -> Iterator[World]:
-    """A world that leaves nothing behind."""
+    """A world that is cleaned up after the test."""
     made = World(num_threads)
     try:
         yield made

@@ -1,4 +1,4 @@
-"""Packages of nodes of each generation of the Python API, and a config that wires them."""
+"""Packages of nodes of each generation of the Python API, and a config that connects them."""
 
 from pathlib import Path
 from string import Template
@@ -213,7 +213,7 @@ robot:
 
 
 def make_stack(folder: Path, *, robot: str, estimation: str, control: str) -> Path:
-    """A config whose nodes are of these generations; its path."""
+    """Write a config with nodes of these generations; return its path."""
     for name, nodes in GENERATIONS.items():
         package = f"{name}_py"
         files = {

@@ -1,6 +1,6 @@
-"""A subscription or publisher of a run, in a process of its own.
+"""A subscription or publisher of a run, in its own process.
 
-`python local_peer.py listen TOPIC DEPTH FILE` writes the numbers that it gets to FILE, a line each;
+`python local_peer.py listen TOPIC DEPTH FILE` writes the received numbers to FILE, one per line;
 `python local_peer.py publish TOPIC FIRST PERIOD_S` publishes FIRST, FIRST + 1, ... until it is
 killed.
 """
@@ -16,7 +16,7 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode
 
 
 def listen(topic: str, depth: str, path: str) -> None:
-    """Listen until killed."""
+    """Receive until killed."""
     node = GuardedLifecycleNode("listener")
     with Path(path).open("w", buffering=1, encoding="ascii") as numbers:
         node.create_subscription(

@@ -1,4 +1,4 @@
-"""The commands that look into a ROS graph, run to their end, for the tests of each."""
+"""Run the commands that inspect a ROS graph, for the tests of each command."""
 
 import json
 from typing import Any
@@ -11,7 +11,7 @@ from .stack import obk
 
 
 def announce_as_a_stack_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have nodes of this process found as soon as those that a launch has started."""
+    """Make nodes of this process discoverable as fast as those that a launch has started."""
     for name, value in ros_environment().variables.items():
         monkeypatch.setenv(name, value)
 
@@ -22,7 +22,7 @@ def done(*words: object) -> str:
     return result.stdout
 
 
-def refused(*words: object, exit_code: int = 1, is_patient: bool = True) -> str:
+def error_of(*words: object, exit_code: int = 1, is_patient: bool = True) -> str:
     result = obk(*words, is_patient=is_patient)
     assert result.returncode == exit_code, (words, result.stdout, result.stderr)
     assert "Traceback" not in result.stderr

@@ -1,7 +1,7 @@
 """One end of a message exchange; run as `message_peer.py send|receive package/Message ...`.
 
-The sender publishes one filled message per type until its standard input ends. The receiver prints
-what has come in as JSON, type by type, and ends when it has all or after a deadline.
+The sender publishes one filled message per type until its standard input is closed. The receiver
+prints the received messages as JSON, type by type, and exits when it has all or after a deadline.
 """
 
 import importlib
@@ -31,7 +31,7 @@ def message_type(name: str) -> type[Any]:
 
 
 def filled(name: str, numbers: Iterator[int] | None = None) -> Any:
-    """Return a message in which every field has a value that no other field has."""
+    """Return a message in which every field has a different value."""
     numbers = numbers or itertools.count(1)
     message = message_type(name)()
     for field, kind in message.get_fields_and_field_types().items():
@@ -53,7 +53,7 @@ def _value(kind: str, numbers: Iterator[int]) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Return a message as dictionaries, lists, numbers and strings."""
+    """Convert a message to dictionaries, lists, numbers and strings."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, str | int | float):
@@ -66,12 +66,12 @@ def _each(values: Any) -> list[Any]:
 
 
 def topic_of(name: str) -> str:
-    """Return the topic that a type is exchanged on."""
+    """Return the topic for a type."""
     return "/exchange/" + name
 
 
 def send(names: list[str]) -> None:
-    """Publish, and stay until standard input ends."""
+    """Publish until standard input is closed."""
     node = rclpy.create_node("sender")
     for name in names:
         node.create_publisher(message_type(name), topic_of(name), QOS).publish(filled(name))

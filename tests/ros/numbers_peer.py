@@ -1,6 +1,6 @@
-"""A listener in a process of its own: `python numbers_peer.py TOPIC COUNT`.
+"""A subscriber in its own process: `python numbers_peer.py TOPIC COUNT`.
 
-Prints the numbers of COUNT messages as they came, one JSON list, and ends.
+Prints the numbers of COUNT messages in the order of arrival, as one JSON list, and exits.
 """
 
 import json
@@ -11,11 +11,11 @@ from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Int64
 
 DEPTH = 10_000
-"""Of both ends, so that a machine that is busy drops nothing."""
+"""History depth of both ends, so that a busy machine drops nothing."""
 
 
 def main(topic: str, count: int) -> None:
-    """Listen."""
+    """Receive the messages."""
     rclpy.init(args=[])
     node = rclpy.create_node("peer")
     numbers: list[int] = []

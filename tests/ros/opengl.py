@@ -1,4 +1,4 @@
-"""Whether cameras can be drawn on this machine, for the tests of what is drawn."""
+"""Whether this machine can render cameras, for the tests of images."""
 
 import subprocess
 import sys
@@ -14,7 +14,7 @@ OPEN = (
 
 
 def require_opengl() -> None:
-    """Skip the test where there is no OpenGL, which a process of its own finds out."""
+    """Skip the test if OpenGL is not available, which a separate process checks."""
     tried = subprocess.run(
         [sys.executable, "-c", OPEN], capture_output=True, text=True, timeout=120, check=False
     )

@@ -1,4 +1,4 @@
-"""What the tests of running stacks share: a driver of one node in this process, and obk's runs."""
+"""Shared code for the tests of running stacks: a driver of one node, and runs of obk."""
 
 import atexit
 import gc
@@ -34,14 +34,14 @@ LIMITS = {
         for word in ("node", "param", "service", "stop", "topic")
     },
 }
-"""First word of a command -> the options that say how long others may take, with time enough."""
+"""First word of a command -> the timeout options, with generous values."""
 N = TypeVar("N", bound=Node)
 MARK = "OBELISK_TEST_RUN"
-"""The variable by which the fixture `ros_domain` knows a test's processes."""
+"""The variable by which the fixture `ros_domain` finds a test's processes."""
 
 
 def calm(folder: Path) -> None:
-    """Let the configs in a folder run at 10 Hz, which a busy machine keeps."""
+    """Change the configs in a folder to 10 Hz, which a busy machine can keep."""
     for config in folder.glob("*.yaml"):
         text = config.read_text()
         config.write_text(re.sub(r"\b(timer_period_sec|dt): 0\.00\d+", r"\1: 0.1", text))
@@ -58,11 +58,11 @@ def _calm_copy(example: Path) -> Path:
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "dummy" / "dummy.yaml"
 DUMMY = _calm_copy(EXAMPLE)
-"""The example, calm: at 1000 Hz a stack takes a core, of two, from the tests beside it."""
+"""The example at 10 Hz; at 1000 Hz a stack uses one of two cores."""
 
 
 def parameters(**values: str) -> dict[str, Any]:
-    """Keyword arguments of a node that has these parameters."""
+    """Keyword arguments for a node with these parameters."""
     return {"parameter_overrides": [Parameter(name, value=value) for name, value in values.items()]}
 
 
@@ -70,7 +70,7 @@ def parameters(**values: str) -> dict[str, Any]:
 def spinning(
     make: Callable[[], N], make_executor: Callable[[], Executor] = SingleThreadedExecutor
 ) -> Iterator[N]:
-    """A node that spins in a thread, in a context of its own."""
+    """A node that spins in a thread, in its own context."""
     rclpy.init()
     node, executor = make(), make_executor()
     executor.add_node(node)
@@ -81,20 +81,20 @@ def spinning(
     try:
         yield node
     finally:
-        # Shut down while it spins, an rclpy executor may stumble over what it has just let go.
+        # If shut down while it spins, an rclpy executor may fail on entities just released.
         over.set_result(None)
         thread.join()
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-        # A life-cycle node is part of reference cycles, and in the ROS graph until they are gone;
-        # an executor that spun keeps the nodes that it looked at last.
+        # A life-cycle node is part of reference cycles, and stays in the ROS graph until they are
+        # collected; an executor that spun keeps references to its last nodes.
         del node, executor, spin, thread
         gc.collect()
 
 
 def request(node: GuardedLifecycleNode, label: str = "", number: int = 0) -> bool:
-    """Call the node's change_state as its service would: on the thread that spins it."""
+    """Call the node's change_state on the thread that spins it, like its service would."""
     call = ChangeState.Request()
     call.transition.label, call.transition.id = label, number
     change = node._service_change_state.callback
@@ -108,7 +108,7 @@ def request(node: GuardedLifecycleNode, label: str = "", number: int = 0) -> boo
 
 
 def patient(*words: object) -> list[str]:
-    """A command, with limits that a busy machine keeps; a test of the limits gives its own."""
+    """A command with limits that a busy machine can keep; tests of the limits set their own."""
     given = list(map(str, words))
     limits = LIMITS.get(given[0], {}) if given else {}
     missing = (limit for limit in limits.items() if limit[0] not in given)
@@ -122,7 +122,7 @@ def obk(
     folder: Path | None = None,
     is_patient: bool = True,
 ) -> subprocess.CompletedProcess[str]:
-    """Run obk to its end, with these variables too, in a folder (None: the current one)."""
+    """Run obk until it ends, with additional variables, in a folder (None: the current one)."""
     return subprocess.run(
         cwd=folder,
         args=[OBK, *(patient(*arguments) if is_patient else map(str, arguments))],
@@ -136,7 +136,7 @@ def obk(
 
 @contextmanager
 def launched(config: Path, *options: object, phase: str = "active") -> Iterator["Launched"]:
-    """A stack that has got to a phase; ended by SIGINT at the latest."""
+    """A stack that has reached a phase; stopped by SIGINT at the end."""
     with started(config, *options) as run:
         run.wait_for(phase)
         yield run
@@ -144,7 +144,7 @@ def launched(config: Path, *options: object, phase: str = "active") -> Iterator[
 
 @contextmanager
 def started(config: Path, *options: object) -> Iterator["Launched"]:
-    """A stack that comes up; ended by SIGINT at the latest."""
+    """A stack that is starting; stopped by SIGINT at the end."""
     process = subprocess.Popen(
         [OBK, *patient("launch", config, *options)],
         stdout=subprocess.PIPE,
@@ -163,7 +163,7 @@ def started(config: Path, *options: object) -> Iterator["Launched"]:
 
 
 class Launched:
-    """A running `obk launch` and what it has said so far."""
+    """A running `obk launch` and its output so far."""
 
     def __init__(self, process: "subprocess.Popen[str]") -> None:
         self.process = process
@@ -174,16 +174,16 @@ class Launched:
 
     @property
     def text(self) -> str:
-        """All that was said."""
+        """The whole output."""
         return "\n".join(self.lines)
 
     @property
     def cause(self) -> str:
-        """The line that reports why the run failed; empty when it did not."""
+        """The line that reports why the run failed; empty if it did not."""
         return next((line for line in self.lines if line.startswith("failed: ")), "")
 
     def wait_for(self, phase: str) -> None:
-        """Wait for a phase line, and note every process below the launcher."""
+        """Wait for a phase line, and record every process below the launcher."""
         eventually(
             lambda: any(f"s] {phase}" in line for line in self.lines) or self._has_ended(),
             f"the phase {phase}",
@@ -193,16 +193,16 @@ class Launched:
         self.descendants |= set(psutil.Process(self.process.pid).children(recursive=True))
 
     def wait_for_line(self, part: str, deadline_s: float = DEADLINE_S) -> None:
-        """Wait for a line with these words."""
+        """Wait for a line with this text."""
 
-        def is_said() -> bool:
+        def is_shown() -> bool:
             return any(part in line for line in self.lines)
 
         def is_over() -> bool:
-            return is_said() or not self.reader.is_alive()
+            return is_shown() or not self.reader.is_alive()
 
         eventually(is_over, part, seen=lambda: self.text, deadline_s=deadline_s)
-        assert is_said(), self.text
+        assert is_shown(), self.text
 
     def node(self, name: str) -> psutil.Process:
         """The process of a node."""
@@ -210,7 +210,7 @@ class Launched:
         return next(p for p in self.descendants if argument in p.cmdline())
 
     def left_over(self) -> list[psutil.Process]:
-        """Processes of the stack that are still there, zombies not counted."""
+        """Processes of the stack that are still running, except zombies."""
         return [p for p in self.descendants if _is_there(p)]
 
     def _has_ended(self) -> bool:
@@ -224,14 +224,14 @@ class Launched:
 
 
 def marked() -> list[psutil.Process]:
-    """The processes, this one aside, that carry this test's mark in their environment."""
+    """Processes other than this one that have this test's mark in their environment."""
     return [p for p in psutil.process_iter() if p.pid != os.getpid() and _is_marked(p)]
 
 
 def _is_marked(process: psutil.Process) -> bool:
     try:
         return process.environ().get(MARK) == os.environ[MARK]
-    except psutil.Error:  # ended meanwhile, or another user's
+    except psutil.Error:  # has ended, or belongs to another user
         return False
 
 

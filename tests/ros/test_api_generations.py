@@ -38,7 +38,7 @@ def callback(message: Any = None) -> None:
 
 
 class Registering(ObeliskNode):
-    """Registers what it is given, in its constructor or in on_configure."""
+    """Registers the given components, in its constructor or in on_configure."""
 
     def __init__(
         self, register: Callable[[ObeliskNode], None], *, late: bool = False, **settings: str
@@ -227,7 +227,7 @@ def test_a_callback_group_replaces_no_other_attribute(capfd: pytest.CaptureFixtu
         assert node.executor is executor
         assert node.is_late is False
         assert isinstance(node.obk_callback_groups["executor"], ReentrantCallbackGroup)
-    assert capfd.readouterr().err.count("is only in obk_callback_groups") == 2
+    assert capfd.readouterr().err.count("is only available in obk_callback_groups") == 2
 
 
 def test_a_name_that_the_launcher_sets_as_a_parameter_is_one_of_the_second_generation() -> None:
@@ -243,7 +243,7 @@ def test_a_name_that_the_launcher_sets_as_a_parameter_is_one_of_the_second_gener
 
 
 class TypedController(ObeliskController):
-    """Its constructor takes message types, as those of G2 and G3 do."""
+    """Its constructor takes message types, as in G2 and G3."""
 
     def __init__(self, **settings: str) -> None:
         super().__init__("typed", PositionSetpoint, EstimatedState, **parameters(**settings))
@@ -265,7 +265,7 @@ def test_a_base_class_with_message_types_warns_of_missing_settings(
     assert capfd.readouterr().err.count("left out") == 2
 
 
-def test_a_base_class_whose_settings_are_separate_parameters_requires_all() -> None:
+def test_a_base_class_with_separate_parameters_requires_all() -> None:
     settings = {"timer_ctrl_setting": "timer_period_sec:0.1"}
     with spinning(lambda: TypedController(**settings)) as node:
         assert not request(node, "configure")
@@ -278,14 +278,14 @@ def test_existing_code_reads_the_node_name() -> None:
         assert node.node_name == "typed"
 
 
-def test_a_wrong_argument_names_the_node() -> None:
+def test_an_invalid_argument_names_the_node() -> None:
     with spinning(lambda: ObeliskNode("arm")) as node:
         sentence = "register_obk_timer of the node `arm`: `callback` is 3"
         with pytest.raises(ObeliskConfigError, match=sentence):
             node.register_obk_timer("timer", 3)  # type: ignore[arg-type]
 
 
-def test_a_process_with_a_wrong_registration_ends_with_a_sentence() -> None:
+def test_a_process_with_a_wrong_registration_ends_with_a_message() -> None:
     program = (
         "from obelisk_py.core.node import ObeliskNode\n"
         "from obelisk_py.core.utils.ros import spin_obelisk\n"
@@ -299,7 +299,7 @@ def test_a_process_with_a_wrong_registration_ends_with_a_sentence() -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
     )
     assert ended.returncode == 1
-    assert "the node cannot be made: register_obk_publisher of the node `arm`: " in ended.stderr
+    assert "the node cannot be created: register_obk_publisher of the node `arm`: " in ended.stderr
     assert "`msg_type` is 7 (an `int`), expected a message class" in ended.stderr
     assert "Traceback" not in ended.stderr
 
@@ -333,7 +333,7 @@ def listings(kind: str) -> list[str]:
 
 
 def page_class(name: str) -> type[Any]:
-    """A class of the page, with what its listing imports."""
+    """A class of the page, with the imports of its listing."""
     (listing,) = (text for text in listings("python") if f"class {name}(" in text)
     names = {**globals(), "Imu": Imu, "time": time, "ObeliskSimRobot": ObeliskSimRobot}
     exec(listing, names)

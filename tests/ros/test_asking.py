@@ -1,4 +1,4 @@
-"""A running stack seen, moved and ended from another terminal; what it leaves behind."""
+"""A running stack inspected, controlled and stopped from another terminal, and its leftovers."""
 
 import hashlib
 import json
@@ -40,7 +40,7 @@ def reported(*arguments: object) -> dict[str, Any]:
 
 
 def states() -> dict[str, str]:
-    """Of the nodes that are found by now."""
+    """The names of the nodes found so far."""
     return dict(json.loads(obk("lifecycle", "get", "--format", "json").stdout or "{}"))
 
 
@@ -70,7 +70,7 @@ def test_without_the_run_registry_the_graph_alone_is_enough(
     with launched(DUMMY, "--quiet") as run:
         monkeypatch.setenv("OBK_HOME", str(tmp_path / "another host"))
         eventually(lambda: states() == dict.fromkeys(NODES, "active"), "all three")
-        # By their full names, so that all are waited for however slow the graph is.
+        # By their full names, so that the command waits for all, however slow the graph is.
         patient = (*NODES, "--timeout", DEADLINE_S)
         for verb, goal in ROUND:
             answer = reported("lifecycle", verb, *patient)
@@ -84,7 +84,7 @@ def test_without_the_run_registry_the_graph_alone_is_enough(
     assert run.process.returncode == 0, run.text
 
 
-def test_stop_brings_the_stack_down_in_order_and_waits_for_it() -> None:
+def test_stop_ends_the_stack_cleanly_and_waits_for_it() -> None:
     with launched(DUMMY, "--quiet") as run:
         result = obk("stop")
         assert (result.returncode, result.stdout) == (0, "dummy: ended\n")
@@ -101,7 +101,7 @@ def test_a_launcher_that_takes_too_long_is_killed_on_demand_with_all_of_its_node
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-def test_what_outlives_its_launcher_in_spite_of_all_is_found_and_ended() -> None:
+def test_orphans_of_a_launcher_are_found_and_ended() -> None:
     with turn_of_leftovers(), launched(DUMMY, "--quiet") as run:
         nodes = node_pids(run)
         (warden,) = psutil.Process(run.process.pid).children()
@@ -115,12 +115,12 @@ def test_what_outlives_its_launcher_in_spite_of_all_is_found_and_ended() -> None
         assert all(start_s(pid) is not None for pid in nodes.values())
         assert obk("reap").returncode == 0
         assert all(start_s(pid) is None for pid in nodes.values())
-        with suppress(psutil.NoSuchProcess):  # It may have been slow to end, and was killed then.
+        with suppress(psutil.NoSuchProcess):  # killed if it was too slow to end
             warden.resume()
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-def test_a_run_reports_afterwards_what_it_was_and_how_it_ended(home: Path) -> None:
+def test_a_finished_run_reports_its_config_and_its_outcome(home: Path) -> None:
     begin = time.time()
     assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
     (folder,) = (home / "runs").glob("dummy_*")

@@ -1,4 +1,4 @@
-"""`obk build` and what `obk launch` makes of it: a user's messages over DDS, only what changed."""
+"""`obk build` and `obk launch`: messages of a user over DDS; only changed packages are built."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from .workspace import make_nodes, make_workspace
 pytestmark = pytest.mark.ros
 
 COMPILE_S = 4 * DEADLINE_S
-"""What compiling packages may take."""
+"""Timeout for compiling packages."""
 PUBLISHER = """
 import sys
 import rclpy
@@ -105,7 +105,7 @@ def run(workspace: Path, code: str) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
 
 
-def said(workspace: Path, code: str) -> str:
+def output(workspace: Path, code: str) -> str:
     return run(workspace, code).communicate(timeout=60)[0]
 
 
@@ -116,9 +116,9 @@ def test_two_processes_exchange_a_users_messages_and_service(workspace: Path) ->
 
 
 @pytest.mark.slow
-def test_only_what_changed_or_is_named_and_what_uses_it_is_built(workspace: Path) -> None:
+def test_only_changed_or_named_packages_and_their_dependents_are_built(workspace: Path) -> None:
     assert build(workspace)["unchanged"] == ["arm_msgs", "other_msgs", "task_msgs"]
-    before = said(workspace, TYPE_HASH)
+    before = output(workspace, TYPE_HASH)
     source = workspace / "src" / "arm_msgs" / "msg" / "Reach.msg"
     source.write_text(source.read_text() + "float64 speed\n")
     word = workspace / "src" / "other_msgs" / "msg" / "Word.msg"
@@ -126,13 +126,13 @@ def test_only_what_changed_or_is_named_and_what_uses_it_is_built(workspace: Path
     assert build(workspace, "arm_msgs")["built"] == ["arm_msgs", "task_msgs"]
     report = build(workspace)
     assert (report["built"], report["unchanged"]) == (["other_msgs"], ["arm_msgs", "task_msgs"])
-    after = said(workspace, TYPE_HASH)
+    after = output(workspace, TYPE_HASH)
     assert before.startswith("RIHS01_")
     assert after.startswith("RIHS01_")
     assert before != after
 
 
-def test_a_package_that_is_gone_is_taken_out_of_the_overlay(workspace: Path) -> None:
+def test_a_deleted_package_is_removed_from_the_overlay(workspace: Path) -> None:
     shutil.rmtree(workspace / "src" / "other_msgs")
     assert build(workspace)["removed"] == ["other_msgs"]
     overlay = workspace / ".obk" / "overlay"
@@ -140,7 +140,7 @@ def test_a_package_that_is_gone_is_taken_out_of_the_overlay(workspace: Path) -> 
     assert (overlay / "share" / "task_msgs").is_dir()
 
 
-def test_a_wrong_definition_leaves_the_overlay_as_it_was(workspace: Path) -> None:
+def test_an_invalid_definition_leaves_the_overlay_unchanged(workspace: Path) -> None:
     overlay = workspace / ".obk" / "overlay"
     before = overlay.resolve()
     (workspace / "src" / "task_msgs" / "msg" / "Task.msg").write_text("arm_msgs/Raech step\n")
@@ -152,7 +152,7 @@ def test_a_wrong_definition_leaves_the_overlay_as_it_was(workspace: Path) -> Non
     assert [f.name for f in overlay.parent.glob("overlay-*")] == [before.name]
 
 
-def test_interrupted_the_overlay_stays_as_it_was(workspace: Path) -> None:
+def test_an_interrupt_leaves_the_overlay_unchanged(workspace: Path) -> None:
     overlay = workspace / ".obk" / "overlay"
     before = overlay.resolve()
     command = [OBK, "build", "--clean", "--workspace", workspace]
@@ -169,7 +169,7 @@ def test_interrupted_the_overlay_stays_as_it_was(workspace: Path) -> None:
 
 
 @pytest.mark.slow
-def test_two_builds_at_once_wait_for_each_other(workspace: Path) -> None:
+def test_two_simultaneous_builds_wait_for_each_other(workspace: Path) -> None:
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")
     command = [OBK, "build", "--workspace", workspace, "--format", "json"]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
@@ -178,7 +178,7 @@ def test_two_builds_at_once_wait_for_each_other(workspace: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_launch_builds_what_is_stale_and_the_nodes_exchange_it(workspace: Path) -> None:
+def test_a_launch_builds_stale_packages_and_the_nodes_use_them(workspace: Path) -> None:
     config = make_nodes(workspace)
     source = workspace / "src" / "arm_msgs" / "msg" / "Reach.msg"
     source.write_text(source.read_text() + "float64 speed\n")
@@ -216,7 +216,7 @@ def test_messages_of_a_running_stacks_workspace_are_shown_from_any_folder(
 
 
 @pytest.mark.slow
-def test_a_launch_that_is_not_to_build_says_what_is_stale(workspace: Path) -> None:
+def test_a_launch_without_building_reports_stale_packages(workspace: Path) -> None:
     config = make_nodes(workspace)
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")
     with started(config, "--no-build") as launch:
@@ -237,7 +237,7 @@ def test_a_launch_that_is_interrupted_while_it_builds_starts_nothing(workspace: 
     assert "starting" not in launch.text
 
 
-def test_a_launch_does_not_start_with_a_definition_that_is_wrong(workspace: Path) -> None:
+def test_a_launch_does_not_start_with_an_invalid_definition(workspace: Path) -> None:
     config = make_nodes(workspace)
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("uint8 a 256\n")
     done = obk("launch", config)

@@ -1,4 +1,4 @@
-"""`obk test` in processes of its own: what a failed test leaves, and how it is repeated."""
+"""`obk test` in its own processes: the output of a failed test, and how to repeat it."""
 
 import re
 import shlex
@@ -72,7 +72,7 @@ def folder(tmp_path: Path, repository: Path) -> Path:
         ignore=shutil.ignore_patterns("build"),
     )
     tests = tmp_path / "dummy" / "tests"
-    shutil.rmtree(tests)  # the example has tests of its own
+    shutil.rmtree(tests)  # the example has its own tests
     tests.mkdir()
     (tests / "limit").write_text("-1")
     (tests / "test_it.py").write_text(TESTS)
@@ -83,8 +83,8 @@ def digest(path: Path) -> str:
     return read_bag(path).metadata["obelisk"]["digest"]
 
 
-def test_a_failed_test_leaves_what_is_needed_to_repeat_it(folder: Path) -> None:
-    """Two processes ran it; alone it has the same bits."""
+def test_a_failed_test_leaves_everything_needed_to_repeat_it(folder: Path) -> None:
+    """Two processes ran the test; alone it has the same result."""
     options = ("--seeds", "2", "-j", "2", "--junitxml", "report.xml")
     done = run(folder, *options, "-k", "stays or trials")
     assert done.returncode == 1, done.stdout + done.stderr
@@ -118,7 +118,7 @@ def test_a_failed_test_leaves_what_is_needed_to_repeat_it(folder: Path) -> None:
     assert not recording.exists()
 
 
-def test_twice_finds_what_is_not_repeatable(folder: Path) -> None:
+def test_twice_finds_irreproducible_tests(folder: Path) -> None:
     (folder / "tests" / "limit").write_text("10")
     done = run(folder, "--twice")
     assert done.returncode == 1
@@ -144,7 +144,7 @@ def test_a_config_without_tests_gets_a_smoke_test(folder: Path) -> None:
     assert not [*folder.glob("build/obk-test/*")]
 
 
-def test_hardware_is_refused_without_a_traceback(repository: Path, tmp_path: Path) -> None:
+def test_hardware_is_rejected_without_a_traceback(repository: Path, tmp_path: Path) -> None:
     config = repository / "examples" / "hardware" / "hardware.yaml"
     done = obk_in(tmp_path, "test", str(config), "--output", str(tmp_path), "smoke")
     assert done.returncode == 1
@@ -152,6 +152,6 @@ def test_hardware_is_refused_without_a_traceback(repository: Path, tmp_path: Pat
     assert "Traceback" not in done.stdout + done.stderr
 
 
-def test_no_test_and_no_such_test_are_misuse(folder: Path) -> None:
+def test_an_empty_selection_and_an_unknown_test_are_misuse(folder: Path) -> None:
     assert run(folder, "-k", "nothing_at_all").returncode == 2
     assert run(folder, "--again", "tests/no.py::test_x[seed1]").returncode == 2

@@ -1,6 +1,6 @@
-"""Generated packages are ament_python packages: colcon and pip take them, and stacks run them.
+"""Generated packages are ament_python packages: colcon and pip build them, and stacks run them.
 
-colcon is fetched once, into `build/`.
+colcon is downloaded once, into `build/`.
 """
 
 import os
@@ -45,14 +45,14 @@ def workspace(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def built(colcon: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A workspace that colcon has built; tests put nothing into its sources."""
+    """A workspace built by colcon; tests must not change its sources."""
     workspace = make_workspace(tmp_path_factory.mktemp("built"))
     run_colcon(colcon, workspace, "build")
     return workspace
 
 
 def make_workspace(folder: Path) -> Path:
-    """What `obk init` makes, and a controller of `obk new`."""
+    """A workspace of `obk init`, and a controller of `obk new`."""
     workspace = folder / "my_robot"
     assert obk("init", workspace).returncode == 0
     made = obk("new", "controller", "my_ctrl", "--dest", workspace / "src")
@@ -61,7 +61,7 @@ def make_workspace(folder: Path) -> Path:
 
 
 def run_colcon(colcon: Path, workspace: Path, *arguments: str) -> None:
-    """Run colcon with the Python that nodes are to run with."""
+    """Run colcon with the Python of the nodes."""
     result = subprocess.run(
         [sys.executable, "-c", RUN_COLCON, "--log-base", "log", *arguments],
         cwd=workspace,
@@ -74,7 +74,7 @@ def run_colcon(colcon: Path, workspace: Path, *arguments: str) -> None:
 
 
 def sourced(workspace: Path) -> dict[str, str]:
-    """The variables of a shell that has sourced what was built."""
+    """The variables of a shell that has sourced the built workspace."""
     script = f'. "{workspace}/install/setup.sh" && env -0'
     shown = subprocess.run(["sh", "-c", script], capture_output=True, text=True, check=True).stdout
     return dict(pair.split("=", 1) for pair in shown.split("\0") if pair)
@@ -108,7 +108,7 @@ def test_colcon_runs_the_tests_of_generated_packages(colcon: Path, built: Path) 
         assert sum(int(suite.attrib["tests"]) for suite in suites) >= 2
 
 
-def test_pip_installs_a_generated_package_so_that_its_source_stays_in_use(
+def test_pip_installs_a_generated_package_in_editable_mode(
     colcon: Path, workspace: Path, tmp_path: Path
 ) -> None:
     prefix = tmp_path / "prefix"
@@ -125,7 +125,7 @@ def test_pip_installs_a_generated_package_so_that_its_source_stays_in_use(
     assert shown.stdout == "Edited.\n"
 
 
-def test_a_stack_runs_what_colcon_installed_where_there_are_no_sources(
+def test_a_stack_runs_packages_installed_by_colcon_without_sources(
     built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     elsewhere = tmp_path / "elsewhere"
@@ -133,7 +133,7 @@ def test_a_stack_runs_what_colcon_installed_where_there_are_no_sources(
     shutil.copy(built / "my_robot.yaml", elsewhere)
     shutil.copytree(built / "model", elsewhere / "model")
     config = elsewhere / "my_robot.yaml"
-    assert obk("validate", config).returncode == 1  # nobody has these packages
+    assert obk("validate", config).returncode == 1  # these packages do not exist
     for name, value in sourced(built).items():
         monkeypatch.setenv(name, value)
     assert obk("validate", "--strict", config).returncode == 0

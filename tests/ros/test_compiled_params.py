@@ -1,4 +1,4 @@
-"""One parameter file for all nodes: ROS's own parser gives each node what is its own."""
+"""One parameter file for all nodes: ROS's own parser gives each node its own values."""
 
 import json
 import subprocess
@@ -37,7 +37,7 @@ def read_by_ros(path: Path, process: PlannedNode) -> dict[str, object]:
 
 
 @pytest.mark.ros
-def test_each_node_of_the_example_reads_its_own_from_the_common_file(
+def test_each_node_of_the_example_reads_its_values_from_the_common_file(
     repository: Path, tmp_path: Path
 ) -> None:
     options = Options(variables={}, working_folder=repository, ignore=("OBK4",))
@@ -50,7 +50,7 @@ def test_each_node_of_the_example_reads_its_own_from_the_common_file(
 
 
 @pytest.mark.ros
-def test_the_launch_files_parameters_are_read_alike(tmp_path: Path) -> None:
+def test_the_launch_files_parameters_are_read_equally(tmp_path: Path) -> None:
     origin = Origin(path="f", line=1, column=1)
     joystick, robot = (
         PlannedNode(

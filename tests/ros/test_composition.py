@@ -1,4 +1,4 @@
-"""Several programs' nodes in one process: each as in a process of its own, and all ended as one."""
+"""Several programs' nodes in one process behave as in separate processes, and end together."""
 
 import json
 import signal
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def compose(tmp_path: Path) -> Iterator[Callable[..., Composed]]:
-    """Starts composed processes whose module `nodes` is NODES."""
+    """Start composed processes whose module `nodes` is NODES."""
     (tmp_path / "nodes.py").write_text(NODES)
     with client_context() as made:
 
@@ -95,7 +95,7 @@ def test_ros_arguments_hold_for_their_node_only(
     assert [line.rpartition("] ")[2] for line in details] == ["[left.arm]: a detail"]
 
 
-def test_a_signal_brings_all_down_in_order_and_lets_the_programs_finish(
+def test_a_signal_stops_all_cleanly_and_lets_the_programs_finish(
     compose: Callable[..., Composed],
 ) -> None:
     composed = compose(entry("/a", "held"), entry("/b"))
@@ -107,7 +107,7 @@ def test_a_signal_brings_all_down_in_order_and_lets_the_programs_finish(
     ]
 
 
-def test_a_callback_that_raises_fails_its_own_node_only(compose: Callable[..., Composed]) -> None:
+def test_a_callback_that_raises_fails_only_its_node(compose: Callable[..., Composed]) -> None:
     composed = compose(entry("/a"), entry("/b", "raising"))
     composed.activate("/a")
     composed.set_off("/b")
@@ -129,7 +129,7 @@ def test_a_callback_that_raises_fails_its_own_node_only(compose: Callable[..., C
         ("leaving", "a callback: SystemExit: 0"),
     ],
 )
-def test_a_node_that_cannot_go_on_ends_the_process_and_is_named(
+def test_a_node_that_cannot_continue_ends_the_process_and_is_named(
     compose: Callable[..., Composed], function: str, cause: str
 ) -> None:
     composed = compose(entry("/a"), entry("/b", function), entry("/c"))
@@ -145,18 +145,18 @@ def test_a_node_that_cannot_go_on_ends_the_process_and_is_named(
 @pytest.mark.parametrize(
     ("function", "cause"),
     [
-        ("forgetful", "nodes:forgetful(): it ended without a call of spin_obelisk"),
+        ("forgetful", "nodes:forgetful(): the program ended without calling spin_obelisk"),
         ("broken", "nodes:broken(): KeyError: 'no_such_key'"),
         (
             "own",
             "nodes:own(): RuntimeError: Context.init() must only be called once; in a "
-            "composed process the ROS context and the spinning are spin_obelisk's",
+            "composed process, spin_obelisk creates the ROS context and spins the nodes",
         ),
         ("absent", "nodes:absent(): AttributeError: module 'nodes' has no attribute "),
-        ("unmade", "the node cannot be made: ValueError: no such port"),
+        ("unmade", "the node cannot be created: ValueError: no such port"),
     ],
 )
-def test_no_node_runs_where_one_cannot_be_made_and_that_one_is_named(
+def test_if_one_node_cannot_be_created_none_runs_and_it_is_named(
     compose: Callable[..., Composed], function: str, cause: str
 ) -> None:
     composed = compose(entry("/a", "held"), entry("/b", function), entry("/c"))
@@ -166,7 +166,7 @@ def test_no_node_runs_where_one_cannot_be_made_and_that_one_is_named(
     assert any(f"[b]: {cause[:30]}" in line for line in composed.lines)
 
 
-def test_a_module_that_is_not_there_is_reported_for_its_node(
+def test_a_missing_module_is_reported_for_its_node(
     compose: Callable[..., Composed],
 ) -> None:
     composed = compose(entry("/a"), entry("/b", None, module="no_such"))
@@ -174,13 +174,15 @@ def test_a_module_that_is_not_there_is_reported_for_its_node(
     assert composed.lines[-1] == ("/b: python -m no_such: ImportError: No module named no_such")
 
 
-def test_wrong_ros_arguments_are_reported_for_their_node(compose: Callable[..., Composed]) -> None:
+def test_invalid_ros_arguments_are_reported_for_their_node(
+    compose: Callable[..., Composed],
+) -> None:
     composed = compose(entry("/a"), entry("/b", "main", "-p", "gain"))
     assert composed.end() == 1
-    assert composed.lines[-1].startswith("/b: the node cannot be made: RCLInvalidROSArgsError")
+    assert composed.lines[-1].startswith("/b: the node cannot be created: RCLInvalidROSArgsError")
 
 
-def test_asked_by_a_signal_a_stuck_process_reports_where_and_the_second_end_signal_ends_it(
+def test_a_stuck_process_dumps_its_stack_on_a_signal_and_ends_at_the_second_end_signal(
     compose: Callable[..., Composed],
 ) -> None:
     composed = compose(entry("/a"), entry("/b", "stuck"))
@@ -193,7 +195,7 @@ def test_asked_by_a_signal_a_stuck_process_reports_where_and_the_second_end_sign
     assert composed.end(signal.SIGTERM) != 0
 
 
-def test_a_process_of_one_node_reports_where_it_is_too(tmp_path: Path) -> None:
+def test_a_process_of_one_node_dumps_its_stack_too(tmp_path: Path) -> None:
     (tmp_path / "nodes.py").write_text(NODES)
     arguments = ["--ros-args", "-r", "__node:=b"]
     with client_context() as made:

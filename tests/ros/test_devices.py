@@ -1,6 +1,6 @@
-"""One stack on two hosts, as `docs/how-to/two-machines.md` has it.
+"""One stack on two hosts, as in `docs/how-to/two-machines.md`.
 
-A host is a network namespace with a launcher of its own; a cable joins the two.
+A host is a network namespace with its own launcher; a virtual cable connects the two.
 """
 
 import os
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.ros
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "two-machines.md"
 LOST_CONTACT_S = 60.0
 HANG_AFTER = ("--hang-after", "5")
-"""Soon enough for the test of a node that is gone, late enough for one that has to wait."""
+"""A timeout short enough for the test of a missing node, and long enough for one that waits."""
 OWN_SHARED_MEMORY = 'mount -t tmpfs tmpfs /dev/shm && exec "$0" "$@"'
 ROBOT, ESTIMATOR, CONTROLLER = (
     "/obelisk_robot_0",
@@ -33,7 +33,7 @@ ROBOT, ESTIMATOR, CONTROLLER = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Host:
-    """A network namespace, with a home and shared memory of its own."""
+    """A network namespace, with its own home and shared memory."""
 
     name: str
     home: Path
@@ -79,7 +79,7 @@ class Host:
 
 @pytest.fixture
 def hosts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Host, Host]]:
-    """Two hosts that reach each other, and nothing else."""
+    """Two hosts that reach each other, and no other host."""
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
     names = [f"obk{os.getpid()}{end}" for end in "ab"]
     ends = [f"{name}v" for name in names]
@@ -97,7 +97,7 @@ def hosts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Hos
             _ip_done("-n", name, "address", "add", f"10.77.0.{number}/24", "dev", end)
             _ip_done("-n", name, "link", "set", end, "up")
         for name, end in joined:
-            # It takes a moment, and DDS leaves out what is not up when a process starts.
+            # It takes a moment, and DDS ignores interfaces that are down when a process starts.
             eventually(lambda name=name, end=end: _is_up(name, end), f"the link {end}")
         first, second = (Host(name=name, home=tmp_path / name) for name in names)
         yield first, second
@@ -122,7 +122,7 @@ def _ip_done(*arguments: str) -> None:
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
-    """The dummy as the document splits it: its controller on another device than the rest."""
+    """The dummy as the page splits it: its controller on another device than the rest."""
     for file in ("dummy_new.yaml", "dummy.xml", "dummy_params.txt"):
         shutil.copy(DUMMY.with_name(file), tmp_path)
     (edit,) = (step for step in steps(DOCUMENT) if isinstance(step, Edit))
@@ -132,7 +132,7 @@ def config(tmp_path: Path) -> Path:
 
 @contextmanager
 def both(hosts: tuple[Host, Host], config: Path) -> Iterator[tuple[Launched, Launched]]:
-    """The stack is up: the lead, which has the controller, and the other one that follows."""
+    """The running stack: the lead, which has the controller, and its follower."""
     with hosts[1].launched(config, "onboard") as follower:
         follower.wait_for("ready")
         with hosts[0].launched(config, "offboard") as lead:
@@ -141,7 +141,7 @@ def both(hosts: tuple[Host, Host], config: Path) -> Iterator[tuple[Launched, Lau
             yield lead, follower
 
 
-def test_the_lead_brings_all_up_and_down(hosts: tuple[Host, Host], config: Path) -> None:
+def test_the_lead_starts_and_stops_all(hosts: tuple[Host, Host], config: Path) -> None:
     with both(hosts, config) as (lead, follower):
         for node in (ROBOT, ESTIMATOR, CONTROLLER):
             state = hosts[0].obk("lifecycle", "get", node)
@@ -155,7 +155,7 @@ def test_the_lead_brings_all_up_and_down(hosts: tuple[Host, Host], config: Path)
 
 
 @pytest.mark.slow
-def test_a_follower_whose_lead_is_gone_brings_its_nodes_down(
+def test_a_follower_without_its_lead_stops_its_nodes(
     hosts: tuple[Host, Host], config: Path
 ) -> None:
     with both(hosts, config) as (lead, follower):
@@ -168,7 +168,7 @@ def test_a_follower_whose_lead_is_gone_brings_its_nodes_down(
 
 
 @pytest.mark.slow
-def test_a_lead_whose_follower_is_gone_names_a_node_that_does_not_answer(
+def test_a_lead_without_its_follower_names_a_node_that_does_not_respond(
     hosts: tuple[Host, Host], config: Path
 ) -> None:
     with both(hosts, config) as (lead, follower):

@@ -1,4 +1,4 @@
-"""`obk doctor` on the machine that the tests run on."""
+"""`obk doctor` on the machine of the tests."""
 
 import json
 import os
@@ -25,14 +25,14 @@ def test_the_machine_that_tests_run_on_has_no_errors() -> None:
     assert discovery["facts"]["first_answer_s"] > 0
 
 
-def test_every_check_of_the_list_can_be_asked_for_alone() -> None:
+def test_every_check_of_the_list_can_be_selected_alone() -> None:
     names = [line.split()[0] for line in obk("doctor", "--list").stdout.splitlines()]
     assert len(names) == len(set(names))
     result = obk("doctor", *(name for name in names if name not in ("discovery", "mujoco")))
     assert result.returncode == 0, result.stdout
 
 
-def test_at_a_terminal_it_says_what_it_waits_for_and_then_only_what_it_found(
+def test_a_terminal_shows_the_running_checks_and_then_only_the_findings(
     tmp_path: Path,
 ) -> None:
     variables = {name: value for name, value in os.environ.items() if name != "NO_COLOR"}

@@ -1,4 +1,4 @@
-"""Every command that a page shows, at a real terminal: it does what the page says."""
+"""Run every command of a page in a real terminal, and compare the output."""
 
 import os
 import random
@@ -62,15 +62,15 @@ SLOW = {
     "examples/dummy/README.md",
     "examples/quadruped/README.md",
 }
-"""Pages whose commands other tests run as well."""
+"""Pages whose commands other tests run."""
 TYPED = ("cd", "cp", "kill", "mkdir", "obk", "python")
-"""The programs that are run; `make`, `pip` and `apt` change the machine."""
+"""The programs to run; `make`, `pip` and `apt` would change the machine."""
 ACTIVE = re.compile(r"s\] active$", re.MULTILINE)
 ALONE = ("lifecycle", "logs", "monitor", "node", "param", "ps", "service", "stop", "topic")
-"""Commands for a second terminal: they need a running stack."""
+"""Commands for a second terminal, which need a running stack."""
 USUAL_PORT = "47001"
 NOT_HANDED_OUT = range(61_000, 65_536)
-"""Ports that Linux assigns only to programs that ask for them."""
+"""Ports that Linux assigns only to programs that request them."""
 RECEIVE_ONE = """
 import rclpy
 from my_msgs.msg import Example
@@ -91,21 +91,21 @@ rclpy.shutdown()
 
 
 def nothing(_: Path) -> None:
-    """No preparation, no further check."""
+    """No preparation and no further check."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """What a page takes for granted, and what is true after its commands."""
+    """The prerequisites of a page, and checks after its commands."""
 
     is_calm: bool = True
     is_up: re.Pattern[str] = ACTIVE
-    """What a launch prints before it is interrupted."""
+    """Text that a launch prints before it is interrupted."""
     prepare: Callable[[Path], None] = nothing
     while_active: Callable[[Path], None] = nothing
     check: Callable[[Path], None] = nothing
     varying: tuple[tuple[str, str], ...] = ()
-    """Parts of the page that differ from machine to machine, and what is in their place."""
+    """Parts of the page that differ between machines -> their replacements."""
 
 
 def arm_to_extend(folder: Path) -> None:
@@ -121,7 +121,7 @@ def own_packages(folder: Path) -> None:
     shutil.copytree(ROOT / "ros_packages", folder / "src")
 
 
-def workspace_was_made(folder: Path) -> None:
+def workspace_exists(folder: Path) -> None:
     assert (folder / "my_robot/src/my_controller/package.xml").is_file()
     page = (ROOT / "docs/how-to/scaffolding.md").read_text()
     for made in ("src/my_robot_controller", "src/my_robot_estimator", ".vscode", "model"):
@@ -168,7 +168,7 @@ def on_wall_time(process: PlannedNode) -> PlannedNode:
 
 
 def free_port() -> str:
-    """The usual port may be another test run's, and what the kernel hands out may come again."""
+    """Another test run may use the default port, and the kernel may assign a port twice."""
     for port in random.sample(NOT_HANDED_OUT, 100):
         with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
             line.bind(("127.0.0.1", port))
@@ -185,8 +185,8 @@ SETUPS = {
     "docs/how-to/migrating.md": Setup(prepare=own_packages),
     "docs/how-to/own-robot.md": Setup(is_calm=False, varying=((USUAL_PORT, free_port()),)),
     "docs/how-to/recording.md": Setup(is_calm=False, check=plot_is_a_picture),
-    "docs/how-to/scaffolding.md": Setup(check=workspace_was_made),
-    # The line of progress is overwritten.
+    "docs/how-to/scaffolding.md": Setup(check=workspace_exists),
+    # The progress line is overwritten.
     "docs/how-to/sweeps.md": Setup(
         varying=(("\ntests/test_arm.py::", "\n...tests/test_arm.py::"),)
     ),
@@ -201,7 +201,7 @@ SETUPS = {
     ),
     "docs/tutorial.md": Setup(while_active=example_is_received),
 }
-"""The pages with a setup of their own; every other one starts beside the examples."""
+"""The pages with their own setup; every other page starts next to the examples."""
 
 
 def words_of(line: str) -> list[str]:
@@ -214,7 +214,7 @@ SHOWING = {
 }
 
 
-def test_what_is_run_elsewhere_is_a_page_and_a_test() -> None:
+def test_pages_that_other_tests_run_exist_and_so_do_the_tests() -> None:
     assert ELSEWHERE.keys() | SLOW | SETUPS.keys() <= SHOWING.keys()
     for test in ELSEWHERE.values():
         assert (ROOT / test).is_file()
@@ -228,7 +228,7 @@ def test_what_is_run_elsewhere_is_a_page_and_a_test() -> None:
         if name not in ELSEWHERE
     ],
 )
-def test_the_commands_of_a_page_do_what_it_shows(
+def test_the_commands_of_a_page_have_the_shown_output(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
@@ -255,22 +255,24 @@ def test_the_commands_of_a_page_do_what_it_shows(
 
 @dataclass(kw_only=True)
 class Walk:
-    """A user who does what a page shows."""
+    """A user who follows a page."""
 
     page: Path
     folder: Path
     setup: Setup
     shell: UserShell
-    seen_beside: dict[str, str] = field(default_factory=dict)
-    """What the commands in the second terminal showed."""
+    second_outputs: dict[str, str] = field(default_factory=dict)
+    """The output of the commands in the second terminal."""
 
     def go(self) -> None:
-        """Do every step in its order."""
+        """Do every step in order."""
         done = steps(self.page)
         lines = [line for step in done if isinstance(step, Commands) for line in step.lines]
-        beside = [line for line in lines if words_of(line)[:1] == ["obk"] and is_beside(line)]
-        if beside and not any(line.startswith("obk launch") for line in lines):
-            self.enter("obk launch examples/dummy/dummy.yaml", beside)
+        second = [
+            line for line in lines if words_of(line)[:1] == ["obk"] and is_for_second_terminal(line)
+        ]
+        if second and not any(line.startswith("obk launch") for line in lines):
+            self.enter("obk launch examples/dummy/dummy.yaml", second)
         for step in done:
             if not isinstance(step, Commands):
                 apply(step, self.folder)
@@ -279,26 +281,26 @@ class Walk:
             for line in step.lines:
                 if words_of(line)[0] not in TYPED:
                     continue
-                if is_beside(line):
-                    seen += self.seen_beside[line]
+                if is_for_second_terminal(line):
+                    seen += self.second_outputs[line]
                     continue
-                code = self.enter(line, beside)
+                code = self.enter(line, second)
                 is_last = line == step.lines[-1]
                 assert code == int(is_last and step.finds_errors), (line, self.shell.seen)
                 seen += self.shell.seen
             assert not missing_lines(step.shown, seen), seen
 
-    def enter(self, line: str, beside: list[str]) -> int:
-        """Type a line; a launch without an end of its own is interrupted. Returns the exit code."""
+    def enter(self, line: str, second: list[str]) -> int:
+        """Type a command; interrupt a launch that does not end by itself. Return the exit code."""
         if line.startswith("cd "):
             self.folder /= line.removeprefix("cd ")
         self.shell.enter(line)
         if line.startswith("obk launch") and "--duration" not in line and "||" not in line:
             self.shell.wait_for(self.setup.is_up)
             self.setup.while_active(self.folder)
-            for other in beside:
+            for other in second:
                 self.type_elsewhere(other)
-            if not any(other.startswith("obk stop") for other in beside):
+            if not any(other.startswith("obk stop") for other in second):
                 self.shell.press_ctrl_c()
         return self.shell.wait_for_prompt()
 
@@ -306,9 +308,9 @@ class Walk:
         """Run a command in a second terminal."""
         done = obk(*shlex.split(line)[1:], folder=self.folder)
         assert done.returncode == 0, (line, done.stdout, done.stderr)
-        self.seen_beside[line] = done.stdout
+        self.second_outputs[line] = done.stdout
 
 
-def is_beside(line: str) -> bool:
+def is_for_second_terminal(line: str) -> bool:
     """Whether a command is for a second terminal."""
     return words_of(line)[1:2] != [] and words_of(line)[1] in ALONE

@@ -1,4 +1,4 @@
-"""`make demo`, the first command of the README: it ends with what the README shows."""
+"""`make demo`, the first command of the README, prints the output in the README."""
 
 import re
 import shutil
@@ -15,12 +15,12 @@ pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 README = EXAMPLE.parents[2] / "README.md"
 SHOWN = re.compile(r"^(What happened\n.*?)^```$", re.DOTALL | re.MULTILINE)
 LAST = "joint1 followed the command"
-"""Reported only for a run of some seconds."""
+"""Printed only for a run of some seconds."""
 
 
 @pytest.fixture
 def demo(tmp_path: Path) -> Path:
-    """The demo at 10 Hz, with limits that a busy machine keeps."""
+    """The demo at 10 Hz, with limits that a busy machine can keep."""
     folder = tmp_path / "dummy"
     shutil.copytree(EXAMPLE.parent, folder)
     calm(folder)
@@ -33,12 +33,12 @@ def demo(tmp_path: Path) -> Path:
 
 
 def shape(line: str) -> str:
-    """A line whose figures, and what is drawn, may be others."""
+    """A pattern for a line in which numbers and drawings may differ."""
     words = (re.escape(word) for word in re.split(r"[▁-█]+|[ ]*[\d.]+(?= |$)", line))
     return r"[▁-█ \d.]+".join(words)
 
 
-def test_the_demo_shows_what_the_readme_has_of_it(demo: Path) -> None:
+def test_the_demo_prints_the_output_in_the_readme(demo: Path) -> None:
     done = subprocess.run(
         [sys.executable, demo, "6"],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""The example quadruped and arm, launched for real: what they publish, and that they move."""
+"""The example quadruped and arm, launched for real: their topics and their motion."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -22,23 +22,23 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 @contextmanager
-def hearing(
+def receiving(
     topics: dict[str, type[Any]],
 ) -> Iterator[tuple[dict[str, list[Any]], Callable[..., None]]]:
-    """What comes on topics, and a way to wait until it is enough."""
+    """The messages on topics, and a function that waits for them."""
     rclpy.init()
     node = rclpy.create_node("listener")
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    heard: dict[str, list[Any]] = {topic: [] for topic in topics}
+    received: dict[str, list[Any]] = {topic: [] for topic in topics}
     for topic, kind in topics.items():
-        node.create_subscription(kind, topic, heard[topic].append, QoSProfile(depth=1000))
+        node.create_subscription(kind, topic, received[topic].append, QoSProfile(depth=1000))
 
     def wait(is_enough: Callable[[], object], what: str) -> None:
         eventually(lambda: is_enough() or executor.spin_once(timeout_sec=0.1), what)
 
     try:
-        yield heard, wait
+        yield received, wait
     finally:
         executor.shutdown()
         node.destroy_node()
@@ -46,7 +46,7 @@ def hearing(
 
 
 def period_s(messages: list[Any]) -> float:
-    """The shortest time between two messages; some may have been lost on a busy machine."""
+    """The shortest time between two messages, because a busy machine may lose some."""
     stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages]
     return min(b - a for a, b in itertools.pairwise(stamps))
 
@@ -60,15 +60,15 @@ def test_the_quadruped_stands_up() -> None:
         "/quadruped/est": EstimatedState,
     }
     config = EXAMPLES / "quadruped" / "quadruped.yaml"
-    with hearing(topics) as (heard, wait), launched(config, "--quiet") as run:
-        wait(lambda: all(len(messages) > 2 for messages in heard.values()), "all topics")
-        estimates = heard["/quadruped/est"]
+    with receiving(topics) as (received, wait), launched(config, "--quiet") as run:
+        wait(lambda: all(len(messages) > 2 for messages in received.values()), "all topics")
+        estimates = received["/quadruped/est"]
         wait(lambda: estimates[-1].q_base[2] > 0.25, "that it stands")
-        assert len(heard["/quadruped/heights"][0].data) == 17 * 11
-        assert np.sum(heard["/quadruped/feet"][-1].forces) > 50.0
+        assert len(received["/quadruped/heights"][0].data) == 17 * 11
+        assert np.sum(received["/quadruped/feet"][-1].forces) > 50.0
         for name in ("encoders", "imu", "feet"):
-            assert period_s(heard[f"/quadruped/{name}"]) == pytest.approx(0.002)
-        assert period_s(heard["/quadruped/heights"]) == pytest.approx(0.1)
+            assert period_s(received[f"/quadruped/{name}"]) == pytest.approx(0.002)
+        assert period_s(received["/quadruped/heights"]) == pytest.approx(0.1)
     assert run.process.returncode == 0, run.text
 
 
@@ -82,16 +82,16 @@ def test_the_arm_reaches_its_first_pose_and_sees_the_table() -> None:
     }
     above_the_red_box = [-0.11, 0.80, 1.19, 0.0, 1.14, 0.0]
     with (
-        hearing(topics) as (heard, wait),
+        receiving(topics) as (received, wait),
         launched(EXAMPLES / "arm" / "arm.yaml", "--quiet") as run,
     ):
-        wait(lambda: all(len(messages) > 2 for messages in heard.values()), "all topics")
-        estimates = heard["/arm/est"]
+        wait(lambda: all(len(messages) > 2 for messages in received.values()), "all topics")
+        estimates = received["/arm/est"]
         wait(lambda: np.allclose(estimates[-1].q_joints, above_the_red_box, atol=0.02), "the pose")
         assert np.abs(np.subtract(estimates[0].q_joints, above_the_red_box)).max() > 0.2
-        picture = heard["/arm/wrist_camera"][-1].y
+        picture = received["/arm/wrist_camera"][-1].y
         assert [dim.size for dim in picture.layout.dim] == [120, 160, 3]
         assert np.std(picture.data) > 5.0
-        assert period_s(heard["/arm/encoders"]) == pytest.approx(0.002)
-        assert period_s(heard["/arm/wrist_force"]) == pytest.approx(0.01)
+        assert period_s(received["/arm/encoders"]) == pytest.approx(0.002)
+        assert period_s(received["/arm/wrist_force"]) == pytest.approx(0.01)
     assert run.process.returncode == 0, run.text

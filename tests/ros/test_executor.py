@@ -1,4 +1,4 @@
-"""The event-loop executor runs what nodes have, in the manner that users of rclpy rely on."""
+"""The event-loop executor runs all entities of nodes, as users of rclpy expect."""
 
 import threading
 import time
@@ -29,7 +29,7 @@ def one() -> Iterator[World]:
         yield made
 
 
-def test_messages_arrive_in_order_and_with_their_info_where_asked_for(one: World) -> None:
+def test_messages_arrive_in_order_and_with_their_info_if_requested(one: World) -> None:
     node = one.node()
     plain: list[str] = []
     with_info: list[tuple[str, int]] = []
@@ -69,7 +69,7 @@ def test_parameters_and_services_work_while_it_runs(one: World) -> None:
     assert answers[1].values[0].integer_value == 7
 
 
-def test_a_coroutine_service_may_wait_for_a_client_of_its_own_group(one: World) -> None:
+def test_a_coroutine_service_may_wait_for_a_client_of_the_same_group(one: World) -> None:
     node = one.node()
     client = node.create_client(GetState, "inner")
     node.create_service(GetState, "inner", _label("inner"), callback_group=ReentrantCallbackGroup())
@@ -107,7 +107,7 @@ def test_an_exclusive_group_is_not_entered_while_its_coroutine_waits(one: World)
         count = len(free)
         eventually(lambda: len(free) > count + 10, "ticks of another group")
         held = list(log)
-        gate.set_result(None)  # by a thread that reports to no one
+        gate.set_result(None)  # by a thread that reports to no executor
         eventually(lambda: "over" in log and log[-1] == "same", "ticks after the coroutine")
     assert held[-1] == "begun"
     assert held.count("begun") == 1
@@ -139,7 +139,7 @@ def test_guard_conditions_waitables_and_events_are_served(one: World) -> None:
         assert None not in log
 
 
-def test_tasks_come_from_any_thread_and_their_result_is_a_future(one: World) -> None:
+def test_tasks_may_be_created_on_any_thread_and_their_result_is_a_future(one: World) -> None:
     one.node()
     tasks: list[Any] = []
 
@@ -161,7 +161,7 @@ def test_tasks_come_from_any_thread_and_their_result_is_a_future(one: World) -> 
     assert sum(task.result() for task in tasks) == 8 * sum(n * 2 for n in range(100))
 
 
-def test_no_thread_at_all_is_refused() -> None:
+def test_zero_threads_are_rejected() -> None:
     with (
         world() as made,
         pytest.raises(ValueError, match="num_threads is 0"),
@@ -207,7 +207,7 @@ def test_with_more_threads_a_callback_may_wait_for_an_answer() -> None:
         answers: list[str] = []
 
         def ask() -> None:
-            with suppress(TimeoutError):  # the first answer to a client may get lost
+            with suppress(TimeoutError):  # the first response to a client may get lost
                 answer = client.call(GetState.Request(), timeout_sec=2.0)
                 answers.append(answer.current_state.label)
 
@@ -227,7 +227,7 @@ def _label(label: str) -> Any:
 
 
 class _Waitable(Waitable):
-    """Has data after `trigger`, and keeps a wait set awake until they are taken."""
+    """Has data after `trigger`, and keeps a wait set awake until the data is taken."""
 
     def __init__(self, node: Any, log: list[str | None]) -> None:
         super().__init__(node.default_callback_group)

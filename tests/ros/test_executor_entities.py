@@ -1,4 +1,4 @@
-"""Entities come and go while the executor runs, also from within their own callbacks."""
+"""Entities are created and destroyed while the executor runs, even in their own callbacks."""
 
 import gc
 import threading
@@ -48,7 +48,7 @@ def test_a_timer_that_destroys_itself_ticks_once(one: World) -> None:
     assert len(ticks) == 1
 
 
-def test_a_subscription_that_destroys_itself_gets_none_of_what_waits(one: World) -> None:
+def test_a_subscription_that_destroys_itself_receives_no_waiting_messages(one: World) -> None:
     node = one.node()
     received: list[str] = []
 
@@ -71,7 +71,7 @@ def test_a_subscription_that_destroys_itself_gets_none_of_what_waits(one: World)
     assert received == ["0"]
 
 
-def test_what_one_callback_destroys_no_other_callback_sees_again(one: World) -> None:
+def test_entities_destroyed_by_one_callback_are_not_seen_by_another(one: World) -> None:
     node = one.node()
     alive: set[int] = set()
     faults: list[int] = []
@@ -186,11 +186,11 @@ def test_a_thousand_rounds_of_every_entity_leak_no_descriptor(one: World) -> Non
 
     beat = node.create_timer(0.0005, churn)
     one.run_until(lambda: len(after) == 2, f"{ROUNDS} rounds")
-    # Counted within callbacks, so what the last one destroyed may still be open.
+    # Counted in callbacks, so what the last one destroyed may still be open.
     assert after[1] <= after[0] + 2
 
 
-def test_nodes_that_come_and_go_leak_no_descriptor(one: World) -> None:
+def test_created_and_destroyed_nodes_leak_no_descriptor(one: World) -> None:
     one.node()
     counts = []
     with one.spinning():
@@ -223,7 +223,7 @@ def test_after_shutdown_neither_descriptor_nor_thread_is_left() -> None:
         assert threading.active_count() <= before_threads
 
 
-def test_a_shutdown_within_a_callback_leaves_no_descriptor_either() -> None:
+def test_a_shutdown_within_a_callback_leaks_no_descriptor() -> None:
     with world() as made:
         node = Node("node", context=made.context)
         before_fds = open_fds()
@@ -235,7 +235,7 @@ def test_a_shutdown_within_a_callback_leaves_no_descriptor_either() -> None:
         node.destroy_node()
 
 
-def test_an_executor_that_no_one_has_any_more_lets_go_of_everything() -> None:
+def test_an_unreferenced_executor_releases_everything() -> None:
     with world() as made:
         executor = EventLoopExecutor(context=made.context)
         node = Node("node", context=made.context)
@@ -254,7 +254,7 @@ def test_an_executor_that_no_one_has_any_more_lets_go_of_everything() -> None:
 
 
 @pytest.mark.parametrize("num_threads", [1, 2])
-def test_a_removed_node_is_let_go_without_another_spin(num_threads: int) -> None:
+def test_a_removed_node_is_released_without_another_spin(num_threads: int) -> None:
     with world(num_threads) as made:
         node = Node("node", context=made.context)
         made.executor.spin_once(0)
@@ -273,7 +273,7 @@ def test_a_removed_node_is_let_go_without_another_spin(num_threads: int) -> None
         node.destroy_node()
 
 
-def test_a_guard_condition_that_was_triggered_and_destroyed_calls_no_one(one: World) -> None:
+def test_a_guard_condition_that_was_triggered_and_destroyed_calls_nothing(one: World) -> None:
     node = one.node()
     called: list[int] = []
     guard = node.create_guard_condition(lambda: called.append(1))
@@ -287,7 +287,7 @@ def test_a_guard_condition_that_was_triggered_and_destroyed_calls_no_one(one: Wo
     assert not called
 
 
-def test_entities_of_reentrant_groups_may_go_while_other_threads_run_them() -> None:
+def test_entities_of_reentrant_groups_may_be_destroyed_while_other_threads_run_them() -> None:
     with world(num_threads=3) as made:
         node = made.node()
         group = ReentrantCallbackGroup()

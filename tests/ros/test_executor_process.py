@@ -1,4 +1,4 @@
-"""Processes that run the executor end cleanly when asked to, whatever they left open."""
+"""Processes that run the executor shut down cleanly, whatever they left open."""
 
 import signal
 import subprocess
@@ -122,7 +122,7 @@ def test_a_process_that_shuts_nothing_down_ends_cleanly(threads: int) -> None:
     "executor", ["None", "EventLoopExecutor", "SingleThreadedExecutor", "MultiThreadedExecutor"]
 )
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_spin_obelisk_brings_its_node_down_in_order(executor: str, number: signal.Signals) -> None:
+def test_spin_obelisk_shuts_its_node_down_cleanly(executor: str, number: signal.Signals) -> None:
     settings = [a for name, value in SETTINGS.items() for a in ("-p", f"{name}:={value!r}")]
     process = start(CONTROLLER.format(executor=executor), "--ros-args", *settings)
     assert process.stdout is not None

@@ -1,4 +1,4 @@
-"""How spinning the event-loop executor ends: by what is raised, a time, a future, a shutdown."""
+"""Spinning the event-loop executor ends by an exception, a timeout, a future or a shutdown."""
 
 import itertools
 import threading
@@ -23,7 +23,7 @@ def one() -> Iterator[World]:
         yield made
 
 
-def test_what_a_callback_raises_comes_out_of_spin_which_can_go_on(one: World) -> None:
+def test_an_exception_in_a_callback_leaves_spin_which_can_continue(one: World) -> None:
     node = one.node()
     received: list[str] = []
 
@@ -42,7 +42,7 @@ def test_what_a_callback_raises_comes_out_of_spin_which_can_go_on(one: World) ->
 
 
 @pytest.mark.parametrize("kind", ["timer", "task", "coroutine", "guard", "service"])
-def test_exceptions_come_out_whatever_raised_them(one: World, kind: str) -> None:
+def test_exceptions_leave_spin_wherever_they_were_raised(one: World, kind: str) -> None:
     node = one.node()
 
     def fail(*_args: object) -> None:
@@ -112,7 +112,7 @@ def test_waiting_for_a_future_ends_with_it_and_leaves_nothing_on_it(one: World) 
         assert future.done() or future.cancelled()
 
 
-def test_a_second_spin_of_the_same_executor_is_refused(one: World) -> None:
+def test_a_second_spin_of_the_same_executor_is_rejected(one: World) -> None:
     node = one.node()
     refused: list[str] = []
 
@@ -124,7 +124,7 @@ def test_a_second_spin_of_the_same_executor_is_refused(one: World) -> None:
 
     node.create_timer(0.001, nested)
     one.run_until(lambda: refused, "the refusal")
-    assert "spinning already" in refused[0]
+    assert "already spinning" in refused[0]
 
 
 def test_the_end_of_the_context_ends_spin(one: World) -> None:
@@ -142,7 +142,7 @@ def test_shutdown_within_a_callback_ends_spin(one: World) -> None:
     node.create_timer(0.001, one.executor.shutdown)
     one.executor.spin()
     assert one.executor.get_nodes() == []
-    one.executor.spin()  # returns at once
+    one.executor.spin()  # returns immediately
     one.executor.wake()
     assert one.executor.shutdown()
 
@@ -160,7 +160,7 @@ def test_shutdown_reports_of_a_callback_that_takes_too_long(one: World) -> None:
     assert one.executor.shutdown(timeout_sec=DEADLINE_S)
 
 
-def test_an_exception_on_another_thread_comes_out_of_spin() -> None:
+def test_an_exception_on_another_thread_leaves_spin() -> None:
     with world(num_threads=2) as made:
         node = made.node()
 

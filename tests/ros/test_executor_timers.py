@@ -31,7 +31,7 @@ def one() -> Iterator[World]:
 
 
 @pytest.mark.parametrize("clock_type", [ClockType.STEADY_TIME, ClockType.SYSTEM_TIME])
-def test_a_timer_is_never_early_and_rests_while_it_is_cancelled(
+def test_a_timer_is_never_early_and_stops_while_it_is_cancelled(
     one: World, clock_type: ClockType
 ) -> None:
     node = one.node()
@@ -49,7 +49,7 @@ def test_a_timer_is_never_early_and_rests_while_it_is_cancelled(
     with one.spinning():
         eventually(lambda: len(ticks) >= 10, "ten ticks")
         timer.cancel()
-        wait_for_others()  # for one that is under way
+        wait_for_others()  # for a tick that is in progress
         count = len(ticks)
         wait_for_others()
         assert len(ticks) == count
@@ -85,7 +85,7 @@ def test_a_timer_takes_a_new_period_and_may_cancel_and_reset_itself(one: World) 
         if len(ticks) == 40:
             timer.cancel()
 
-    # So slow that without the new period it would not come to its 20th tick in time.
+    # So slow that without the new period it would not reach its 20th tick in time.
     timer = node.create_timer(1.2, tick)
     with one.spinning():
         eventually(lambda: len(ticks) == 40, "40 ticks of a timer that became faster")
@@ -100,7 +100,7 @@ def test_a_timer_that_another_thread_cancels_when_it_is_due_is_not_called(one: W
     handler = TimerHandler(timer, lambda: one.executor)
 
     class Cancelling:
-        """The timer's handle; the cancel comes between the question and the call."""
+        """The timer's handle, canceled between the check and the call."""
 
         def __getattr__(self, name: str) -> Any:
             return getattr(timer.handle, name)
@@ -142,7 +142,7 @@ def test_simulated_time_drives_timers(one: World) -> None:
     now_ns = [0]
 
     def advance() -> None:
-        if node.get_clock().now().nanoseconds == now_ns[0]:  # else the last one is on its way
+        if node.get_clock().now().nanoseconds == now_ns[0]:  # otherwise the last one is in progress
             now_ns[0] += S_IN_NS // 4
         message = ClockMessage()
         message.clock.sec, message.clock.nanosec = divmod(now_ns[0], S_IN_NS)

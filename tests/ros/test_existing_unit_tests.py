@@ -1,4 +1,4 @@
-"""Unit tests as projects wrote them for their nodes: without an executor, by direct calls."""
+"""Unit tests that projects wrote for their nodes: without an executor, by direct calls."""
 
 import multiprocessing
 import time
@@ -92,7 +92,7 @@ def test_callbacks_are_called_directly(node: Any, state: Any) -> None:
         assert not hasattr(node, "fast")
 
 
-def test_cleanup_gives_an_attribute_of_a_callback_group_its_value_back(node: Any) -> None:
+def test_cleanup_restores_an_attribute_of_a_callback_group(node: Any) -> None:
     node.fast = None
     give(node, **SETTINGS)
     node.on_configure(None)
@@ -101,7 +101,7 @@ def test_cleanup_gives_an_attribute_of_a_callback_group_its_value_back(node: Any
     assert node.fast is None
 
 
-def test_a_second_configure_replaces_what_the_first_one_built(node: Any) -> None:
+def test_a_second_configure_replaces_the_entities_of_the_first(node: Any) -> None:
     give(node, **SETTINGS)
     node.on_configure(None)
     before = node.obk_timers["timer_ctrl"]
@@ -121,7 +121,7 @@ def test_a_second_configure_replaces_what_the_first_one_built(node: Any) -> None
         ("callback_group_settings", "fast:Nope", ValueError),
     ],
 )
-def test_configure_raises_for_a_wrong_setting_and_works_once_it_is_right(
+def test_configure_raises_for_an_invalid_setting_and_works_once_corrected(
     node: Any, parameter: str, value: str, error: type[Exception]
 ) -> None:
     give(node, **{**SETTINGS, parameter: value})
@@ -149,7 +149,7 @@ def test_components_of_on_configure_are_registered_at_each_direct_call() -> None
     node.destroy_node()
 
 
-def test_a_mock_takes_the_place_of_a_publisher(node: Any) -> None:
+def test_a_mock_can_replace_a_publisher(node: Any) -> None:
     node.obk_publishers["pub_ctrl"] = MagicMock()
     node.compute_control()
     node.obk_publishers["pub_ctrl"].publish.assert_called_once()
@@ -253,7 +253,7 @@ def test_a_simulator_that_raises_without_an_executor_has_its_own_fault() -> None
 
 
 class WithNamesOfItsOwn(Simulator):
-    """Attributes with the names that projects often choose."""
+    """Attributes with names that projects often use."""
 
     def __init__(self, node_name: str) -> None:
         super().__init__(node_name, PositionSetpoint)

@@ -1,4 +1,4 @@
-"""Workspaces written for each generation of Obelisk's API run as they are.
+"""Workspaces written for each generation of Obelisk's API run unchanged.
 
 Each has two controllers, an estimator, a robot, a simulator, a message package and a C++ package
 that is declared but not built.
@@ -31,7 +31,7 @@ def workspace(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 
 def run(capsys: Capture, *arguments: object) -> tuple[object, str]:
-    """Run `obk` in this process; returns its exit code and output."""
+    """Run `obk` in this process; return its exit code and output."""
     with pytest.raises(SystemExit) as ended:
         main([str(argument) for argument in arguments])
     return ended.value.code, capsys.readouterr().out
@@ -45,7 +45,7 @@ def findings(config: Path, capsys: Capture) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("config", ["lab_simulated.yaml", "lab_hardware.yaml"])
-def test_nothing_is_wrong_with_it(workspace: Path, config: str, capsys: Capture) -> None:
+def test_it_has_no_findings(workspace: Path, config: str, capsys: Capture) -> None:
     assert findings(workspace / "config" / config, capsys) == []
 
 
@@ -58,7 +58,7 @@ def test_a_cpp_package_that_is_not_built_is_the_only_finding(
 
 
 @pytest.mark.parametrize("config", ["lab_simulated.yaml", "lab_hardware.yaml"])
-def test_the_other_spelling_has_the_same_parameters(
+def test_the_other_format_has_the_same_parameters(
     workspace: Path, config: str, capsys: Capture
 ) -> None:
     original = workspace / "config" / config

@@ -1,4 +1,4 @@
-"""Rates of nodes that do not report them, as nodes in C++ do not: measured on their topics."""
+"""Rates of nodes that do not report them, such as C++ nodes, are measured on their topics."""
 
 from pathlib import Path
 
@@ -73,6 +73,7 @@ def test_a_controller_that_is_too_slow_ends_a_strict_run(tmp_path: Path, ros_dom
     assert "timer_ctrl runs at 0." in done.stdout
 
 
+@pytest.mark.slow
 def test_a_controller_that_keeps_its_rate_does_not(tmp_path: Path, ros_domain: int) -> None:
     with launched(stack(tmp_path, period_s=0.25), "--ignore", "OBK201", "--strict-rates") as run:
         run.wait_for_line("measured on its topics: timer_ctrl")
@@ -112,7 +113,7 @@ BOB = """\
 @pytest.mark.slow
 @pytest.mark.mujoco
 def test_the_rate_of_a_node_on_simulated_time_is_one_of_it(tmp_path: Path, ros_domain: int) -> None:
-    """Simulated time goes at a quarter of the wall's: 2 Hz of it are 0.5 Hz."""
+    """Simulated time runs at a quarter of wall time: 2 Hz of it are 0.5 Hz."""
     config = stack(tmp_path, period_s=0.5, timers=SIMULATED)
     (tmp_path / "bob.xml").write_text(BOB)
     with launched(config, "--ignore", "OBK201", "--strict-rates") as run:

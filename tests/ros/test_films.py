@@ -1,4 +1,4 @@
-"""Films of running stacks, read again; a film that cannot be made."""
+"""Videos of running stacks are readable, and failures to record are reported."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from .stack import DUMMY, eventually, launched, obk
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
 PATIENT = ("--hang-after", "0", "--quiet")
-"""OpenGL opens while the robot is configured, and this machine may be busy."""
+"""OpenGL opens while the robot is configured, which takes long on a busy machine."""
 ORANGE = (240, 140, 50)
 """The rod that swings."""
 
@@ -46,7 +46,7 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_killed_launcher_leaves_a_whole_film_or_none(tmp_path: Path) -> None:
+def test_a_killed_launcher_leaves_a_complete_film_or_none(tmp_path: Path) -> None:
     require_opengl()
     path = tmp_path / "out.mp4"
     with launched(DUMMY, "--render", path, "--render-size", "160x120", *PATIENT) as run:
@@ -59,7 +59,7 @@ def test_a_killed_launcher_leaves_a_whole_film_or_none(tmp_path: Path) -> None:
             assert next(film.decode(video=0)).width == 160
 
 
-def test_a_film_that_cannot_be_made_keeps_the_stack_from_coming_up(tmp_path: Path) -> None:
+def test_a_film_that_cannot_be_recorded_prevents_the_start(tmp_path: Path) -> None:
     films = f'onboard.robot[0].params.render="{tmp_path}/none/out.mp4"'
     result = obk("launch", DUMMY, "--set", films, "--duration", "1", "--color", "never")
     assert result.returncode == 1

@@ -1,4 +1,4 @@
-"""The CI workflow of a new workspace, its steps run by hand in an empty environment."""
+"""The CI workflow of a new workspace, run step by step in an empty environment."""
 
 import os
 import subprocess
@@ -14,7 +14,7 @@ from obk_cli.cli.commands import root_command
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco, pytest.mark.slow, pytest.mark.timeout(1500)]
 
 KEPT = ("HOME", "LANG", "PATH", "PIP_CONFIG_FILE", "PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL")
-"""Variables of this process that a runner has too; with them pip finds its index."""
+"""Variables of this process that a runner also has, for example for pip's index."""
 
 
 def test_every_step_of_a_new_workspace_succeeds(

@@ -1,4 +1,4 @@
-"""The hardware example, launched for real: a drive that answers, dies, comes back or never was."""
+"""The hardware example, launched for real: its drive answers, dies, recovers or is missing."""
 
 import json
 import shutil
@@ -23,7 +23,7 @@ PACKAGE = HARDWARE / "src" / "udp_motor_robot"
 USUAL_PORT = "47001"
 ROBOT = "/obelisk_robot_0"
 PATIENT = ("--set", "robot.params.drive_timeout_sec=3.0")
-"""A busy machine may keep the drive waiting; how soon a dead one is noticed is not the matter."""
+"""A generous timeout, because a busy machine may delay the drive; detection time is not tested."""
 
 
 @contextmanager
@@ -52,7 +52,7 @@ def free_port() -> int:
 
 
 class Watcher:
-    """Another program that looks at the joint."""
+    """Another program that observes the joint."""
 
     def __init__(self) -> None:
         rclpy.init()
@@ -66,13 +66,13 @@ class Watcher:
         )
 
     def wait_for_a_swing(self) -> None:
-        """Wait until the joint has been on both sides, as sin(t) has; from now on."""
+        """Wait until the joint has been on both sides of zero, like sin(t)."""
         self.positions.clear()
 
         def has_swung() -> bool:
             rclpy.spin_once(self._node, timeout_sec=0.1)
             if any(abs(position) > 1.1 for position in self.positions):
-                self.positions.clear()  # it ran on while a busy machine held up its commands
+                self.positions.clear()  # it continued while a busy machine delayed its commands
             seen = self.positions or [0.0]
             return min(seen) < -0.8 and max(seen) > 0.8
 
@@ -103,7 +103,7 @@ def test_the_joint_follows_the_controller_and_nothing_is_left(watcher: Watcher) 
 
 
 @pytest.mark.slow
-def test_a_dead_drive_is_reported_and_the_robot_comes_back_with_it(watcher: Watcher) -> None:
+def test_a_dead_drive_is_reported_and_the_robot_recovers_with_it(watcher: Watcher) -> None:
     with drive() as (process, port):
         with launched(CONFIG, *at(port)) as run:
             watcher.wait_for_a_swing()
@@ -118,7 +118,7 @@ def test_a_dead_drive_is_reported_and_the_robot_comes_back_with_it(watcher: Watc
             assert refused.returncode == 1
             assert "within 1 s" in refused.stdout + refused.stderr
             with drive(port):
-                # A busy machine may keep the drive from answering within its second.
+                # A busy machine may delay the drive's answer for more than its second.
                 configure = ("lifecycle", "configure", "robot")
                 eventually(lambda: obk(*configure).returncode == 0, "the robot, configured")
                 result = obk("lifecycle", "activate", "robot")
@@ -141,7 +141,7 @@ def test_a_dead_drive_stops_a_stack_that_is_to_stop() -> None:
 
 
 @pytest.mark.slow
-def test_without_a_drive_the_launch_fails_with_a_sentence_and_no_traceback() -> None:
+def test_without_a_drive_the_launch_fails_with_a_message_and_no_traceback() -> None:
     port = free_port()
     result = obk("launch", CONFIG, *at(port))
     assert result.returncode == 1
@@ -198,7 +198,7 @@ def test_a_killed_demo_leaves_neither_drive_nor_stack(tmp_path: Path) -> None:
 
 
 def take_another_port(folder: Path) -> None:
-    """The usual port may be another test run's."""
+    """Another test run may use the default port."""
     port = str(free_port())
     for path in (*folder.rglob("*.py"), *folder.rglob("*.yaml"), *folder.rglob("*.md")):
         path.write_text(path.read_text().replace(USUAL_PORT, port))

@@ -1,4 +1,4 @@
-"""Workspaces around robot models: their closed-loop tests pass."""
+"""The closed-loop tests of workspaces for robot models pass."""
 
 import subprocess
 from pathlib import Path
@@ -12,7 +12,10 @@ from .stack import OBK
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
 
-@pytest.mark.parametrize("model", [CART, MIXED], ids=["torques", "servos"])
+@pytest.mark.parametrize(
+    "model",
+    [pytest.param(CART, id="torques", marks=pytest.mark.slow), pytest.param(MIXED, id="servos")],
+)
 def test_the_closed_loop_test_of_a_new_workspace_passes(tmp_path: Path, model: str) -> None:
     (tmp_path / "given.xml").write_text(model)
     for arguments in (

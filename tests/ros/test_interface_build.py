@@ -1,4 +1,4 @@
-"""The message build on a package of a user: compiled, used by rclpy, skipped when unchanged."""
+"""The message build on a user's package: compiled, used by rclpy, skipped when unchanged."""
 
 import os
 import subprocess
@@ -106,7 +106,7 @@ def test_an_unchanged_package_is_installed_into_a_new_prefix(source: Path, tmp_p
 
 
 @pytest.mark.ros
-def test_a_wrong_default_is_reported_with_its_place_and_installs_nothing(
+def test_an_invalid_default_is_reported_with_its_location_and_installs_nothing(
     source: Path, tmp_path: Path
 ) -> None:
     (source / "msg" / "Plan.msg").write_text("uint8 small 256\n")
@@ -121,7 +121,7 @@ def test_a_wrong_default_is_reported_with_its_place_and_installs_nothing(
 
 
 @pytest.mark.ros
-def test_bad_definitions_are_refused_before_anything_is_generated(
+def test_invalid_definitions_are_rejected_before_anything_is_generated(
     source: Path, tmp_path: Path
 ) -> None:
     (source / "msg" / "Plan.msg").write_text("int32 short\n")

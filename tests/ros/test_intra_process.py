@@ -1,4 +1,4 @@
-"""Messages within a process: past DDS where no one else listens, and no message twice or lost."""
+"""Messages within a process bypass DDS if all receivers are inside, and arrive exactly once."""
 
 import json
 import subprocess
@@ -30,7 +30,7 @@ PERIOD_S = 0.001
 
 @pytest.fixture
 def sent(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The numbers that the library's publishers sent by DDS."""
+    """The numbers that the library's publishers sent through DDS."""
     numbers: list[int] = []
     send = IntraProcessPublisher._send
 
@@ -54,18 +54,18 @@ class Numbered:
 
     @property
     def buffers(self) -> tuple[MessageBuffer, ...]:
-        """Of the subscriptions that need no DDS."""
+        """The number of subscriptions that need no DDS."""
         return self.publisher._topic.buffers
 
     def publish(self, count: int = 1) -> None:
-        """The next ones."""
+        """Publish the next numbers."""
         for _ in range(count):
             self.publisher.publish(Int64(data=self.count))
             self.count += 1
 
     @contextmanager
     def publishing(self) -> Iterator[None]:
-        """One after another, from a thread of its own."""
+        """Publish numbers one after another, from a separate thread."""
         self._over.clear()
 
         def run() -> None:
@@ -80,25 +80,25 @@ class Numbered:
             self.stop()
 
     def stop(self) -> int:
-        """Publish no more; returns the last number, which may still be on its way."""
+        """Stop publishing; return the last number, which may still be in transit."""
         self._over.set()
         self._thread.join()
         return self.count - 1
 
 
 def listener(node: Node, **options: Any) -> list[int]:
-    """What comes to a new subscription."""
+    """The list of numbers that a new subscription receives."""
     numbers: list[int] = []
 
-    def hear(message: Int64) -> None:
+    def receive(message: Int64) -> None:
         numbers.append(message.data)
 
-    node.create_subscription(Int64, "/numbers", hear, DEPTH, **options)
+    node.create_subscription(Int64, "/numbers", receive, DEPTH, **options)
     return numbers
 
 
 def settle(made: World, source: Numbered, count: int = 1) -> None:
-    """Let the executor find so many subscriptions, and see that DDS holds nothing for them."""
+    """Let the executor find this number of subscriptions, for which DDS must hold nothing."""
 
     def is_settled() -> bool:
         made.executor.spin_once(timeout_sec=0)
@@ -108,28 +108,28 @@ def settle(made: World, source: Numbered, count: int = 1) -> None:
 
 
 def is_read(source: Numbered, count: int = 1) -> bool:
-    """Whether there are so many subscriptions that need no DDS, and DDS holds nothing for them."""
+    """Whether this number of subscriptions needs no DDS, and DDS holds nothing for them."""
     buffers = source.buffers
     return len(buffers) == count and not any(buffer.dds_may_hold_messages for buffer in buffers)
 
 
-def test_without_a_listener_outside_no_message_goes_by_dds(sent: list[int]) -> None:
+def test_without_an_outside_subscriber_no_message_uses_dds(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
-        heard = [listener(made.node("one")), listener(made.node("other"))]
+        received = [listener(made.node("one")), listener(made.node("other"))]
         settle(made, source, 2)
         source.publish(10)
-        made.run_until(lambda: all(len(each) == 10 for each in heard), "all messages")
-    assert heard == [list(range(10))] * 2
+        made.run_until(lambda: all(len(each) == 10 for each in received), "all messages")
+    assert received == [list(range(10))] * 2
     assert not sent
 
 
-def test_a_listener_outside_comes_and_goes_and_each_end_gets_each_message_once(
+def test_an_outside_subscriber_joins_and_leaves_and_each_end_gets_each_message_once(
     sent: list[int],
 ) -> None:
     with world() as made:
         source = Numbered(made)
-        heard = listener(made.node())
+        received = listener(made.node())
         settle(made, source)
 
         def are_past_dds() -> bool:
@@ -145,12 +145,12 @@ def test_a_listener_outside_comes_and_goes_and_each_end_gets_each_message_once(
                     assert numbers == list(range(numbers[0], numbers[0] + count))
                     assert set(numbers) <= set(sent)
                 eventually(are_past_dds, "numbers that DDS has no part in any more")
-            eventually(lambda: len(heard) >= source.count, "all messages")
-    assert heard == list(range(source.count))
+            eventually(lambda: len(received) >= source.count, "all messages")
+    assert received == list(range(source.count))
 
 
 def outside(count: int) -> list[int]:
-    """What a listener in another process heard before it went."""
+    """The numbers that a subscriber in another process received before it ended."""
     command = [sys.executable, PEER, "/numbers", str(count)]
     ended = subprocess.run(command, capture_output=True, timeout=2 * DEADLINE_S, check=True)
     numbers: list[int] = json.loads(ended.stdout)
@@ -160,10 +160,10 @@ def outside(count: int) -> list[int]:
 def test_the_order_is_kept_while_messages_wait_on_both_ways(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
-        heard = listener(made.node())
+        received = listener(made.node())
         settle(made, source)
         source.publish(3)
-        # No one runs it: for the publisher that is someone outside, matched at once.
+        # It is not running: for the publisher it is an outside subscription, matched immediately.
         outsider = Node("outsider", context=made.context)
         outsider.create_subscription(Int64, "/numbers", print, 1)
         source.publish(3)
@@ -171,8 +171,8 @@ def test_the_order_is_kept_while_messages_wait_on_both_ways(sent: list[int]) -> 
         source.publish(3)
         assert sent == [3, 4, 5, 6, 7, 8]
         with made.spinning():
-            eventually(lambda: len(heard) == 9, "all messages")
-            assert heard == list(range(9))
+            eventually(lambda: len(received) == 9, "all messages")
+            assert received == list(range(9))
 
             def is_past_dds() -> bool:
                 before = len(sent)
@@ -182,18 +182,18 @@ def test_the_order_is_kept_while_messages_wait_on_both_ways(sent: list[int]) -> 
             eventually(is_past_dds, "a message that DDS has no part in")
 
 
-def test_nothing_overtakes_what_was_sent_before_the_executor_knew_the_subscription(
+def test_no_message_overtakes_earlier_ones_to_an_unknown_subscription(
     sent: list[int],
 ) -> None:
     with world() as made:
         source = Numbered(made)
-        heard = listener(made.node())
+        received = listener(made.node())
         source.publish(3)
-        made.executor.remove_node(made.node("passing"))  # has it look at what its nodes have
+        made.executor.remove_node(made.node("passing"))  # makes it check the entities of its nodes
         assert source.buffers
         source.publish(3)
-        made.run_until(lambda: len(heard) == 6, "all messages")
-    assert heard == sent == list(range(6))
+        made.run_until(lambda: len(received) == 6, "all messages")
+    assert received == sent == list(range(6))
 
 
 def test_an_executor_of_another_thread_is_reported(sent: list[int]) -> None:
@@ -202,54 +202,54 @@ def test_an_executor_of_another_thread_is_reported(sent: list[int]) -> None:
         other = EventLoopExecutor(context=made.context)
         node = Node("other", context=made.context)
         other.add_node(node)
-        heard = listener(node)
+        received = listener(node)
         thread = threading.Thread(target=other.spin)
         thread.start()
         try:
             eventually(lambda: is_read(source), "the other executor's subscription")
             source.publish(10)
-            eventually(lambda: len(heard) == 10, "all messages")
+            eventually(lambda: len(received) == 10, "all messages")
         finally:
             other.shutdown()
             thread.join()
             node.destroy_node()
-    assert heard == list(range(10))
+    assert received == list(range(10))
     assert not sent
 
 
-def test_a_reentrant_group_hears_each_message_once(sent: list[int]) -> None:
+def test_a_reentrant_group_receives_each_message_once(sent: list[int]) -> None:
     with world(num_threads=3) as made:
         source = Numbered(made)
-        heard = listener(made.node(), callback_group=ReentrantCallbackGroup())
+        received = listener(made.node(), callback_group=ReentrantCallbackGroup())
         settle(made, source)
         with made.spinning():
             source.publish(300)
-            eventually(lambda: len(heard) >= 300, "all messages")
-    assert sorted(heard) == list(range(300))
+            eventually(lambda: len(received) >= 300, "all messages")
+    assert sorted(received) == list(range(300))
     assert not sent
 
 
-def test_a_coroutine_hears_in_order(sent: list[int]) -> None:
+def test_a_coroutine_receives_in_order(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
-        heard: list[int] = []
+        received: list[int] = []
 
-        async def hear(message: Int64) -> None:
-            heard.append(message.data)
+        async def receive(message: Int64) -> None:
+            received.append(message.data)
 
-        made.node().create_subscription(Int64, "/numbers", hear, DEPTH)
+        made.node().create_subscription(Int64, "/numbers", receive, DEPTH)
         settle(made, source)
         source.publish(10)
-        made.run_until(lambda: len(heard) == 10, "all messages")
-    assert heard == list(range(10))
+        made.run_until(lambda: len(received) == 10, "all messages")
+    assert received == list(range(10))
     assert not sent
 
 
-def test_beside_one_that_only_dds_can_serve_all_are_served_by_dds(sent: list[int]) -> None:
+def test_next_to_a_dds_only_subscription_all_use_dds(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         node = made.node()
-        heard = listener(node)
+        received = listener(node)
         raw: list[bytes] = []
         infos: list[dict[str, Any]] = []
         node.create_subscription(Int64, "/numbers", raw.append, DEPTH, raw=True)
@@ -258,43 +258,43 @@ def test_beside_one_that_only_dds_can_serve_all_are_served_by_dds(sent: list[int
         )
         settle(made, source)
         source.publish(10)
-        made.run_until(lambda: len(heard) + len(raw) + len(infos) >= 30, "all messages")
-    assert heard == sent == list(range(10))
+        made.run_until(lambda: len(received) + len(raw) + len(infos) >= 30, "all messages")
+    assert received == sent == list(range(10))
     assert len(raw) == len(infos) == 10
     assert all(info["source_timestamp"] for info in infos)
 
 
-def test_on_an_executor_of_rclpy_messages_come_by_dds(sent: list[int]) -> None:
+def test_on_an_executor_of_rclpy_messages_use_dds(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         node = Node("other", context=made.context)
-        heard = listener(node)
+        received = listener(node)
         executor = SingleThreadedExecutor(context=made.context)
         executor.add_node(node)
         source.publish(10)
-        while len(heard) < 10:
+        while len(received) < 10:
             executor.spin_once(timeout_sec=DEADLINE_S)
         executor.shutdown()
         node.destroy_node()
-    assert heard == sent == list(range(10))
+    assert received == sent == list(range(10))
 
 
-def test_publishers_of_rclpy_are_heard_beside(sent: list[int]) -> None:
+def test_publishers_of_rclpy_are_received_too(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         node = made.node()
-        heard = listener(node)
+        received = listener(node)
         plain = node.create_publisher(Int64, "numbers", DEPTH)
         settle(made, source)
         source.publish(10)
         plain.publish(Int64(data=100))
         source.publish(10)
-        made.run_until(lambda: len(heard) == 21, "all messages")
-    assert [number for number in heard if number != 100] == list(range(20))
+        made.run_until(lambda: len(received) == 21, "all messages")
+    assert [number for number in received if number != 100] == list(range(20))
     assert not sent
 
 
-def test_what_waits_for_a_subscription_that_is_destroyed_is_gone_with_it() -> None:
+def test_messages_waiting_for_a_destroyed_subscription_are_discarded() -> None:
     with world() as made:
         source = Numbered(made)
         node = made.node()
@@ -303,19 +303,19 @@ def test_what_waits_for_a_subscription_that_is_destroyed_is_gone_with_it() -> No
         settle(made, source)
         source.publish(10)
         node.destroy_subscription(subscription)
-        heard = listener(node)
+        received = listener(node)
         settle(made, source)
         source.publish(10)
-        made.run_until(lambda: len(heard) == 10, "all messages")
-    assert heard == list(range(10, 20))
+        made.run_until(lambda: len(received) == 10, "all messages")
+    assert received == list(range(10, 20))
     assert not numbers
 
 
-def test_what_waits_while_no_executor_has_the_node_comes_when_one_has_it() -> None:
+def test_messages_waiting_without_an_executor_arrive_when_one_runs() -> None:
     with world() as made:
         source = Numbered(made)
         node = made.node()
-        heard = listener(node)
+        received = listener(node)
         settle(made, source)
         source.publish(5)
         made.executor.remove_node(node)
@@ -323,5 +323,5 @@ def test_what_waits_while_no_executor_has_the_node_comes_when_one_has_it() -> No
         source.publish(5)
         made.executor.add_node(node)
         settle(made, source)
-        made.run_until(lambda: len(heard) == 10, "all messages")
-    assert heard == list(range(10))
+        made.run_until(lambda: len(received) == 10, "all messages")
+    assert received == list(range(10))

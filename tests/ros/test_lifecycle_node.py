@@ -50,7 +50,7 @@ class Controller(ObeliskController):
 
 
 class Misbehaving(ObeliskNode):
-    """Answers configure with whatever it is given, or raises it."""
+    """Returns the given result from configure, or raises it."""
 
     def __init__(self, answer: Any, on_error: Any = SUCCESS) -> None:
         super().__init__("misbehaving")
@@ -67,7 +67,7 @@ class Misbehaving(ObeliskNode):
         return self.error_answer
 
 
-def test_a_controller_goes_round_its_life_cycle() -> None:
+def test_a_controller_runs_through_its_life_cycle() -> None:
     with spinning(Controller) as node:
         for label, state in (
             ("configure", "inactive"),
@@ -126,7 +126,7 @@ def test_an_answer_of_another_type_is_named_with_the_class_and_the_method() -> N
         )
 
 
-def test_a_failure_leaves_the_node_where_it_was_and_says_so() -> None:
+def test_a_failure_leaves_the_state_unchanged_and_is_reported() -> None:
     with spinning(lambda: Misbehaving(TransitionCallbackReturn.FAILURE)) as node:
         assert not request(node, "configure")
         assert node.state_label == "unconfigured"
@@ -134,7 +134,7 @@ def test_a_failure_leaves_the_node_where_it_was_and_says_so() -> None:
         assert node.last_fault.text.startswith("`Misbehaving.on_configure` returned FAILURE ")
 
 
-def test_what_a_callback_reported_before_it_answers_error_is_what_is_kept() -> None:
+def test_the_fault_that_a_callback_reported_before_error_is_kept() -> None:
     class Telling(ObeliskNode):
         def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
             super().on_configure(state)
@@ -147,14 +147,14 @@ def test_what_a_callback_reported_before_it_answers_error_is_what_is_kept() -> N
         assert str(node.last_fault) == "the bus: no such motor"
 
 
-def test_a_fault_of_the_hardware_is_reported_by_its_sentence_alone() -> None:
+def test_a_fault_of_the_hardware_is_reported_by_its_message_alone() -> None:
     with spinning(lambda: Misbehaving(ObeliskHardwareError("no such motor"))) as node:
         assert not request(node, "configure")
         assert str(node.last_fault) == "on_configure: no such motor"
 
 
 class Opening(ObeliskNode):
-    """Opens something at configure, before super's or after; a list of what became of it."""
+    """Opens something in configure, before or after super's; records what happens to it."""
 
     def __init__(self, *, is_early: bool = False) -> None:
         super().__init__("opening")
@@ -178,7 +178,7 @@ class Opening(ObeliskNode):
 @pytest.mark.parametrize(
     "way", [["cleanup"], ["shutdown"], ["activate", "shutdown"], ["activate", "deactivate"]]
 )
-def test_what_configure_opened_is_closed_once_the_node_is_not_configured_any_more(
+def test_resources_of_configure_are_closed_when_the_node_is_unconfigured(
     way: list[str], is_early: bool
 ) -> None:
     with spinning(lambda: Opening(is_early=is_early)) as node:
@@ -190,7 +190,7 @@ def test_what_configure_opened_is_closed_once_the_node_is_not_configured_any_mor
     assert node.reported == ["opened", "closed"]
 
 
-def test_what_configure_opened_is_closed_at_an_error_and_opened_again_afterwards() -> None:
+def test_resources_of_configure_are_closed_at_an_error_and_opened_again() -> None:
     with spinning(Opening) as node:
         assert isinstance(node, Opening)
         for reported in (["opened", "closed"], ["opened", "closed"] * 2):
@@ -211,7 +211,7 @@ def test_a_node_whose_error_processing_fails_is_finalized_and_ended() -> None:
 @pytest.mark.parametrize(
     "number", [Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DESTROY, 99]
 )
-def test_a_transition_that_is_not_allowed_is_refused_and_the_node_lives(number: int) -> None:
+def test_an_invalid_transition_is_rejected_and_the_node_continues(number: int) -> None:
     with spinning(Controller) as node:
         assert not request(node, number=number)
         assert node.state_label == "unconfigured"
@@ -240,7 +240,7 @@ def test_fail_may_be_called_from_any_thread() -> None:
         assert str(node.last_fault) == "watchdog: the bus is dead"
 
 
-def test_a_fault_where_nothing_runs_is_reported_and_fails_no_later_transition() -> None:
+def test_a_fault_while_nothing_runs_is_reported_and_fails_no_later_transition() -> None:
     answers = []
 
     def fail_and_shut_down(node: Controller) -> None:
@@ -255,7 +255,7 @@ def test_a_fault_where_nothing_runs_is_reported_and_fails_no_later_transition() 
         assert str(node.last_fault) == "a callback of its own: late"
 
 
-def test_missing_settings_are_named_all_at_once() -> None:
+def test_missing_settings_are_named_together() -> None:
     with spinning(lambda: Controller(pub_ctrl_setting="", timer_ctrl_setting="")) as node:
         assert not request(node, "configure")
         assert node.last_fault is not None
@@ -267,20 +267,20 @@ def test_missing_settings_are_named_all_at_once() -> None:
     ("setting", "sentence"),
     [
         ("{topic: /c}", "has no message type"),
-        ("{topic: /c, msg_type: PositionSetpont}", "`PositionSetpont` is not known; near names"),
+        ("{topic: /c, msg_type: PositionSetpont}", "`PositionSetpont` is not known; similar names"),
         ("{topic: /c, msg_type: nope_msgs/msg/A}", "the package `nope_msgs` is not installed"),
         ("{topic: /c, msg_type: PositionSetpoint, callback_group: g}", "callback group `g`"),
         ("{topic: [", "the parameter `pub_ctrl_setting` cannot be read"),
     ],
 )
-def test_wrong_settings_fail_configure_with_a_sentence(setting: str, sentence: str) -> None:
+def test_invalid_settings_fail_configure_with_a_message(setting: str, sentence: str) -> None:
     with spinning(lambda: Controller(pub_ctrl_setting=setting)) as node:
         assert not request(node, "configure")
         assert node.last_fault is not None
         assert sentence in node.last_fault.text
 
 
-def test_settings_come_from_obelisk_settings_alone() -> None:
+def test_settings_come_only_from_obelisk_settings() -> None:
     settings = """
 callback_groups: {fast: ReentrantCallbackGroup}
 publishers: [{key: pub_ctrl, topic: /c, msg_type: PositionSetpoint, callback_group: fast}]
@@ -333,9 +333,9 @@ def test_publishing_while_inactive_is_dropped() -> None:
 def test_registering_twice_or_late_is_an_error() -> None:
     with spinning(Controller) as node:
         assert isinstance(node, Controller)
-        with pytest.raises(ObeliskConfigError, match="is registered already"):
+        with pytest.raises(ObeliskConfigError, match="is already registered"):
             node.register_obk_publisher("pub_ctrl_setting")
-        with pytest.raises(ObeliskConfigError, match="is registered already"):
+        with pytest.raises(ObeliskConfigError, match="is already registered"):
             node.register_obk_publisher(key="publisher_ctrl")
         request(node, "configure")
         with pytest.raises(ObeliskConfigError, match="after configure"):
@@ -360,7 +360,7 @@ def test_a_service_that_forgets_its_answer_is_a_fault_and_its_client_gets_one() 
         assert reported in node.last_fault.text
 
 
-def test_a_sensor_without_a_publisher_is_reported_what_it_lacks() -> None:
+def test_a_sensor_without_a_publisher_is_reported_with_the_missing_setting() -> None:
     with spinning(lambda: ObeliskSensor("sensor")) as node:
         assert not request(node, "configure")
         assert node.last_fault is not None
@@ -384,7 +384,7 @@ def test_a_thousand_rounds_leak_nothing() -> None:
 
         files, entities = go_round(5)
         files_later, entities_later = go_round(1000)
-        # What a round leaked would be there a thousand times; a few are still on their way out.
+        # A leak would occur a thousand times; a few objects are still being deleted.
         assert files_later < files + 20
         assert entities_later < entities + 20
         assert not list(node.timers)

@@ -1,4 +1,4 @@
-"""The Python listings of the documents that describe Obelisk run word for word."""
+"""The Python listings of the reference documents run unchanged."""
 
 import re
 import subprocess
@@ -19,7 +19,7 @@ MAINS = Path(__file__).with_name("listings")
 
 
 def words(text: str) -> str:
-    """A text without indentation, empty lines and comments that only tell a linter something."""
+    """A text without indentation, empty lines and comments for linters."""
     lines = (re.sub(r"\s+", " ", line).strip() for line in text.splitlines())
     return "\n".join(line for line in lines if line)
 
@@ -38,15 +38,15 @@ def seed() -> str:
     ],
     ids=lambda path: Path(path).stem,
 )
-def test_a_listing_is_the_documents_word_for_word(path: str, seed: str) -> None:
+def test_a_listing_is_the_documents_literally(path: str, seed: str) -> None:
     listing = Path(path).read_text()
-    # The module's own first docstring is ours.
+    # The module's own first docstring is not in the listing.
     _, _, body = listing.partition('"""\n') if listing.startswith('"""') else ("", "", listing)
     assert words(body) in seed
 
 
 @pytest.mark.parametrize("path", sorted(MAINS.glob("*.py")), ids=lambda path: path.stem)
-def test_a_main_listing_comes_up_and_ends_by_a_signal(path: Path) -> None:
+def test_a_main_listing_starts_and_ends_by_a_signal(path: Path) -> None:
     query = [Path(sys.executable).with_name("obk"), "lifecycle", "get", "listing"]
     with subprocess.Popen([sys.executable, path, "--ros-args", "-r", "__node:=listing"]) as process:
         try:

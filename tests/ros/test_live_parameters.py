@@ -1,4 +1,4 @@
-"""`Parameter`: declared once, read as an attribute, changed between two callbacks and together."""
+"""`Parameter`: declared once, read as an attribute, and changed between two callbacks."""
 
 import gc
 import json
@@ -42,7 +42,7 @@ class Level(Enum):
 
 
 class Tuned(ObeliskNode):
-    """Has a parameter of each type, and notes what changes."""
+    """Has a parameter of each type, and records changes."""
 
     kp = Parameter(20.0, ge=0.0, le=200.0, unit="N m/rad", description="proportional gain")
     kd = Parameter(2.0, ge=0.0)
@@ -115,7 +115,7 @@ def test_every_type_is_an_attribute_and_a_described_ros_parameter() -> None:
         assert horizon.additional_constraints == at_configure
 
 
-def test_the_config_gives_the_first_values() -> None:
+def test_the_config_sets_the_initial_values() -> None:
     given = {"kp": 30, "gait": "stand", "level": "HIGH", "gains": [3, 4, 5], "horizon": 7}
     with spinning(lambda: Tuned(**given)) as node:
         found = values(node)
@@ -139,7 +139,7 @@ def test_the_config_gives_the_first_values() -> None:
         ({"limits": [1, 2, 3]}, "`limits` has 3 items, expected 2"),
     ],
 )
-def test_a_wrong_value_of_the_config_is_named(given: dict[str, Any], fault: str) -> None:
+def test_an_invalid_value_of_the_config_is_named(given: dict[str, Any], fault: str) -> None:
     rclpy.init()
     try:
         with pytest.raises(ObeliskConfigError, match=fault):
@@ -149,7 +149,7 @@ def test_a_wrong_value_of_the_config_is_named(given: dict[str, Any], fault: str)
         rclpy.try_shutdown()
 
 
-def test_a_service_call_changes_the_attributes_and_says_so() -> None:
+def test_a_service_call_changes_the_attributes_and_reports_it() -> None:
     with spinning(Tuned) as node:
         activate(node)
         assert set_each(node, message("kp", 400.0)) == [
@@ -159,7 +159,7 @@ def test_a_service_call_changes_the_attributes_and_says_so() -> None:
         assert results == [(True, IN_EFFECT), (True, IN_EFFECT), (True, STORED)]
         assert (node.kp, node.kd, node.horizon) == (25.0, 3.0, 10)
         assert node.changed == [frozenset({"kp", "kd"})]
-        # The same values again are no change.
+        # Setting the same values again is not a change.
         assert ask_each(node, message("kp", 25.0)) == [(True, IN_EFFECT)]
         assert len(node.changed) == 1
         assert "expected 0.0 to 200.0" in set_together(
@@ -178,7 +178,7 @@ def ask_each(node: Any, *sent: Any) -> list[tuple[bool, str]]:
     return [(result.successful, result.reason) for result in results]
 
 
-def test_a_stored_value_is_used_at_configure_and_seen_there() -> None:
+def test_a_stored_value_is_used_at_configure() -> None:
     with spinning(Tuned) as node:
         activate(node)
         assert ask_each(node, message("horizon", 20)) == [(True, STORED)]
@@ -208,7 +208,7 @@ def test_a_failing_on_parameters_takes_the_node_to_error_processing() -> None:
         assert str(node.last_fault) == "on_parameters: no gains for ['kp']"
 
 
-def test_what_the_nodes_own_callback_sets_is_in_effect_after_it() -> None:
+def test_changes_by_the_nodes_own_callback_are_in_effect_after_it() -> None:
     seen: list[float] = []
 
     class Own(Tuned):
@@ -236,7 +236,7 @@ def test_a_coroutine_keeps_its_values_until_it_ends() -> None:
 
     with spinning(Waiting, EventLoopExecutor) as node:
         activate(node)
-        # In the default group, the suspended coroutine would hold up the parameter services.
+        # In the default group, the suspended coroutine would block the parameter services.
         timer = node.create_timer(0.005, node.tick, callback_group=ReentrantCallbackGroup())
         eventually(lambda: bool(seen), "the first half of a tick")
         timer.cancel()
@@ -249,7 +249,7 @@ def test_a_coroutine_keeps_its_values_until_it_ends() -> None:
 
 
 class Busy(Tuned):
-    """Has callbacks on all workers, which overlap all the time; each notes torn values."""
+    """Has overlapping callbacks on all workers, which record torn values."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -292,7 +292,7 @@ def test_with_several_workers_values_change_together_and_never_inside_a_callback
 
 
 def test_a_slow_callback_does_not_hold_up_a_fast_one() -> None:
-    """The fast loop goes on while a change waits for the slow callback to end."""
+    """The fast loop continues while a change waits for the slow callback to end."""
     release = threading.Event()
     entered = threading.Event()
     seen: list[float] = []
@@ -350,52 +350,52 @@ def test_subclasses_change_defaults_and_replace_parameters() -> None:
     ("make", "fault"),
     [
         (lambda: Parameter(5.0, le=1.0), "the default of a parameter is 5.0, expected at most 1.0"),
-        (lambda: Parameter(1.0, ge=2.0, le=1.0), "`ge` is 2.0, above `le`, which is 1.0"),
+        (lambda: Parameter(1.0, ge=2.0, le=1.0), r"`ge` is 2.0, greater than `le` \(1.0\)"),
         (lambda: Parameter("x", ge=1.0), "`ge` and `le` limit numbers, not 'x'"),
         (lambda: Parameter(1.0, unit="m; s"), "expected one line without `;`"),
         (lambda: Parameter([]), "is \\[\\], expected a bool"),
         (lambda: Parameter(None), "is None, expected a bool"),  # type: ignore[type-var]
     ],
 )
-def test_a_wrong_declaration_is_named(make: Callable[[], object], fault: str) -> None:
+def test_an_invalid_declaration_is_named(make: Callable[[], object], fault: str) -> None:
     with pytest.raises(ObeliskConfigError, match=fault):
         make()
 
 
-def test_a_name_that_the_library_uses_is_refused() -> None:
+def test_a_name_that_the_library_uses_is_rejected() -> None:
     with pytest.raises((ObeliskConfigError, RuntimeError)) as raised:
         type("Hidden", (ObeliskNode,), {"params_path": Parameter("x")})
     reported = str(raised.value.__cause__ or raised.value)
     assert "hides ObeliskNode.params_path: choose another name" in reported
 
 
-def test_obk_param_reports_what_happened() -> None:
+def test_obk_param_reports_the_outcome() -> None:
     with spinning(Tuned, EventLoopExecutor) as node:
         activate(node)
 
-        def said(*words: object) -> str:
+        def output(*words: object) -> str:
             done = obk("param", *words)
             assert done.returncode == 0, done.stderr
             return done.stdout
 
         prefix = "/tuned: "
         assert (
-            said("set", "tuned", "kp", 25)
+            output("set", "tuned", "kp", 25)
             == f"{prefix}kp changed from 20.0 to 25.0 N m/rad, in effect\n"
         )
         stored = f"{prefix}horizon changed from 10 to 20 ticks, {STORED}\n"
-        assert said("set", "tuned", "horizon", 20) == stored
-        assert said("set", "tuned", "offset", "-1.5") == (
+        assert output("set", "tuned", "horizon", 20) == stored
+        assert output("set", "tuned", "offset", "-1.5") == (
             f"{prefix}offset changed from 0.0 to -1.5, in effect\n"
         )
         assert (node.kp, node.horizon, node.offset) == (25.0, 10, -1.5)
         refused = obk("param", "set", "tuned", "kp", -1)
         assert refused.returncode == 1
         assert "`kp` is -1.0 N m/rad, expected 0.0 to 200.0" in refused.stderr
-        row = next(line for line in said("list", "tuned").splitlines() if line.startswith("kp "))
+        row = next(line for line in output("list", "tuned").splitlines() if line.startswith("kp "))
         assert row.split(maxsplit=2)[:2] == ["kp", "double"]
         assert "0.0 to 200.0  N m/rad" in row
         assert row.endswith("proportional gain")
-        listed = json.loads(said("list", "tuned", "--format", "json"))["/tuned"]
+        listed = json.loads(output("list", "tuned", "--format", "json"))["/tuned"]
         assert listed["gait"]["choices"] == ["walk", "stand"]
         assert (listed["horizon"]["live"], listed["params_path"]["live"]) == (False, None)

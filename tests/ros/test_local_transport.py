@@ -1,4 +1,4 @@
-"""Messages between the processes of a run: past DDS, each once, whoever is killed or frozen."""
+"""Messages between the processes of a run bypass DDS and arrive once, despite killed processes."""
 
 import json
 import os
@@ -38,7 +38,7 @@ OUTSIDE_PEER = Path(__file__).with_name("numbers_peer.py")
 
 @pytest.fixture(autouse=True)
 def sockets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of a run, in the environment."""
+    """The folder of a run, set in the environment."""
     folder = tmp_path / "sockets"
     folder.mkdir(mode=0o700)
     monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, str(folder))
@@ -68,7 +68,7 @@ class Listener:
 
     @property
     def numbers(self) -> list[int]:
-        """What came so far."""
+        """The numbers received so far."""
         lines = self.file.read_text(encoding="ascii").split("\n")[:-1] if self.file.exists() else []
         return [int(line) for line in lines]
 
@@ -106,10 +106,10 @@ def peers(tmp_path: Path) -> Iterator[Peers]:
 
 
 def outside(count: int) -> list[int]:
-    """What a listener that is not of the run heard before it left."""
+    """The numbers that a subscriber outside the run received before it ended."""
     command = [sys.executable, OUTSIDE_PEER, "/numbers", str(count)]
     ended = subprocess.run(command, capture_output=True, timeout=2 * DEADLINE_S, check=True)
-    # Before it there may be errors of Fast DDS, such as ports in use.
+    # It may be preceded by errors of Fast DDS, such as ports in use.
     numbers: list[int] = json.loads(ended.stdout.splitlines()[-1])
     return numbers
 
@@ -118,7 +118,7 @@ def outside(count: int) -> list[int]:
 def with_and_without(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, sockets: Path
 ) -> bool:
-    """The test is run with the local transport and without it; true with it."""
+    """Run the test with and without the local transport; True with it."""
     del sockets
     if not request.param:
         monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, LOCAL_TRANSPORT_OFF)
@@ -127,9 +127,9 @@ def with_and_without(
 
 @contextmanager
 def published(sent: list[int]) -> Iterator[tuple[World, Numbered, Callable[[], None]]]:
-    """A publisher that publishes all the time; the last value waits until it bypasses DDS.
+    """A publisher that publishes continuously; `last` waits until it bypasses DDS.
 
-    Without local transport that waits for some more numbers only.
+    Without the local transport, it only waits for some more numbers.
     """
     is_off = os.environ[LOCAL_TRANSPORT_VARIABLE] == LOCAL_TRANSPORT_OFF
     with world() as made:
@@ -163,7 +163,7 @@ def test_subscriptions_of_the_run_need_no_dds(sent: list[int], peers: Peers) -> 
     assert is_gapless(own)
 
 
-def test_a_listener_outside_comes_and_goes_and_each_end_gets_each_message_once(
+def test_an_outside_subscriber_joins_and_leaves_and_each_end_gets_each_message_once(
     sent: list[int], peers: Peers
 ) -> None:
     with published(sent) as (_made, source, await_bypass):
@@ -192,13 +192,13 @@ def test_a_killed_subscription_disturbs_no_other_and_its_successor_is_found(
         successor = peers.listener()
         eventually(lambda: successor.numbers, "numbers of the successor")
         await_bypass()
-        last = source.stop()  # while it exists: what DDS has not delivered ends with its publisher
+        last = source.stop()  # the publisher must exist until DDS has delivered all
         for each in (stays, successor):
             eventually(lambda each=each: each.has(last), "the last number")
             assert is_gapless(each.numbers)
 
 
-def test_a_frozen_subscription_keeps_its_depth_and_holds_no_one_up(
+def test_a_frozen_subscription_keeps_its_depth_and_blocks_no_publisher(
     sent: list[int], peers: Peers, with_and_without: bool
 ) -> None:
     depth = 20
@@ -218,12 +218,12 @@ def test_a_frozen_subscription_keeps_its_depth_and_holds_no_one_up(
     assert is_gapless(other.numbers)
     numbers = frozen.numbers
     assert numbers == sorted(set(numbers))
-    # DDS keeps as much as the publisher's history too.
+    # DDS also keeps as many messages as the publisher's history.
     assert not with_and_without or len(numbers) < last - 500
 
 
 @pytest.mark.usefixtures("with_and_without")
-def test_a_killed_publisher_leaves_what_it_sent_and_its_successor_is_heard(peers: Peers) -> None:
+def test_messages_of_a_killed_publisher_and_of_its_successor_are_received(peers: Peers) -> None:
     with world() as made:
         got: list[int] = []
         node = made.node()
@@ -252,7 +252,7 @@ def test_nothing_is_lost_when_a_node_changes_its_executor(sent: list[int], socke
             executor = EventLoopExecutor(context=other.context)
             executor.add_node(node)
             through_dds = -1
-            while through_dds != len(sent):  # until a hundred numbers need no DDS
+            while through_dds != len(sent):  # until a hundred numbers bypass DDS
                 through_dds, enough = len(sent), source.count + 100
                 while not got or got[-1] < enough:
                     executor.spin_once(timeout_sec=0.1)
@@ -282,7 +282,7 @@ def test_a_node_that_subscribes_twice_gets_each_message_twice(
     assert all(map(is_gapless, got))
 
 
-def test_a_large_message_takes_its_place_between_small_ones(sent: list[int]) -> None:
+def test_a_large_message_keeps_its_order_between_small_ones(sent: list[int]) -> None:
     del sent
     with world() as made, world() as other:
         got: list[int] = []
@@ -307,7 +307,7 @@ def test_a_large_message_takes_its_place_between_small_ones(sent: list[int]) -> 
     assert is_gapless(got)
 
 
-def test_a_tap_counts_each_message_once_while_listeners_come_and_go(
+def test_a_tap_counts_each_message_once_while_subscribers_join_and_leave(
     sent: list[int], peers: Peers
 ) -> None:
     with published(sent) as (_made, source, await_bypass), world() as other:
@@ -324,7 +324,7 @@ def test_a_tap_counts_each_message_once_while_listeners_come_and_go(
 
         for _ in range(2):
             through_dds = -1
-            while through_dds != len(sent):  # until a hundred numbers need no DDS
+            while through_dds != len(sent):  # until a hundred numbers bypass DDS
                 through_dds = len(sent)
                 take(source.count + 100)
             with ThreadPoolExecutor(1) as pool:
@@ -343,7 +343,7 @@ def test_a_tap_counts_each_message_once_while_listeners_come_and_go(
     assert drops.count == len(got) - 1
 
 
-def test_turned_off_everything_goes_through_dds(
+def test_if_disabled_everything_uses_dds(
     sent: list[int], peers: Peers, monkeypatch: pytest.MonkeyPatch, sockets: Path
 ) -> None:
     monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, LOCAL_TRANSPORT_OFF)

@@ -1,4 +1,4 @@
-"""`obk topic`, `node`, `param`, `service` against a talker in this process, and against a stack."""
+"""`obk topic`, `node`, `param`, `service` on a node in this process, and on a stack."""
 
 import csv
 import io
@@ -21,17 +21,17 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
 
-from .looking import announce_as_a_stack_does, done, refused, reported
+from .looking import announce_as_a_stack_does, done, error_of, reported
 from .stack import DUMMY, eventually, launched, obk, spinning
 
 pytestmark = pytest.mark.ros
 
 TALKER = "/arm/talker"
-"""A full name is waited for, for as long as `--timeout` says."""
+"""With a full name, the command waits until `--timeout`."""
 
 
 class Talker(Node):
-    """Says something every 20 ms, on topics of every kind."""
+    """Publishes every 20 ms, on topics of every kind."""
 
     def __init__(self) -> None:
         super().__init__("talker", namespace="arm")
@@ -42,8 +42,8 @@ class Talker(Node):
         self._point = self.create_publisher(PointStamped, "point", 10)
         self.create_publisher(String, "manual", latched).publish(String(data="turn it on"))
         self.create_publisher(Int32, "silent", 1)
-        self.heard: list[PointStamped] = []
-        self.create_subscription(PointStamped, "goal", self.heard.append, 10)
+        self.received: list[PointStamped] = []
+        self.create_subscription(PointStamped, "goal", self.received.append, 10)
         self.create_service(SetBool, "switch", self._switch)
         self.declare_parameter("gain", 1.5)
         self.declare_parameter("limits.upper", [1.0, 2.0])
@@ -93,7 +93,7 @@ def test_topics_are_listed_and_shown_with_their_ends(talker: Talker) -> None:
         "publishers": 1,
         "subscriptions": 0,
     }
-    # For a node that no launch has started, the messages until then count.
+    # For a node not started by obk, only the messages until then count.
     eventually(lambda: joints in reported("topic", "list"), "the topic with its publisher")
     eventually(lambda: "/arm/joints " in done("topic", "list"), "the topic")
     ends: list[dict[str, str]] = []
@@ -108,7 +108,7 @@ def test_topics_are_listed_and_shown_with_their_ends(talker: Talker) -> None:
     assert "best_effort, volatile" in done("topic", "info", "joints")
 
 
-def test_messages_are_shown_whatever_their_publishers_offer(talker: Talker) -> None:
+def test_messages_are_shown_for_any_offered_qos(talker: Talker) -> None:
     assert done("topic", "echo", "/arm/manual", "--once") == 'data: "turn it on"\n---\n'
     (message, end) = done("topic", "echo", "/arm/joints", "--once").split("---\n")
     assert end == ""
@@ -128,50 +128,50 @@ def test_fields_are_shown_as_text_json_and_csv(talker: Talker) -> None:
     rows = list(csv.DictReader(io.StringIO(done(*words, "--csv"))))
     assert [row["position[0]"] for row in rows] == ["0.5"] * 3
     assert list(rows[0]) == ["name[1]", "position[0]", "position[1]"]
-    wrong = refused("topic", "echo", "/arm/joints", "positon")
+    wrong = error_of("topic", "echo", "/arm/joints", "positon")
     assert "`positon`" in wrong
     assert "did you mean `position`" in wrong
 
 
 @pytest.mark.slow
-def test_bytes_that_are_no_message_of_the_type_are_reported(talker: Talker) -> None:
+def test_invalid_bytes_are_reported(talker: Talker) -> None:
     reported = (
-        "a message came on /arm/broken that is no geometry_msgs/msg/PointStamped as it is built"
+        "a message on /arm/broken does not match geometry_msgs/msg/PointStamped as built here"
     )
-    assert reported in refused("topic", "echo", "/arm/broken")
-    assert reported in refused("topic", "delay", "/arm/broken")
+    assert reported in error_of("topic", "echo", "/arm/broken")
+    assert reported in error_of("topic", "delay", "/arm/broken")
 
 
 @pytest.mark.slow
-def test_a_topic_without_messages_and_one_that_is_not_there_end_with_a_sentence(
+def test_a_silent_topic_and_a_missing_one_end_with_a_message(
     talker: Talker,
 ) -> None:
-    # On a busy machine the topic itself may not be found so soon.
+    # On a busy machine, even the topic may not be found that soon.
     eventually(
         lambda: (
-            "no message came on /arm/silent within 2 s"
-            in refused("topic", "echo", "silent", "--timeout", "2")
+            "no message received on /arm/silent within 2 s"
+            in error_of("topic", "echo", "silent", "--timeout", "2")
         ),
-        "that nothing is said",
+        "the report of a silent topic",
     )
-    missing = f"there is no topic `jionts` in the ROS domain {os.environ['ROS_DOMAIN_ID']}"
+    missing = f"no topic `jionts` in the ROS domain {os.environ['ROS_DOMAIN_ID']}"
 
     def is_near() -> bool:
-        complaint = refused("topic", "echo", "jionts")
+        complaint = error_of("topic", "echo", "jionts")
         assert missing in complaint
         return "did you mean `/arm/joints`" in complaint
 
     eventually(is_near, "the topic that is meant")
 
 
-def test_an_empty_domain_is_reported_to_be_empty() -> None:
+def test_an_empty_domain_is_reported_as_empty() -> None:
     for words in (
         ("topic", "list"),
         ("node", "list"),
         ("param", "get", "arm"),
         ("service", "list"),
     ):
-        complaint = refused(*words, is_patient=False)
+        complaint = error_of(*words, is_patient=False)
         assert f"domain {os.environ['ROS_DOMAIN_ID']}" in complaint
         assert "`obk launch`" in complaint
 
@@ -181,28 +181,28 @@ def test_delays_are_reported_by_stamps(talker: Talker) -> None:
     delay = reported("topic", "delay", "/arm/point", "--duration", "3")
     assert not delay["is_relative"]
     assert 0 <= delay["min_s"] <= delay["mean_s"] <= delay["max_s"]
-    zero = refused("topic", "delay", "/arm/joints", "--duration", "3")
+    zero = error_of("topic", "delay", "/arm/joints", "--duration", "3")
     assert "/arm/joints are zero" in zero
 
 
-def test_messages_are_published_once_they_fit_and_someone_listens(talker: Talker) -> None:
+def test_messages_are_published_once_matched_with_a_subscription(talker: Talker) -> None:
     text = "{header: auto, point: {x: 1, y: -0.5}}"
-    said = done("topic", "pub", "goal", text, "-n", "3", "--rate", "100")
-    assert said == "published 3 messages on /arm/goal\n"
-    eventually(lambda: len(talker.heard) == 3, "three messages")
-    goal = talker.heard[-1]
+    output = done("topic", "pub", "goal", text, "-n", "3", "--rate", "100")
+    assert output == "published 3 messages on /arm/goal\n"
+    eventually(lambda: len(talker.received) == 3, "three messages")
+    goal = talker.received[-1]
     assert (goal.point.x, goal.point.y, goal.point.z) == (1.0, -0.5, 0.0)
     assert goal.header.stamp.sec > 1_600_000_000
-    wrong = refused("topic", "pub", "/arm/goal", "{point: {x: a, w: 1}}", "--once", exit_code=2)
+    wrong = error_of("topic", "pub", "/arm/goal", "{point: {x: a, w: 1}}", "--once", exit_code=2)
     assert "point.x: " in wrong
     assert "point.w: " in wrong
-    other = refused("topic", "pub", "/arm/goal", "std_msgs/msg/String", "{}", "--once")
+    other = error_of("topic", "pub", "/arm/goal", "std_msgs/msg/String", "{}", "--once")
     assert "type geometry_msgs/msg/PointStamped" in other
-    lonely = refused(
-        "topic", "pub", "/nobody", "std_msgs/msg/Int32", "{data: 1}", "--once", "--timeout", "1"
+    unmatched = error_of(
+        "topic", "pub", "/unused", "std_msgs/msg/Int32", "{data: 1}", "--once", "--timeout", "1"
     )
-    assert "/nobody" in lonely
-    assert len(talker.heard) == 3
+    assert "/unused" in unmatched
+    assert len(talker.received) == 3
 
 
 def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Path) -> None:
@@ -211,20 +211,20 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
         "gain": {"type": "double", "value": 1.5},
         "limits.upper": {"type": "double_array", "value": [1.0, 2.0]},
     }
-    said = done("param", "set", TALKER, "gain", "2")
-    assert said == "/arm/talker: gain changed from 1.5 to 2.0 (double)\n"
+    output = done("param", "set", TALKER, "gain", "2")
+    assert output == "/arm/talker: gain changed from 1.5 to 2.0 (double)\n"
     assert talker.get_parameter("gain").value == 2.0
-    assert r"\u001b[1mabove 10" in refused("param", "set", TALKER, "gain", "11")
-    of_type = refused("param", "set", TALKER, "limits.upper", "[a]")
+    assert r"\u001b[1mabove 10" in error_of("param", "set", TALKER, "gain", "11")
+    of_type = error_of("param", "set", TALKER, "limits.upper", "[a]")
     assert "double_array" in of_type
     assert "[1.0, 2.0]" in of_type
-    assert "did you mean `gain`" in refused("param", "get", TALKER, "gian")
-    assert "did you mean `gain`" in refused("param", "set", TALKER, "gian", "1")
-    # Without a value, it keeps no one from those that have one.
+    assert "did you mean `gain`" in error_of("param", "get", TALKER, "gian")
+    assert "did you mean `gain`" in error_of("param", "set", TALKER, "gian", "1")
+    # Without a value, it must not hide those that have one.
     every = reported("param", "get", TALKER)
     assert every["offset"] == {"type": "not set", "value": None}
     assert every["gain"] == {"type": "double", "value": 2.0}
-    no_text = refused("param", "set", TALKER, "offset", "a")
+    no_text = error_of("param", "set", TALKER, "offset", "a")
     assert "double" in no_text
     path = tmp_path / "arm.yaml"
     done("param", "dump", TALKER, "--output", path)
@@ -233,8 +233,8 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
     assert dumped["name"] == "arm: left"
     assert done("param", "dump", TALKER) == path.read_text()
     assert "offset" not in dumped
-    said = done("param", "set", TALKER, "offset", "1")
-    assert said == "/arm/talker: offset changed from not set to 1.0 (double)\n"
+    output = done("param", "set", TALKER, "offset", "1")
+    assert output == "/arm/talker: offset changed from not set to 1.0 (double)\n"
 
 
 def test_services_are_listed_and_called(talker: Talker) -> None:
@@ -254,15 +254,15 @@ def test_services_are_listed_and_called(talker: Talker) -> None:
     no = obk("service", "call", "/arm/switch", "{data: false}", "--format", "json")
     assert no.returncode == 1
     assert json.loads(no.stdout) == {"success": False, "message": "it stays on"}
-    wrong = refused("service", "call", "/arm/switch", "{data: 3}", exit_code=2)
+    wrong = error_of("service", "call", "/arm/switch", "{data: 3}", exit_code=2)
     assert "data: " in wrong
-    assert "did you mean `/arm/switch`" in refused("service", "call", "swich")
+    assert "did you mean `/arm/switch`" in error_of("service", "call", "swich")
 
 
 @pytest.mark.slow
-def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stack_can_be_inspected_from_any_domain(monkeypatch: pytest.MonkeyPatch) -> None:
     domain = os.environ["ROS_DOMAIN_ID"]
-    # In its first seconds a launch takes whoever else publishes commands for a danger.
+    # In its first seconds, a launch considers any other publisher of commands a danger.
     with launched(DUMMY, "--quiet", "--allow-foreign"):
         monkeypatch.delenv("ROS_DOMAIN_ID")
         nodes = {node["node"]: node for node in reported("node", "list")}
@@ -276,7 +276,7 @@ def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch)
         assert info["parameters"] > 3
         ctrl = done("topic", "echo", "ctrl", "u_mujoco[0]", "--once")
         assert -2.0 < float(ctrl) < 2.0
-        forbidden = refused("topic", "pub", "ctrl", "{u_mujoco: [0.0]}", "--once")
+        forbidden = error_of("topic", "pub", "ctrl", "{u_mujoco: [0.0]}", "--once")
         assert (
             "/obelisk/dummy/ctrl commands `/obelisk_robot_0`, which is running in the ROS "
             f"domain {domain}"
@@ -284,7 +284,7 @@ def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch)
         assert "`--allow-foreign`" in forbidden
         allowed = obk("topic", "pub", "ctrl", "{u_mujoco: [0.0]}", "--once", "--allow-foreign")
         assert allowed.returncode == 0, allowed.stderr
-        assert "dummy in " in refused("topic", "list", "--domain", "101", "--timeout", "1")
+        assert "dummy in " in error_of("topic", "list", "--domain", "101", "--timeout", "1")
         env = {
             "_OBK_COMPLETE": "complete_bash",
             "COMP_WORDS": "obk topic echo im",
@@ -305,7 +305,9 @@ print("rclpy" in sys.modules or "obk_cli.config.model" in sys.modules)
 """
 
 
-def test_nodes_of_a_stack_are_asked_by_its_launcher_and_others_by_ros(talker: Talker) -> None:
+def test_nodes_of_a_stack_are_queried_through_its_launcher_and_others_over_ros(
+    talker: Talker,
+) -> None:
     with launched(DUMMY, "--quiet"):
         commands = [
             "topic info est --format json",
@@ -320,12 +322,12 @@ def test_nodes_of_a_stack_are_asked_by_its_launcher_and_others_by_ros(talker: Ta
         assert 'to "/there" (string)' in result.stdout
         assert 'params_path  string  "/there"' in result.stdout
         assert '"node": "/obelisk_estimation_0"' in result.stdout
-        assert "no parameter `gain`" in refused("param", "get", "control_0", "gain")
+        assert "no parameter `gain`" in error_of("param", "get", "control_0", "gain")
         assert done("param", "get", "talker", "gain").split() == ["gain", "double", "1.5"]
         assert reported("node", "info", "talker")["parameters"] > 3
 
 
-def test_a_look_imports_no_generators_with_the_types() -> None:
+def test_inspecting_imports_no_generators_of_types() -> None:
     code = """
 import sys
 from obk_cli.ros.environment import ros_environment

@@ -1,4 +1,4 @@
-"""The loop benchmark measures: something runs, and figures of it come out. Not how fast."""
+"""The loop benchmark runs and produces results; their values are not checked."""
 
 import json
 import subprocess
@@ -11,7 +11,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 @pytest.mark.parametrize("contestant", ["obelisk nodes", "C on rcl"])
-def test_a_second_of_one_contestant_gives_figures(
+def test_a_second_of_one_contestant_gives_results(
     contestant: str, repository: Path, tmp_path: Path
 ) -> None:
     asked = ["--quick", "--seconds", "1", "--layouts", "composed", "--results", str(tmp_path)]
@@ -32,7 +32,7 @@ def test_a_second_of_one_contestant_gives_figures(
     assert contestant in (tmp_path / "loop.md").read_text()
 
 
-def test_nodes_that_hear_nothing_end_with_who_started_them(
+def test_nodes_without_messages_exit_when_their_parent_does(
     repository: Path, tmp_path: Path
 ) -> None:
     worker = subprocess.Popen(
@@ -44,7 +44,7 @@ def test_nodes_that_hear_nothing_end_with_who_started_them(
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     )
-    output, _ = worker.communicate()  # ends its input at once
+    output, _ = worker.communicate()  # closes its input immediately
     assert worker.returncode == 1
     assert output == b""
     assert not (tmp_path / "record.json").exists()

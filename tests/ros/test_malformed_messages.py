@@ -1,4 +1,4 @@
-"""A running stack that gets bytes which are no message, and one whose simulation diverges."""
+"""A running stack that receives invalid messages, and one whose simulation diverges."""
 
 import json
 import shutil
@@ -29,7 +29,7 @@ MALFORMED = (
     HEADER + struct.pack("<iIIxI", 0, 0, 1, 2**31) + b"\0" * 8,
     b"\0\2\0\0" + b"\x7f" * 200,
 )
-"""Cut short, of lengths beyond the end, of another encoding."""
+"""Truncated messages, lengths beyond the end, another encoding."""
 
 
 def states() -> dict[str, Any]:
@@ -38,16 +38,16 @@ def states() -> dict[str, Any]:
 
 
 def is_refused(publisher: Any, run: Launched) -> bool:
-    """Whether a control of the wrong length was refused, after another one is sent."""
+    """Send another control of the wrong length; return whether it was rejected."""
     publisher.publish(PositionSetpoint(u_mujoco=[1.0, 2.0, 3.0]))
     return "`u_mujoco` has the length 3" in run.text
 
 
-def test_bytes_that_are_no_message_end_neither_robot_nor_stack() -> None:
+def test_invalid_bytes_end_neither_robot_nor_stack() -> None:
     with launched(DUMMY, "--allow-foreign") as run:
         rclpy.init()
         try:
-            node = rclpy.create_node("stranger")
+            node = rclpy.create_node("foreign")
             publisher = node.create_publisher(PositionSetpoint, TOPIC, 10)
             other = node.create_publisher(String, f"{TOPIC}/other", 10)
             eventually(publisher.get_subscription_count, "the robot's subscription")
@@ -71,7 +71,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 rclpy.init()
-node = rclpy.create_node("stranger")
+node = rclpy.create_node("foreign")
 weak = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 text = node.create_publisher(String, "/obelisk/dummy/ctrl", 10)
 sensor = node.create_publisher(JointEncoders, "/obelisk/dummy/joint_encoders", weak)
@@ -86,7 +86,7 @@ rclpy.spin(node)
 
 
 def test_a_publisher_outside_is_accepted_on_an_external_topic(tmp_path: Path) -> None:
-    """Beside the stack's own controller, before the launch and after it."""
+    """Next to the stack's own controller, before and after the launch."""
     shutil.copytree(DUMMY.parent, tmp_path, dirs_exist_ok=True)
     config = tmp_path / DUMMY.name
     config.write_text(f"{DUMMY.read_text()}\nexternal_topics: [{TOPIC}]\n")
@@ -113,7 +113,7 @@ def test_ends_that_do_not_fit_are_reported_and_no_callback_gets_their_messages()
         try:
             reported = (
                 "/obelisk/dummy/ctrl has the type obelisk_control_msgs/msg/PositionSetpoint in "
-                "this stack and std_msgs/msg/String in /stranger: these nodes do not receive each "
+                "this stack and std_msgs/msg/String in /foreign: these nodes do not receive each "
                 "other's messages"
             )
             run.wait_for_line(reported)

@@ -1,4 +1,4 @@
-"""A stack of thirty nodes comes up and down, each in a process of its own and all in one."""
+"""A stack of thirty nodes starts and stops, with one process per node and composed."""
 
 from pathlib import Path
 
@@ -28,22 +28,22 @@ def thirty_nodes(repository: Path, folder: Path) -> Path:
     return path
 
 
-def _at(node: dict[str, list[dict[str, object]]], publishes: str, hears: str | None) -> object:
+def _at(node: dict[str, list[dict[str, object]]], publishes: str, subscribes: str | None) -> object:
     copy = yaml.safe_load(yaml.safe_dump(node))
     copy["publishers"][0]["topic"] = publishes
-    if hears is not None:
-        copy["subscribers"][0]["topic"] = hears
+    if subscribes is not None:
+        copy["subscribers"][0]["topic"] = subscribes
     copy["timers"][0]["timer_period_sec"] = 0.05
     return copy
 
 
 @pytest.mark.parametrize("options", [(), ("--composed",)], ids=["apart", "composed"])
-def test_thirty_nodes_come_up_and_down(
+def test_thirty_nodes_start_and_stop(
     repository: Path, tmp_path: Path, options: tuple[str, ...]
 ) -> None:
     config = thirty_nodes(repository, tmp_path)
     with started(config, "--quiet", "--duration", "1", *options) as run:
-        # Thirty processes take ten times as long as the three of the other tests.
+        # Thirty processes take ten times as long as the three in the other tests.
         assert run.process.wait(5 * DEADLINE_S) == 0, run.text
     assert run.text.count(": activate ok") == 30
     assert run.text.count("shutdown ok") == 30

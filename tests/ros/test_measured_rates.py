@@ -1,4 +1,4 @@
-"""`obk topic hz` against publishers of this process, also of a type that is not built here."""
+"""`obk topic hz` on publishers of this process, even of a type that is not built here."""
 
 import json
 import subprocess
@@ -19,7 +19,7 @@ from std_msgs.msg import Int32
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.types import opaque_type
 
-from .looking import announce_as_a_stack_does, refused
+from .looking import announce_as_a_stack_does, error_of
 from .stack import DEADLINE_S, OBK, eventually, obk
 
 pytestmark = pytest.mark.ros
@@ -32,7 +32,7 @@ def _found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextmanager
 def measuring(topic: str) -> Iterator["subprocess.Popen[str]"]:
-    """`obk topic hz`, until the test has seen enough."""
+    """Run `obk topic hz` until the test has enough output."""
     process = subprocess.Popen(
         [OBK, "topic", "hz", topic, "--format", "json", "--timeout", "60"],
         stdout=subprocess.PIPE,
@@ -48,7 +48,7 @@ def measuring(topic: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 def measured(node: Node, topic: str) -> tuple[Any, float]:
-    """1000 messages at 1 kHz, or as quickly as this machine does them, and the rate of sending."""
+    """Publish 1000 messages at 1 kHz, or as fast as this machine can; return the rate."""
     publisher = node.create_publisher(Int32, topic, 1000)
     with measuring(topic) as process:
         eventually(publisher.get_subscription_count, "a subscription")
@@ -65,13 +65,13 @@ def measured(node: Node, topic: str) -> tuple[Any, float]:
     return rate, 999 / own_s
 
 
-def test_a_measured_rate_is_the_publishers_own() -> None:
+def test_a_measured_rate_is_that_of_the_publisher() -> None:
     rclpy.init()
     try:
         node = rclpy.create_node("quick")
 
         def is_own() -> bool:
-            """A busy machine may receive the first or the last message late: then once more.
+            """Repeat once, because a busy machine may receive the first or the last message late.
 
             The first ones are missed if the subscription finds the publisher after it was found.
             """
@@ -119,7 +119,7 @@ def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
                 return result.returncode == 0
 
             eventually(is_measured, "messages")
-            complaint = refused("topic", "echo", "/odd", "--once")
+            complaint = error_of("topic", "echo", "/odd", "--once")
         finally:
             is_over.set()
             thread.join()

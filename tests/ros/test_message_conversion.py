@@ -1,4 +1,4 @@
-"""Messages that the library packs and unpacks itself: the same as rclpy's, or an error and none."""
+"""The library packs and unpacks messages like rclpy, or raises an error."""
 
 import struct
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ def one() -> Iterator[World]:
         yield made
 
 
-def test_bytes_that_are_no_message_are_reported_of_and_reach_no_callback(
+def test_invalid_bytes_are_reported_and_reach_no_callback(
     one: World, capfd: pytest.CaptureFixture[str]
 ) -> None:
     node = one.node()
@@ -92,7 +92,7 @@ def enabled_publisher(node: GuardedLifecycleNode, message_class: Any) -> Any:
     return publisher
 
 
-def test_what_a_field_cannot_hold_is_refused_and_nothing_is_sent(one: World) -> None:
+def test_values_that_a_field_cannot_hold_are_rejected_and_nothing_is_sent(one: World) -> None:
     node = one.adopt(GuardedLifecycleNode("node", context=one.context))
     received: list[str] = []
     raw: list[bytes] = []
@@ -109,7 +109,7 @@ def test_what_a_field_cannot_hold_is_refused_and_nothing_is_sent(one: World) -> 
     assert raw == [HEAD + struct.pack("<I", 5) + b"good\0"]
 
 
-def test_bytes_handed_over_within_the_process_are_looked_at_as_well(one: World) -> None:
+def test_bytes_passed_within_the_process_are_checked_too(one: World) -> None:
     node = one.adopt(GuardedLifecycleNode("node", context=one.context))
     received: list[str] = []
     node.create_subscription(String, "topic", lambda message: received.append(message.data), DEPTH)
@@ -121,13 +121,13 @@ def test_bytes_handed_over_within_the_process_are_looked_at_as_well(one: World) 
     assert received == ["good"]
 
 
-def test_a_message_of_another_class_is_refused(one: World) -> None:
+def test_a_message_of_another_class_is_rejected(one: World) -> None:
     node = one.adopt(GuardedLifecycleNode("node", context=one.context))
     with pytest.raises(TypeError, match="JointState"):
         enabled_publisher(node, String).publish(JointState())
 
 
-def test_a_publisher_that_is_destroyed_sends_nothing_and_says_so(one: World) -> None:
+def test_a_destroyed_publisher_publishes_nothing_and_reports_it(one: World) -> None:
     node = one.adopt(GuardedLifecycleNode("node", context=one.context))
     publisher = enabled_publisher(node, String)
     node.destroy_publisher(publisher)
@@ -135,7 +135,7 @@ def test_a_publisher_that_is_destroyed_sends_nothing_and_says_so(one: World) -> 
         publisher.publish(String())
 
 
-def test_rclpys_own_executor_reads_what_the_library_packs() -> None:
+def test_rclpys_own_executor_reads_messages_packed_by_the_library() -> None:
     with world() as made:
         node = made.adopt(GuardedLifecycleNode("node", context=made.context))
         publisher = enabled_publisher(node, JointState)

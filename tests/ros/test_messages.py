@@ -68,7 +68,7 @@ def test_the_message_reports_its_name(peer: ModuleType, name: str) -> None:
 
 
 @pytest.mark.ros
-def test_no_installed_file_names_the_place_where_it_was_compiled(repository: Path) -> None:
+def test_no_installed_file_contains_the_build_path(repository: Path) -> None:
     installed = importlib.metadata.files("obelisk-interfaces") or []
     carried = [f for f in installed if f.suffix != ".pyc" and "dist-info" not in str(f)]
     build = str(repository / "interfaces").encode()

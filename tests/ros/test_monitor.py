@@ -1,4 +1,4 @@
-"""`obk monitor` on a running stack: for programs, in a terminal, and without a launcher here."""
+"""`obk monitor` on a running stack: as JSON, in a terminal, and without a local launcher."""
 
 import json
 import os
@@ -67,7 +67,7 @@ def test_a_stack_is_reported_with_its_nodes_and_rates_and_a_throttled_topic_is_m
             is_found = (est["publishers"], est["subscriptions"]) == (1, 1)
             is_counted = est["rate"] and est["rate"]["count"] > 5 and topics[IMU]["age"]
             is_kept = not any(topic["is_off"] for topic in view["topics"])
-            # Without a state where the launcher gave no answer in time.
+            # Without a state if the launcher did not reply in time.
             return bool(is_found and is_counted and is_kept and view["state"] == "active")
 
         eventually(keeps_its_rates, "a stack that keeps its rates")
@@ -109,7 +109,7 @@ def test_each_period_is_a_line_until_the_stack_ends_and_then_nothing_runs() -> N
     assert "`obk monitor --once`" in in_a_pipe.stderr
 
 
-def test_a_stack_whose_launcher_is_not_here_is_reported_by_its_nodes(tmp_path: Path) -> None:
+def test_a_stack_with_a_remote_launcher_is_reported_by_its_nodes(tmp_path: Path) -> None:
     elsewhere = {"OBK_HOME": str(tmp_path / "other_host")}
     seen: dict[str, Any] = {}
 
@@ -129,7 +129,7 @@ def test_a_stack_whose_launcher_is_not_here_is_reported_by_its_nodes(tmp_path: P
 
 
 class Screen:
-    """A terminal in which a program draws what it wants; all that it wrote is kept."""
+    """A terminal in which a program can draw; its whole output is stored."""
 
     def __init__(self) -> None:
         self.master, self.slave = os.openpty()
@@ -142,7 +142,7 @@ class Screen:
         os.close(self.slave)
 
     def shows(self, words: str) -> bool:
-        """Whether it wrote this by now."""
+        """Whether the program has printed this text."""
         while select.select([self.master], [], [], 0)[0]:
             self.text += os.read(self.master, 1 << 16).decode(errors="replace")
         return words in self.text
@@ -175,7 +175,7 @@ def test_in_a_terminal_it_shows_the_stack_takes_it_through_transitions_and_leave
             eventually(lambda: process.poll() is not None or screen.shows("\0"), "the end")
             assert process.returncode == 0
             assert screen.shows("\x1b[?1049l")  # back from the alternate screen
-            assert screen.shows("\x1b[?25h")  # the cursor is there
+            assert screen.shows("\x1b[?25h")  # the cursor is visible
             assert termios.tcgetattr(screen.slave) == screen.settings
         finally:
             with suppress(ProcessLookupError):

@@ -1,4 +1,4 @@
-"""The simulator as a node on the real rclpy: what it takes, what it publishes, how it fails."""
+"""The simulator as a node on the real rclpy: subscriptions, publishers, faults."""
 
 import subprocess
 import sys
@@ -92,7 +92,7 @@ def simulator(
     *words: Any,
     **settings: Any,
 ) -> Iterator[tuple[ObeliskMujocoRobot, Callable[[type[Any], str], list[Any]]]]:
-    """A simulator, and a way to collect what is published on a topic."""
+    """A simulator, and a function that collects the messages on a topic."""
     wired = {
         "mujoco_setting": format_setting(BLOCK if block is None else block),
         "sub_ctrl_setting": "{topic: /ctrl, msg_type: PositionSetpoint}",
@@ -107,9 +107,9 @@ def simulator(
     with spinning(make) as node:
 
         def collect(message_type: type[Any], topic: str) -> list[Any]:
-            heard: list[Any] = []
-            node.create_subscription(message_type, topic, heard.append, QoSProfile(depth=1000))
-            return heard
+            received: list[Any] = []
+            node.create_subscription(message_type, topic, received.append, QoSProfile(depth=1000))
+            return received
 
         yield node, collect
 
@@ -118,7 +118,7 @@ def test_a_timer_of_the_true_state_without_its_publisher_is_reported_at_configur
     with simulator(pub_true_sim_state_setting="") as (node, _):
         assert not request(node, "configure")
         assert node.last_fault.text.startswith(
-            "the config sets `timer_true_sim_state`, but not the publisher `pub_true_sim_state`"
+            "the config sets `timer_true_sim_state`, but not its publisher `pub_true_sim_state`"
         )
 
 
@@ -139,11 +139,11 @@ def test_it_publishes_while_it_is_active_and_only_then() -> None:
         assert request(node, "configure")
         assert encoders == []
         for _ in range(2):
-            heard = (encoders, imu, true, rtf, markers, same_markers)
-            for messages in heard:
+            received = (encoders, imu, true, rtf, markers, same_markers)
+            for messages in received:
                 messages.clear()
             assert request(node, "activate")
-            for messages in heard:
+            for messages in received:
                 eventually(lambda messages=messages: messages, "a message of each kind")
             assert request(node, "deactivate")
         assert len(encoders[0].y) == 2
@@ -154,7 +154,7 @@ def test_it_publishes_while_it_is_active_and_only_then() -> None:
         assert request(node, "configure")
 
 
-def test_every_finding_about_the_block_is_reported_and_a_mended_one_is_taken() -> None:
+def test_every_finding_about_the_block_is_reported_and_a_corrected_block_is_accepted() -> None:
     bad = {**BLOCK, "sensor_settings": [{**ENCODERS, "sensor_names": {"joint_pso": "jointpos"}}]}
     with simulator(bad, ic_keyframe="stand") as (node, _):
         assert not request(node, "configure")
@@ -170,7 +170,7 @@ def test_every_finding_about_the_block_is_reported_and_a_mended_one_is_taken() -
         assert request(node, "configure")
 
 
-def test_rays_and_pictures_are_published_or_it_is_reported_why_there_are_none(
+def test_rays_and_pictures_are_published_or_their_absence_is_explained(
     tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "seeing.xml").write_text(SEEING)
@@ -198,21 +198,21 @@ def test_rays_and_pictures_are_published_or_it_is_reported_why_there_are_none(
 
 
 class _VelocityRobot(ObeliskMujocoRobot):
-    """Computes the actuators' numbers from a message that the simulator cannot read."""
+    """Computes the actuators' controls from a message that the simulator cannot read."""
 
     def apply_control(self, control_msg: Any) -> None:
         self._set_shared_ctrl([control_msg.v_x])
 
 
 class _TranslatingRobot(ObeliskMujocoRobot):
-    """Passes a message of its own on as one that the simulator reads."""
+    """Converts its own message type to one that the simulator reads."""
 
     def apply_control(self, control_msg: Any) -> bool:
         return super().apply_control(PositionSetpoint(u_mujoco=[control_msg.v_x]))
 
 
 class _EndlessRobot(_VelocityRobot):
-    """Steps by itself and never reads `simulator_stop`, as existing simulators do."""
+    """Runs its own loop and never reads `simulator_stop`, like existing simulators."""
 
     n_u = 1
 
@@ -225,7 +225,7 @@ class _EndlessRobot(_VelocityRobot):
 
 
 class _SteppingRobot(_VelocityRobot):
-    """Steps by itself."""
+    """Run the loop."""
 
     def run_simulator(self) -> None:
         stop = self.simulator_stop
@@ -237,7 +237,7 @@ class _SteppingRobot(_VelocityRobot):
 @pytest.mark.parametrize(
     "robot", [_VelocityRobot, _TranslatingRobot, _SteppingRobot, _EndlessRobot]
 )
-def test_an_inheriting_robot_reads_control_messages_of_its_own(
+def test_an_inheriting_robot_reads_its_own_control_messages(
     robot: type[ObeliskMujocoRobot],
 ) -> None:
     with simulator(None, robot, VelocityCommand, sub_ctrl_setting="topic:/ctrl") as (node, _):
@@ -267,7 +267,7 @@ def test_a_run_starts_from_the_keyframe_with_its_control() -> None:
         assert all(message.y[0] == pytest.approx(-1.0, abs=0.02) for message in encoders)
 
 
-def test_a_control_is_followed_and_a_wrong_one_is_not() -> None:
+def test_a_valid_control_is_followed_and_an_invalid_one_is_not() -> None:
     with simulator() as (node, collect):
         encoders = collect(JointEncoders, "/joint_encoders")
         control = node.create_publisher(PositionSetpoint, "/ctrl", 10)
@@ -292,7 +292,7 @@ def _asked(node: Any, kind: type[Any], name: str, **fields: Any) -> Any:
     return answer.result()
 
 
-def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
+def test_it_pauses_steps_and_resets() -> None:
     with simulator(use_sim_time=True) as (node, collect):
         clock = collect(Clock, "/clock")
         assert request(node, "configure")
@@ -321,13 +321,13 @@ def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
         eventually(lambda: _seconds(clock[-1]) > 0.05, "the clock")
         assert _asked(node, SetBool, "pause", data=True).success
         assert request(node, "deactivate")
-        heard = len(clock)
+        received = len(clock)
         assert request(node, "activate")
-        eventually(lambda: len(clock) > heard + 20, "the clock of the next run")
+        eventually(lambda: len(clock) > received + 20, "the clock of the next run")
 
 
 class _Viewer:
-    """Keeps the times of the states that it is sent."""
+    """Stores the times of the states that it receives."""
 
     def __init__(self, _kind: str, _arguments: Any, _model: Any, data: Any, **_options: Any):
         self.times: list[float] = []
@@ -343,7 +343,7 @@ class _Viewer:
     def close(self) -> None: ...
 
 
-def test_a_reset_is_seen_though_the_simulation_is_paused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reset_is_visible_while_the_simulation_is_paused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "ViewerProcess", _Viewer)
     with simulator(viewer="web") as (node, _):
         assert request(node, "configure")
@@ -395,7 +395,7 @@ def test_any_number_above_or_at_zero_is_a_realtime_factor(factor: float) -> None
 
 
 @pytest.mark.parametrize("factor", [-1.0, "fast", True, float("nan")])
-def test_anything_else_is_refused(factor: Any) -> None:
+def test_anything_else_is_rejected(factor: Any) -> None:
     with simulator(realtime_factor=factor) as (node, _):
         assert not request(node, "configure")
         assert node.last_fault is not None
@@ -448,7 +448,7 @@ def realtime_factors(reported: Iterable[DiagnosticArray]) -> list[float]:
     ]
 
 
-def test_a_control_message_without_a_control_is_refused() -> None:
+def test_a_control_message_without_a_control_is_rejected() -> None:
     setting = "{topic: /ctrl, msg_type: VelocityCommand}"
     with simulator(sub_ctrl_setting=setting) as (node, _):
         assert not request(node, "configure")

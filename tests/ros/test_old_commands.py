@@ -1,4 +1,4 @@
-"""A real robot whose commands stop: what it has to do, and when."""
+"""The behaviour of a real robot whose commands stop."""
 
 import threading
 import time
@@ -49,7 +49,7 @@ class Arm(ObeliskRobot):
 
 
 class BrakingArm(Arm):
-    """One that can brake."""
+    """A robot that can brake."""
 
     dampings = 0
 
@@ -59,7 +59,7 @@ class BrakingArm(Arm):
 
 @contextmanager
 def arm(kind: type[Arm] = Arm, **settings: object) -> Iterator[Any]:
-    """An active robot whose commands may become half a second old."""
+    """An active robot with a maximum command age of half a second."""
     written = {"topic": "/ctrl", "max_age_sec": 0.5, **settings}
     text = ", ".join(f"{key}: {value}" for key, value in written.items())
     with spinning(lambda: kind(**parameters(sub_ctrl_setting=f"{{{text}}}"))) as node:
@@ -73,7 +73,7 @@ def arm(kind: type[Arm] = Arm, **settings: object) -> Iterator[Any]:
 
 
 def active(node: Any) -> Any:
-    """Take the robot to active; the publisher of its commands."""
+    """Activate the robot; return the publisher of its commands."""
     publisher = node.create_publisher(PDFeedForward, "/ctrl", 10)
     assert request(node, "configure")
     assert request(node, "activate")
@@ -81,7 +81,7 @@ def active(node: Any) -> Any:
     return publisher
 
 
-def test_zeros_are_applied_once_and_the_next_command_goes_through() -> None:
+def test_zeros_are_applied_once_and_the_next_command_is_executed() -> None:
     with arm() as node:
         publisher = active(node)
         publisher.publish(COMMAND)
@@ -105,7 +105,7 @@ def test_zeros_are_applied_once_and_the_next_command_goes_through() -> None:
         assert again.startswith("commands resumed after ")
 
 
-def test_no_command_at_all_is_not_an_old_one_and_neither_is_that_of_the_last_run() -> None:
+def test_neither_a_missing_command_nor_that_of_the_last_run_is_old() -> None:
     with arm(max_age_sec=0.01) as node:
         publisher = active(node)
         publisher.publish(COMMAND)
@@ -119,7 +119,7 @@ def test_no_command_at_all_is_not_an_old_one_and_neither_is_that_of_the_last_run
         assert "command watchdog" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_a_busy_executor_does_not_keep_the_robot_from_being_made_safe() -> None:
+def test_a_busy_executor_does_not_prevent_a_safe_stop() -> None:
     with arm() as node:
         publisher = active(node)
         publisher.publish(COMMAND)
@@ -133,15 +133,17 @@ def test_a_busy_executor_does_not_keep_the_robot_from_being_made_safe() -> None:
         node.is_free.set()
 
 
-def test_a_call_that_does_not_return_holds_the_action_up_and_is_reported() -> None:
+def test_a_call_that_does_not_return_blocks_the_action_and_is_reported() -> None:
     with arm(max_age_sec=0.01) as node:
         active(node)
-        with node._applying:  # as apply_control is called under it
+        with node._applying:  # because apply_control is called with it
             node._newest_control = COMMAND
             node._command_age.accept(time.monotonic())
             node._watchdog.wake()
             eventually(lambda: node.errors, "what learns of the silence")
-            assert node.errors[0].endswith("; apply_control has not returned, which holds that up")
+            assert node.errors[0].endswith(
+                "; the action is delayed because apply_control has not returned"
+            )
             assert node.applied == []
         eventually(lambda: node.applied, "the zeros")
 
@@ -156,7 +158,7 @@ def test_a_call_that_does_not_return_holds_the_action_up_and_is_reported() -> No
         ),
     ],
 )
-def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, reported: list[str]) -> None:
+def test_a_rejected_command_does_not_count(refused: PDFeedForward, reported: list[str]) -> None:
     with arm(max_age_sec=100.0) as node:
         publisher = active(node)
         publisher.publish(COMMAND)
@@ -168,7 +170,7 @@ def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, reported: 
         assert node.reported == reported
 
 
-def test_a_controller_that_is_ended_before_its_robot_is_no_error() -> None:
+def test_a_controller_that_ends_before_its_robot_is_no_error() -> None:
     with arm() as node:
         publisher = active(node)
         publisher.publish(COMMAND)
@@ -179,7 +181,7 @@ def test_a_controller_that_is_ended_before_its_robot_is_no_error() -> None:
         assert node.errors == []
 
 
-def test_a_robot_that_is_deactivated_soon_after_the_last_command_says_nothing(
+def test_a_robot_deactivated_soon_after_the_last_command_reports_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(command_watchdog, "SILENCE_GRACE_S", 1000.0)
@@ -214,7 +216,7 @@ def test_rejections_that_were_a_warning_become_an_error_in_rclpys_own_log(
     assert reported == ["[WARN]", "[ERROR]", "[WARN]"]
 
 
-def test_to_hold_is_only_to_tell() -> None:
+def test_hold_only_reports() -> None:
     with arm(stale_action="hold", max_age_sec=0.01) as node:
         active(node).publish(COMMAND)
         eventually(lambda: node.reported, "what is reported")
@@ -239,7 +241,7 @@ def test_a_robot_that_cannot_brake_is_not_configured_to() -> None:
         )
 
 
-def test_what_the_action_raises_takes_the_robot_to_error_processing() -> None:
+def test_an_exception_in_the_action_takes_the_robot_to_error_processing() -> None:
     class Broken(Arm):
         def apply_control(self, control_msg: PDFeedForward) -> None:
             if not any(control_msg.kp):

@@ -1,4 +1,4 @@
-"""Stacks with a simulated robot: one clock for all nodes, on any load and after a restart."""
+"""Stacks with a simulated robot use one clock for all nodes, under load and after a restart."""
 
 import itertools
 import json
@@ -26,11 +26,11 @@ pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 ENCODERS, DIAGNOSTICS = "/obelisk/dummy/joint_encoders", "/diagnostics"
 DT_NS = 1_000_000
 IN_1970_NS = 86_400 * 10**9
-"""Simulated time is below it, wall time above."""
+"""A limit between simulated time and wall time."""
 
 
 class Listener:
-    """A node that obk did not start, on simulated time, and the stamps that it receives."""
+    """A node not started by obk, on simulated time, and the stamps that it receives."""
 
     def __init__(self) -> None:
         parameters = [Parameter("use_sim_time", value=True)]
@@ -81,7 +81,7 @@ def nodes_of_the_stack() -> list[dict[str, Any]]:
 
 
 def is_running(node: dict[str, Any], old_pid: int) -> bool:
-    """Whether a node of a new process is active, and keeps all its rates."""
+    """Whether a node in a new process is active and keeps all its rates."""
     is_kept = node["rates"] and all(rate["standing"] == "kept" for rate in node["rates"])
     return node["pid"] != old_pid and node["state"] == "active" and bool(is_kept)
 
@@ -109,10 +109,10 @@ def test_stamps_are_exactly_a_period_apart_on_a_busy_machine(
         # Each node stamps its diagnostics by its own clock.
         assert all(0 < stamp < IN_1970_NS for stamp in listener.receive(DIAGNOSTICS, 6))
         eventually(lambda: 0 < listener.now_ns < IN_1970_NS, "the time on /clock")
-        assert listener.node.count_subscribers("/clock") == 1  # this node's own
+        assert listener.node.count_subscribers("/clock") == 1  # this node itself
 
 
-def test_the_key_gives_wall_time(listener: Listener) -> None:
+def test_the_key_selects_wall_time(listener: Listener) -> None:
     with launched(DUMMY, "--quiet", "--set", "obk.use_sim_time=false"):
         assert min(listener.receive(ENCODERS, 3)) > IN_1970_NS
         assert listener.node.count_publishers("/clock") == 0
@@ -127,7 +127,7 @@ def test_after_a_restart_of_the_simulator_nodes_follow_its_new_time(listener: Li
         for node in ("control_0", "estimation_0"):
             eventually(
                 lambda node=node: any(  # type: ignore[misc]
-                    line.startswith(node) and "simulated time was set back" in line
+                    line.startswith(node) and "simulated time jumped back" in line
                     for line in run.lines
                 ),
                 f"the jump back in {node}",
@@ -159,13 +159,13 @@ def test_after_a_restart_of_a_composed_stack_time_and_timers_start_again(
             "stamps of the new time",
             seen=lambda: run.text,
         )
-        # Every node is there again, and each one's timer runs at its rate.
+        # Every node has restarted, and each timer runs at its rate.
         eventually(
             lambda: all(is_running(node, host) for node in nodes_of_the_stack()),
             "timers that run",
             seen=lambda: run.text,
         )
-        set_back = [line for line in run.lines if "simulated time was set back" in line]
+        set_back = [line for line in run.lines if "simulated time jumped back" in line]
         assert len(set_back) == 1, run.text
 
 

@@ -1,4 +1,4 @@
-"""A workspace that builds message packages of Obelisk's names, of another release."""
+"""A workspace that builds message packages with Obelisk's names, from another release."""
 
 import re
 import shutil
@@ -48,6 +48,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_stack_runs_on_messages_that_lack_types_it_does_not_use(workspace: Path) -> None:
     checked = obk("validate", "my_robot.yaml", "--verbose")
     assert checked.returncode == 0, checked.stdout
@@ -62,7 +63,7 @@ def test_a_stack_runs_on_messages_that_lack_types_it_does_not_use(workspace: Pat
 
 
 @pytest.mark.slow
-def test_a_missing_type_is_named_where_it_is_used(workspace: Path) -> None:
+def test_a_missing_type_is_named_with_its_use(workspace: Path) -> None:
     config = workspace / "my_robot.yaml"
     text = config.read_text()
     assert "sensor_settings:" in text

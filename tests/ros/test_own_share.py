@@ -59,7 +59,7 @@ sensing:
 
 
 @pytest.mark.parametrize("options", [(), ("--composed",)], ids=["alone", "composed"])
-def test_a_node_reads_files_of_its_own_package(tmp_path: Path, options: tuple[str, ...]) -> None:
+def test_a_node_reads_files_of_its_package(tmp_path: Path, options: tuple[str, ...]) -> None:
     write_files(tmp_path / "src", PACKAGE)
     config = tmp_path / "files.yaml"
     config.write_text(CONFIG)

@@ -1,4 +1,4 @@
-"""Parameters that someone sets over ROS: what makes no sense is refused, and the node goes on."""
+"""Invalid parameters set over ROS are rejected, and the node continues."""
 
 import math
 from typing import Any
@@ -17,12 +17,12 @@ Message = Any
 
 
 def message(name: str, value: object) -> Message:
-    """A parameter as it is sent."""
+    """A parameter as sent in a request."""
     return Parameter(name, value=value).to_parameter_msg()
 
 
 def of_type(name: str, number: int) -> Message:
-    """A parameter whose value says that it is of this type."""
+    """A parameter whose value claims to be of this type."""
     sent = Parameter(name, value="x").to_parameter_msg()
     sent.value = ParameterValue(type=number)
     return sent
@@ -38,7 +38,7 @@ def ask(node: Any, kind: Any, service: str, parameters: list[Message]) -> Any:
 
 
 def set_each(node: Any, *parameters: Message) -> list[str]:
-    """The reasons why each is refused; empty where it is taken."""
+    """The reason why each parameter is rejected; empty if it is accepted."""
     results = ask(node, SetParameters, "set_parameters", list(parameters)).results
     assert all(result.successful == (not result.reason) for result in results)
     return [result.reason for result in results]
@@ -52,7 +52,7 @@ def set_together(node: Any, *parameters: Message) -> str:
 
 
 def assert_works(node: Any) -> None:
-    """That it is active, without a fault, and ticks."""
+    """Assert that the node is active, without a fault, and ticks."""
     assert (node.state_label, node.last_fault) == ("active", None)
     before = node.ticks
     eventually(lambda: node.ticks > before + 2, "the ticks of an active node")
@@ -69,7 +69,7 @@ REFUSED = (
     (message("pub_ctrl_setting", "{topic: 3}"), "has no `topic` in its settings"),
     (
         message("pub_ctrl_setting", "{topic: /c, msg_type: PositionSetpiont}"),
-        "`PositionSetpiont` is not known; near names: PositionSetpoint",
+        "`PositionSetpiont` is not known; similar names: PositionSetpoint",
     ),
     (
         message("sub_est_setting", "{topic: /e, msg_type: EstimatedState, history_depth: 0}"),
@@ -86,7 +86,7 @@ REFUSED = (
 )
 
 
-def test_whatever_is_set_an_active_node_says_what_is_wrong_and_goes_on() -> None:
+def test_an_active_node_reports_invalid_values_and_continues() -> None:
     with spinning(Controller) as node:
         assert request(node, "configure")
         assert request(node, "activate")
@@ -100,7 +100,7 @@ def test_whatever_is_set_an_active_node_says_what_is_wrong_and_goes_on() -> None
         assert {name: p.value for name, p in node._parameters.items()} == before
         assert not node.get_clock().ros_time_is_active
         assert_works(node)
-        # What changes nothing, and what is read whenever it is wanted, is taken.
+        # Changes without effect are accepted, and so are parameters that are read when needed.
         same = message("timer_ctrl_setting", WIRED["timer_ctrl_setting"])
         assert set_each(node, same, message("params_path", "/there")) == ["", ""]
         assert node.params_path == "/there"
@@ -121,7 +121,7 @@ def test_settings_are_checked_before_configure_and_taken() -> None:
         assert node.obk_timers["timer_ctrl"].timer_period_ns == 20_000_000
 
 
-def test_a_check_of_the_users_that_raises_refuses() -> None:
+def test_a_check_by_the_user_that_raises_rejects() -> None:
     def check(parameters: list[Parameter]) -> SetParametersResult:
         if any(parameter.value > 3 for parameter in parameters if parameter.name == "gain"):
             raise ValueError("too much")
@@ -139,7 +139,7 @@ def test_a_check_of_the_users_that_raises_refuses() -> None:
         assert set_each(node, message("gain", 5)) == [""]
 
 
-def test_a_check_of_the_users_that_forgets_its_answer_refuses_and_is_named() -> None:
+def test_a_check_by_the_user_without_a_result_rejects_and_is_named() -> None:
     def check(_parameters: list[Parameter]) -> None:
         """Returns nothing."""
 
@@ -147,7 +147,7 @@ def test_a_check_of_the_users_that_forgets_its_answer_refuses_and_is_named() -> 
         node.declare_parameter("gain", 1)
         node.add_on_set_parameters_callback(check)
         (reported,) = set_each(node, message("gain", 5))
-        assert reported.startswith("the node's check of `gain`: `test_a_check_of_the_users_that_")
+        assert reported.startswith("the node's check of `gain`: `test_a_check_by_the_user_")
         assert reported.endswith(
             ".check` returned None, expected a `SetParametersResult` "
             "(did the callback forget its return statement?)"
@@ -155,11 +155,11 @@ def test_a_check_of_the_users_that_forgets_its_answer_refuses_and_is_named() -> 
 
 
 @pytest.mark.mujoco
-def test_a_simulator_takes_only_what_it_could_be_configured_with() -> None:
+def test_a_simulator_accepts_only_parameters_it_could_be_configured_with() -> None:
     from .test_mujoco_robot import simulator
 
     refused = {
-        ("realtime_factor", "fast"): "the parameter `realtime_factor` is 'fast', no number",
+        ("realtime_factor", "fast"): "the parameter `realtime_factor` is 'fast', expected a number",
         ("realtime_factor", -1.0): "expected a number above 0, or 0 for as fast as possible",
         ("realtime_factor", math.inf): "expected a number above 0",
         ("viewer", "hologram"): "there are: none, native, web",

@@ -1,4 +1,4 @@
-"""A parameter file, read by ROS's own parser, gives a node the values that were meant."""
+"""A parameter file, read by ROS's own parser, gives a node the intended values."""
 
 import json
 import subprocess

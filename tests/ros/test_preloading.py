@@ -21,19 +21,19 @@ def _own_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def processes_with(argument: str) -> list[psutil.Process]:
-    """The processes of this test that have an argument."""
+    """The processes of this test with an argument."""
     return [process for process in marked() if argument in _arguments(process)]
 
 
 def _arguments(process: psutil.Process) -> list[str]:
     try:
         return process.cmdline()
-    except psutil.Error:  # ended meanwhile
+    except psutil.Error:  # has ended
         return []
 
 
 def the_one_with(argument: str, run: Launched) -> psutil.Process:
-    """Wait for the one process of this test that has an argument."""
+    """Wait for the only process of this test with an argument."""
     found: list[psutil.Process] = []
 
     def is_there() -> bool:
@@ -45,13 +45,13 @@ def the_one_with(argument: str, run: Launched) -> psutil.Process:
 
 
 def is_forked(process: psutil.Process) -> bool:
-    """Whether a process's arguments lie elsewhere than on the stack that `exec` makes."""
+    """Whether a process's arguments are not on the stack that `exec` creates."""
     fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
     start_stack, arguments = int(fields[28 - 3]), int(fields[48 - 3])
     return arguments < start_stack
 
 
-def test_nodes_are_forked_but_for_one_with_a_variable_of_its_own(tmp_path: Path) -> None:
+def test_nodes_are_forked_except_one_with_its_own_variable(tmp_path: Path) -> None:
     config = shutil.copytree(DUMMY.parent, tmp_path / "dummy") / DUMMY.name
     entry = "executable: example_position_setpoint_controller"
     text = DUMMY.read_text()
@@ -67,7 +67,7 @@ def test_nodes_are_forked_but_for_one_with_a_variable_of_its_own(tmp_path: Path)
     assert not run.left_over()
 
 
-def test_a_restarted_node_is_forked_while_there_is_a_server() -> None:
+def test_a_restarted_node_is_forked_while_the_server_is_running() -> None:
     name = f"__node:={NODES[0]}"
     with launched(DUMMY, "--quiet", "--on-crash", "restart") as run:
         for activations, has_server in ((2, True), (3, False)):
@@ -88,7 +88,7 @@ def _wait_for_activations(run: Launched, count: int) -> None:
 
 
 @pytest.mark.parametrize("is_up", [False, True])
-def test_the_loss_of_the_server_is_no_loss_of_the_stack(is_up: bool) -> None:
+def test_the_stack_survives_the_loss_of_the_server(is_up: bool) -> None:
     with started(DUMMY, "--quiet") as run:
         if is_up:
             run.wait_for("active")

@@ -1,4 +1,4 @@
-"""`obk topic pub` on the commands of a robot while its stack starts."""
+"""`obk topic pub` on the commands of a robot while its stack is starting."""
 
 import pytest
 

@@ -1,7 +1,7 @@
-"""Rates as promises on real nodes: what is throttled is marked and named, what is healthy is not.
+"""Rates of real nodes: slow nodes are reported as broken, healthy nodes are not.
 
-The broken promises are broken by construction: a callback that takes five of its periods. The kept
-ones are of timers so slow that no load matters.
+Broken rates are broken by construction: a callback takes five periods. Healthy rates are those of
+timers so slow that load does not matter.
 """
 
 import json
@@ -34,7 +34,7 @@ SLOW_PERIOD_S, FAST_PERIOD_S = 0.5, 0.001
 
 
 class Two(ObeliskNode):
-    """A timer that is kept, and one whose callback takes longer than its period."""
+    """A timer that keeps its rate, and one whose callback takes longer than its period."""
 
     def __init__(self, **given: Any) -> None:
         settings = {
@@ -51,7 +51,7 @@ class Two(ObeliskNode):
         """Nothing."""
 
     def dawdle(self) -> None:
-        """Take five periods."""
+        """Sleep for five periods."""
         time.sleep(5 * FAST_PERIOD_S)
 
 
@@ -69,12 +69,12 @@ class Awaiting(Two):
 def listening(
     make: Callable[[], ObeliskNode], executor_type: Callable[[], Executor]
 ) -> Iterator[tuple[ObeliskNode, list[RatesReported]]]:
-    """An active node, and the reports of its rates."""
+    """An active node, and its rate reports."""
     rclpy.init()
     listener = rclpy.create_node("listener")
     node = make()
-    heard: list[RatesReported] = []
-    subscribe_to_diagnostics(listener, (node.get_fully_qualified_name(),), heard.append)
+    received: list[RatesReported] = []
+    subscribe_to_diagnostics(listener, (node.get_fully_qualified_name(),), received.append)
     executor = executor_type()
     for each in (node, listener):
         executor.add_node(each)
@@ -85,7 +85,7 @@ def listening(
     try:
         assert request(node, "configure")
         assert request(node, "activate")
-        yield node, heard
+        yield node, received
     finally:
         over.set_result(None)
         executor.wake()
@@ -108,12 +108,12 @@ NONE = Rate(
 )
 
 
-def newest(heard: list[RatesReported], name: str) -> Rate | None:
-    return next((r for reported in heard[-1:] for r in reported.rates if r.name == name), None)
+def newest(received: list[RatesReported], name: str) -> Rate | None:
+    return next((r for reported in received[-1:] for r in reported.rates if r.name == name), None)
 
 
-def is_broken(heard: list[RatesReported], name: str) -> bool:
-    rate = newest(heard, name)
+def is_broken(received: list[RatesReported], name: str) -> bool:
+    rate = newest(received, name)
     return rate is not None and rate.standing == "broken"
 
 
@@ -131,14 +131,16 @@ def is_broken(heard: list[RatesReported], name: str) -> bool:
 def test_a_throttled_timer_is_marked_with_every_executor(
     executor_type: Callable[[], Executor],
 ) -> None:
-    with listening(Two, executor_type) as (_, heard):
-        eventually(lambda: is_broken(heard, "timer_fast"), "a broken rate", seen=lambda: str(heard))
-        rate = newest(heard, "timer_fast")
-    assert {reported.node for reported in heard} == {"/arm/two"}
-    assert [rate.name for rate in heard[0].rates] == ["timer_slow", "timer_fast"]
-    first = newest(heard[:1], "timer_fast")
+    with listening(Two, executor_type) as (_, received):
+        eventually(
+            lambda: is_broken(received, "timer_fast"), "a broken rate", seen=lambda: str(received)
+        )
+        rate = newest(received, "timer_fast")
+    assert {reported.node for reported in received} == {"/arm/two"}
+    assert [rate.name for rate in received[0].rates] == ["timer_slow", "timer_fast"]
+    first = newest(received[:1], "timer_fast")
     assert first is not None
-    assert first.standing == "kept"  # the first second is forgiven
+    assert first.standing == "kept"  # the first second is ignored
     assert rate is not None
     assert rate.expected_hz == 1000
     # It sleeps for five periods: one tick in five or fewer, the next at least four late.
@@ -148,43 +150,43 @@ def test_a_throttled_timer_is_marked_with_every_executor(
 
 
 def test_coroutines_of_the_configs_timers_are_counted() -> None:
-    with listening(Awaiting, EventLoopExecutor) as (_, heard):
-        eventually(lambda: (newest(heard, "timer_slow") or NONE).ticks >= 3, "three ticks")
-        assert (newest(heard, "timer_fast") or NONE).ticks >= 3
-        assert (newest(heard, "timer_slow") or NONE).expected_hz == 2
+    with listening(Awaiting, EventLoopExecutor) as (_, received):
+        eventually(lambda: (newest(received, "timer_slow") or NONE).ticks >= 3, "three ticks")
+        assert (newest(received, "timer_fast") or NONE).ticks >= 3
+        assert (newest(received, "timer_slow") or NONE).expected_hz == 2
 
 
-def is_heard_for(heard: list[RatesReported], wait_s: float) -> bool:
-    """Whether more comes within a time."""
-    before = len(heard)
+def is_received_for(received: list[RatesReported], wait_s: float) -> bool:
+    """Whether more reports arrive within a time."""
+    before = len(received)
     time.sleep(wait_s)
-    return len(heard) > before
+    return len(received) > before
 
 
 @pytest.mark.slow
 def test_only_an_active_node_reports_of_its_rates() -> None:
-    with listening(Two, EventLoopExecutor) as (node, heard):
-        eventually(lambda: len(heard) >= 2, "reports")
+    with listening(Two, EventLoopExecutor) as (node, received):
+        eventually(lambda: len(received) >= 2, "reports")
         assert request(node, "deactivate")
-        # One that is under way may still come.
-        eventually(lambda: not is_heard_for(heard, 1.5), "silence")
-        before = len(heard)
+        # A report in progress may still arrive.
+        eventually(lambda: not is_received_for(received, 1.5), "silence")
+        before = len(received)
         assert request(node, "cleanup")
         assert request(node, "configure")
         assert request(node, "activate")
-        eventually(lambda: len(heard) > before, "reports again")
-        assert [rate.name for rate in heard[before].rates] == ["timer_slow", "timer_fast"]
+        eventually(lambda: len(received) > before, "reports again")
+        assert [rate.name for rate in received[before].rates] == ["timer_slow", "timer_fast"]
 
 
 @pytest.mark.slow
-def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_stands() -> None:
-    """Simulated time goes at a fifth of the wall's: 10 Hz of it are 2 Hz."""
+def test_on_simulated_time_rates_use_it_and_none_is_expected_while_it_is_paused() -> None:
+    """Simulated time runs at a fifth of wall time: 10 Hz of it are 2 Hz."""
 
     def make() -> ObeliskNode:
         slow = "{timer_period_sec: 0.1}"
         return Awaiting(use_sim_time=True, timer_slow_setting=slow, timer_fast_setting=slow)
 
-    with listening(make, EventLoopExecutor) as (node, heard):
+    with listening(make, EventLoopExecutor) as (node, received):
         clock = node.create_publisher(Clock, "/clock", 10)
         now_ms = 1000
 
@@ -192,13 +194,13 @@ def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_
             nonlocal now_ms
             now_ms += 4
             clock.publish(Clock(clock=Time(sec=now_ms // 1000, nanosec=now_ms % 1000 * 10**6)))
-            return (newest(heard, "timer_slow") or NONE).ticks >= 8
+            return (newest(received, "timer_slow") or NONE).ticks >= 8
 
-        eventually(move_on, "eight ticks", seen=lambda: str(heard))
-        assert (newest(heard, "timer_slow") or NONE).measured_hz > 4
-        stopped = len(heard)
-        eventually(lambda: len(heard) >= stopped + 3, "reports")
-        assert (newest(heard, "timer_slow") or NONE).standing == "kept"
+        eventually(move_on, "eight ticks", seen=lambda: str(received))
+        assert (newest(received, "timer_slow") or NONE).measured_hz > 4
+        stopped = len(received)
+        eventually(lambda: len(received) >= stopped + 3, "reports")
+        assert (newest(received, "timer_slow") or NONE).standing == "kept"
 
 
 def test_a_node_is_silenced_by_its_parameter() -> None:
@@ -209,7 +211,7 @@ def test_a_node_is_silenced_by_its_parameter() -> None:
         assert node.count_publishers(DIAGNOSTICS_TOPIC) == 0
 
 
-def test_a_status_says_whose_it_is_and_what_is_wrong() -> None:
+def test_a_status_has_its_node_and_its_fault() -> None:
     from diagnostic_msgs.msg import DiagnosticArray
 
     with listening(Two, EventLoopExecutor) as (node, _):
@@ -232,7 +234,7 @@ FAST, SLOW = "timer_period_sec: 0.001", "timer_period_sec: 0.5"
 
 @pytest.fixture
 def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The dummy with a controller of 1 kHz whose callback takes 5 ms; the others promise nothing.
+    """The dummy with a 1 kHz controller whose callback takes 5 ms; the other nodes expect no rates.
 
     Their rates are such that a loaded machine does not keep them either.
     """
@@ -251,7 +253,7 @@ MUTE = "        report_rates: False\n"
 
 
 @pytest.mark.mujoco
-def test_strict_rates_end_a_stack_whose_node_is_throttled_and_name_it(config: Path) -> None:
+def test_strict_rates_end_a_stack_with_a_throttled_node_and_name_it(config: Path) -> None:
     result = obk("launch", config, "--strict-rates", "--quiet", "--duration", 60)
     assert result.returncode == 1, result.stdout
     (failed,) = [line for line in result.stdout.splitlines() if line.startswith("failed: ")]
@@ -278,12 +280,12 @@ def test_a_throttled_node_is_reported_once_and_shown_by_ps(
         assert rates["estimation"] == rates["robot"] == []
         eventually(lambda: "timer_ctrl runs at " in obk("ps").stdout, "the rate in words")
     assert run.process.returncode == 0
-    # A process that a busy machine keeps waiting may also be reported as silent.
+    # A process that a busy machine delays may also be reported as silent.
     assert run.text.count("RATE: timer_ctrl runs at ") == 1
 
 
 @pytest.mark.mujoco
-def test_a_stack_that_keeps_its_promises_runs_on_with_strict_rates(config: Path) -> None:
+def test_a_stack_that_keeps_its_rates_continues_with_strict_rates(config: Path) -> None:
     config.write_text(config.read_text().replace(FAST, SLOW))
     options = ("--strict-rates", "--quiet", "--duration", 5, "--format", "json")
     result = obk("launch", config, *options)
@@ -295,7 +297,7 @@ def test_a_stack_that_keeps_its_promises_runs_on_with_strict_rates(config: Path)
 
 @pytest.mark.slow
 @pytest.mark.mujoco
-def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
+def test_a_simulator_expects_rates_of_its_steps_and_its_sensors(config: Path) -> None:
     config.write_text(config.read_text().replace(MUTE, "", 2))
     with launched(config, "--quiet"):
         rates = rates_reported_of("robot")["robot"]
@@ -308,7 +310,7 @@ def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
         ]
         wanted = [rate["expected_hz"] for rate in rates]
         assert wanted == [1000, 1000, 500, 500, 1000]
-        # In simulation time, which no load changes; one that keeps the node waiting is silence.
+        # In simulation time, which load does not change; a delayed node counts as silent.
         eventually(
             lambda: (
                 {rate["standing"] for rate in rates_reported_of("robot")["robot"][:-1]} == {"kept"}
@@ -318,9 +320,9 @@ def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
 
 
 def rates_reported_of(section: str) -> dict[str, list[dict[str, Any]]]:
-    """The rates that `obk ps` shows for each section's node, once it shows some of this one.
+    """The rates that `obk ps` shows for each section's node, once it shows any for this section.
 
-    A launcher that a busy machine keeps from answering in time is asked again.
+    Repeats the request if a busy machine delays the launcher's reply too long.
     """
     reported: dict[str, list[dict[str, Any]]] = {}
 

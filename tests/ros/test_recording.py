@@ -1,4 +1,4 @@
-"""Recordings of running stacks, read back with the MCAP library and the compiled messages."""
+"""Recordings of running stacks, read with the MCAP library and the compiled messages."""
 
 import importlib
 import json
@@ -32,7 +32,7 @@ IMU = "/obelisk/dummy/imu"
 
 @dataclass(slots=True, kw_only=True)
 class Read:
-    """What a reader that knows nothing of obk finds on one topic."""
+    """The messages of one topic, as found by a reader independent of obk."""
 
     msg_type: str = ""
     qos: str = ""
@@ -69,7 +69,7 @@ def reported(recording: Path) -> dict[str, Any]:
 
 
 def counts(path: Path, *wanted: str) -> dict[str, int]:
-    """Topic -> messages in a file that is being written, of all that have some and those wanted."""
+    """Topic -> number of messages in a file that is being written, waiting for the given topics."""
     result = obk("bag", "info", path, "--format", "json")
     topics = json.loads(result.stdout)["topics"] if result.returncode == 0 else []
     found = {topic["topic"]: topic["count"] for topic in topics if topic["count"]}
@@ -82,7 +82,7 @@ def test_a_recorded_launch_has_every_message_to_the_last() -> None:
     assert result.stdout.splitlines()[-1] == "stopped cleanly"
     run = only_run()
     for folder in (run, run.parent):
-        assert folder.stat().st_mode & 0o077 == 0  # what was recorded and said is its owner's
+        assert folder.stat().st_mode & 0o077 == 0  # recordings and logs belong to their owner
     found = read_back(run / "recording.mcap")
     lost = {
         topic["topic"]: topic["dropped"] for topic in reported(run / "recording.mcap")["topics"]
@@ -93,7 +93,7 @@ def test_a_recorded_launch_has_every_message_to_the_last() -> None:
         first, *_, last = read.numbers
         assert len(read.numbers) + lost[topic] == last - first + 1, topic
     # Both in simulation time: every step of 1 ms, and every second one. A busy machine may lose the
-    # very last ones, which no publisher is there to send again.
+    # last messages, because no publisher exists to send them again.
     steps, halves = found[ENCODERS].numbers[-1], found[IMU].numbers[-1]
     assert abs(steps - 2 * halves) <= 100
     stamps = [(m.header.stamp.sec, m.header.stamp.nanosec) for m in found[IMU].messages]
@@ -102,7 +102,7 @@ def test_a_recorded_launch_has_every_message_to_the_last() -> None:
     assert (qos["reliability"], qos["durability"]) == ("reliable", "volatile")
 
 
-def test_a_recording_begins_with_what_it_was_made_from() -> None:
+def test_a_recording_starts_with_its_config() -> None:
     with launched(DUMMY, "--record-topic", "*/imu"):
         run = only_run()
         eventually(lambda: counts(run / "recording.mcap"), "a message in the file")
@@ -120,7 +120,7 @@ def test_a_recording_begins_with_what_it_was_made_from() -> None:
     assert set(read_back(run / "recording.mcap")) == {IMU}
 
 
-def test_a_recorder_that_ros_does_not_start_for_says_so_in_a_sentence(tmp_path: Path) -> None:
+def test_a_recorder_for_which_ros_does_not_start_reports_it(tmp_path: Path) -> None:
     job = tmp_path / "recording.json"
     job.write_text(
         job_to_json(
@@ -142,16 +142,16 @@ def test_a_recorder_that_ros_does_not_start_for_says_so_in_a_sentence(tmp_path: 
     assert not (tmp_path / "recording.mcap").exists()
 
 
-def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
+def test_a_killed_recorder_leaves_its_messages_and_the_stack_continues() -> None:
     with launched(DUMMY, "--record", "--quiet") as run:
         recording = only_run() / "recording.mcap"
         eventually(lambda: sum(counts(recording).values()) > 20, "messages in the file")
         (recorder,) = (p for p in run.descendants if "obk_cli.record.recorder" in p.cmdline())
         assert recorder.environ()["OBK_RUN"] == only_run().name
         states = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
-        assert len(states) == 3  # it is no node of the stack
+        assert len(states) == 3  # it is not a node of the stack
         recorder.kill()
-        run.wait_for_line("warning: the recorder has ended: the process was ended by SIGKILL")
+        run.wait_for_line("warning: the recorder stopped: the process was terminated by SIGKILL")
     assert run.process.returncode == 0, run.text
     assert "stopped cleanly" in run.lines
     assert not run.left_over()
@@ -201,7 +201,7 @@ def test_without_a_stack_and_without_topics_nothing_is_recorded(tmp_path: Path) 
 
 @contextmanager
 def recorder(path: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
-    """`obk record` that listens by now; ended by SIGINT."""
+    """A running `obk record` that is receiving; stopped by SIGINT."""
     process = subprocess.Popen(
         [OBK, "record", "-o", path, *words], stderr=subprocess.PIPE, text=True
     )
@@ -215,8 +215,8 @@ def recorder(path: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
         process.wait(DEADLINE_S)
 
 
-def test_publishers_that_offer_less_or_more_are_heard_all_the_same(tmp_path: Path) -> None:
-    """One publisher is unreliable, the other one has published before anybody listened."""
+def test_publishers_that_offer_less_or_more_are_received(tmp_path: Path) -> None:
+    """One publisher is unreliable; the other one published before any subscription existed."""
     path = tmp_path / "odd.mcap"
     rclpy.init()
     try:

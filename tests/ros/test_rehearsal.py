@@ -1,4 +1,4 @@
-"""The failure table, proved on the dummy stack by rehearsal: each rule, one node, every fault."""
+"""The failure table, tested on the dummy stack by `obk rehearse`: every rule and every fault."""
 
 import json
 import os
@@ -25,9 +25,9 @@ from .stack import DEADLINE_S, DUMMY, OBK, eventually, marked, obk
 pytestmark = pytest.mark.ros
 
 PATIENT = Allowances(end_noticed_s=20.0, hang_noticed_s=20.0, down_s=40.0, back_s=40.0)
-"""What is tested is what happens, not how soon on a machine that does other things too."""
+"""Generous limits, because only the reactions are tested, not their times on a busy machine."""
 HANG_S = 5.0
-"""So that there a node that is not frozen is not taken for one."""
+"""A limit that prevents a slow node from being considered frozen."""
 
 
 def units(*, together: bool = False) -> tuple[Unit, ...]:
@@ -67,19 +67,19 @@ def are_right(verdicts: Sequence[Verdict], count: int) -> bool:
 
 
 @pytest.mark.slow
-def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path: Path) -> None:
+def test_with_the_rule_stop_the_stack_stops_and_names_the_node(tmp_path: Path) -> None:
     verdicts = rehearsed(tmp_path, "stop", ["freeze", "kill"], nodes=["/obelisk_estimation_0"])
     assert are_right(verdicts, 2)
     frozen, killed = (verdict.run for verdict in verdicts)
     assert killed is not None
     assert killed != frozen
-    cause = "/obelisk_estimation_0: the process was ended by SIGKILL"
+    cause = "/obelisk_estimation_0: the process was terminated by SIGKILL"
     assert cause in (killed / "launch.log").read_text()
     assert not marked()
 
 
 @pytest.mark.parametrize("transport", ["on", pytest.param("off", marks=pytest.mark.slow)])
-def test_where_the_rule_is_restart_the_node_is_brought_back_and_no_other_is_touched(
+def test_with_the_rule_restart_only_the_node_is_restarted(
     transport: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(LOCAL_TRANSPORT_VARIABLE, transport)
@@ -92,27 +92,27 @@ def test_where_the_rule_is_restart_the_node_is_brought_back_and_no_other_is_touc
 
 
 @pytest.mark.slow
-def test_where_the_rule_is_ignore_the_others_run_on(tmp_path: Path) -> None:
+def test_with_the_rule_ignore_the_other_nodes_continue(tmp_path: Path) -> None:
     verdicts = rehearsed(tmp_path, "ignore", ["freeze", "kill"], nodes=["/obelisk_control_0"])
     assert are_right(verdicts, 2)
     assert not marked()
 
 
 @pytest.mark.slow
-def test_nodes_in_one_process_hang_and_come_back_together(tmp_path: Path) -> None:
+def test_nodes_in_one_process_hang_and_recover_together(tmp_path: Path) -> None:
     assert are_right(rehearsed(tmp_path, "restart", ["freeze", "kill"], "--composed"), 2)
     assert not marked()
 
 
 @pytest.mark.slow
-def test_a_promise_that_is_not_kept_is_reported_with_its_evidence(tmp_path: Path) -> None:
-    """The cases expect a restart, and the launch is one that stops."""
+def test_a_broken_expectation_is_reported_with_its_evidence(tmp_path: Path) -> None:
+    """The cases expect a restart, but the launch stops."""
     verdicts = rehearsed(
         tmp_path, "restart", ["kill"], "--on-crash=stop", nodes=["/obelisk_robot_0"]
     )
     (verdict,) = verdicts
     assert verdict.seen.startswith("stack down")
-    assert any("went down" in fault for fault in verdict.faults)
+    assert any("shut down" in fault for fault in verdict.faults)
     assert verdict.run is not None
     assert "SIGKILL" in (verdict.run / "launch.log").read_text()
 
@@ -122,7 +122,7 @@ def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
     tmp_path: Path, ros_domain: int
 ) -> None:
     def is_as_promised() -> bool:
-        """Its limits are the defaults, which a busy machine may not keep: then once more."""
+        """Uses the default limits, which a busy machine may not keep, so it may run twice."""
         result = obk(
             *("rehearse", DUMMY, "--fault", "kill", "--node", "control", "--on-crash", "ignore"),
             *("--domain", ros_domain, "--format", "json"),
@@ -131,7 +131,7 @@ def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
         reported = json.loads(result.stdout)
         (verdict,) = reported["rows"]
         assert verdict["nodes"] == ["/obelisk_control_0"]
-        assert verdict["expected"] == "the others run on"
+        assert verdict["expected"] == "other nodes keep running"
         assert f"domain {ros_domain}, logs in {tmp_path}" in result.stderr
         assert result.returncode == (0 if reported["ok"] else 1)
         assert not (tmp_path / "home" / "runs").exists()
@@ -170,5 +170,5 @@ def nodes_below(pid: int) -> int:
 def command_of(process: psutil.Process) -> list[str]:
     try:
         return process.cmdline()
-    except psutil.Error:  # ended meanwhile
+    except psutil.Error:  # has ended
         return []

@@ -1,4 +1,4 @@
-"""The node of `docs/how-to/from-ros.md` does what the plain one beside it does."""
+"""The node of `docs/how-to/from-ros.md` behaves like the plain node next to it."""
 
 import re
 from pathlib import Path
@@ -21,7 +21,7 @@ SETTINGS = {
 }
 
 
-def test_both_nodes_command_the_same() -> None:
+def test_both_nodes_send_the_same_commands() -> None:
     known: dict[str, Any] = {
         "Node": Node,
         "PositionSetpoint": PositionSetpoint,
@@ -42,7 +42,7 @@ def test_both_nodes_command_the_same() -> None:
         plain.destroy_node()
 
         class Configured(known["Balance"]):  # type: ignore[misc]
-            """The node with its settings, as a config gives them."""
+            """The node with the settings from a config."""
 
             def declare_parameter(self, name: str, value: Any, *more: Any, **words: Any) -> Any:
                 return super().declare_parameter(name, SETTINGS.get(name, value), *more, **words)

@@ -1,4 +1,4 @@
-"""What is received over DDS against MuJoCo's own numbers at the same state, kind by kind."""
+"""Messages received over DDS have MuJoCo's values in the same state, for all kinds of sensors."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -90,10 +90,10 @@ STEPS = 5
 
 
 @pytest.fixture
-def heard(
+def got(
     tmp_path: Any, ros_domain: int
 ) -> Iterator[tuple[ObeliskMujocoRobot, dict[str, list[Any]]]]:
-    """A simulator that stands still after a few steps, and what was received of each kind."""
+    """A simulator that stops after a few steps, and the messages of each kind."""
     path = tmp_path / "model.xml"
     path.write_text(MODEL)
     groups = [
@@ -161,10 +161,10 @@ def _wxyz(field: Any) -> list[float]:
     return [field.w, field.x, field.y, field.z]
 
 
-def test_what_arrives_is_what_mujoco_has_computed(
-    heard: tuple[ObeliskMujocoRobot, dict[str, list[Any]]],
+def test_received_messages_have_the_values_of_mujoco(
+    got: tuple[ObeliskMujocoRobot, dict[str, list[Any]]],
 ) -> None:
-    node, received = heard
+    node, received = got
     assert request(node, "configure")
     assert request(node, "activate")
     eventually(lambda: all(received[kind] for kind in (*SENSORS, *SCANS)), "each kind")
@@ -250,9 +250,9 @@ def _assert_rest(newest: dict[str, Any], data: mujoco.MjData) -> None:
 
 @pytest.mark.slow
 def test_after_an_hour_stamps_and_clock_are_exact(
-    heard: tuple[ObeliskMujocoRobot, dict[str, list[Any]]],
+    got: tuple[ObeliskMujocoRobot, dict[str, list[Any]]],
 ) -> None:
-    node, received = heard
+    node, received = got
     clock: list[Clock] = []
     node.create_subscription(Clock, "/clock", clock.append, QoSProfile(depth=100))
     assert request(node, "configure")

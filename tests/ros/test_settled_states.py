@@ -1,4 +1,4 @@
-"""What runs agrees with the state, whatever an override forgot, and whichever executor spins."""
+"""Timers and publishers match the state, whatever an override forgot, under any executor."""
 
 import multiprocessing
 import signal
@@ -46,7 +46,7 @@ def spun(
 
 
 class Ticking(ObeliskController):
-    """Counts its ticks; its transitions return the given answers, once each."""
+    """Counts its ticks; its transitions return the given results, once each."""
 
     def __init__(self, answers: dict[str, Any] | None = None, forgets: str = "") -> None:
         super().__init__(
@@ -89,7 +89,7 @@ class Ticking(ObeliskController):
 
 
 def assert_silent(node: Ticking) -> None:
-    """No timer runs and no publisher sends."""
+    """Assert that no timer runs and no publisher publishes."""
     assert all(timer.is_canceled() for timer in node.obk_timers.values())
     assert not any(publisher.is_activated for publisher in node.obk_publishers.values())
 
@@ -129,12 +129,12 @@ def test_nothing_is_left_of_a_node_that_is_unconfigured(forgets: str) -> None:
         else:
             node.trigger_deactivate()
             node.trigger_cleanup()
-        # The state is there a moment before what runs is made to agree with it.
+        # The state is set shortly before timers and publishers follow it.
         eventually(lambda: not node.obk_timers, "the end of its timers")
         assert not list(node.timers)
 
 
-def test_a_configure_without_its_super_call_is_a_fault_that_says_so() -> None:
+def test_a_configure_without_its_super_call_is_a_reported_fault() -> None:
     with spun(lambda: Ticking(forgets="on_configure")) as node:
         node.trigger_configure()
         eventually(lambda: node.state_label == "unconfigured", "the end of error processing")
@@ -239,7 +239,7 @@ def test_a_robot_takes_control_only_while_it_is_active() -> None:
 def test_a_simulator_that_returns_by_itself_is_reported() -> None:
     class Short(ObeliskSimRobot):
         def run_simulator(self) -> None:
-            """Forgets its loop."""
+            """Does not stop its loop."""
 
         def apply_control(self, control_msg: Any) -> None:
             del control_msg
@@ -252,7 +252,7 @@ def test_a_simulator_that_returns_by_itself_is_reported() -> None:
         eventually(lambda: reported, "the warning")
         node.trigger_deactivate()
     assert reported == [
-        "run_simulator has returned although simulator_stop is not set: it steps no more"
+        "run_simulator returned before simulator_stop was set: the simulation has stopped"
     ]
 
 
@@ -280,13 +280,13 @@ def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
         assert "run_simulator " in node.last_fault.text
         assert node.ended.done()
         assert sum(t.name == "simulator" for t in threading.enumerate()) == 1
-    # Waited for once, whatever else was to stop it; and the node could be destroyed.
+    # Waited for once, whatever else had to be stopped; and the node could be destroyed.
     assert (waits_s[0], set(waits_s[1:])) == (0.05, {0})
     release.set()
 
 
 @pytest.mark.parametrize("period", [".inf", "1e300", "1e-12"])
-def test_a_period_that_no_timer_can_hold_is_refused(period: str) -> None:
+def test_a_period_that_no_timer_can_hold_is_rejected(period: str) -> None:
     with spun(Ticking) as node:
         text = f"{{timer_period_sec: {period}}}"
         client = node.create_client(SetParameters, "~/set_parameters")
@@ -349,7 +349,7 @@ def test_settings_of_no_component_are_reported(capfd: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_brings_the_node_down_in_order(number: int, tmp_path: Path) -> None:
+def test_a_signal_shuts_the_node_down_cleanly(number: int, tmp_path: Path) -> None:
     module = tmp_path / "reported.py"
     module.write_text(
         "from obelisk_py.core.node import ObeliskNode\n"
@@ -372,7 +372,7 @@ def test_a_signal_brings_the_node_down_in_order(number: int, tmp_path: Path) -> 
 
 
 class OlderSimulator(ObeliskSimRobot):
-    """Steps for ever with the shared control, as simulators of the first two generations do."""
+    """Steps forever with the shared control, like simulators of the first two generations."""
 
     def __init__(self) -> None:
         super().__init__("older", PositionSetpoint, **parameters(**CONTROL))
@@ -408,7 +408,7 @@ def test_an_existing_simulator_reads_the_shared_control_and_is_ended() -> None:
         assert node.last_fault is None
 
 
-def test_a_simulator_may_bring_its_own_shared_control() -> None:
+def test_a_simulator_may_provide_its_own_shared_control() -> None:
     with spun(OlderSimulator) as node:
         for own in (multiprocessing.Array("d", 2), np.zeros(2)):
             node.shared_ctrl, node.lock = own, multiprocessing.Lock()

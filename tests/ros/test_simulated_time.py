@@ -108,7 +108,7 @@ def test_timers_fire_at_each_period_of_simulated_time(followers: Followers, grou
     assert ticks == {1: list(range(1, 21)), 5: [5, 10, 15, 20]}
 
 
-def test_nothing_fires_while_simulated_time_stands_still(followers: Followers) -> None:
+def test_nothing_fires_while_simulated_time_is_paused(followers: Followers) -> None:
     node = followers.node()
     ticks: list[int] = []
     other: list[None] = []
@@ -173,8 +173,8 @@ def test_a_node_reports_the_simulated_time_of_its_activation_once(
     timer = None
     if has_rates:
         timer = node.create_monitored_timer("timer", 1.0, lambda: None, group=None, clock=clock)
-    heard: list[Any] = []
-    subscribe_to_diagnostics(listener, [node.get_fully_qualified_name()], heard.append)
+    received: list[Any] = []
+    subscribe_to_diagnostics(listener, [node.get_fully_qualified_name()], received.append)
     node.trigger_configure()
     followers.step(24)
     if timer is not None:  # its start counts
@@ -184,20 +184,20 @@ def test_a_node_reports_the_simulated_time_of_its_activation_once(
     followers.step(100)
 
     def activations() -> list[Any]:
-        return [event for event in heard if isinstance(event, ActivationReported)]
+        return [event for event in received if isinstance(event, ActivationReported)]
 
     with followers.world.spinning():
         eventually(activations, "the report")
         if has_rates:
-            eventually(lambda: len(heard) > 2, "a further report")
+            eventually(lambda: len(received) > 2, "a further report")
     assert activations() == [ActivationReported(node="/node", simulated_s=0.024)]
 
 
 def test_a_node_reports_when_it_has_published_first(followers: Followers) -> None:
     node, listener = followers.node(RateMonitoredNode), followers.node()
     first, second = (node.create_lifecycle_publisher(Clock, name, 1) for name in ("a", "b"))
-    heard: list[Any] = []
-    subscribe_to_diagnostics(listener, [node.get_fully_qualified_name()], heard.append)
+    received: list[Any] = []
+    subscribe_to_diagnostics(listener, [node.get_fully_qualified_name()], received.append)
     node.trigger_configure()
     node.trigger_activate()
     for publisher in (second, first, second):
@@ -205,8 +205,8 @@ def test_a_node_reports_when_it_has_published_first(followers: Followers) -> Non
         publisher.publish(Clock())
     assert "publish" not in {**vars(first), **vars(second)}
     with followers.world.spinning():
-        eventually(lambda: heard, "the report")
-    assert heard == [ActivationReported(node="/node", simulated_s=0.0, first_output_s=0.007)]
+        eventually(lambda: received, "the report")
+    assert received == [ActivationReported(node="/node", simulated_s=0.0, first_output_s=0.007)]
 
 
 def test_after_a_jump_back_timers_start_again(followers: Followers) -> None:

@@ -1,4 +1,4 @@
-"""A short soak: every trouble once, answered as the rules say, and nothing left; a few rounds."""
+"""A short soak with every fault once, which must leave nothing behind, and a few rounds."""
 
 import json
 import subprocess
@@ -14,9 +14,9 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 def results(module: str, *options: str, root: Path, folder: Path) -> dict[str, Any]:
-    """What a program of the soak, run on the calm example, wrote into a folder.
+    """Run a program of the soak on the calm example and return its results.
 
-    Not whether it found growth: that a short run says nothing of.
+    Ignores its verdict on growth, because a short run proves nothing about that.
     """
     command = (sys.executable, "-m", module, *options, "--config", DUMMY, "--results", folder)
     ended = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
@@ -26,22 +26,22 @@ def results(module: str, *options: str, root: Path, folder: Path) -> dict[str, A
     return {**outcome, **samples}
 
 
-def test_every_trouble_is_answered_as_the_rules_say_and_nothing_is_left(
+def test_every_fault_is_handled_correctly_and_nothing_is_left(
     repository: Path, tmp_path: Path
 ) -> None:
-    # Neither rates nor hangs: whoever tests beside this one takes the processor.
+    # Neither rates nor hangs, because tests that run at the same time use the CPU.
     asked = ("--seconds", "1", "--calm", "0.5", "--hang-after", "20", "--without-rates")
     result = results("benchmarks.soak", *asked, root=repository, folder=tmp_path)
     assert result["faults"] == []
     assert result["left"] == {"processes": [], "shm_files": []}
     assert {one["trouble"] for one in result["troubles"]} == {
-        *("transitions", "kill", "onlooker", "onlookers_leave", "reload")
+        *("transitions", "kill", "observer", "observers_leave", "reload")
     }
     assert {"launcher", "shared memory"} < {one["who"] for one in result["samples"]}
     assert (tmp_path / "soak.svg").exists()
 
 
-def test_one_process_goes_round_its_life_cycle_and_is_counted(
+def test_one_process_repeats_its_life_cycle_and_is_measured(
     repository: Path, tmp_path: Path
 ) -> None:
     result = results("benchmarks.soak.rounds", "--rounds", "10", root=repository, folder=tmp_path)

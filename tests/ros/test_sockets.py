@@ -1,4 +1,4 @@
-"""From where a running stack can be reached, by its sockets in the kernel."""
+"""Addresses at which a running stack can be reached, from the kernel's list of sockets."""
 
 from pathlib import Path
 
@@ -16,16 +16,16 @@ PLANTED = """\
   </participant>
 </profiles>
 """
-"""Settings of Fast DDS with which it listens to all hosts."""
+"""Settings of Fast DDS that make it reachable from all hosts."""
 
 
 def addresses(run: Launched) -> set[str]:
-    """Those of this host at which the launcher and all processes below it have a socket."""
+    """The addresses of this host at which the launcher and its child processes have a socket."""
     processes = [psutil.Process(run.process.pid), *run.descendants]
     return {end.laddr.ip for one in processes for end in one.net_connections("inet") if end.laddr}
 
 
-def test_no_socket_is_open_to_another_host_whatever_lies_in_the_working_folder(
+def test_no_socket_is_open_to_another_host_whatever_the_working_folder_contains(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml"):

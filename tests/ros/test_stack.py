@@ -1,4 +1,4 @@
-"""The dummy stack, launched for real: up in order, driven, ended, killed; nothing stays behind."""
+"""The dummy stack, launched for real: start order, control, stop, kill, no leftovers."""
 
 import json
 import os
@@ -33,7 +33,7 @@ from .stack import (
 pytestmark = pytest.mark.ros
 
 NOBODYS_DOMAIN = "101"
-"""No test has it, see `conftest`, and no one who works with ROS on this machine."""
+"""A domain that no test uses, see `conftest`, and no other user of ROS on this machine."""
 NODES = ("/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0")
 
 
@@ -51,7 +51,7 @@ def states(*arguments: str) -> dict[str, str]:
 @pytest.mark.parametrize(
     "config", [pytest.param("dummy.yaml", marks=pytest.mark.slow), "dummy_new.yaml"]
 )
-def test_both_spellings_come_up_and_end_in_order(config: str) -> None:
+def test_both_formats_start_and_end_cleanly(config: str) -> None:
     result = obk("launch", EXAMPLE.with_name(config), "--duration", "1", "--color", "never")
     assert result.returncode == 0, result.stdout + result.stderr
     lines = [line.strip() for line in result.stdout.splitlines()]
@@ -67,7 +67,7 @@ def test_both_spellings_come_up_and_end_in_order(config: str) -> None:
     assert lines[-1] == "stopped cleanly"
 
 
-def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
+def test_all_nodes_run_through_the_life_cycle_from_another_terminal() -> None:
     with launched(DUMMY, "--quiet") as run:
         assert states("get") == dict.fromkeys(NODES, "active")
         for verb, goal in (
@@ -87,14 +87,14 @@ def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
         assert "did you mean" in unknown.stderr
         assert "`/obelisk_control_0`" in unknown.stderr
         assert states("shutdown") == dict.fromkeys(NODES, "finalized")
-        run.process.wait(DEADLINE_S)  # A SIGINT on its way down would hurry it.
+        run.process.wait(DEADLINE_S)  # A SIGINT during shutdown would speed it up.
     assert run.process.returncode == 0, run.text
     assert not run.left_over()
 
 
 @pytest.fixture
 def _not_under_nohup() -> Iterator[None]:
-    """What is started heeds SIGHUP, also where whoever runs the tests ignores it."""
+    """Child processes react to SIGHUP, even if the parent of the tests ignores it."""
     before = signal.signal(signal.SIGHUP, lambda *_: None)
     yield
     signal.signal(signal.SIGHUP, before)
@@ -103,8 +103,8 @@ def _not_under_nohup() -> Iterator[None]:
 @pytest.mark.usefixtures("_not_under_nohup")
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
-)  # SIGINT ends the others
-def test_a_signal_to_the_launcher_ends_the_stack_in_order(number: int) -> None:
+)  # SIGINT stops the others
+def test_a_signal_to_the_launcher_ends_the_stack_cleanly(number: int) -> None:
     with launched(DUMMY, "--quiet") as run:
         run.process.send_signal(number)
         run.process.wait(DEADLINE_S)
@@ -129,7 +129,15 @@ def test_a_killed_launcher_leaves_no_process(preload: str) -> None:
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-@pytest.mark.parametrize("moment", ["logs in", ": process ", "s] ready", ": configure ok"])
+@pytest.mark.parametrize(
+    "moment",
+    [
+        "logs in",
+        pytest.param(": process ", marks=pytest.mark.slow),
+        pytest.param("s] ready", marks=pytest.mark.slow),
+        ": configure ok",
+    ],
+)
 def test_a_launcher_killed_during_the_bring_up_leaves_no_process(moment: str) -> None:
     with started(DUMMY, "--quiet") as run:
         run.wait_for_line(moment)
@@ -143,7 +151,7 @@ def warden_of(run: Launched) -> psutil.Process:
 
 
 @pytest.mark.usefixtures("preload")
-def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> None:
+def test_a_killed_warden_ends_the_nodes_and_the_launcher_reports_it() -> None:
     with launched(DUMMY, "--quiet") as run:
         warden = warden_of(run)
         warden.kill()
@@ -157,7 +165,7 @@ def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> Non
 def test_a_launcher_killed_together_with_its_warden_leaves_no_node() -> None:
     with launched(DUMMY, "--quiet") as run:
         warden = warden_of(run)
-        # So that neither sees the other one's end.
+        # So that neither notices the other one's end.
         for process in (psutil.Process(run.process.pid), warden):
             process.suspend()
         warden.kill()
@@ -165,7 +173,7 @@ def test_a_launcher_killed_together_with_its_warden_leaves_no_node() -> None:
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-def test_a_node_that_fails_to_configure_is_shown_with_its_own_words(tmp_path: Path) -> None:
+def test_a_node_that_fails_to_configure_is_shown_with_its_own_message(tmp_path: Path) -> None:
     result = obk("launch", broken(tmp_path), "--ignore", "OBK2,OBK407", "--set", _wrong_type())
     assert result.returncode == 1, result.stdout
     assert "estimation_0: configure FAILED" in result.stdout
@@ -174,7 +182,7 @@ def test_a_node_that_fails_to_configure_is_shown_with_its_own_words(tmp_path: Pa
 
 
 def broken(folder: Path) -> Path:
-    """A config with a message type that the estimator's code contradicts, to be overridden."""
+    """A config with a message type that contradicts the estimator's code, to be overridden."""
     config = folder / "broken.yaml"
     text = DUMMY.read_text().replace("dummy.xml", str(DUMMY.with_name("dummy.xml")))
     config.write_text(text.replace("msg_type: EstimatedState", "msg_type: VelocityCommand", 1))
@@ -194,7 +202,7 @@ def test_a_config_with_errors_starts_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / "home").exists()
 
 
-def test_a_scaffolded_controller_runs_in_place_of_the_example(tmp_path: Path) -> None:
+def test_a_scaffolded_controller_replaces_the_one_of_the_example(tmp_path: Path) -> None:
     (tmp_path / "ws" / "src").mkdir(parents=True)
     made = obk("new", "controller", "foo", "--dest", tmp_path / "ws" / "src")
     assert made.returncode == 0, made.stderr
@@ -215,13 +223,13 @@ def with_controller(config: Path, package: str) -> Path:
     return config
 
 
-def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on() -> None:
+def test_a_second_launch_in_the_domain_is_rejected_and_the_first_continues() -> None:
     with launched(DUMMY, "--quiet") as run:
         second = obk("launch", DUMMY, "--quiet")
         assert second.returncode == 1
         domain = os.environ["ROS_DOMAIN_ID"]
         assert second.stderr.startswith(
-            f"error: the stack `dummy` already runs in the ROS domain {domain} "
+            f"error: the stack `dummy` is already running in the ROS domain {domain} "
             f"(process {run.process.pid}, /obelisk_control_0, "
         )
         assert "ROS_DOMAIN_ID" in second.stderr
@@ -259,13 +267,13 @@ def test_a_duration_in_simulated_time_ends_a_run_at_any_speed() -> None:
 
 
 @pytest.mark.slow
-def test_output_that_no_one_reads_holds_up_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
+def test_unread_output_blocks_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
     read_fd, write_fd = os.pipe()
     events = tmp_path / "home" / "runs"
     command = [OBK, *patient("launch", chatty(tmp_path))]
     with subprocess.Popen(command, stdout=write_fd) as process:
         os.close(write_fd)
-        # More than a pipe and the queue hold: the screen has stalled by then.
+        # More than a pipe and the queue hold, so the screen has stalled by then.
         eventually(
             lambda: any(log.stat().st_size > 3 << 20 for log in events.glob("*/obelisk_con*.log")),
             "much output",
@@ -279,7 +287,7 @@ def test_output_that_no_one_reads_holds_up_neither_the_stack_nor_its_end(tmp_pat
 
 
 @pytest.mark.slow
-def test_a_reader_that_leaves_brings_the_stack_down_in_order(tmp_path: Path) -> None:
+def test_a_reader_that_leaves_ends_the_stack_cleanly(tmp_path: Path) -> None:
     with subprocess.Popen(
         [OBK, *patient("launch", chatty(tmp_path))],
         stdout=subprocess.PIPE,
@@ -297,7 +305,7 @@ def test_a_reader_that_leaves_brings_the_stack_down_in_order(tmp_path: Path) -> 
 
 
 def chatty(folder: Path) -> Path:
-    """A config whose controller writes without end."""
+    """A config whose controller prints endlessly."""
     package = folder / "ws" / "src" / "chatty"
     made = obk("new", "controller", "chatty", "--dest", package.parent)
     assert made.returncode == 0, made.stderr
@@ -316,7 +324,7 @@ def chatty(folder: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_without_a_log_folder_and_the_rmw_that_is_asked_for_the_stack_runs_and_says_so(
+def test_without_a_log_folder_and_the_requested_rmw_the_stack_runs_and_reports_it(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -329,7 +337,9 @@ def test_without_a_log_folder_and_the_rmw_that_is_asked_for_the_stack_runs_and_s
     assert "stopped cleanly" in result.stdout
 
 
-def test_a_fault_in_a_transition_asked_for_elsewhere_leaves_the_stack_up(tmp_path: Path) -> None:
+def test_a_fault_in_a_transition_requested_elsewhere_keeps_the_stack_running(
+    tmp_path: Path,
+) -> None:
     config = broken(tmp_path)
     override = ("--ignore", "OBK2,OBK407", "--set", _wrong_type())
     with launched(config, "--quiet", "--until", "none", *override, phase="started") as run:
@@ -349,13 +359,13 @@ def test_a_node_that_is_stopped_is_listed_without_an_answer() -> None:
         run.node("obelisk_estimation_0").resume()
 
 
-def test_a_second_sigint_ends_a_stack_that_hangs_on_its_way_down() -> None:
+def test_a_second_sigint_ends_a_stack_that_hangs_during_shutdown() -> None:
     with launched(DUMMY, "--quiet") as run:
         for name in NODES:
             run.node(name.strip("/")).suspend()
         run.process.send_signal(signal.SIGINT)
         run.wait_for_line("stopping")
-        # Signals at the same moment are one request; these come until it is no more.
+        # Simultaneous signals are one request; these are sent until it is no longer one.
         eventually(lambda: is_killing(run) or run.process.send_signal(signal.SIGINT), "the end")
         run.process.wait(DEADLINE_S)
     assert run.process.returncode == 1
@@ -363,13 +373,15 @@ def test_a_second_sigint_ends_a_stack_that_hangs_on_its_way_down() -> None:
 
 
 def is_killing(run: Launched) -> bool:
-    return any("was ended by SIGKILL" in line for line in run.lines)
+    return any("was terminated by SIGKILL" in line for line in run.lines)
 
 
-def test_a_raise_beside_our_ros_node_leaves_none_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exception_next_to_our_ros_node_leaves_none_behind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     environment = ros_environment()
     for name, value in environment.variables.items():
-        monkeypatch.setenv(name, value)  # taken back at the end
+        monkeypatch.setenv(name, value)  # removed at the end
     opened: list[RosNodes] = []
 
     def fail() -> None:

@@ -1,4 +1,4 @@
-"""A running arm as it is shown: ages along the way of data, rates of a slow simulation."""
+"""A running arm as displayed: message ages along the data path, rates of a slow simulation."""
 
 import json
 import shutil
@@ -21,7 +21,7 @@ WAY = ("/arm/encoders", "/arm/est", "/arm/ctrl")
 
 @pytest.fixture
 def arm(tmp_path: Path, repository: Path) -> Path:
-    """The example, calm."""
+    """The example at 10 Hz."""
     folder = tmp_path / "arm"
     shutil.copytree(repository / "examples" / "arm", folder)
     calm(folder)
@@ -29,14 +29,14 @@ def arm(tmp_path: Path, repository: Path) -> Path:
 
 
 def monitored() -> Mapping[str, Any]:
-    """The topics of the way of data as `obk monitor` reports them."""
+    """The topics of the data path as `obk monitor` reports them."""
     result = obk("monitor", "--once", "--format", "json", "--period", "2")
     assert result.returncode == 0, result.stderr
     return {topic["topic"]: topic for topic in json.loads(result.stdout)["topics"]}
 
 
 def delay(topic: str) -> Any:
-    """What `obk topic delay` reports, once messages came while it listened."""
+    """The output of `obk topic delay`, after it has received messages."""
     reported: list[str] = []
 
     def is_reported() -> bool:
@@ -73,7 +73,7 @@ def paged() -> Iterator[Callable[[], Mapping[str, Any]]]:
 
 
 def is_carried(topics: Mapping[str, Any]) -> bool:
-    """Whether the ages of estimate and command are those of the measurement in them."""
+    """Whether the ages of estimate and command are those of the underlying measurement."""
     ages = [topics[name]["age"] for name in WAY]
     return all(ages) and [age["is_carried"] for age in ages] == [False, True, True]
 
@@ -98,7 +98,7 @@ def test_a_simulation_at_half_speed_keeps_its_rates_and_its_ages_are_in_its_time
 
         def is_kept() -> bool:
             topics = monitored()
-            # Only once the robot has reported how fast its time passes.
+            # Only after the robot has reported its real-time factor.
             is_half = [topics[name]["expected_hz"] for name in WAY] == [5.0, 5.0, 5.0]
             return is_half and not any(topics[name]["is_off"] for name in WAY)
 

@@ -1,4 +1,4 @@
-"""The door to life-cycle nodes, and the stack as one of them: asked by other ROS 2 clients."""
+"""Control of life-cycle nodes, and the stack as one of them, by other ROS 2 clients."""
 
 import os
 import subprocess
@@ -48,7 +48,7 @@ rclpy.spin(node)
 
 @pytest.fixture
 def environment(monkeypatch: pytest.MonkeyPatch) -> RosEnvironment:
-    """As a launch has it, taken back at the end."""
+    """The node as in a launch, removed at the end."""
     environment = ros_environment()
     for name, value in environment.variables.items():
         monkeypatch.setenv(name, value)
@@ -65,7 +65,7 @@ SERVICES: dict[str, Any] = {
 
 
 class World:
-    """A state node, what it asked, and a client in another context."""
+    """A state node, its requests, and a client in another context."""
 
     def __init__(self, host: RosNodes, client: RosNodes) -> None:
         self.asked: SimpleQueue[Any] = SimpleQueue()
@@ -78,7 +78,7 @@ class World:
         }
         for service, one in self._clients.items():
             assert one.wait_for_service(DEADLINE_S)
-            # An answer to a client that the node did not know of by then is lost.
+            # A response to a client that the node has not discovered yet is lost.
             topic = f"rr/my_stack/{service}Reply"
             known = partial(host._node.get_subscriptions_info_by_topic, topic, no_mangle=True)
             eventually(known, f"the client of {service}, known to the node")
@@ -94,7 +94,7 @@ class World:
         return bool(self.call("change_state", transition=request.transition).success)
 
     def take(self, state: str, answer: ChangeAnswer, **transition: Any) -> tuple[str, bool]:
-        """What was asked for by a request in a state, and what came back."""
+        """The request that a state leads to, and its response."""
         self.node.show(state)
         asked: list[ChangeRequested] = []
 
@@ -118,7 +118,7 @@ def world(environment: RosEnvironment) -> Iterator[World]:
         yield World(host, client)
 
 
-def test_a_change_is_answered_when_the_stack_got_there_and_the_state_meanwhile(
+def test_a_change_is_answered_when_complete_and_the_state_in_between(
     world: World,
 ) -> None:
     world.node.show("inactive")
@@ -147,7 +147,7 @@ def test_a_change_is_answered_when_the_stack_got_there_and_the_state_meanwhile(
     assert seen == [("inactive", "activating", 3), ("activating", "active", 30)]
 
 
-def test_transitions_by_number_and_by_label_and_what_went_wrong(world: World) -> None:
+def test_transitions_by_number_and_by_label_and_their_errors(world: World) -> None:
     done = ChangeAnswer(success=True)
     assert world.take("unconfigured", done, id=1) == ("configure", True)
     assert world.take("active", done, id=7) == ("shutdown", True)
@@ -159,14 +159,15 @@ def test_transitions_by_number_and_by_label_and_what_went_wrong(world: World) ->
         assert not world.change(**wrong)
     assert world.asked.empty()
     assert world.refused[0] == (
-        "refused the transition `7` in the state `unconfigured`; possible here: configure, shutdown"
+        "the transition `7` is not allowed in the state `unconfigured`; "
+        "possible now: configure, shutdown"
     )
     assert len(world.refused) == 4
     assert world.client.last_fault("/my_stack", DEADLINE_S) == world.refused[-1]
     assert world.client.state("/my_stack", DEADLINE_S) == "unconfigured"
 
 
-def test_what_is_possible_is_reported(world: World) -> None:
+def test_possible_transitions_are_reported(world: World) -> None:
     assert world.call("get_state").current_state.label == "unknown"
     world.node.show("inactive")
     assert world.call("get_state").current_state.id == 2
@@ -194,17 +195,17 @@ def running_node() -> Iterator["subprocess.Popen[bytes]"]:
 
 
 class Ears:
-    """What was heard of a node."""
+    """The events received from a node."""
 
     def __init__(self, ros: RosNodes) -> None:
-        self.heard: list[InputEvent] = []
-        ros.report_to(self.heard.append)
+        self.received: list[InputEvent] = []
+        ros.report_to(self.received.append)
 
     def count(self, what: InputEvent) -> int:
-        return self.heard.count(what)
+        return self.received.count(what)
 
 
-def test_a_restarted_node_is_ready_when_its_new_process_answers(
+def test_a_restarted_node_is_ready_when_its_new_process_replies(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ready = Ready(node="/n")
@@ -212,13 +213,13 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
     with open_ros_nodes("watch", environment) as ros:
         ears = Ears(ros)
         ros.prepare(["/n"])
-        assert ears.heard == []
+        assert ears.received == []
         ros.watch(["/n"])
         with running_node() as first:
             eventually(lambda: ears.count(ready) == 1, "the first process")
             first.kill()
             first.wait()
-            # The dead one's services are still in the graph, and questions go unanswered.
+            # The dead node's services are still in the graph, and requests are not answered.
             for _ in range(30):
                 ros.ask_state("/n")
         assert len(ros._clients._client("/n", "get_state")._pending_requests) == 1
@@ -229,7 +230,7 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
         ros.request("/n", "configure")
         with running_node():
             eventually(lambda: ears.count(ready) == 2, "the second process")
-            assert {type(heard) for heard in ears.heard} == {Ready}
+            assert {type(received) for received in ears.received} == {Ready}
             ros.ask_state("/n")
             state = StateAnswered(node="/n", state="unconfigured")
             eventually(lambda: ears.count(state), "its state")
@@ -257,7 +258,7 @@ def test_a_others_that_publishes_on_a_control_topic_is_found(
         assert ros.foreign_publishers(["/control"], ["/n"], OWN_DISCOVERY_S) == ()
 
 
-def test_a_node_that_never_comes_is_no_longer_looked_for_at_the_end(
+def test_a_node_that_never_appears_is_no_longer_awaited_at_the_end(
     environment: RosEnvironment,
 ) -> None:
     before = set(threading.enumerate())
@@ -267,10 +268,10 @@ def test_a_node_that_never_comes_is_no_longer_looked_for_at_the_end(
         ros.watch(["/never"])
         assert "watch" in {thread.name for thread in set(threading.enumerate()) - before}
     assert set(threading.enumerate()) <= before
-    assert ears.heard == []
+    assert ears.received == []
 
 
-def test_of_a_client_only_its_own_node_stays_in_the_graph(environment: RosEnvironment) -> None:
+def test_only_the_clients_own_node_stays_in_the_graph(environment: RosEnvironment) -> None:
     with (
         open_ros_nodes("probe", environment) as ros,
         open_participant(environment, name="beside") as beside,
@@ -283,15 +284,15 @@ def test_of_a_client_only_its_own_node_stays_in_the_graph(environment: RosEnviro
 def test_discovery_is_waited_for_since_the_participants_start(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    nobody = SimpleNamespace(get_node_names_and_namespaces=list)
+    empty_node = SimpleNamespace(get_node_names_and_namespaces=list)
     slept: list[float] = []
     monkeypatch.setattr("obk_cli.ros.graph.time", clock_that_sleeps(slept))
-    RosGraph(nobody, begin_s=-OWN_DISCOVERY_S).taken(["/n"], OWN_DISCOVERY_S)
+    RosGraph(empty_node, begin_s=-OWN_DISCOVERY_S).taken(["/n"], OWN_DISCOVERY_S)
     assert slept == []
-    RosGraph(nobody, begin_s=-0.3).taken(["/n"], OWN_DISCOVERY_S)
+    RosGraph(empty_node, begin_s=-0.3).taken(["/n"], OWN_DISCOVERY_S)
     assert sum(slept) == pytest.approx(OWN_DISCOVERY_S - 0.3, abs=0.02)
 
 
 def clock_that_sleeps(slept: list[float]) -> SimpleNamespace:
-    """A clock at 0 s that goes on by what is slept [s]."""
+    """A clock that starts at 0 s and advances by the slept time [s]."""
     return SimpleNamespace(monotonic=lambda: sum(slept), sleep=slept.append)

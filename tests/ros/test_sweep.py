@@ -1,4 +1,4 @@
-"""`obk sweep` with real workers: same results everywhere, interrupted, continued, and reported."""
+"""`obk sweep` with real workers: same results, interruption, resumption, reports."""
 
 import json
 import os
@@ -74,7 +74,7 @@ STAYS = FoundTest(node_id="tests/test_dummy.py::test_it_stays[seed0]", takes_see
 
 @pytest.fixture
 def config(repository: Path, tmp_path: Path) -> Path:
-    """The dummy with noise and tests, in a folder of its own."""
+    """The dummy with noise and tests, in its own folder."""
     dummy = repository / "examples" / "dummy"
     for name in ("dummy.xml", "dummy_params.txt"):
         shutil.copy(dummy / name, tmp_path)
@@ -90,7 +90,7 @@ def config(repository: Path, tmp_path: Path) -> Path:
 
 
 def digests(folder: Path) -> dict[int, str]:
-    """Seed -> digest of the test with a seed that passed."""
+    """Seed -> digest of the passed test with a seed."""
     with closing(sqlite3.connect(folder / "sweep.sqlite")) as database:
         rows = "SELECT seed, digest FROM rows WHERE digest != '' AND seed IS NOT NULL"
         return dict(database.execute(rows))
@@ -107,15 +107,16 @@ def run_alone(config: Path, cases: list[SweepCase], workers: int = 1) -> dict[in
     return {seeds[row.key]: row.digest for row in rows}
 
 
+@pytest.mark.slow
 def test_a_sweep_runs_reports_and_has_the_results_of_any_order(config: Path) -> None:
     folder = config.parent / "out"
     command = ("sweep", config, "--seeds", "5", "-j", "2", "--output", folder, "--format", "json")
     result = obk(*command)
     assert result.returncode == 1, result.stderr
-    assert "without 1 test" in result.stderr
+    assert "skipping 1 test" in result.stderr
     summary = json.loads(result.stdout)
     assert (summary["cases"], summary["done"]) == (12, 12)
-    # The worker that was killed in seed 1 cost no case.
+    # The worker that was killed in seed 1 lost no case.
     assert summary["outcomes"] == {"passed": 6, "failed": 1, "skipped": 5}
     (failed,) = summary["failed"]
     assert failed["seed"] == 3
@@ -130,18 +131,18 @@ def test_a_sweep_runs_reports_and_has_the_results_of_any_order(config: Path) -> 
     assert (again.returncode, again.stdout) == (1, result.stdout)
     assert (folder / "report.html").read_text() == page
 
-    # One worker, the other way round.
+    # With one worker, in reverse order.
     cases = [*make_cases([STAYS], seeds=5)]
     assert run_alone(config, cases[::-1]) == digests(folder)
 
-    # A test that has changed since makes results of another sweep.
+    # Results of a test that has changed belong to another sweep.
     (config.parent / "tests" / "test_dummy.py").write_text(TESTS.replace("three", "four"))
     changed = obk(*command)
     assert changed.returncode == 2
     assert "test_dummy.py changed" in changed.stderr
 
 
-def test_a_sweep_that_was_killed_continues_where_it_was(config: Path) -> None:
+def test_a_killed_sweep_is_resumed(config: Path) -> None:
     folder = config.parent / "out"
     command = ["sweep", str(config), "tests/test_dummy.py::test_it_stays", "--seeds", "9"]
     command += ["-j", "2", "--output", str(folder), "--vary", f"{SIGMA}=0.001..0.1"]
@@ -215,7 +216,7 @@ def test_workers_end_with_the_sweep(config: Path) -> None:
         _, errors = sweep.communicate()
         eventually(lambda: not marked(), "the end of the workers")
     assert sweep.returncode == 130
-    assert "the same command continues" in errors
+    assert "run the same command again to continue" in errors
     assert (folder / "report.html").exists()
 
 
@@ -235,7 +236,7 @@ def test_a_case_whose_worker_always_dies_is_reported(config: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_cannot_be_collected_is_reported(config: Path) -> None:
+def test_collection_errors_are_reported(config: Path) -> None:
     tests = config.parent / "tests" / "test_dummy.py"
     tests.write_text(f"import no_such_module\n{TESTS}")
     result = obk("sweep", config, "--output", config.parent / "out")
@@ -319,7 +320,7 @@ def test_misuse_is_found_before_anything_runs(
     assert not list(folder.glob("report.html"))
 
 
-def test_shared_programs_give_the_bits_of_a_fresh_load(config: Path) -> None:
+def test_shared_programs_give_the_results_of_a_fresh_load(config: Path) -> None:
     changed = (f"{SIGMA}=0.05", "robot.sim[0].num_steps_per_viz=8")
 
     def digest(stacks: LoadedStacks, *overrides: str) -> str:
@@ -330,7 +331,7 @@ def test_shared_programs_give_the_bits_of_a_fresh_load(config: Path) -> None:
     try:
         plain = digest(shared)
         assert digest(shared, *changed) == digest(fresh, *changed) != plain
-        # Another period is another program's timer.
+        # Another period belongs to another program.
         assert digest(shared, f"{PERIOD}=0.002") == digest(fresh, f"{PERIOD}=0.002") != plain
         assert digest(shared) == plain
     finally:
@@ -378,7 +379,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.slow
-def test_two_dask_workers_give_the_bits_of_local_ones(config: Path) -> None:
+def test_two_dask_workers_give_the_results_of_local_ones(config: Path) -> None:
     pytest.importorskip("distributed", reason="it is in the extra `sweep`")
     folder, test = config.parent, "tests/test_dummy.py::test_it_stays"
     local = run_alone(config, [*make_cases([STAYS], seeds=6)], workers=2)
@@ -388,9 +389,9 @@ def test_two_dask_workers_give_the_bits_of_local_ones(config: Path) -> None:
     )
     assert result.returncode == 1, result.stderr  # seed 3
     assert digests(folder / "out") == local
-    assert "other bits" not in result.stdout
+    assert "bitwise equal" not in result.stdout
 
-    # From a copy of the workspace, on a machine that has other bits.
+    # From a copy of the workspace, on a machine with different results.
     (folder / "on_dask.py").write_text(DASK)
     shipped = subprocess.run(
         [sys.executable, folder / "on_dask.py", folder, STAYS.node_id, "of another CPU"],

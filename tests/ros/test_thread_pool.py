@@ -1,4 +1,4 @@
-"""Executors that programs name: transitions that destroy due timers, groups in parallel."""
+"""Executors that programs choose: transitions that destroy due timers, parallel groups."""
 
 from collections.abc import Callable
 from typing import Any
@@ -36,7 +36,7 @@ class Busy(ObeliskNode):
 
 @pytest.fixture(params=["rclpy", ""], ids=["of rclpy", "of the library"])
 def chosen(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Whose executors a program gets that names one of rclpy's."""
+    """The executor that a program gets if it names one of rclpy's."""
     monkeypatch.setenv("OBK_EXECUTOR", request.param)
     return str(request.param)
 
@@ -53,7 +53,7 @@ def test_the_library_runs_programs_that_name_an_executor(
 
 
 class Asking(ObeliskNode):
-    """A timer that waits for a service of the same node, each in a group of its own."""
+    """A timer that waits for a service of the same node, in separate callback groups."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__("asking", **given)
@@ -64,12 +64,12 @@ class Asking(ObeliskNode):
         self.create_timer(0.01, self.ask, callback_group=groups[2])
 
     def answer(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Answer."""
+        """Respond to the request."""
         response.success = True
         return response
 
     def ask(self) -> None:
-        """Wait for the answer."""
+        """Wait for the response."""
         self.answers += self.asked.call(Trigger.Request()).success
 
 

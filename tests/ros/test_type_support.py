@@ -1,4 +1,4 @@
-"""Message packages without their compiled part, as one for another Python has them."""
+"""Message packages without compiled code, such as those for another Python."""
 
 import sys
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ def _package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         del sys.modules[name]
 
 
-def test_they_are_reported_in_a_sentence() -> None:
+def test_they_are_reported_with_a_message() -> None:
     reported = "the type alien_msgs/msg/Number cannot be used here: no library"
     with pytest.raises(CommandFailedError, match=reported):
         require_message(find_type("alien_msgs/msg/Number"))
@@ -46,6 +46,6 @@ def test_they_are_reported_in_a_sentence() -> None:
     require_service(find_type("std_srvs/srv/Trigger"))
 
 
-def test_their_messages_are_counted_all_the_same() -> None:
+def test_their_messages_are_still_counted() -> None:
     assert raw_type("alien_msgs/msg/Number", ()) is opaque_type("alien_msgs/msg/Number", "")
     assert raw_type("std_msgs/msg/Int32", ()) is find_type("std_msgs/msg/Int32")

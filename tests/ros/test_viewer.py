@@ -1,4 +1,4 @@
-"""A simulated robot of a running stack, looked at in a browser."""
+"""A simulated robot of a running stack, viewed in a browser."""
 
 import io
 from typing import TYPE_CHECKING
@@ -20,21 +20,21 @@ SHOWN = "the simulation is shown at "
 
 
 def address(run: Launched) -> str:
-    """Where the launch says that the page is."""
+    """The URL of the page that the launch prints."""
     run.wait_for_line(SHOWN)
     line = next(line for line in run.lines if SHOWN in line)
     return line.partition(SHOWN)[2].split()[0]
 
 
 def picture(page: "Page") -> NDArray[np.int16]:
-    """What the page's canvas shows, shape `(height, width, 3)`."""
+    """The content of the page's canvas, shape `(height, width, 3)`."""
     image = pytest.importorskip("PIL.Image")
     shot = page.locator("canvas").first.screenshot()
     return np.asarray(image.open(io.BytesIO(shot)).convert("RGB"), np.int16)
 
 
 def reddish(pixels: NDArray[np.int16]) -> int:
-    """How many pixels have about the colour of the dummy's ball."""
+    """The number of pixels that are similar to the colour of the dummy's ball."""
     red, green, blue = np.moveaxis(pixels, -1, 0)
     return int(np.count_nonzero((red - green > 40) & (red - blue > 30)))
 
@@ -59,19 +59,21 @@ def test_the_page_shows_the_model_and_that_it_moves() -> None:
     assert run.left_over() == []
 
 
-def test_a_viewer_that_is_killed_is_reported_and_the_stack_goes_on() -> None:
+def test_a_killed_viewer_is_reported_and_the_stack_continues() -> None:
     pytest.importorskip("mjviser")
     with launched(DUMMY, "--viewer", "web") as run:
         address(run)
         run.wait_for("active")
         viewer = next(p for p in run.descendants if "web" in p.cmdline())
         viewer.kill()
-        run.wait_for_line("the web viewer has ended (signal 9); the simulation goes on without it")
+        run.wait_for_line(
+            "the web viewer has ended (signal 9); the simulation continues without it"
+        )
         assert run.process.poll() is None
     assert run.left_over() == []
 
 
-def test_without_a_display_the_stack_runs_and_says_what_would_do(
+def test_without_a_display_the_stack_runs_and_reports_a_fix(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)

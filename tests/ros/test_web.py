@@ -1,4 +1,4 @@
-"""A running stack as a page, in a browser."""
+"""The page of a running stack, in a browser."""
 
 import os
 import re
@@ -36,12 +36,12 @@ DRAWN = """canvas => {
   }
   return colourful;
 }"""
-"""How many pixels of a canvas have about the colour of the first line, a blue."""
+"""The number of pixels of a canvas that are similar to the colour of the first line, a blue."""
 
 
 @contextmanager
 def served(*options: str, command: Sequence[str] = ("obk", "web")) -> Iterator[str]:
-    """The address that `obk web` prints, while it serves; it ends by Ctrl-C, with 0."""
+    """The URL that `obk web` prints while it serves; stopped by Ctrl-C, with exit code 0."""
     process = subprocess.Popen(
         [OBK, *command[1:], "--port", "0", *options], stdout=subprocess.PIPE, text=True
     )
@@ -65,7 +65,7 @@ def state(page: "Page", node: str) -> str:
 
 
 def shown_in_document() -> list[str]:
-    """The command as the document shows it."""
+    """The command as in the document."""
     lines = DOCUMENT.read_text().splitlines()
     (line,) = (line for line in lines if line.startswith("$ obk web"))
     return shlex.split(line.removeprefix("$ "), comments=True)
@@ -87,15 +87,13 @@ def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
             first = text(page, row)
             seen(lambda: text(page, row) != first, "other figures")
             live = '#graph g[data-topic="/obelisk/dummy/est"] .live'
-            rate = r"\d of \d+ Hz"  # less than 1000 is expected of a simulation that is too slow
+            rate = r"\d of \d+ Hz"  # less than 1000 if the simulation is too slow
             seen(lambda: re.search(rate, page.locator(live).text_content()), "a rate in the graph")
             seen(lambda: page.locator("canvas").evaluate(DRAWN) > 50, "a line")
             assert "q_joints[0]" in text(page, ".legend")
             page.get_by_role("button", name="Whole run").click()
             seen(lambda: page.get_by_role("button", name="Resume").count(), "the recording")
-            shown = page.locator(".chart").get_attribute("aria-label") or ""
-            begin, end = map(float, re.findall(r"-?[\d.]+", shown))
-            assert 0.0 < begin < end
+            seen(lambda: 0.0 < shown_times(page)[0] < shown_times(page)[1], "the times of the run")
             assert not page.locator(".plot .fault").is_visible()
             page.get_by_role("button", name="Resume").click()
 
@@ -106,7 +104,7 @@ def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
             assert '"inactive"' in obk("lifecycle", "get", "control_0", "--format", "json").stdout
 
             hostile_lines_are_text(page)
-            a_change_that_may_move_the_robot_is_asked_about(page)
+            a_change_that_may_move_the_robot_needs_confirmation(page)
 
             run.process.send_signal(signal.SIGINT)
             seen(lambda: "has ended" in text(page, "#notice"), "the end")
@@ -114,6 +112,13 @@ def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
             assert page.title() != "hurt"
     hosts = {urlsplit(one).hostname for one in asked if not one.startswith("about:")}
     assert hosts == {"127.0.0.1"}
+
+
+def shown_times(page: "Page") -> tuple[float, float]:
+    """The first and the last time in the plot, once it shows a recording [s]."""
+    label = page.locator(".chart").get_attribute("aria-label") or ""
+    times = [float(number) for number in re.findall(r"-?[\d.]+", label)]
+    return (times[0], times[1]) if len(times) == 2 else (0.0, 0.0)
 
 
 def hostile_lines_are_text(page: "Page") -> None:
@@ -124,7 +129,7 @@ def hostile_lines_are_text(page: "Page") -> None:
     assert page.locator("#log img, #log script").count() == 0
 
 
-def a_change_that_may_move_the_robot_is_asked_about(page: "Page") -> None:
+def a_change_that_may_move_the_robot_needs_confirmation(page: "Page") -> None:
     row = page.locator('#nodes tr[data-key="/obelisk_control_0"]')
     activate = row.get_by_role("button", name="activate", exact=False).first
     activate.click()
@@ -140,7 +145,7 @@ def a_change_that_may_move_the_robot_is_asked_about(page: "Page") -> None:
 def test_a_page_waits_for_a_stack_and_shows_the_next_one() -> None:
     chromium()
     with served() as url, opened(url, width=420, height=800) as page:
-        seen(lambda: "No stack runs" in text(page, "#notice"), "that nothing runs")
+        seen(lambda: "No stack is running" in text(page, "#notice"), "that nothing runs")
         for _ in range(2):
             with launched(DUMMY):
                 seen(lambda: text(page, "#state") == "active", "the stack")
@@ -166,7 +171,8 @@ def test_fields_are_offered_and_faults_in_them_reported() -> None:
         assert "angular_velocity.x" in page.locator(".plot .legend").nth(1).inner_text()
         text_reported = page.locator(".plot .fault").nth(2)
         seen(
-            lambda: text_reported.inner_text() == "`header.frame_id` is text, not numbers", "a text"
+            lambda: text_reported.inner_text() == "`header.frame_id` contains text, not numbers",
+            "a text",
         )
         page.get_by_role("button", name="remove /obelisk/dummy/imu angular_velocity.w").click()
         assert page.locator(".plot").count() == 2
@@ -189,7 +195,7 @@ from pathlib import Path
 
 Path({seen!r}).write_text(sys.argv[1])
 """
-"""A program that is started as a browser and writes down the address that it is given."""
+"""A program that is started as a browser and writes its URL argument to a file."""
 
 
 @pytest.mark.slow
@@ -211,7 +217,7 @@ def test_a_browser_is_opened_without_the_token_on_its_command_line(
         assert token not in address
         assert file.parent.stat().st_mode & 0o077 == 0
         with opened(address) as page:
-            seen(lambda: "No stack runs" in text(page, "#notice"), "the page")
+            seen(lambda: "No stack is running" in text(page, "#notice"), "the page")
             assert urlsplit(page.url).netloc == urlsplit(url).netloc
     assert not file.exists()
 
@@ -226,8 +232,8 @@ def test_parameters_are_tuned_by_sliders_and_fields_reset_and_saved(tmp_path: Pa
         slider = page.get_by_label("estimation_0 time_constant_s slider")
         slider.fill("0.05")
         row = page.locator(".parameter", has=slider)
-        said = "time_constant_s changed from 0.005 to 0.05 s, in effect"
-        seen(lambda: said in row.inner_text(), "the change")
+        output = "time_constant_s changed from 0.005 to 0.05 s, in effect"
+        seen(lambda: output in row.inner_text(), "the change")
         assert smoothing.input_value() == "0.05"
         of_node = ("param", "get", "estimation_0", "time_constant_s")
         assert obk(*of_node).stdout.split()[-1] == "0.05"
@@ -239,7 +245,7 @@ def test_parameters_are_tuned_by_sliders_and_fields_reset_and_saved(tmp_path: Pa
         seen(lambda: "to 0.005 s, in effect" in row.inner_text(), "the reset")
         assert obk(*of_node).stdout.split()[-1] == "0.005"
 
-        # A list has a field; what another terminal sets is shown too.
+        # A list has one field; changes from another terminal are shown too.
         gains = page.get_by_label("control_0 kd", exact=True)
         assert page.get_by_label("control_0 kd slider").count() == 0
         obk("param", "set", "control", "kd", "[6, 6, 6, 6, 6, 6]")

@@ -1,4 +1,4 @@
-"""A user at a terminal: a shell on a pseudo terminal, typed to and read as a person would."""
+"""A user at a terminal: a shell on a pseudo terminal, which types and reads like a person."""
 
 import codecs
 import os
@@ -17,21 +17,21 @@ from obk_cli.terminal import plain
 from .stack import patient
 
 DEADLINE_S: Final = 240.0
-"""For whatever is typed, a compiler among it, on a machine with much else to do [s]."""
+"""Timeout for any command, including compilers, on a busy machine [s]."""
 SIZE: Final = (50, 160)
-"""Rows and columns: wide enough for the findings of a document."""
+"""Rows and columns, wide enough for the findings in a document."""
 CTRL_C: Final = "\x03"
 PROMPT: Final = re.compile(r"user\[(?P<code>\d+)\]> ")
 
 
 class UserShell:
-    """A shell that waits for what is typed."""
+    """A shell that waits for input."""
 
     def __init__(self, folder: Path, variables: Mapping[str, str]) -> None:
         self._master, slave = os.openpty()
         termios.tcsetwinsize(slave, SIZE)
         self._shell = subprocess.Popen(
-            # The terminal has to be the session's own, or it would not turn Ctrl-C into a signal.
+            # The terminal must be the session's controlling terminal, to turn Ctrl-C into a signal.
             ["setsid", "--ctty", "bash", "--norc", "--noprofile", "--noediting", "-i"],
             cwd=folder,
             env={**variables, "PS1": "user[$?]> ", "TERM": "xterm-256color", "HISTFILE": ""},
@@ -45,20 +45,20 @@ class UserShell:
         self.wait_for_prompt()
 
     def type(self, keys: str) -> None:
-        """Press keys; what was said before is not looked at again."""
+        """Press keys; ignores earlier output from now on."""
         self._text = ""
         os.write(self._master, keys.encode())
 
     def enter(self, line: str) -> None:
-        """Type a command line; a launch gets limits that a busy machine keeps."""
+        """Type a command line; launches get limits that a busy machine can keep."""
         self.type(re.sub(r"^obk launch\b", " ".join(["obk", *patient("launch")]), line) + "\n")
 
     def press_ctrl_c(self) -> None:
-        """Press Ctrl-C, keeping what was said so far."""
+        """Press Ctrl-C, and keep the earlier output."""
         os.write(self._master, CTRL_C.encode())
 
     def wait_for(self, pattern: re.Pattern[str]) -> re.Match[str]:
-        """Read until something is there to be seen."""
+        """Read until some text is shown."""
         end = time.monotonic() + DEADLINE_S
         while not (found := pattern.search(self.seen)):
             assert time.monotonic() < end, f"never came: {pattern.pattern}\n{self.seen}"
@@ -68,16 +68,16 @@ class UserShell:
         return found
 
     def wait_for_prompt(self) -> int:
-        """Read until the shell waits again; the exit code of what it ran."""
+        """Read until the shell waits again; return the exit code of the command."""
         return int(self.wait_for(PROMPT)["code"])
 
     @property
     def seen(self) -> str:
-        """What was said since something was typed, without colours and cursor movements."""
+        """The output since the last input, without colours and cursor movements."""
         return "\n".join(plain(line) for line in self._text.split("\n"))
 
     def close(self) -> None:
-        """Leave the shell."""
+        """Exit the shell."""
         os.close(self._master)
         try:
             self._shell.wait(DEADLINE_S)
@@ -88,7 +88,7 @@ class UserShell:
 
 @contextmanager
 def user_shell(folder: Path, variables: Mapping[str, str]) -> Iterator[UserShell]:
-    """A shell in a folder; closed, as its terminal's window would be, at the end."""
+    """A shell in a folder; closed at the end, like a terminal window."""
     shell = UserShell(folder, variables)
     try:
         yield shell

@@ -123,13 +123,13 @@ robot:
 
 
 def make_workspace(folder: Path) -> Path:
-    """The message packages: one uses another, a third stands alone; one has a service."""
+    """The message packages: one uses another, a third is independent; one has a service."""
     write_files(folder / "src", MESSAGES)
     return folder
 
 
 def make_nodes(workspace: Path) -> Path:
-    """A package of nodes, and the config that wires them; the config's path."""
+    """A package of nodes, and the config that connects them; returns the config's path."""
     write_files(workspace / "src", NODES)
     config = workspace / "stack.yaml"
     config.write_text(CONFIG)
@@ -137,7 +137,7 @@ def make_nodes(workspace: Path) -> Path:
 
 
 def write_files(folder: Path, files: dict[str, str]) -> None:
-    """Write texts below a folder."""
+    """Write files below a folder."""
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)

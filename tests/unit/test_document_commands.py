@@ -1,4 +1,4 @@
-"""Commands that documents and `--help` show: obk knows their options; tests/ros runs them."""
+"""Commands in documents and `--help`: obk knows their options; tests/ros runs them."""
 
 import re
 import shlex
@@ -22,7 +22,7 @@ ENDS = ("&", "||", "|", ">", "&&")
 
 
 def commands(page: Path) -> list[list[str]]:
-    """The words of every `obk` command, without what the shell does with it."""
+    """The words of every `obk` command, without shell syntax."""
     text = "".join(block.body for block in blocks(page) if block.kind == "sh")
     lines = text.replace("\\\n", " ").splitlines()
     split = [shlex.split(line, comments=True) for line in lines]
@@ -39,7 +39,7 @@ EXAMPLES = EXAMPLE.findall(HELP.read_text())
 
 
 @pytest.mark.parametrize("page", SHOWING, ids=page_name)
-def test_the_command_line_takes_what_a_document_shows(page: Path) -> None:
+def test_the_command_line_accepts_the_commands_of_a_document(page: Path) -> None:
     for words in commands(page):
         if not words[0].startswith("-"):
             take(words)
@@ -59,7 +59,7 @@ def test_the_help_has_examples() -> None:
 
 
 def take(words: list[str]) -> None:
-    """Raises where an option or the number of arguments is wrong; nothing is run."""
+    """Raise if an option or the number of arguments is wrong; run nothing."""
     command, context = root_command(), None
     while isinstance(command, click.Group) and not words[0].startswith("-"):
         context = click.Context(command, parent=context, info_name=words[0])

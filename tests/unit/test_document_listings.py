@@ -1,4 +1,4 @@
-"""Every listing of every page: `obk validate` accepts its YAML, its Python is Python, and so on."""
+"""Listings of all pages: `obk validate` accepts their YAML, their Python is valid, and so on."""
 
 import ast
 import re
@@ -34,7 +34,7 @@ RUN = {"sh", "diff", "text", "", "mermaid"}
 OTHER_PROGRAMS = {"jobs", "repos", "id", "uses", "run"}
 """Keys of the listings for CI and pre-commit."""
 PART = {"docs/how-to/migrating.md", "docs/how-to/variants.md"}
-"""Pages whose configs are not whole; they are migrated, and merged, by tests of their own."""
+"""Pages whose configs are incomplete; separate tests migrate and merge them."""
 IN_THE_WORLD = """
     <body>
       <freejoint/>
@@ -64,7 +64,7 @@ def compile_text(text: str, folder: Path) -> Outcome:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """The dummy's folder, with a model that has what the pages name."""
+    """The dummy's folder, with a model that has everything that the pages name."""
     shutil.copytree(DUMMY, tmp_path, dirs_exist_ok=True)
     model = (DUMMY / "dummy.xml").read_text()
     keyframes = '<keyframe><key name="ic"/><key name="home"/><key name="other"/></keyframe>'
@@ -75,7 +75,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def whole(listing: Any) -> dict[str, Any]:
-    """A config: the listing, or the dummy's with what the listing adds to it or its robot."""
+    """A config: the listing, or the dummy's config with the listing's additions."""
     if isinstance(listing, dict) and "robot" in listing and "estimation" in listing:
         return listing
     stack: dict[str, Any] = yaml.safe_load((DUMMY / "dummy_new.yaml").read_text())
@@ -129,11 +129,11 @@ CHECKS: dict[str, Callable[[Block, Path], None]] = {
 @pytest.mark.parametrize(
     "block", [block for block in LISTINGS if block.kind not in RUN], ids=lambda block: block.name
 )
-def test_a_listing_holds(block: Block, folder: Path) -> None:
+def test_a_listing_is_valid(block: Block, folder: Path) -> None:
     CHECKS[block.kind](block, folder)
 
 
-def test_the_older_spelling_becomes_the_newer_one() -> None:
+def test_the_older_format_becomes_the_newer_one() -> None:
     older, newer, _ = listings("docs/how-to/migrating.md", "yaml")
     assert migrate_source(SourceFile.of("arm.yaml", older), "key").text == newer
 
@@ -193,7 +193,7 @@ def test_variables_hold_a_period(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("spelling", ["key", "seed"])
-def test_the_watched_config_compiles_in_either_spelling(folder: Path, spelling: str) -> None:
+def test_the_watched_config_compiles_in_either_format(folder: Path, spelling: str) -> None:
     (config,) = listings("docs/how-to/safety.md", "yaml")
     text = migrate_source(SourceFile.of("watched.yaml", config), spelling).text  # type: ignore[arg-type]
     outcome = compile_text(text, folder)

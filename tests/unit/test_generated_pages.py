@@ -1,4 +1,4 @@
-"""What is generated is up to date: rules, reference, pictures, examples of `obk explain`."""
+"""All generated files are up to date: rules, reference, pictures, examples of `obk explain`."""
 
 from pathlib import Path
 from types import ModuleType
@@ -21,14 +21,14 @@ from obk_cli.diagnostics.rules import RULES
         pytest.param(pictures, id="pictures", marks=pytest.mark.mujoco),
     ],
 )
-def test_nothing_that_is_generated_is_stale(
+def test_no_generated_file_is_stale(
     generator: ModuleType, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert generator.main(["--check"]) == 0, f"run `make docs`\n{capsys.readouterr().out}"
 
 
 @pytest.mark.parametrize("code", ["OBK001", "OBK205", "OBK504"])
-def test_explain_shows_a_wrong_and_a_right_example(
+def test_explain_shows_a_wrong_and_a_correct_example(
     code: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command(code.lower())
@@ -39,7 +39,7 @@ def test_explain_shows_a_wrong_and_a_right_example(
     assert f"[{code}]: " in reported
 
 
-def test_the_stages_of_the_picture_are_those_of_the_source(repository: Path) -> None:
+def test_the_diagram_shows_the_stages_of_the_source(repository: Path) -> None:
     source = repository / "src" / "obk_cli"
     named = {box.name for box in design_drawings.STAGES} - {"stack.yaml"}
     for name in named:

@@ -1,4 +1,4 @@
-"""Links of the documents lead somewhere: files that are there, headings that are in them."""
+"""Links in the documents lead to existing files and headings."""
 
 import re
 from collections.abc import Iterator
@@ -23,12 +23,12 @@ HEADING = re.compile(r"^#+ (?P<text>.+)$", re.MULTILINE)
 
 
 def prose(page: Path) -> str:
-    """A page without its code, in which brackets are no links."""
+    """A page without its code, in which brackets are not links."""
     return CODE.sub("code", page.read_text(encoding="utf-8"))
 
 
 def anchors(page: Path) -> set[str]:
-    """What headings are called in addresses, as GitHub and MkDocs make it of plain words."""
+    """Anchors of headings, as GitHub and MkDocs derive them from plain words."""
     without_listings = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
     texts = (heading["text"].lower() for heading in HEADING.finditer(without_listings))
     return {re.sub(r"[^\w\s-]", "", text).strip().replace(" ", "-") for text in texts}
@@ -40,12 +40,12 @@ def links(page: Path) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_link_leads_somewhere(page: Path) -> None:
+def test_a_link_has_a_target(page: Path) -> None:
     for target in links(page):
         path, _, anchor = target.partition("#")
         aim = (page.parent / path).resolve() if path else page
         assert aim.exists(), target
-        # Of what is outside docs/, a page made of docs/ alone knows nothing.
+        # Pages made of docs/ alone cannot link to files outside docs/.
         assert not page.is_relative_to(DOCS) or aim.is_relative_to(DOCS), target
         assert not anchor or anchor in anchors(aim), target
 

@@ -1,4 +1,4 @@
-"""docs/troubleshooting.md quotes what the source says."""
+"""docs/troubleshooting.md quotes messages of the source."""
 
 import ast
 import re
@@ -16,14 +16,14 @@ QUOTES = [row["quote"].strip() for row in ROW.finditer(PAGE.read_text(encoding="
 
 
 def template(node: ast.expr) -> str:
-    """A text of the source, what is filled in as `…`."""
+    """A text of the source, with placeholders as `…`."""
     if isinstance(node, ast.JoinedStr):
         return re.sub("…+", "…", "".join(map(template, node.values)))
     return str(node.value) if isinstance(node, ast.Constant) else "…"
 
 
 def templates() -> Iterator[str]:
-    """Every text of the source; docstrings are none."""
+    """All texts of the source except docstrings."""
     for path in (ROOT / "src").rglob("*.py"):
         for statement in ast.walk(parsed(path)):
             for node in ast.iter_child_nodes(statement):
@@ -45,4 +45,4 @@ def test_every_row_is_read() -> None:
 @pytest.mark.parametrize("quote", QUOTES)
 def test_a_message_is_one_of_the_source(quote: str, source: str) -> None:
     assert len(re.findall(r"\w", quote)) >= 6
-    assert quote in source, f"no message of the source says: {quote}"
+    assert quote in source, f"the source has no message: {quote}"

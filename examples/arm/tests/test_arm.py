@@ -1,7 +1,7 @@
 """Closed-loop tests of the arm: its nodes and its simulator in lock-step, in simulated time.
 
 Run them from the repository: `obk test examples/arm/arm.yaml examples/arm/tests`.
-Each limit has its measured value beside it: the worst of seeds 0 to 4.
+The comment on each limit is the measured value, the worst of seeds 0 to 4.
 """
 
 from pathlib import Path
@@ -17,11 +17,11 @@ RED = [-0.11, 0.80, 1.19, 0.0, 1.14, 0.0]
 GREEN = [0.56, 0.83, 1.02, 0.0, 1.29, 0.0]
 BLUE = [-0.59, 0.71, 1.28, 0.0, 1.15, 0.0]
 RESTS = [(RED, 2.6, 3.5), (GREEN, 6.1, 7.0), (BLUE, 9.6, 10.5), (RED, 13.1, 14.0)]
-"""The poses [rad], and from when to when the arm rests there [s]."""
+"""The poses [rad], and the start and end of the rest at each [s]."""
 
 
 def distance(run, pose, begin, end=np.inf):
-    """The largest distance of a joint from a pose in a part of a run [rad]."""
+    """The maximum distance of a joint from a pose in a part of a run [rad]."""
     part = (run.t >= begin) & (run.t < end)
     return np.abs(run.qpos[part] - pose).max()
 
@@ -40,7 +40,7 @@ def contacts(run):
 
 @pytest.mark.parametrize("late_ms", [0, 10])
 def test_it_reaches_each_pose_and_rests_there(stack, seed, late_ms):
-    arm = stack(CONFIG, seed=seed, record=[])  # messages are not kept
+    arm = stack(CONFIG, seed=seed, record=[])  # messages are not recorded
     arm.delay("/arm/ctrl", late_ms / 1000)
     run = arm.run(14.0)
     assert not run.faults
@@ -52,7 +52,7 @@ def test_it_reaches_each_pose_and_rests_there(stack, seed, late_ms):
 
 
 @pytest.mark.parametrize("force", [(0, 0, -60), (0, 80, 0)], ids=["down", "sideways"])
-def test_a_push_is_gone_in_half_a_second(stack, seed, force):
+def test_it_recovers_from_a_push_in_half_a_second(stack, seed, force):
     arm = stack(CONFIG, seed=seed)
     arm.run(2.6)
     arm.push("forearm", force, duration=0.1)  # [N]
@@ -95,25 +95,25 @@ def test_without_a_controller_the_drives_hold_the_last_target(stack, seed):
     arm.kill("control")
     run = arm.run(1.0)
     assert run["/arm/ctrl"].t[-1] <= 1.2
-    # Each message has a target speed too, 0.98 rad/s here, so the drives stop further on.
+    # Each message also has a target speed, here 0.98 rad/s, so the drives overshoot.
     assert distance(run, moving.qpos[-1], 1.2) < 0.12  # 0.094 rad
     assert np.abs(run.qvel[-1]).max() < 0.01  # 0.0013 rad/s
 
 
-def test_a_watched_robot_brakes_when_its_controller_dies(stack, seed):
-    watched = [
+def test_a_robot_with_max_age_brakes_when_its_controller_dies(stack, seed):
+    settings = [
         "robot.subscribers[0].max_age_sec=0.05",
         "robot.subscribers[0].stale_action=damp",
     ]
-    arm = stack(CONFIG, seed=seed, set=watched)
+    arm = stack(CONFIG, seed=seed, set=settings)
     arm.run(3.0)
     arm.kill("control")
     run = arm.run(1.0)
     assert any("the robot brakes" in entry.text for entry in run.log)
-    # The arm sinks, and the brakes keep it slow.
+    # The arm sinks slowly, because it brakes.
     assert np.abs(run.qvel[run.t > 3.0]).max() < 1.6  # 1.3 rad/s, and 2.0 rad/s without brakes
 
 
-def test_the_same_seed_gives_the_same_bits(stack, seed):
+def test_the_same_seed_gives_an_identical_run(stack, seed):
     one, two = (stack(CONFIG, seed=seed).run(1.0) for _ in range(2))
     assert one.first_difference(two) is None

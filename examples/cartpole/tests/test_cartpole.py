@@ -1,7 +1,7 @@
 """Closed-loop tests of the cart-pole: its network, nodes and simulator in lock-step.
 
 Run them from the repository: `obk test examples/cartpole/cartpole.yaml`.
-Each limit has its measured value beside it: the worst of seeds 0 to 4.
+The comment on each limit is the measured value, the worst of seeds 0 to 4.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ def test_the_network_balances_the_pole(stack, seed):
     assert np.abs(run.joint("slide")).max() < 0.36  # 0.18 m
 
 
-def test_it_takes_a_push(stack, seed):
+def test_it_recovers_from_a_push(stack, seed):
     robot = stack("../cartpole.yaml", seed=seed)
     robot.run(3.0)
     robot.push("cart", [20.0, 0.0, 0.0], duration=0.1)

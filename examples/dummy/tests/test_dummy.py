@@ -1,7 +1,7 @@
 """Closed-loop tests of the two-link robot: its nodes and its simulator in lock-step.
 
 Run them from the repository: `obk test examples/dummy/dummy.yaml examples/dummy/tests`.
-Each limit has its measured value beside it: the worst of seeds 0 to 4.
+The comment on each limit is the measured value, the worst of seeds 0 to 4.
 """
 
 import numpy as np
@@ -11,10 +11,10 @@ CONFIG = "../dummy.yaml"
 
 
 def test_the_joint_follows_its_command(stack, seed):
-    run = stack(CONFIG, seed=seed).run(6.5)  # a whole period of sin(t)
-    settled = run.t > 0.5  # it starts 0.5 rad away from the first command
+    run = stack(CONFIG, seed=seed).run(6.5)  # a full period of sin(t)
+    settled = run.t > 0.5  # the joint starts 0.5 rad away from the first command
     error = run.joint("joint1") - np.sin(run.t)
-    assert np.abs(error[settled]).max() < 0.05  # 0.038 rad: it follows 40 ms late
+    assert np.abs(error[settled]).max() < 0.05  # 0.038 rad: it lags by 40 ms
     assert not run.faults
 
 
@@ -35,7 +35,7 @@ def test_the_estimate_has_the_noise_of_the_encoders(stack, seed):
     assert error.std() == pytest.approx(0.01, rel=0.1)  # 0.0096 to 0.0103 rad
 
 
-def test_seeds_differ_in_noise_and_repeat_to_the_bit(stack, seed):
+def test_seeds_differ_in_noise_and_are_reproducible(stack, seed):
     def encoders(seed):
         dummy = stack(CONFIG, seed=seed)
         dummy.noise("/obelisk/dummy/joint_encoders", "y", sigma=0.01)  # [rad]
@@ -54,4 +54,4 @@ def test_without_a_controller_the_drive_holds_the_last_command(stack, seed):
     commands = run["/obelisk/dummy/ctrl"]
     assert commands.t[-1] <= 2.0
     assert run.joint("joint1")[-1] == pytest.approx(commands.u_mujoco[-1, 0], abs=0.01)
-    # 0.0044 rad: the drive has no integral part, and the rod its weight
+    # 0.0044 rad, because the drive has no integral part and the rod has weight

@@ -1,1 +1,1 @@
-"""Life cycle, components and the five base classes of Obelisk nodes."""
+"""The base classes of Obelisk nodes, their lifecycle and their components."""

@@ -1,13 +1,13 @@
-"""Share simulated time between the processes of a launch: one page of memory, a wake-up for each.
+"""Share simulated time between the processes of a launch through a page of shared memory.
 
-The simulator writes the time after each step. A process reads it when it asks for the time, which
-costs no message and no system call. For its timers it writes into its word of the page when the
-next one is due; the simulator signals the process's eventfd at the step that reaches this time. So
-a process wakes up when one of its timers is due, and not at every step.
+The simulator writes the time after each step. Reading it costs a process no message and no system
+call. Each process also writes the due time of its next timer into its own word of the page. The
+simulator signals the process's eventfd at the step that reaches this time, so a process wakes up
+only when one of its timers is due, not at every step.
 
-Each field is an aligned word of 8 bytes that one store writes, so a reader never sees half of one
-and needs no lock. A due time that is written while a step ends is seen at the next step at the
-latest, and the process that writes one checks the time afterwards.
+Each field is an aligned 8-byte word that is written in a single store, so readers never see a
+partial value and need no lock. If a process writes a due time while a step ends, the simulator
+sees it at the next step at the latest. The process checks the time again after the write.
 """
 
 import mmap
@@ -36,13 +36,13 @@ NEVER_NS: Final = (1 << 63) - 1
 
 
 class ClockPage:
-    """The clock page, as one process sees it."""
+    """One process's view of the clock page."""
 
     def __init__(self, descriptors: ClockDescriptors) -> None:
         """Map the page.
 
         Args:
-            descriptors: stay open until `close`.
+            descriptors: must stay open until `close`.
         """
         self._words = _mapped(descriptors)
         self._own = CLOCK_FIRST_DUE + descriptors.own
@@ -54,40 +54,40 @@ class ClockPage:
 
     @property
     def time_ns(self) -> int:
-        """The simulated time [ns]; 0 before the first step."""
+        """Simulated time [ns]; 0 before the first step."""
         return self._words[CLOCK_TIME]
 
     @property
     def epoch(self) -> int:
-        """How often the time was set back."""
+        """Number of times that the clock jumped back."""
         return self._words[CLOCK_EPOCH]
 
     def set_due(self, due_ns: int) -> None:
-        """Ask to be woken at this time [ns]; the time may have come already."""
+        """Request a wake-up at this time [ns], which may already have passed."""
         self._words[self._own] = due_ns
 
     def close(self) -> None:
-        """Ask for no further wake-up."""
+        """Cancel the requested wake-up."""
         self.set_due(NEVER_NS)
 
 
 class ClockWriter:
-    """Sets the time, and wakes the processes whose timers are due."""
+    """Sets the time and wakes the processes whose timers are due."""
 
     def __init__(self, descriptors: ClockDescriptors) -> None:
         """Map the page.
 
         Args:
-            descriptors: stay open while the writer is used.
+            descriptors: must stay open while the writer is used.
         """
         self._words = words = _mapped(descriptors)
         self._wakes = descriptors.wakes
         self._dues = words[CLOCK_FIRST_DUE:]
         self._signalled = [0] * len(self._wakes)
-        """The due times for which the processes were signalled last: once for each of them."""
+        """The last due time signalled to each process; each one is signalled only once."""
 
     def advance(self, time_ns: int) -> None:
-        """Set the time [ns] after steps."""
+        """Set the time [ns] after a step."""
         self._words[CLOCK_TIME] = time_ns
         signalled = self._signalled
         for place, due_ns in enumerate(self._dues.tolist()):
@@ -96,7 +96,7 @@ class ClockWriter:
                 os.eventfd_write(self._wakes[place], 1)
 
     def restart(self, time_ns: int) -> None:
-        """Set the time [ns] of a reset; every process is woken if it jumps back."""
+        """Set the time [ns] after a reset; if it jumps back, wake every process."""
         if time_ns >= self._words[CLOCK_TIME]:
             self.advance(time_ns)
             return
@@ -109,7 +109,7 @@ class ClockWriter:
 
 @contextmanager
 def open_clock_page() -> Iterator[ClockPage | None]:
-    """The clock page that the launcher gave to this process; None if it gave none."""
+    """Open the clock page inherited from the launcher; None if it passed none."""
     descriptors = _inherited()
     if descriptors is None:
         yield None
@@ -122,7 +122,7 @@ def open_clock_page() -> Iterator[ClockPage | None]:
 
 
 def open_clock_writer() -> ClockWriter | None:
-    """The writing end of that page, for the simulator."""
+    """Open the simulator's writing end of that page; None if the launcher passed none."""
     descriptors = _inherited()
     return None if descriptors is None else ClockWriter(descriptors)
 
@@ -133,7 +133,10 @@ def _mapped(descriptors: ClockDescriptors) -> "memoryview[int]":
 
 
 def _inherited() -> ClockDescriptors | None:
-    """The descriptors of `CLOCK_VARIABLE`; a child of a node has the variable only."""
+    """The descriptors that `CLOCK_VARIABLE` lists; None if they are not open in this process.
+
+    A child process of a node inherits the variable, but not the descriptors.
+    """
     descriptors = parse_clock(os.environ.get(CLOCK_VARIABLE, ""))
     if descriptors is None:
         return None

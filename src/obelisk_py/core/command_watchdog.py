@@ -1,9 +1,9 @@
-"""Watch the age of a robot's commands, and report stopped and rejected commands without a flood.
+"""Watch the age of a robot's commands, and log stopped and rejected commands at a limited rate.
 
-`CommandAge` is arithmetic of times, with no clock and no thread. For a real robot a
-`WatchdogThread` checks it at each deadline; for a simulated one the stepping thread does so before
-each step. `SilenceLog` and `RejectionLog` limit how often the log is written; they do not delay
-the action on old commands.
+`CommandAge` only computes with times; it has no clock and no thread. A real robot's
+`WatchdogThread` checks it at each deadline. A simulated robot's stepping thread checks it before
+each step. `SilenceLog` and `RejectionLog` limit the rate of log messages; they do not delay the
+response to stale commands.
 """
 
 import threading
@@ -29,39 +29,39 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StalePolicy:
-    """The config's settings for old commands."""
+    """The config's settings for stale commands."""
 
     max_age_s: float
-    """How old the newest command may become [s], > 0."""
+    """Age at which the newest command is stale [s], > 0."""
     action: str
-    """What the robot does then, one of `obelisk_spec.components.STALE_ACTIONS`."""
+    """The robot's response, one of `obelisk_spec.components.STALE_ACTIONS`."""
 
 
 class CommandAge:
     """The age of the newest command; one thread may accept commands while another one checks.
 
-    The age counts from the first command on: until then the robot does what it does at activation.
+    No command is stale before the first one: until then, the robot does what it does at activation.
     """
 
     def __init__(self, policy: StalePolicy) -> None:
         """Start without a command."""
         self.policy = policy
         self.is_stale = False
-        """Whether `look` has found the newest command too old."""
+        """Whether `look` found the newest command stale."""
         self._newest_s: float | None = None
         self._lock = threading.Lock()
 
     @property
     def deadline_s(self) -> float | None:
-        """When the newest command becomes too old [s]; None if it is, or there is none."""
+        """When the newest command becomes stale [s]; None without a command or if it is stale."""
         newest_s = self._newest_s
         return None if newest_s is None or self.is_stale else newest_s + self.policy.max_age_s
 
     def accept(self, now_s: float) -> float | None:
-        """Note a command.
+        """Record a new command.
 
         Returns:
-            Time without commands [s], if the last one was too old.
+            Time without commands [s] if the previous one was stale, otherwise None.
         """
         with self._lock:
             before_s, self._newest_s = self._newest_s, now_s
@@ -69,12 +69,12 @@ class CommandAge:
         return now_s - before_s if was_stale and before_s is not None else None
 
     def look(self, now_s: float) -> float | None:
-        """Check whether the newest command is too old by now.
+        """Check whether the newest command is stale.
 
         Returns:
-            Its age [s], the first time that it is found too old.
+            The command's age [s] when it is first found stale, otherwise None.
         """
-        # A command's deadline only moves forward: one that lies ahead needs no lock.
+        # Deadlines only move forward, so a deadline in the future needs no lock.
         deadline_s = self.deadline_s
         if deadline_s is None or now_s <= deadline_s:
             return None
@@ -86,12 +86,12 @@ class CommandAge:
             return now_s - deadline_s + self.policy.max_age_s
 
     def silence_s(self, now_s: float) -> float | None:
-        """Time since the newest command [s], if it was found too old."""
+        """Time since the newest command [s] if it is stale, otherwise None."""
         with self._lock:
             return now_s - self._newest_s if self.is_stale and self._newest_s is not None else None
 
     def postpone(self, now_s: float) -> None:
-        """Count from now, without a command: the time until now was a pause."""
+        """Restart the age of the newest command now, because the time before was a pause."""
         with self._lock:
             if self._newest_s is not None and not self.is_stale:
                 self._newest_s = now_s
@@ -104,18 +104,18 @@ class CommandAge:
 
 
 class WatchdogThread:
-    """A thread that wakes when a robot's newest command becomes too old.
+    """A thread that wakes when a robot's newest command becomes stale.
 
-    It calls back on its own thread, so an executor that is busy does not delay it. It sleeps from
-    one deadline to the next, so commands that come in time cost nothing.
+    It runs the callback itself, so a busy executor cannot delay it. It sleeps from one deadline to
+    the next, so commands that arrive in time cost nothing.
     """
 
     def __init__(self, deadline_s: Callable[[], float | None], check: Callable[[], None]) -> None:
-        """Make a thread that does not run yet.
+        """Create the thread without starting it.
 
         Args:
-            deadline_s: returns the next deadline, a time of `time.monotonic`, or None.
-            check: called at each deadline; afterwards the deadline must have moved.
+            deadline_s: returns the next deadline on the clock of `time.monotonic` [s], or None.
+            check: called at each deadline; must move the deadline.
         """
         self._deadline_s = deadline_s
         self._check = check
@@ -128,11 +128,14 @@ class WatchdogThread:
         self._thread.start()
 
     def wake(self) -> None:
-        """Check the deadline again, after there was none."""
+        """Read the deadline again; call this when a deadline is set after there was none."""
         self._woken.set()
 
     def stop(self, timeout_s: float) -> bool:
-        """Stop the thread; false if it still runs after `timeout_s` [s], which one call waits."""
+        """Stop the thread; false if it is still running after `timeout_s` [s].
+
+        Only the first call waits.
+        """
         was_ended, self._is_ended = self._is_ended, True
         self._woken.set()
         self._thread.join(0 if was_ended else timeout_s)
@@ -150,17 +153,17 @@ class WatchdogThread:
 
 
 SILENCE_GRACE_S: Final = 0.5
-"""How long commands have stopped before that is logged [s]: a stack that shuts down stops its
-controllers before its robot, which is no fault."""
+"""Delay before stopped commands are logged [s]. During a normal shutdown, the controllers stop
+shortly before the robot."""
 SILENCE_PERIOD_S: Final = 10.0
-"""Shortest time between two reports of stopped commands [s]."""
+"""Minimum time between two reports of stopped commands [s]."""
 
 
 class SilenceLog:
-    """When the log reports that commands stopped: at most once in ten seconds; thread-safe."""
+    """Reports stopped commands at most once in 10 s; thread-safe."""
 
     def __init__(self) -> None:
-        """Make an empty log."""
+        """Create an empty log."""
         self.due_s: float | None = None
         """When the next report is due; None if there is nothing to report."""
         self._lock = threading.Lock()
@@ -170,24 +173,28 @@ class SilenceLog:
         self._is_reported = False
 
     def begin(self, now_s: float) -> None:
-        """Note that commands have stopped."""
+        """Record that commands have stopped."""
         with self._lock:
             self._count += 1
             if self.due_s is None:
                 self.due_s = max(now_s + SILENCE_GRACE_S, self._last_report_s + SILENCE_PERIOD_S)
 
     def end(self, silent_s: float) -> bool:
-        """Note that commands resumed; returns whether the log had reported that they stopped."""
+        """Record that commands resumed.
+
+        Returns:
+            Whether `report` had reported that they stopped.
+        """
         with self._lock:
             self._longest_s = max(self._longest_s, silent_s)
             was_reported, self._is_reported = self._is_reported, False
             return was_reported
 
     def report(self, now_s: float, silent_s: float | None) -> str:
-        """A clause about everything not yet reported, at `due_s` or later.
+        """Return a clause that summarizes everything unreported; call it at `due_s` or later.
 
         Args:
-            now_s: the present time.
+            now_s: current time [s].
             silent_s: time since the newest command [s]; None if commands resumed.
         """
         with self._lock:
@@ -198,11 +205,11 @@ class SilenceLog:
         if silent_s is None:
             return f"commands stopped {count}x, for {longest_s:.3f} s at most"
         if count > 1:
-            return f"commands stopped {count}x, and none has come for {silent_s:.3f} s"
+            return f"commands stopped {count}x, most recently for {silent_s:.3f} s"
         return f"no command for {silent_s:.3f} s"
 
     def forget(self) -> None:
-        """Drop everything not yet reported."""
+        """Drop everything unreported."""
         with self._lock:
             self.due_s, self._is_reported = None, False
             self._count, self._longest_s = 0, 0.0
@@ -210,16 +217,17 @@ class SilenceLog:
 
 REPORT_PERIOD_S: Final = 1.0
 LASTING_S: Final = 1.0
-"""After so long with rejections only, they are reported as an error [s]."""
+"""If every message is rejected for this long [s], the report is an error."""
 LASTING_PERIOD_S: Final = 10.0
 """Time between two such errors [s]."""
 MOST_REASONS: Final = 8
-"""Reasons in one report; further ones, as with a number that grows, are only counted."""
+"""Maximum number of reasons in a report. Further reasons are only counted: a reason that contains a
+changing number would fill the report."""
 ONLY_REJECTIONS: Final = (
-    "nothing else was received for {lasting_s:.1f} s, so the robot has no commands; "
+    "no valid message was received for {lasting_s:.1f} s, so the robot has no commands; "
     "`obk topic echo` shows what the controller sends"
 )
-"""The end of a report when all control messages are rejected."""
+"""Appended to a report when every control message is rejected."""
 
 
 class RejectionReport(NamedTuple):
@@ -227,17 +235,17 @@ class RejectionReport(NamedTuple):
 
     text: str
     is_lasting: bool
-    """Whether nothing was accepted for a while, which is an error."""
+    """Whether every message was rejected for `LASTING_S`, which is an error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LastingRejection:
-    """Messages are received, and all of them are rejected."""
+    """A period in which every received message was rejected."""
 
     seconds: float
-    """From the first to the newest of them [s]."""
+    """Time from the first rejection to the newest [s]."""
     reason: str
-    """Why the newest was rejected."""
+    """The reason for the newest rejection."""
 
 
 class RejectionLog:
@@ -246,13 +254,13 @@ class RejectionLog:
     def __init__(
         self, what: str, monotonic_s: Callable[[], float], on_end: str | None = None
     ) -> None:
-        """Make an empty log.
+        """Create an empty log.
 
         Args:
-            what: the start of each report, "control rejected".
-            monotonic_s: clock for the rate of reports [s].
-            on_end: what a report adds if nothing was accepted for a while, with `{lasting_s}`;
-                None: nothing.
+            what: the start of each report, such as "control rejected".
+            monotonic_s: clock that limits the rate of reports [s].
+            on_end: text with `{lasting_s}`, appended to a report if every message was rejected for
+                `LASTING_S`; None appends nothing and reports no error.
         """
         self._what = what
         self._monotonic_s = monotonic_s
@@ -280,11 +288,11 @@ class RejectionLog:
                 self._since_s = self._newest_s
 
     def accept(self) -> None:
-        """Note that a message was accepted, or that counting starts again."""
+        """Record an accepted message; also call this to restart the measurement."""
         self._since_s = None
 
     def lasting(self) -> LastingRejection | None:
-        """The rejections since something was accepted; None if they are not spread over 1 s."""
+        """The rejections since the last accepted message; None if they span less than 1 s."""
         with self._lock:
             seconds = 0.0 if self._since_s is None else self._newest_s - self._since_s
             if seconds < LASTING_S:
@@ -292,7 +300,13 @@ class RejectionLog:
             return LastingRejection(seconds=seconds, reason=self._newest_reason)
 
     def report(self) -> RejectionReport | None:
-        """A sentence about everything not yet reported, at most once a second."""
+        """Return a sentence that summarizes everything unreported, at most once a second.
+
+        After an error, the next report follows 10 s later.
+
+        Returns:
+            None if there is nothing to report or the next report is not due.
+        """
         now_s = self._monotonic_s()
         with self._lock:
             if not self._unreported or now_s < self._next_report_s:

@@ -1,6 +1,6 @@
-"""Register the components of a node (publisher, subscription, timer), and look them up by name.
+"""Register a node's publishers, subscriptions and timers, and look them up by name.
 
-The node's constructor registers them; configure creates their ROS handles.
+The node's constructor registers the components; configure creates their ROS handles.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 
 class ComponentKind(Enum):
-    """The three kinds of components; the value is their list's name in `obelisk_settings`."""
+    """A kind of component; the value is the name of its list in `obelisk_settings`."""
 
     PUBLISHER = "publishers"
     SUBSCRIPTION = "subscribers"
@@ -41,17 +41,17 @@ class ComponentKind(Enum):
 
     @property
     def noun(self) -> str:
-        """The kind as a word of a message."""
+        """The kind's name in messages."""
         return self.name.lower()
 
 
 def spellings(*names: str | None) -> frozenset[str]:
-    """Every spelling of every name that is given."""
+    """Return every spelling of the given names; None is skipped."""
     return frozenset(s for name in names if name for s in component_spellings(name))
 
 
 class RegistrationArguments(TypedDict, total=False):
-    """The keyword arguments of `register_obk_*`; those of a timer have no `msg_type`."""
+    """The keyword arguments of `register_obk_*`; a timer has no `msg_type`."""
 
     ros_parameter: str | None
     key: str | None
@@ -64,7 +64,7 @@ class RegistrationArguments(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RegisteredComponent:
-    """A component as the code registers it, before any setting is known."""
+    """A component as registered by the code, before its settings are known."""
 
     kind: ComponentKind
     ros_parameter: str | None
@@ -73,18 +73,18 @@ class RegisteredComponent:
     msg_type: type[Any] | None = None
     default: str | Mapping[str, Any] | None = None
     required: bool | None = None
-    """None: it depends on the generation of the call."""
+    """None if the default of the API generation that made the call applies."""
     is_of_configure: bool = False
-    """Whether `on_configure` registered it, and cleanup forgets it."""
+    """Whether `on_configure` registered it, so that cleanup unregisters it."""
     configuration: int = 0
-    """How often the node had been cleaned up before."""
+    """How many times the node had been cleaned up when the component was registered."""
 
     def __str__(self) -> str:
         return f"{self.kind.noun} `{self.key or self.ros_parameter}`"
 
     @property
     def names(self) -> frozenset[str]:
-        """Every name under which the component is known, in all spellings."""
+        """Every name of the component, in all spellings."""
         return spellings(self.ros_parameter, self.key)
 
 
@@ -95,7 +95,7 @@ _SHORT.maxstring = _SHORT.maxother = 60
 def registered_component(
     node_name: str, kind: ComponentKind, positional: Sequence[Any], named: Mapping[str, Any]
 ) -> RegisteredComponent:
-    """The component that a call of `register_obk_*` registers, of any generation.
+    """Build the component that a `register_obk_*` call of any API generation registers.
 
     Raises:
         ObeliskConfigError: an argument is missing, unknown, given twice or of the wrong type.
@@ -159,34 +159,34 @@ def _given(value: Any) -> str:
 
 
 class ComponentTable(dict[str, T], Generic[T]):
-    """Configured components by name; every spelling of a name finds its component.
+    """Configured components by name, in any spelling.
 
-    Iterating gives one name a component. Tests of a node may replace a component by a mock.
+    Iteration yields one name per component. Tests may replace a component with a mock.
     """
 
     def __init__(self, kind: ComponentKind) -> None:
-        """Make an empty table for components of one kind."""
+        """Create an empty table for components of one kind."""
         super().__init__()
         self._kind = kind
         self._names: dict[str, str] = {}
 
     def __missing__(self, name: str) -> T:
-        """The component of another spelling.
+        """Look up another spelling of a name.
 
         Raises:
-            KeyError: there is none; the message lists those that exist.
+            KeyError: no component has this name; the message lists the existing ones.
         """
         own = self._names.get(name)
         if own is None or not super().__contains__(own):
-            have = ", ".join(self) or "none (is the node configured?)"
-            raise KeyError(f"no {self._kind.noun} `{name}`; there are: {have}")
+            existing = ", ".join(self) or "none (is the node configured?)"
+            raise KeyError(f"no {self._kind.noun} `{name}`; existing: {existing}")
         return self[own]
 
     def __contains__(self, name: object) -> bool:
         return super().__contains__(name) or super().__contains__(self._names.get(str(name)))
 
     def get(self, name: str, default: Any = None) -> Any:
-        """The component of that name, or the default."""
+        """Return the component with this name, or the default."""
         try:
             return self[name]
         except KeyError:

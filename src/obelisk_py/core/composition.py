@@ -1,11 +1,11 @@
 """Run the programs of several nodes in this process: `python -m obelisk_py.core.composition FILE`.
 
-In: the JSON file that the launcher wrote, `{"nodes": [{"node", "module", "function", "arguments"},
-...]}`. Programs run inside one another: each runs until it calls `spin_obelisk`; the next one runs
-within that call. The last call makes the nodes and spins them until the end; then the programs
-continue, the last one first. So a program's `with open_robot(): spin_obelisk(...)` works as in a
-process of its own, and a program or node that fails is known by its name. No node is made before
-every program has made its call.
+The launcher writes FILE as JSON, `{"nodes": [{"node", "module", "function", "arguments"}, ...]}`.
+The programs are nested: each one runs until it calls `spin_obelisk`, and the next one runs within
+that call. The last call creates all nodes and spins them until shutdown. Then the programs
+continue, the last one first. A program's `with open_robot(): spin_obelisk(...)` therefore works as
+in its own process, and a failure can be attributed to its program or node. No node is created
+before every program has called `spin_obelisk`.
 """
 
 import json
@@ -49,16 +49,16 @@ __all__ = [
 ROS_ARGUMENTS = "--ros-args"
 LOG_LEVEL = "--log-level"
 HOST = "composed"
-"""The logger of messages that belong to no node."""
+"""The logger for messages that belong to no node."""
 SWITCH_INTERVAL_S = 1e-4
-"""How long one thread may keep the interpreter while another waits for it [s].
+"""How long a thread may hold the interpreter lock while another thread waits for it [s].
 
-The simulator's thread has to step in time beside the callbacks of all nodes. With the usual 5 ms
-and a controller that computes for 4 ms now and then, one step in a hundred was 4 ms late. In a
-process of one node it stays as it is: rclpy's MultiThreadedExecutor, which a program may ask for,
-destroys what it waits for, and with 0.1 ms did so in one end of seven.
+The simulator's thread must step on time while the callbacks of all nodes run. With Python's default
+of 5 ms and a controller that occasionally computes for 4 ms, 1 % of the steps were 4 ms late.
+Processes with a single node keep the default. A program may use rclpy's MultiThreadedExecutor
+there, which destroys entities that it is waiting for: with 0.1 ms, one shutdown in seven failed.
 """
-OWN_CONTEXT = "; in a composed process the ROS context and the spinning are spin_obelisk's"
+OWN_CONTEXT = "; in a composed process, spin_obelisk creates the ROS context and spins the nodes"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +69,7 @@ class Program:
     """The node's full name, `/ns/name`."""
     module: str
     function: str | None
-    """Called without arguments, as a console script is; None runs the module as a program."""
+    """Called without arguments, like a console script; None runs the module as a program."""
     arguments: tuple[str, ...]
     """The command line without the program's name."""
 
@@ -77,11 +77,11 @@ class Program:
         return f"{self.module}:{self.function}()" if self.function else f"python -m {self.module}"
 
     def run(self) -> None:
-        """Run the program to its end, as a process of its own would.
+        """Run the program to its end, as in its own process.
 
         Raises:
-            SystemExit: with its exit code.
-            BaseException: any exception of the program.
+            SystemExit: the program ended, with its exit code.
+            BaseException: any exception raised by the program.
         """
         with self.command_line():
             if self.function is None:
@@ -91,7 +91,7 @@ class Program:
 
     @contextmanager
     def command_line(self) -> Iterator[None]:
-        """While entered, `sys.argv` is this program's."""
+        """Set `sys.argv` to this program's command line while entered."""
         before = sys.argv
         sys.argv = [self.module, *self.arguments]
         try:
@@ -101,11 +101,11 @@ class Program:
 
 
 def read_programs(path: Path) -> tuple[Program, ...]:
-    """The programs that a file lists.
+    """Read the programs from the launcher's JSON file.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError, KeyError: it was not written by the launcher.
+        ValueError, KeyError: the file does not have the launcher's format.
     """
     return tuple(
         Program(
@@ -119,13 +119,13 @@ def read_programs(path: Path) -> tuple[Program, ...]:
 
 
 def logger_name(node: str) -> str:
-    """The logger of a node, by its full name: `/ns/name` -> `ns.name`."""
+    """Convert a node's full name to the name of its logger: `/ns/name` -> `ns.name`."""
     return node.strip("/").replace("/", ".")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Failure:
-    """The cause of the end of the process, and its node, if known."""
+    """Why the process ended, and the node that caused it, if known."""
 
     node: str | None
     fault: NodeFault
@@ -136,9 +136,9 @@ class _Failure:
 
 
 def run_composed(programs: Sequence[Program]) -> int:
-    """Run programs and their nodes until the end; the exit code.
+    """Run programs and their nodes until shutdown, and return the exit code.
 
-    If it failed, the last line on the standard error names the cause, `/node: what`.
+    On failure, the last line on stderr names the cause: `/node: cause`.
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     with ros_process([]) as signals:
@@ -151,7 +151,7 @@ def run_composed(programs: Sequence[Program]) -> int:
 
 
 class _Host:
-    """Collects the requests of the programs, and spins when it has all."""
+    """Collects the programs' spin requests, and spins once it has all of them."""
 
     def __init__(self, signals: ShutdownSignals) -> None:
         self.failure: _Failure | None = None
@@ -159,7 +159,7 @@ class _Host:
         self._requests: list[tuple[Program, SpinRequest]] = []
 
     def run(self, programs: Sequence[Program]) -> None:
-        """Run the first program and, within its call of `spin_obelisk`, the others."""
+        """Run the first program, and the others within its call to `spin_obelisk`."""
         if not programs:
             self._spin()
             return
@@ -175,15 +175,14 @@ class _Host:
         try:
             with spin_requests_served_by(take):
                 program.run()
-        except SystemExit as end:
+        except SystemExit as exit_request:
+            code = exit_request.code
             if len(self._requests) == requests_before:
-                self._fail(
-                    program, fault_of("it ended without a call of spin_obelisk", str(program))
-                )
-            elif end.code and self.failure is None:
-                self._fail(
-                    program, fault_of(f"it ended with the exit code {end.code}", str(program))
-                )
+                cause = "the program ended without calling spin_obelisk"
+                self._fail(program, fault_of(cause, str(program)))
+            elif code and self.failure is None:
+                cause = f"the program ended with exit code {code}"
+                self._fail(program, fault_of(cause, str(program)))
         except Exception as error:
             fault = fault_of(error, str(program))
             if "Context.init()" in fault.text:
@@ -201,8 +200,8 @@ class _Host:
             for program, request in self._requests:
                 node = self._make(program, request)
                 if node is None:
-                    for made in nodes:
-                        made.destroy_node()
+                    for created in nodes:
+                        created.destroy_node()
                     return
                 nodes[node] = program
             try:
@@ -220,11 +219,11 @@ class _Host:
             with program.command_line(), node_arguments(arguments):
                 return request.make()
         except BaseException as error:
-            self._fail(program, fault_of(error, "the node cannot be made"))
+            self._fail(program, fault_of(error, "the node cannot be created"))
             return None
 
     def _fail(self, program: Program | None, fault: NodeFault) -> None:
-        """Log a fault on the node's own logger; the first one is the cause of the end."""
+        """Log a fault on the node's logger; the first fault becomes the cause of the failure."""
         node = program.node if program else None
         get_logger(logger_name(node or HOST)).error(str(fault).replace("\n", "\n  "))
         if self.failure is None:
@@ -232,12 +231,12 @@ class _Host:
 
 
 def ros_arguments_of(args: Sequence[str]) -> tuple[str, ...]:
-    """The ROS arguments of a command line."""
+    """Return the ROS arguments of a command line, including `--ros-args`."""
     return tuple(args[args.index(ROS_ARGUMENTS) :]) if ROS_ARGUMENTS in args else ()
 
 
 def set_log_levels(own: str, arguments: Sequence[str]) -> None:
-    """Set levels as the ROS arguments of a process do, a bare one for the node's loggers only."""
+    """Set log levels from ROS arguments; a level without a logger applies only to `own`."""
     for option, value in pairwise(arguments):
         if option == LOG_LEVEL:
             name, _, level = value.rpartition(":=")
@@ -245,15 +244,15 @@ def set_log_levels(own: str, arguments: Sequence[str]) -> None:
 
 
 def _owner(error: BaseException, nodes: dict[GuardedLifecycleNode, Program]) -> Program | None:
-    """The program of the innermost node in whose method an exception was raised."""
+    """Return the program of the node whose method raised an exception, from the innermost frame."""
     frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-    known = {id(node): program for node, program in nodes.items()}
+    programs = {id(node): program for node, program in nodes.items()}
     selves = (id(frame.f_locals.get("self")) for frame in reversed(frames))
-    return next((known[it] for it in selves if it in known), None)
+    return next((programs[key] for key in selves if key in programs), None)
 
 
 def main() -> int:
-    """Run until the nodes are asked to end; the exit code."""
+    """Run the nodes until shutdown, and return the exit code."""
     if len(sys.argv) != 2:
         sys.stderr.write("usage: python -m obelisk_py.core.composition SPEC.json\n")
         return 2

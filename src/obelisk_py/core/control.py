@@ -1,4 +1,4 @@
-"""`ObeliskController`: turns state estimates into control messages."""
+"""`ObeliskController`: the base class of nodes that turn state estimates into control messages."""
 
 from abc import ABC, abstractmethod
 from typing import Any
@@ -11,7 +11,7 @@ __all__ = ["ObeliskController"]
 
 
 class ObeliskController(ABC, ObeliskNode):
-    """Base of controllers.
+    """Base class of controllers.
 
     Registers the timer `timer_ctrl` -> `compute_control`, the publisher `pub_ctrl`, and the
     subscription `sub_est` -> `update_x_hat`, each with the ROS parameter `<key>_setting`.
@@ -26,12 +26,12 @@ class ObeliskController(ABC, ObeliskNode):
         est_msg_type: type[Any] | None = None,
         **kwargs: Any,
     ) -> None:
-        """Make the node and register its three components.
+        """Create the node and register its three components.
 
         Args:
             node_name: name in the ROS graph, unless it is remapped.
-            ctrl_msg_type: class of the control message; without it the config names the type.
-            est_msg_type: class of the estimate's message; without it the config names the type.
+            ctrl_msg_type: class of the control message; None uses the type from the config.
+            est_msg_type: class of the estimate message; None uses the type from the config.
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, **kwargs)
@@ -44,12 +44,8 @@ class ObeliskController(ABC, ObeliskNode):
 
     @abstractmethod
     def update_x_hat(self, x_hat_msg: ObeliskEstimatorMsg) -> None:
-        """Take a new state estimate.
-
-        Args:
-            x_hat_msg: the estimate.
-        """
+        """Handle a new state estimate; called for each message on `sub_est`."""
 
     @abstractmethod
     def compute_control(self) -> ObeliskControlMsg | None:
-        """Compute the control, publish it on `pub_ctrl`, and return it; None: nothing yet."""
+        """Compute the control, publish it on `pub_ctrl` and return it; None if not ready."""

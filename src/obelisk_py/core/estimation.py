@@ -1,4 +1,4 @@
-"""`ObeliskEstimator`: turns sensor messages into state estimates."""
+"""`ObeliskEstimator`: the base class of nodes that turn sensor messages into state estimates."""
 
 from abc import ABC, abstractmethod
 from typing import Any
@@ -11,10 +11,10 @@ __all__ = ["ObeliskEstimator"]
 
 
 class ObeliskEstimator(ABC, ObeliskNode):
-    """Base of state estimators.
+    """Base class of state estimators.
 
     Registers the timer `timer_est` -> `compute_state_estimate` and the publisher `pub_est`, each
-    with the ROS parameter `<key>_setting`. The inheriting class registers its sensors.
+    with the ROS parameter `<key>_setting`. Subclasses register the subscriptions of their sensors.
     """
 
     loop_stage = LoopStage.ESTIMATE
@@ -22,11 +22,11 @@ class ObeliskEstimator(ABC, ObeliskNode):
     def __init__(
         self, node_name: str, est_msg_type: type[Any] | None = None, **kwargs: Any
     ) -> None:
-        """Make the node and register its two components.
+        """Create the node and register its two components.
 
         Args:
             node_name: name in the ROS graph, unless it is remapped.
-            est_msg_type: class of the estimate's message; without it the config names the type.
+            est_msg_type: class of the estimate message; None uses the type from the config.
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, **kwargs)
@@ -36,4 +36,4 @@ class ObeliskEstimator(ABC, ObeliskNode):
 
     @abstractmethod
     def compute_state_estimate(self) -> ObeliskEstimatorMsg | None:
-        """Compute the estimate, publish it on `pub_est`, and return it; None: nothing yet."""
+        """Compute the estimate, publish it on `pub_est` and return it; None if not ready."""

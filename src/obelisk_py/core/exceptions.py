@@ -1,28 +1,28 @@
-"""The errors that the run-time library raises, and that nodes may raise themselves.
+"""The errors that the runtime library raises and that nodes may raise themselves.
 
-If a callback raises one of these, its sentence is logged, without a traceback.
+If a callback raises one of these, the node logs its message without a traceback.
 """
 
 __all__ = ["ObeliskConfigError", "ObeliskError", "ObeliskHardwareError", "ObeliskMsgError"]
 
 
 class ObeliskError(Exception):
-    """Base of the library's own errors."""
+    """Base class of the library's errors."""
 
 
 class ObeliskConfigError(ObeliskError, ValueError):
-    """The node's settings cannot be used: something is missing, unknown or contradicts the code.
+    """A setting of the node is missing, unknown or contradicts the code.
 
-    It is a `ValueError` for existing code, which catches that.
+    It is a `ValueError` because existing code catches that.
     """
 
 
 class ObeliskHardwareError(ObeliskError):
-    """A device does not answer, or not as it should; raised by nodes that drive hardware."""
+    """A device does not respond or responds incorrectly; raised by nodes that drive hardware."""
 
 
 class ObeliskMsgError(ObeliskError):
-    """A message type is unknown, not installed, or not the one that code or config names."""
+    """A message type is unknown, not installed, or differs from the type in the code or config."""
 
     @property
     def msg(self) -> str:

@@ -17,25 +17,25 @@ Callback = Callable[..., Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeFault:
-    """A failure of a node."""
+    """A failure in a node."""
 
     where: str
-    """The callback that failed, by its name in the code."""
+    """Name of the failed callback in the code."""
     text: str
-    """One sentence, or one for each finding."""
+    """One sentence, or one per finding."""
     traceback: str
-    """The Python traceback, empty if the code is not the cause."""
+    """The Python traceback; empty if the code is not the cause."""
 
     def __str__(self) -> str:
         return f"{self.where}: {self.text}" + (f"\n{self.traceback}" if self.traceback else "")
 
 
 def fault_of(cause: BaseException | str, where: str) -> NodeFault:
-    """Convert an exception or a sentence to a fault."""
+    """Build a fault from an exception or a message."""
     if isinstance(cause, str):
         return NodeFault(where=where, text=cause, traceback="")
     if isinstance(cause, ObeliskError):
-        # The message names the mistake; the code that detected it does not help.
+        # The message names the mistake; the location that detected it does not help.
         return NodeFault(where=where, text=str(cause), traceback="")
     return NodeFault(
         where=where,
@@ -45,7 +45,7 @@ def fault_of(cause: BaseException | str, where: str) -> NodeFault:
 
 
 def wrong_answer(method: str, answer: object, expected: str) -> str:
-    """The message about an unexpected return value of a callback."""
+    """Return the message for an unexpected return value of a callback."""
     hint = " (did the callback forget its return statement?)" if answer is None else ""
     return f"`{method}` returned {answer!r}, expected {with_article(expected)}{hint}"
 
@@ -53,7 +53,7 @@ def wrong_answer(method: str, answer: object, expected: str) -> str:
 def guard_callback(
     callback: Callback, is_failing: Callable[[], bool], fail: Callable[[Exception, str], None]
 ) -> Callback:
-    """Wrap a callback: exceptions go to `fail`, and it is not called while the node is failing."""
+    """Wrap a callback: pass exceptions to `fail`, and skip the call while the node is failing."""
     where = getattr(callback, "__qualname__", repr(callback))
 
     @functools.wraps(callback)
@@ -78,9 +78,9 @@ def guard_callback(
 
 
 def guard_service(callback: Callback, fail: Callable[[Exception | str, str], None]) -> Callback:
-    """Wrap a service callback: exceptions and invalid responses go to `fail`.
+    """Wrap a service callback: pass exceptions and invalid responses to `fail`.
 
-    The client receives the response in its present state.
+    In either case, the client receives the response as the callback left it.
     """
     where = getattr(callback, "__qualname__", repr(callback))
 

@@ -1,24 +1,25 @@
-"""Deliver messages within one process with one copy, bypassing DDS.
+"""Deliver messages within a process with a single copy, bypassing DDS.
 
-Each subscription that the library's executor runs has a buffer, registered by context and topic. A
-publisher puts its messages into the buffers of those subscriptions that DDS would match, as long as
-DDS counts no other subscription: then nothing is sent. As soon as another process subscribes, all
-subscriptions get the messages through DDS.
+Each subscription that runs in the library's executor has a buffer, registered by context and topic.
+A publisher puts its messages into the buffers of the subscriptions that DDS would match, and sends
+nothing while DDS counts no other subscription. Once another process subscribes, all subscriptions
+receive the messages through DDS.
 
-What holds for a publisher and a subscription, whichever others are added and removed:
+The following holds for each publisher and subscription, even while others are added and removed:
 
-- No message is delivered twice: each goes to the buffers or to DDS, never to both.
-- None is lost that DDS would not lose. A subscription in another process gets what is published
-  after the publisher has found it, as with DDS alone. A buffer keeps as many messages as the
-  subscription's history and then drops the oldest; if some wait in DDS too, both keep that many.
-- Their order is that of publishing, as long as DDS delivers within `publish`, as Fast DDS does in
-  one process: a publisher that has sent through DDS continues so until the subscription has taken
-  all that DDS held for it. With `RMW_FASTRTPS_PUBLICATION_MODE=ASYNCHRONOUS`, messages may change
-  places around the moment when a subscription of another process is added or removed. Between
-  publishers there is no order.
-- Messages that wait when a subscription is destroyed are dropped, as with DDS. Those that wait when
-  its node is removed from an `EventLoopExecutor` are delivered once such an executor runs it again;
-  another executor does not see them.
+- No message is delivered twice: each goes either to the buffers or to DDS.
+- No message is lost that DDS would not lose. A subscription in another process receives the
+  messages published after the publisher discovered it, as with DDS alone. A buffer holds as many
+  messages as the subscription's history and then drops the oldest. If DDS holds messages too, each
+  of the two holds that many.
+- Messages arrive in the order of publishing, provided that DDS delivers within `publish`, as Fast
+  DDS does within a process. A publisher that has sent through DDS continues to do so until the
+  subscription has taken everything that DDS held for it. With
+  `RMW_FASTRTPS_PUBLICATION_MODE=ASYNCHRONOUS`, messages may be reordered while a subscription of
+  another process is being added or removed. There is no order between publishers.
+- When a subscription is destroyed, its waiting messages are dropped, as with DDS. When its node is
+  removed from an `EventLoopExecutor`, waiting messages are delivered once such an executor runs the
+  node again. Other executors do not see them.
 """
 
 import functools
@@ -63,10 +64,10 @@ _UNSET: Final = QoSProfile(depth=1)
 
 @functools.cache
 def middleware_is_known() -> bool:
-    """Whether endpoints of one context are matched before the call that makes one returns.
+    """Whether endpoints of a context are matched before the call that creates one returns.
 
-    In Fast DDS they are, and the profile in Python is the one in use, unless the process takes
-    profiles from XML.
+    This is so in Fast DDS. The QoS profile in Python is also the effective one, unless the process
+    loads profiles from XML.
     """
     return (
         get_rmw_implementation_identifier() == "rmw_fastrtps_cpp"
@@ -75,9 +76,9 @@ def middleware_is_known() -> bool:
 
 
 def is_plain(qos: QoSProfile) -> bool:
-    """Whether a profile requests history, depth and reliability only.
+    """Whether a profile only sets history, depth and reliability.
 
-    All else is left to DDS: late joiners (transient local), deadlines, lifespans, liveliness.
+    Anything else is left to DDS: transient-local durability, deadlines, lifespans and liveliness.
     """
     return bool(
         qos.history == HistoryPolicy.KEEP_LAST
@@ -88,7 +89,7 @@ def is_plain(qos: QoSProfile) -> bool:
         and qos.deadline == _UNSET.deadline
         and qos.lifespan == _UNSET.lifespan
         and qos.liveliness_lease_duration == _UNSET.liveliness_lease_duration
-        # Otherwise it is another topic of DDS.
+        # Otherwise it is a different DDS topic.
         and not qos.avoid_ros_namespace_conventions
     )
 
@@ -96,7 +97,7 @@ def is_plain(qos: QoSProfile) -> bool:
 def is_compatible(publisher: QoSProfile, subscription: QoSProfile) -> bool:
     """Whether DDS matches two plain profiles: a reliable subscription needs a reliable publisher.
 
-    Source: OMG DDS 1.4, 2.2.3.14 (RELIABILITY, offered against requested).
+    Source: OMG DDS 1.4, 2.2.3.14 (RELIABILITY, offered versus requested).
     """
     return bool(
         publisher.reliability == ReliabilityPolicy.RELIABLE
@@ -110,63 +111,64 @@ _INFO: Final = {
     "publication_sequence_number": None,
     "reception_sequence_number": None,
 }
-"""Empty: callbacks that take infos get their messages from DDS, unless replaced meanwhile."""
+"""Empty: callbacks with message infos use DDS, unless the callback was replaced meanwhile."""
 
 
 class MessageBuffer:
-    """The messages of one subscription that did not go through DDS, and an eventfd for them.
+    """A subscription's messages that bypassed DDS, and an eventfd that signals them.
 
-    Any thread puts messages in; the threads that run the subscription take them out. The buffer
-    also knows whether DDS may hold messages of the same publishers, so that none overtakes those.
+    Any thread may put messages in; the threads that run the subscription take them out. The buffer
+    also tracks whether DDS may hold messages of the same publishers, so that later messages do not
+    overtake them.
     """
 
     def __init__(self, message_class: type[Any], qos: QoSProfile, codec: Codec) -> None:
-        """Make an empty buffer.
+        """Create an empty buffer.
 
         Args:
-            message_class: of the subscription.
-            qos: of the subscription; plain.
-            codec: of the message class.
+            message_class: the subscription's message class.
+            qos: the subscription's QoS profile; must be plain (`is_plain`).
+            codec: the message class's codec.
         """
         self.message_class = message_class
         self.qos = qos
         self.dds_mark = object()
-        """Replaced each time that DDS may have got a message for it from this process."""
+        """Replaced whenever this process may have sent the subscription a message through DDS."""
         self._empty_mark: object = None
         self.signal_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        # Publishers may signal after the handler was closed, so the buffer itself owns the eventfd.
-        # At the end of the process workers may still watch it.
+        # Publishers may signal after the handler was closed, so the buffer owns the eventfd. At the
+        # end of the process, workers may still be watching it.
         weakref.finalize(self, os.close, self.signal_fd).atexit = False
         self.signal: Callable[[], object] = partial(os.eventfd_write, self.signal_fd, 1)
         """Writes to the eventfd."""
         self.wake: Callable[[], object] = self.signal
-        """Makes the executor take what waits; called from any thread."""
+        """Makes the executor take waiting messages; thread-safe."""
         self._codec = codec
         self._waiting: deque[Any] = deque(maxlen=qos.depth)
         self.append: Callable[[Any], object] = self._waiting.append
-        """As `put`, for the thread that takes the messages out next."""
+        """Adds a message without a wake-up; for the thread that takes the messages out next."""
 
     @property
     def dds_may_hold_messages(self) -> bool:
-        """Whether DDS may hold messages, which no later one may overtake."""
+        """Whether DDS may hold messages that later ones must not overtake."""
         return self._empty_mark is not self.dds_mark
 
     def mark_dds(self) -> None:
-        """Note that DDS may have got a message."""
+        """Record that DDS may have received a message."""
         self.dds_mark = object()
 
     def mark_dds_empty(self, mark: object) -> None:
-        """Note that DDS was empty after `dds_mark` had been `mark`."""
+        """Record that DDS was found empty at a time when `dds_mark` was `mark`."""
         self._empty_mark = mark
 
     def put(self, message: Any) -> None:
-        """Add a message that no other code holds, or its bytes."""
+        """Add a message to which no other code has a reference, or its serialized bytes."""
         self._waiting.append(message)
         self.wake()
 
     def take(self) -> tuple[Any, Any] | None:
-        """The oldest message with its info, as rclpy returns them; None if the buffer is empty."""
-        if not self._waiting:  # after every message; an exception costs ten times as much
+        """Take the oldest message with its info in rclpy's form; None if the buffer is empty."""
+        if not self._waiting:  # checked after every message; an exception costs ten times as much
             return None
         try:
             message = self._waiting.popleft()
@@ -181,22 +183,22 @@ class IntraProcessTopic:
     """The open buffers of a topic.
 
     A buffer is open while an executor's handler takes from it. Then DDS matches the subscription
-    with every publisher of its context that fits: it was created before, and its handle is held
-    until the buffer is closed.
+    with every compatible publisher of its context: the subscription was created before, and its
+    handle is held until the buffer is closed.
     """
 
     def __init__(self) -> None:
         self.buffers: tuple[MessageBuffer, ...] = ()
-        """Another tuple after each change, so that a change is found by identity."""
+        """Replaced on each change, so that a change can be detected by identity."""
         self._changing = threading.Lock()
 
     def open(self, buffer: MessageBuffer) -> None:
-        """Let publishers use it from now on."""
+        """Let publishers use a buffer."""
         with self._changing:
             self.buffers = (*self.buffers, buffer)
 
     def close(self, buffer: MessageBuffer) -> None:
-        """Stop publishers from using it; a `publish` in progress still may."""
+        """Stop publishers from using a buffer; a `publish` in progress may still use it."""
         with self._changing:
             self.buffers = tuple(other for other in self.buffers if other is not buffer)
 
@@ -209,15 +211,15 @@ _making = threading.Lock()
 
 
 def intra_process_topic(context: Context, name: str) -> IntraProcessTopic:
-    """The one topic of this full name in a context."""
+    """Return the only topic with this full name in a context."""
     with _making:
         return _topics.setdefault(context, {}).setdefault(name, IntraProcessTopic())
 
 
 def buffer_of(subscription: Subscription) -> MessageBuffer | None:
-    """The one buffer of a subscription; None if it takes everything from DDS.
+    """Return the buffer of a subscription; None if it takes everything from DDS.
 
-    It does if it requests bytes, message infos, or a quality of service that only DDS has.
+    It does so if it requests raw bytes, message infos, or QoS that only DDS provides.
     """
     message_class: Any = subscription.msg_type
     codec = codec_for(message_class)
@@ -236,15 +238,15 @@ def buffer_of(subscription: Subscription) -> MessageBuffer | None:
 
 
 class IntraProcessPublisher(LifecyclePublisher):
-    """Puts messages into the matching buffers, or sends them to all through DDS."""
+    """Puts messages into the matching buffers, or sends them to all subscriptions through DDS."""
 
     def __init__(self, context: Context, *args: Any, **kwargs: Any) -> None:
-        """Make a publisher.
+        """Create a publisher.
 
         Args:
-            context: of its node.
-            args: of `rclpy.publisher.Publisher`.
-            kwargs: of `rclpy.publisher.Publisher`.
+            context: the node's context.
+            args: passed to `rclpy.publisher.Publisher`.
+            kwargs: passed to `rclpy.publisher.Publisher`.
         """
         super().__init__(*args, **kwargs)
         self._message_class: Any = self.msg_type
@@ -252,24 +254,24 @@ class IntraProcessPublisher(LifecyclePublisher):
         may_bypass_dds = codec is not None and is_plain(self.qos_profile) and middleware_is_known()
         self._copy = None if codec is None else codec.copy
         self._pack = None if codec is None else codec.pack
-        # A topic that is not registered stays empty: everything goes through DDS.
+        # An unregistered topic stays empty, so everything is sent through DDS.
         self._topic = (
             intra_process_topic(context, self.topic_name) if may_bypass_dds else IntraProcessTopic()
         )
         self._match: tuple[tuple[MessageBuffer, ...], tuple[MessageBuffer, ...]] = ((), ())
-        """The open buffers at the last check, and those of them that match."""
-        # rclpy's methods take some microseconds to keep the handle from being destroyed; these
-        # raise if it is.
+        """The open buffers at the last check, and the matching ones among them."""
+        # rclpy's own methods spend a few microseconds on keeping the handle alive. These methods
+        # raise an exception if it was destroyed.
         self._count = self.handle.get_subscription_count
         self._may_bypass_dds = may_bypass_dds
         self._sender: LocalSender | None = None
         self._send_bytes: Callable[[bytes], None] | None = self.handle.publish_raw
 
     def attach(self, node: Node) -> None:
-        """Reach subscriptions of other processes of the run past DDS too.
+        """Bypass DDS also for subscriptions in other processes of the run.
 
         Args:
-            node: of the publisher.
+            node: the publisher's node.
         """
         folder = socket_folder()
         if folder is not None and self._may_bypass_dds:
@@ -283,11 +285,11 @@ class IntraProcessPublisher(LifecyclePublisher):
             )
 
     def publish(self, msg: Any) -> None:
-        """Send a message, or the bytes of a packed one, if the publisher is enabled.
+        """Send a message, or the bytes of a serialized one, if the publisher is enabled.
 
         Raises:
-            TypeError: it is neither.
-            ObeliskMsgError: a field holds what its type cannot.
+            TypeError: `msg` is neither of the two.
+            ObeliskMsgError: a field has a value that its type cannot hold.
         """
         if not self._enabled:
             return
@@ -307,7 +309,7 @@ class IntraProcessPublisher(LifecyclePublisher):
             (matched or sender is not None)
             and (count := self._count())
             and (count == len(matched) if sender is None else sender.covers(count, len(matched)))
-            # Otherwise the count may include a new subscription in place of a destroyed one.
+            # Otherwise the count may include a new subscription that replaced a destroyed one.
             and self._topic.buffers is buffers
             and self._deliver_locally(msg, matched)
         ):
@@ -332,16 +334,16 @@ class IntraProcessPublisher(LifecyclePublisher):
         super().destroy()
 
     def _send(self, message: Any) -> None:
-        """Send to all through DDS."""
+        """Send to all subscriptions through DDS."""
         if self._pack is not None and isinstance(message, self._message_class):
             message = self._pack(message)
         if isinstance(message, bytes) and self._send_bytes is not None:
             self._send_bytes(message)
         else:
-            Publisher.publish(self, message)  # raises with the reason
+            Publisher.publish(self, message)  # raises an exception with the reason
 
     def _find_matches(self, buffers: tuple[MessageBuffer, ...]) -> tuple[MessageBuffer, ...]:
-        """The buffers whose subscriptions DDS matches with this publisher."""
+        """Return the buffers whose subscriptions DDS matches with this publisher."""
         matched = tuple(
             buffer
             for buffer in buffers
@@ -352,7 +354,7 @@ class IntraProcessPublisher(LifecyclePublisher):
         return matched
 
     def _deliver_locally(self, message: Any, buffers: tuple[MessageBuffer, ...]) -> bool:
-        """Give each buffer a copy of its own; false if DDS has to deliver."""
+        """Give each buffer its own copy; false if DDS must deliver."""
         for buffer in buffers:
             if buffer.dds_may_hold_messages:
                 return False

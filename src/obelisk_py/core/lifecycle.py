@@ -1,9 +1,10 @@
-"""A life-cycle node that reports its failures and recovers from them.
+"""A lifecycle node that reports its failures and recovers from them.
 
-rclpy's own swallows what a transition callback raises, dies of a transition that is not allowed,
-and is left half-way by a callback that returns nothing. Here each of these is logged, kept (the
-service `~/last_error` returns the newest) and ends in a defined state. What runs in a state is
-decided by the state that a transition ended in, not by what a user's override remembered to do.
+rclpy's lifecycle node swallows exceptions of transition callbacks, crashes on a disallowed
+transition, and ends in an undefined state if a callback returns nothing. This node logs and keeps
+each of these failures (the service `~/last_error` returns the newest) and always ends in a defined
+state. What runs depends only on the state in which a transition ended. An override that forgets a
+step cannot change that.
 Source: https://design.ros2.org/articles/node_lifecycle.html (states, transitions, errors).
 """
 
@@ -61,7 +62,7 @@ _own_arguments: ContextVar[tuple[str, ...] | None] = ContextVar("own_arguments",
 def node_arguments(arguments: Sequence[str]) -> Iterator[None]:
     """While entered, new nodes use these ROS arguments instead of the process's.
 
-    Many node classes have no keyword arguments that would pass them to rclpy.
+    Many node classes accept no keyword arguments that they could pass to rclpy.
     """
     token = _own_arguments.set(tuple(arguments))
     try:
@@ -71,10 +72,10 @@ def node_arguments(arguments: Sequence[str]) -> Iterator[None]:
 
 
 class GuardedLifecycleNode(LifecycleNode):
-    """An rclpy life-cycle node whose failures are logged, kept, and lead to error processing."""
+    """An rclpy lifecycle node; a failure is logged, kept, and starts error processing."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
-        """Make the node and its services.
+        """Create the node and its services.
 
         Args:
             node_name: name in the ROS graph, unless it is remapped.
@@ -82,8 +83,8 @@ class GuardedLifecycleNode(LifecycleNode):
         """
         self.last_fault: NodeFault | None = None
         self.ended: Future = Future()
-        """Done when nothing further can be done with this node; the result is its fault, if any."""
-        # One transition at a time, whatever the executor; a fault waits for its end.
+        """Done when the node cannot continue; the result is its fault, if any."""
+        # One transition at a time, with any executor; a fault waits until the transition ends.
         self._transition_lock = threading.RLock()
         self._is_failing = False
         self._is_unrecoverable = False
@@ -94,7 +95,7 @@ class GuardedLifecycleNode(LifecycleNode):
             kwargs = {"cli_args": list(own), "use_global_arguments": False, **kwargs}
         with self.surroundings.construction(self):
             super().__init__(node_name, **kwargs)
-        # rclpy has no method for this; it calls the callbacks in this table, by state.
+        # rclpy offers no method for this; it calls the callbacks in this table, by state.
         self._callbacks = {
             state: self._guarded_transition(callback) for state, callback in self._callbacks.items()
         }
@@ -105,22 +106,22 @@ class GuardedLifecycleNode(LifecycleNode):
 
     @property
     def state_label(self) -> str:
-        """The life-cycle state: `unconfigured`, `inactive`, `active`, `finalized`, ..."""
+        """The lifecycle state: `unconfigured`, `inactive`, `active`, `finalized`, ..."""
         return str(self._state_machine.current_state[1])
 
     def is_failing(self) -> bool:
-        """Whether a fault waits for its error processing."""
+        """Whether a fault is waiting for error processing."""
         return self._is_failing
 
     def fail(self, cause: BaseException | str, where: str = "node") -> None:
-        """Take the node to error processing; may be called from any thread.
+        """Start error processing; thread-safe.
 
-        The fault is logged and kept. What follows happens on the executor's thread, after the
-        transition that may be under way; callbacks that come before it are dropped.
+        The fault is logged and kept. Error processing runs on the executor's thread, after any
+        transition in progress. Callbacks due before it are dropped.
 
         Args:
-            cause: the exception, or a sentence.
-            where: what failed, for the message.
+            cause: the exception, or a message.
+            where: the part that failed, for the log message.
         """
         self._keep_fault(cause, where)
         if self._is_failing:
@@ -129,19 +130,19 @@ class GuardedLifecycleNode(LifecycleNode):
         if self.executor is not None:
             self.executor.create_task(self._enter_error_processing)
         elif self._transition_lock.acquire(blocking=False):
-            # Otherwise another thread is in a transition, which may wait for this one to end.
+            # Otherwise another thread is in a transition and may be waiting for this thread to end.
             try:
                 self._enter_error_processing()
             finally:
                 self._transition_lock.release()
 
     def guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Wrap a callback: an exception takes the node to error processing."""
+        """Wrap a callback, so that an exception starts error processing."""
         return guard_callback(self.live_parameters.around(callback), self.is_failing, self.fail)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
-        """As rclpy's, but bypasses DDS if only this process subscribes."""
-        # Not through rclpy's method, which does not let its caller choose the class.
+        """Like rclpy's, but messages bypass DDS if only this process subscribes."""
+        # Does not use rclpy's method, which cannot set the class.
         make: Any = self.surroundings.publisher_class(self.context, has_lifecycle=True)
         publisher: Any = LifecycleNode.create_publisher(self, *args, **kwargs, publisher_class=make)
         self._managed_entities.add(publisher)
@@ -151,7 +152,7 @@ class GuardedLifecycleNode(LifecycleNode):
     def create_timer(
         self, timer_period_sec: float, callback: Any, *args: Any, **kwargs: Any
     ) -> Timer:
-        """As rclpy's, but an exception of the callback takes the node to error processing."""
+        """Like rclpy's, but an exception in the callback starts error processing."""
         # rclpy's rates are timers without a callback.
         guarded = self.guarded(callback) if callable(callback) else callback
         create = super().create_timer
@@ -161,12 +162,12 @@ class GuardedLifecycleNode(LifecycleNode):
         return timer
 
     def create_rate(self, *args: Any, **kwargs: Any) -> Rate:
-        """As rclpy's."""
+        """Like rclpy's."""
         rate: Rate = self.surroundings.create_rate(self, super().create_rate, *args, **kwargs)
         return rate
 
     def create_publisher(self, *args: Any, **kwargs: Any) -> Publisher:
-        """As rclpy's."""
+        """Like rclpy's."""
         make = self.surroundings.publisher_class(self.context, has_lifecycle=False)
         if make is not None:
             kwargs.setdefault("publisher_class", make)
@@ -175,28 +176,28 @@ class GuardedLifecycleNode(LifecycleNode):
         return publisher
 
     def create_client(self, *args: Any, **kwargs: Any) -> Client:
-        """As rclpy's."""
+        """Like rclpy's."""
         client = super().create_client(*args, **kwargs)
         self.surroundings.adopt(self, client)
         return client
 
     def create_guard_condition(self, callback: Any, *args: Any, **kwargs: Any) -> GuardCondition:
-        """As rclpy's, but an exception of the callback takes the node to error processing."""
+        """Like rclpy's, but an exception in the callback starts error processing."""
         guard = super().create_guard_condition(self.guarded(callback), *args, **kwargs)
         self.surroundings.adopt(self, guard)
         return guard
 
     def add_waitable(self, waitable: Any) -> None:
-        """As rclpy's."""
+        """Like rclpy's."""
         super().add_waitable(waitable)
         self.surroundings.adopt(self, waitable)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
     ) -> Subscription:
-        """As rclpy's, but an exception of the callback takes the node to error processing.
+        """Like rclpy's, but an exception in the callback starts error processing.
 
-        The subscription of rclpy's time source to `/clock` is replaced if the process has the time.
+        If the process has a clock page, it replaces rclpy's subscription to `/clock`.
         """
         feed: Any = self.surroundings.clock_feed(self, callback)
         if feed is not None:
@@ -208,7 +209,7 @@ class GuardedLifecycleNode(LifecycleNode):
         return subscription
 
     def destroy_subscription(self, subscription: Any) -> bool:
-        """As rclpy's."""
+        """Like rclpy's."""
         if isinstance(subscription, ClockFeed):
             subscription.close()
             return True
@@ -218,11 +219,11 @@ class GuardedLifecycleNode(LifecycleNode):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
     ) -> Service:
-        """As rclpy's, but an exception of the callback takes the node to error processing.
+        """Like rclpy's, but an exception in the callback starts error processing.
 
-        So does an answer that is no response of this type.
+        So does a return value that is not a response of this type.
         """
-        # rclpy makes the services of its parameters by this too.
+        # rclpy also creates its parameter services through this method.
         checked = self._guarded_service(srv_type, callback)
         service = super().create_service(
             srv_type, srv_name, guard_service(checked, self.fail), *args, **kwargs
@@ -236,35 +237,35 @@ class GuardedLifecycleNode(LifecycleNode):
         return self.live_parameters.around(callback)
 
     def destroy_service(self, service: Service) -> bool:
-        """As rclpy's."""
+        """Like rclpy's."""
         self.surroundings.release(service)
         return bool(super().destroy_service(service))
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
-        """As rclpy's, but an exception of the callback rejects the parameters."""
+        """Like rclpy's, but an exception in the callback rejects the parameters."""
         super().add_on_set_parameters_callback(GuardedCheck(callback))
 
     def remove_on_set_parameters_callback(self, callback: Any) -> None:
-        """As rclpy's."""
+        """Like rclpy's."""
         super().remove_on_set_parameters_callback(GuardedCheck(callback))
 
     def on_parameters(self, changed: frozenset[str]) -> None:
-        """Compute what depends on parameters that have just changed, such as gains; override it.
+        """Update values that depend on parameters, such as gains; override this method.
 
-        Called between two callbacks while the node is inactive or active. Compute the first values
-        in `on_configure`.
+        The node calls it between two callbacks, while inactive or active. Compute the initial
+        values in `on_configure`.
 
         Args:
-            changed: names of the `Parameter`s with a new value.
+            changed: names of the `Parameter`s that have a new value.
         """
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
-        """As rclpy's, but new values of `Parameter`s take effect together."""
+        """Like rclpy's, but new values of `Parameter`s take effect together."""
         with self.live_parameters.held():
             return list(super().set_parameters(parameter_list))
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """As rclpy's, but new values of `Parameter`s take effect after the running callbacks."""
+        """Like rclpy's, but new values of `Parameter`s take effect after the running callbacks."""
         with self.live_parameters.held():
             return super().set_parameters_atomically(parameter_list)
 
@@ -289,9 +290,9 @@ class GuardedLifecycleNode(LifecycleNode):
         return self._settled(super().trigger_deactivate)
 
     def _settle(self, state: str) -> None:
-        """Start or stop what belongs to the state after a transition; for inheriting classes.
+        """Start or stop what belongs to the state after a transition; for subclasses.
 
-        Called after every transition, also after one whose override left the library's part out.
+        Called after every transition, even if an override did not call the library's method.
 
         Args:
             state: `unconfigured`, `inactive`, `active` or `finalized`.
@@ -318,8 +319,8 @@ class GuardedLifecycleNode(LifecycleNode):
             self.ended.set_result(self.last_fault)
 
     def _enter_error_processing(self) -> None:
-        # The state machine has no edge from a resting state to error processing, so a transition
-        # is started whose callback returns ERROR at once (see _guarded_transition).
+        # The state machine has no transition from a primary state to error processing. So this
+        # starts a transition whose callback immediately returns ERROR (see _guarded_transition).
         triggers = {"active": self.trigger_deactivate, "inactive": self.trigger_cleanup}
         with self._transition_lock:
             if not self._is_failing:
@@ -330,13 +331,13 @@ class GuardedLifecycleNode(LifecycleNode):
                 self._forget_fault_at_rest()
 
     def _forget_fault_at_rest(self) -> None:
-        """Forget a fault in a state in which nothing runs: no error processing follows."""
+        """Clear a fault in a state without running callbacks; no error processing follows."""
         if self.state_label in ("unconfigured", "finalized"):
             self._is_failing = False
 
     def _keep_fault(self, cause: BaseException | str, where: str) -> None:
         self.last_fault = fault_of(cause, where)
-        # Indented, so that in the output of several nodes the lines are seen to belong together.
+        # Indented, so that related lines stay recognizable in the output of several nodes.
         self.get_logger().error(str(self.last_fault).replace("\n", "\n  "))
 
     def _guarded_transition(self, callback: TransitionCallback) -> TransitionCallback:
@@ -365,7 +366,7 @@ class GuardedLifecycleNode(LifecycleNode):
             if not isinstance(result, TransitionCallbackReturn):
                 self._keep_fault(wrong_answer(method, result, "TransitionCallbackReturn"), where)
                 return failed
-            # A callback that called `fail` has reported more than its return value does.
+            # If the callback called `fail`, the reason is already reported.
             if result != SUCCESS and not self.is_failing():
                 self._keep_fault(
                     f"`{method}` returned {result.name} without a reason; "
@@ -397,7 +398,7 @@ class GuardedLifecycleNode(LifecycleNode):
                 return response
         self.get_logger().warning(
             f"rejected the transition `{requested.label or requested.id}` in the state "
-            f"`{self.state_label}`; possible here: {', '.join(by_label) or 'none'}"
+            f"`{self.state_label}`; allowed: {', '.join(by_label) or 'none'}"
         )
         response.success = False
         return response

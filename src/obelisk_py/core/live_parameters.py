@@ -1,9 +1,10 @@
-"""`LiveParameters`: puts new values of a node's `Parameter`s in effect between two callbacks.
+"""Apply new values of a node's `Parameter`s between two callbacks.
 
-A callback notes that it runs, and a change waits until none does. Then all values that wait are set
-at once, and `on_parameters` is called before the next callback. A node whose executor has several
-threads may never be without a callback. So a callback that starts while a change waits waits,
-for no longer than it took itself the last time: a fast loop is never held up by a slow callback.
+Each callback records that it is running, and a change waits until no callback is. Then all waiting
+values are set together, and `on_parameters` is called before the next callback. On an executor with
+several threads, there may never be a moment without a running callback. A callback that starts
+while a change is waiting therefore waits too, but at most as long as its own last run took. A slow
+callback thus never blocks a fast loop for long.
 """
 
 import functools
@@ -24,37 +25,37 @@ __all__ = ["IN_EFFECT", "LiveParameters"]
 IN_EFFECT: Final = "in effect"
 STORED: Final = "stored; takes effect at the next configure"
 WAITS: Final = "accepted; takes effect when no callback of the node is running"
-"""Reasons that the node gives for a success, word for word, for tools to show."""
+"""Reasons that the node returns with a success; tools show them verbatim."""
 _CONFIGURED: Final = ("inactive", "active")
 
 
 class LiveParameters:
-    """The values of a node's parameters, and the callbacks that use them."""
+    """The values of a node's parameters and the callbacks that use them."""
 
     def __init__(self, node: Any) -> None:
-        """Take the parameters of the node's class; `declare` sets the first values.
+        """Collect the parameters of the node's class; `declare` sets the initial values.
 
         Args:
-            node: a `GuardedLifecycleNode`, which rclpy may not have made yet.
+            node: a `GuardedLifecycleNode`; rclpy's constructor may not have run yet.
         """
         self._node = node
         self._declared: dict[str, Parameter[Any]] = parameters_of(type(node))
         self._running: dict[object, float] = {}
-        """The callbacks that run, and since when if that is measured [s]. The keys are thread
-        identifiers, and an object for each coroutine: while it is suspended, others run."""
+        """The running callbacks and, if measured, their start times [s]. A key is a thread
+        identifier, or an object for a coroutine, because others run while it is suspended."""
         self._changing = threading.Condition(threading.RLock())
-        # Read without the lock: a callback notes that it runs before it reads this, and a change is
-        # noted here before it is checked what runs.
+        # Read without the lock: a callback first records that it is running and then reads this
+        # flag. A change first sets the flag and then checks for running callbacks.
         self._is_waiting = False
         self._is_applying = False
         self._waiting: dict[str, Any] = {}
         self._for_configure: dict[str, Any] = {}
 
     def declare(self) -> None:
-        """Declare the ROS parameters, and give the attributes the values of the config.
+        """Declare the ROS parameters and set the attributes to the values from the config.
 
         Raises:
-            ObeliskConfigError: the config's value is of another type or beyond the limits.
+            ObeliskConfigError: a value in the config has the wrong type or is out of range.
         """
         node = self._node
         for name, parameter in self._declared.items():
@@ -71,19 +72,19 @@ class LiveParameters:
             node.add_post_set_parameters_callback(self._note)
 
     def fitted(self, message: Any) -> Any:
-        """A requested parameter as its type has it: an integer is a number for a float."""
+        """Convert a requested value to the parameter's type: an integer is valid for a float."""
         parameter = self._declared.get(message.name)
         if parameter is None:
             return message
         return parameter.fit(RosParameter.from_parameter_msg(message)).to_parameter_msg()
 
     def fault(self, requested: RosParameter) -> str | None:
-        """Why a requested value is invalid; None if it is valid, or not of these parameters."""
+        """Why a requested value is invalid; None if it is valid or not one of these parameters."""
         parameter = self._declared.get(requested.name)
         return None if parameter is None else parameter.fault(requested)
 
     def effect(self, name: str) -> str:
-        """Whether the newest value of a parameter is in use; empty if it is none of these."""
+        """Whether the newest value is in use; empty if it is not one of these parameters."""
         if name not in self._declared:
             return ""
         with self._changing:
@@ -92,13 +93,13 @@ class LiveParameters:
             return WAITS if name in self._waiting else IN_EFFECT
 
     def configure(self) -> None:
-        """Use the values that were stored for this configure."""
+        """Apply the values stored for this configure."""
         with self._changing:
             vars(self._node).update(self._for_configure)
             self._for_configure.clear()
 
     def around(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Wrap a callback: values change before or after it, not while it runs."""
+        """Wrap a callback so that values change only before or after it."""
         if not self._declared:
             return callback
         running, thread_id = self._running, threading.get_ident
@@ -120,7 +121,7 @@ class LiveParameters:
         @functools.wraps(callback)
         def call(*args: Any) -> Any:
             key = thread_id()
-            if key in running:  # within another callback
+            if key in running:  # nested in another callback
                 return callback(*args)
             running[key] = 0.0
             if self._is_waiting:
@@ -136,7 +137,7 @@ class LiveParameters:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """While entered, no value changes; those that wait then change together."""
+        """Change no value while entered; waiting values change together afterwards."""
         key = threading.get_ident()
         if not self._declared or key in self._running:
             yield
@@ -152,7 +153,7 @@ class LiveParameters:
                 self._end(since_s, [0.0])
 
     def _note(self, parameters: Iterable[RosParameter]) -> None:
-        """Take values that rclpy has accepted."""
+        """Record values that rclpy has accepted."""
         with self._changing:
             for given in parameters:
                 parameter = self._declared.get(given.name)
@@ -168,17 +169,17 @@ class LiveParameters:
                     self._for_configure.pop(given.name, None)
 
     def _give_way(self, key: object, longest_s: float) -> None:
-        """Let a change happen before a callback that has noted that it runs.
+        """Apply a waiting change before a callback that has recorded that it is running.
 
         Args:
-            key: of the callback in `_running`.
-            longest_s: do not wait for other callbacks beyond this [s].
+            key: the callback's key in `_running`.
+            longest_s: maximum time to wait for other callbacks [s].
         """
         with self._changing:
             del self._running[key]
             end_s = time.monotonic() + longest_s
             self._apply()
-            # A coroutine may need this very thread to go on, so no callback waits for one.
+            # A suspended coroutine may need this thread to continue, so never wait for one.
             while any(isinstance(other, int) for other in self._running):
                 left_s = end_s - time.monotonic()
                 if not self._is_waiting or left_s <= 0:
@@ -188,7 +189,7 @@ class LiveParameters:
             self._running[key] = time.monotonic()
 
     def _end(self, since_s: float, took_s: list[float]) -> None:
-        """Let a change happen after a callback, and note how long that took."""
+        """Apply a waiting change after a callback, and record how long the callback took."""
         if since_s:
             took_s[0] = time.monotonic() - since_s
         with self._changing:
@@ -196,7 +197,7 @@ class LiveParameters:
             self._changing.notify_all()
 
     def _apply(self) -> None:
-        """Put what waits in effect, unless a callback runs; the caller holds the lock."""
+        """Apply waiting values unless a callback is running; the caller holds the lock."""
         if self._running or self._is_applying:
             return
         self._is_applying = True

@@ -1,16 +1,16 @@
-"""Local transport, the publisher's side: which subscriptions have a socket, and packets to them.
+"""Send a publisher's messages to subscriptions on this host through Unix sockets.
 
-Each subscription that the library's executor runs listens on a Unix socket in the private folder of
-the run, which is named after the subscription's GID; see `executor.local_receiver`. Packets and
-sockets, which the tools use too, are in `obelisk_spec.local_transport`.
+Each subscription that runs in the library's executor listens on a Unix socket in the run's private
+folder. The socket is named after the subscription's GID; see `executor.local_receiver`. Packets and
+sockets, which the tools also use, are defined in `obelisk_spec.local_transport`.
 
-A publisher bypasses DDS only while each subscription that DDS has matched with it is a buffer of
-its own process or has a connection here. That is established by GIDs each time that the count of
-DDS or a connection changes; in between, comparing the count is enough, because a subscription
-closes its socket before it leaves DDS.
+A publisher bypasses DDS only while it can reach every subscription that DDS has matched with it,
+either by a buffer in its own process or by a connection. It checks this by GIDs each time that the
+match count of DDS or a connection changes. Between these checks, comparing the count is enough,
+because a subscription closes its socket before it leaves DDS.
 
-A thread sends what waits for a full socket once its subscription reads again. It is started when
-that happens for the first time, so publishers need no executor and the usual case no thread.
+If a socket is full, a thread sends the waiting packets once the subscription reads again. The
+thread is started when this first happens, so publishers need no executor and usually no thread.
 """
 
 import functools
@@ -55,21 +55,22 @@ __all__ = [
 
 _LOGGER: Final = "local_transport"
 _LINGER_S: Final = 0.2
-"""How long the end of a publisher waits for a subscription that does not read [s]."""
+"""How long a closing publisher waits for a subscription that does not read [s]."""
 
 _CHECK_PERIOD_S: Final = 0.25
-"""How often a publisher searches for a socket that a subscription does not have yet [s].
+"""How often a publisher looks for the socket of a subscription that has none yet [s].
 
-So often it also lists the subscriptions again while one of a killed process is among them: when DDS
-drops that one, the count may stay the same because another one was matched meanwhile.
+While the list contains a subscription of a killed process, the publisher also updates the list at
+this interval. When DDS drops that subscription, the count may stay the same because another one was
+matched in the meantime.
 """
 
 _READY_PERIOD_S: Final = 0.01
-"""How often a publisher looks for the confirmation of a new connection [s]."""
+"""How often a publisher checks for the confirmation of a new connection [s]."""
 
 
 def socket_folder() -> SocketFolder | None:
-    """The folder of this process's run; None: no local transport."""
+    """Return the folder of this process's run; None if local transport is off."""
     path = os.environ.get(LOCAL_TRANSPORT_VARIABLE, LOCAL_TRANSPORT_OFF)
     return None if path == LOCAL_TRANSPORT_OFF else _opened(path)
 
@@ -98,13 +99,13 @@ class SubscriptionEndpoint:
 
 
 def subscriptions_of(node_handle: Any, topic: str) -> list[SubscriptionEndpoint]:
-    """The subscriptions of a topic that the node's context has discovered, its own too.
+    """Return a topic's subscriptions that the node's context has discovered, including its own.
 
     A subscription is listed before DDS counts it as matched with a publisher.
 
     Args:
-        node_handle: of rclpy.
-        topic: its full name.
+        node_handle: an rclpy handle.
+        topic: full name of the topic.
     """
     with node_handle:
         found = rclpy_implementation.rclpy_get_subscriptions_info_by_topic(
@@ -126,11 +127,11 @@ class _Waiting(Protocol):
     def fileno(self) -> int: ...
 
     def flush(self) -> bool:
-        """Send; true if something is left."""
+        """Send waiting packets; true if some are left."""
 
 
 class Flusher:
-    """The thread, and the connections that it waits for."""
+    """A thread that flushes connections whose sockets were full."""
 
     def __init__(self) -> None:
         """Start the thread."""
@@ -139,7 +140,7 @@ class Flusher:
         threading.Thread(target=self._run, name="local transport", daemon=True).start()
 
     def watch(self, connection: _Waiting) -> None:
-        """Flush a connection when its socket takes packets again; from any thread."""
+        """Flush a connection when its socket accepts packets again; thread-safe."""
         fd = connection.fileno()
         self._waiting[fd] = connection
         flags = select.EPOLLOUT | select.EPOLLONESHOT
@@ -153,33 +154,34 @@ class Flusher:
             for fd, _ in self._epoll.poll():
                 connection = self._waiting.pop(fd, None)
                 if connection is not None and connection.flush():
-                    with suppress(OSError, ValueError):  # closed meanwhile
+                    with suppress(OSError, ValueError):  # closed in the meantime
                         self.watch(connection)
 
 
 @functools.cache
 def flusher_of(_process: int) -> Flusher:
-    """The flusher of this process; a forked process has one of its own."""
+    """Return the flusher of this process; a forked process gets its own."""
     return Flusher()
 
 
 class Peer:
     """The connection to one subscription.
 
-    Packets that the socket does not take wait here, as many as the subscription's history.
+    Packets that do not fit into the socket wait here, up to the depth of the subscription's
+    history.
     """
 
     def __init__(self, connection: socket, gid: bytes, depth: int, greeting: bytes) -> None:
-        """Take over a connection, and greet.
+        """Take ownership of a connection and send the greeting.
 
         Args:
-            connection: open, and not blocking.
-            gid: of the subscription.
-            depth: of the subscription's history.
-            greeting: of the publisher.
+            connection: open and non-blocking.
+            gid: the subscription's GID.
+            depth: depth of the subscription's history.
+            greeting: the publisher's greeting.
         """
         page, self._page = new_page()
-        with suppress(OSError):  # it is lost already
+        with suppress(OSError):  # already lost
             send_fds(connection, [greeting], [page])
         os.close(page)
         self.gid = gid
@@ -196,19 +198,19 @@ class Peer:
 
     @property
     def process(self) -> int:
-        """The id of the other process; 0 if it is hidden in another namespace."""
+        """Id of the other process; 0 if it is hidden in another namespace."""
         return peer_process(self._socket) or 0
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether the subscription has confirmed that it gets the publisher's messages from DDS."""
+        """Whether the subscription has confirmed that it receives the publisher's DDS messages."""
         if not self._is_confirmed:
             with suppress(OSError):  # no confirmation yet, or the connection is lost
                 self._is_confirmed = self._socket.recv(len(CONFIRMATION)) == CONFIRMATION
         return self._is_confirmed
 
     def send(self, packet: bytes) -> bool:
-        """Send a packet, or keep it for later; false if the connection is lost."""
+        """Send a packet, or queue it if the socket is full; false if the connection is lost."""
         if not self._waiting:
             try:
                 self._send(packet)
@@ -228,7 +230,7 @@ class Peer:
         return True
 
     def flush(self) -> bool:
-        """Send what waits as far as the socket takes it; true if something is left."""
+        """Send waiting packets until the socket is full; true if some are left."""
         with self._lock:
             try:
                 while self._waiting:
@@ -242,15 +244,15 @@ class Peer:
             return False
 
     def precede(self, packets: int) -> None:
-        """Let what goes through DDS from now on wait for packets up to this one, if some wait."""
+        """If packets are waiting, make later DDS messages wait for packets up to this number."""
         if self._waiting:
             self._page[0] = packets
 
     def close(self, linger_s: float = 0.0) -> None:
-        """Close the connection; the subscription still gets what was sent.
+        """Close the connection; the subscription still receives everything already sent.
 
         Args:
-            linger_s: wait no longer than this for the socket to take what waits [s].
+            linger_s: maximum time to wait for the socket to accept the waiting packets [s].
         """
         end_s = time.monotonic() + linger_s
         while self.flush() and (left_s := end_s - time.monotonic()) > 0:
@@ -261,7 +263,7 @@ class Peer:
 
 
 class LocalSender:
-    """The connections of one publisher, used by one thread at a time: that which holds `lock`."""
+    """The connections of one publisher; only the thread that holds `lock` may use them."""
 
     def __init__(
         self,
@@ -273,20 +275,20 @@ class LocalSender:
         type_name: str,
         qos: QoSProfile,
     ) -> None:
-        """Make a sender without connections.
+        """Create a sender without connections.
 
         Args:
-            folder: of the run.
-            node_handle: of the publisher's node.
-            handle: of the publisher.
-            topic: its full name.
-            type_name: of its messages, `package/msg/Name`.
-            qos: of the publisher; plain.
+            folder: the run's socket folder.
+            node_handle: handle of the publisher's node.
+            handle: the publisher's handle.
+            topic: full name of the topic.
+            type_name: message type, `package/msg/Name`.
+            qos: the publisher's QoS profile; must be plain.
         """
         self.lock = threading.RLock()
-        """Held for a whole message, which may go by packets to some and through DDS to the rest."""
+        """Held for a whole message, which may go to some as packets and to the rest through DDS."""
         self.peers: tuple[Peer, ...] = ()
-        """All of them, while they cover what DDS has matched; otherwise those that exist."""
+        """The open connections; complete only while they cover everything that DDS has matched."""
         self._folder = folder
         self._node_handle = node_handle
         self._topic = topic
@@ -301,16 +303,16 @@ class LocalSender:
         self._covers_killed = False
         """Whether DDS still counts a subscription of a killed process as matched."""
         self._lost: dict[bytes, int] = {}
-        """By GID of a lost connection, the id of its process."""
+        """Process ids of lost connections, by GID."""
         self._skip: tuple[Peer, ...] = ()
-        """Peers that have got the message that DDS delivers next."""
+        """Peers that already have the message that DDS delivers next."""
 
     def covers(self, count: int, buffers: int) -> bool:
-        """Whether the peers and the buffers of this process are all that DDS has matched.
+        """Whether the peers and this process's buffers are everything that DDS has matched.
 
         Args:
-            count: of the subscriptions that DDS has matched with the publisher.
-            buffers: those of them that are buffers of this process.
+            count: number of subscriptions that DDS has matched with the publisher.
+            buffers: number of these that are buffers in this process.
         """
         if count == self._count and buffers == self._buffers:
             if self._is_covered and not self._covers_killed:
@@ -320,7 +322,7 @@ class LocalSender:
         return self._check(count, buffers)
 
     def send(self, data: bytes) -> bool:
-        """Send a packed message to all peers; false if all have to get it through DDS."""
+        """Send a serialized message to all peers; false if DDS must deliver it to all."""
         if len(data) > LARGEST_MESSAGE:
             return False
         self._sent_by_packets += 1
@@ -335,9 +337,9 @@ class LocalSender:
         return True
 
     def send_through_dds(self, send: Callable[[], None]) -> None:
-        """Let DDS deliver a message, after everything that the peers have got."""
+        """Let DDS deliver a message after everything that the peers have received."""
         number = self._sent_through_dds + 1
-        # No subscription gets it twice: a connection was lost after others had got the message.
+        # A connection was lost after these peers got the message; they must not receive it twice.
         for peer in self._skip:
             peer.send(packed_number(number))
         self._skip = ()
@@ -362,8 +364,8 @@ class LocalSender:
         remote = {endpoint.gid for endpoint in endpoints if not self._is_own(endpoint.gid)}
         peers = self._connected(remote)
         self.peers = tuple(peers.values())
-        # What DDS lists, it has matched too: otherwise one that is not matched yet might be
-        # taken for another one that has no socket.
+        # DDS must have matched every listed subscription. Otherwise an unmatched one could be
+        # mistaken for another one that has no socket.
         is_exact = count == len(endpoints) and buffers == len(endpoints) - len(remote)
         self._count, self._buffers = count, buffers
         self._next_check_s = time.monotonic() + _CHECK_PERIOD_S
@@ -373,7 +375,7 @@ class LocalSender:
         without_peer = remote - peers.keys()
         if not all(map(self._has_ended, without_peer)):
             return False
-        # DDS matches a publisher some time before the subscription, which gets nothing until then.
+        # DDS matches the publisher before the subscription, which receives nothing until then.
         if not all(peer.is_confirmed for peer in self.peers):
             self._next_check_s = time.monotonic() + _READY_PERIOD_S
             return False
@@ -382,7 +384,7 @@ class LocalSender:
         return True
 
     def _fits(self, endpoint: SubscriptionEndpoint) -> bool:
-        """Whether DDS matches a subscription, as far as the profiles in the graph say."""
+        """Whether DDS matches a subscription, judged by the QoS profiles in the ROS graph."""
         return (
             endpoint.type_name == self._type_name
             and endpoint.is_volatile
@@ -393,7 +395,7 @@ class LocalSender:
         return participant_of(gid) == participant_of(self._gid)
 
     def _connected(self, gids: set[bytes]) -> dict[bytes, Peer]:
-        """The open connections to these subscriptions, by GID; new ones are made."""
+        """Return the open connections to these subscriptions by GID, creating missing ones."""
         peers: dict[bytes, Peer] = {}
         for peer in self.peers:
             if peer.is_lost and peer.process:
@@ -411,7 +413,7 @@ class LocalSender:
         return peers
 
     def _has_ended(self, gid: bytes) -> bool:
-        """Whether the process of a lost connection has ended, which DDS finds out much later."""
+        """Whether the process of a lost connection has ended; DDS detects this much later."""
         return gid in self._lost and not _is_alive(self._lost[gid])
 
 
@@ -429,6 +431,6 @@ def _is_alive(process: int) -> bool:
 
 
 def _wait_for(descriptor: int, event: int, timeout_s: float) -> bool:
-    poll = select.poll()  # `select` takes no descriptor above 1023
+    poll = select.poll()  # `select` does not support descriptors above 1023
     poll.register(descriptor, event)
     return bool(poll.poll(timeout_s * 1000))

@@ -1,11 +1,12 @@
 """Look up message classes by name and names by class, and add field names of older layouts.
 
-Takes what a config writes (`PositionSetpoint`, `sensor_msgs/Imu`) and gives the Python class;
-never guesses: a name that is not known is an error that lists near ones.
+Type names are as in a config (`PositionSetpoint`, `sensor_msgs/Imu`). An unknown name is an error
+that lists similar names; the lookup never guesses.
 
-A workspace may build packages with the names of Obelisk's, of another release: they replace
-Obelisk's, and a type or a field may be missing in them. The library imports Obelisk's messages by
-`optional_message` only, so that a missing one is an error where it is used.
+A workspace may build packages that have the names of Obelisk's packages but come from another
+release. They replace Obelisk's, and types or fields may be missing in them. The library therefore
+imports Obelisk's messages only with `optional_message`: a missing message is an error only when it
+is used.
 """
 
 import importlib
@@ -27,23 +28,23 @@ FIELD_ALIASES: tuple[tuple[str, str, str], ...] = (
     ("PositionSetpoint", "u", "u_mujoco"),
     ("EstimatedState", "x_hat", "q_joints"),
 )
-"""(message, older field name, field that now holds it)."""
+"""(message, older field name, current field name)."""
 
 
 def message_class(name: str) -> type[Any]:
-    """The Python class of a message type.
+    """Return the Python class of a message type.
 
     Args:
         name: bare (`PositionSetpoint`) or full (`sensor_msgs/Imu`, `sensor_msgs/msg/Imu`).
 
     Raises:
-        ObeliskMsgError: no such type is known, or its package is not installed.
+        ObeliskMsgError: the type is unknown, or its package is not installed.
     """
     full = resolve_msg_type(name) or _found_in_obelisk(name)
     if full is None:
         near = ", ".join(near_msg_types(name))
         raise ObeliskMsgError(
-            f"message type `{name}` is not known" + (f"; near names: {near}" if near else "")
+            f"message type `{name}` is not known" + (f"; similar names: {near}" if near else "")
         )
     package, _, bare = full.split("/")
     try:
@@ -51,7 +52,7 @@ def message_class(name: str) -> type[Any]:
     except ModuleNotFoundError as error:
         raise ObeliskMsgError(
             f"message type `{full}`: the package `{package}` is not installed "
-            "(those of a workspace are compiled by `obk build`)"
+            "(compile the packages of a workspace with `obk build`)"
         ) from error
     found: type[Any] | None = getattr(module, bare, None)
     if found is None:
@@ -60,7 +61,7 @@ def message_class(name: str) -> type[Any]:
 
 
 def _found_in_obelisk(name: str) -> str | None:
-    """The full name of a message that only the Obelisk packages in use have."""
+    """Return the full name of a message that only the installed Obelisk packages have."""
     owner, _, bare = name.replace("/msg/", "/").rpartition("/")
     for package in OBELISK_MESSAGES:
         is_owner = owner in ("", package) and bare[:1].isupper()
@@ -70,10 +71,10 @@ def _found_in_obelisk(name: str) -> str | None:
 
 
 def optional_message(name: str) -> type[Any]:
-    """The Python class of one of Obelisk's messages, by its bare name.
+    """Return the Python class of one of Obelisk's messages, by its bare name.
 
-    If the package in use has no such message: a class that no message is an instance of. Making an
-    instance, and `require_message`, raise ObeliskMsgError.
+    If the installed package has no such message, the result is a placeholder class without
+    instances. Instantiating it, or passing it to `require_message`, raises ObeliskMsgError.
     """
     package = next(package for package, names in OBELISK_MESSAGES.items() if name in names)
     module = importlib.import_module(f"{package}.msg")
@@ -82,7 +83,7 @@ def optional_message(name: str) -> type[Any]:
 
 
 def require_message(message: type[Any]) -> type[Any]:
-    """The class itself.
+    """Return the class unchanged.
 
     Raises:
         ObeliskMsgError: its package has no such message.
@@ -93,31 +94,31 @@ def require_message(message: type[Any]) -> type[Any]:
 
 
 class _MissingMessage(type):
-    """The type of classes that stand for messages that their package does not have."""
+    """The metaclass of placeholders for messages that are missing in their package."""
 
     def __call__(cls, *_args: Any, **_fields: Any) -> Any:
         return require_message(cls)
 
 
 def _missing(package: str, name: str) -> str:
-    """Why a message is missing, and how to get it."""
+    """Explain why a message is missing and how to get it."""
     text = f"the package `{package}` has no message `{name}`"
     if name not in OBELISK_MESSAGES.get(package, ()):
         return text
     file = importlib.import_module(f"{package}.msg").__file__
     return (
-        f"{text}: the package in {Path(file or '').parents[1]} replaces the one of Obelisk, which "
+        f"{text}: the package in {Path(file or '').parents[1]} replaces Obelisk's package, which "
         f"has it. Add `msg/{name}.msg` to that package, or remove it from the workspace."
     )
 
 
 def message_name(message: type[Any]) -> str:
-    """The full type name of a message class, `sensor_msgs/msg/Imu`."""
+    """Return the full type name of a message class, such as `sensor_msgs/msg/Imu`."""
     return f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
 
 
 def add_field_aliases() -> None:
-    """Give the message classes properties under the field names of the other layout."""
+    """Add the field names of the other layout to the message classes, as properties."""
     for name, *fields in FIELD_ALIASES:
         message = optional_message(name)
         present = [field for field in fields if hasattr(message, field)]

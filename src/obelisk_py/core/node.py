@@ -1,8 +1,8 @@
-"""`ObeliskNode`: a life-cycle node whose publishers, subscriptions and timers come from settings.
+"""`ObeliskNode`: a lifecycle node whose publishers, subscriptions and timers are set by a config.
 
-The constructor, or `on_configure` before super's, registers components. Configure builds them from
-ROS parameters, activate starts them, deactivate stops them, cleanup destroys them, so that
-configure can run again.
+Components are registered in the constructor, or in `on_configure` before the call to super.
+Configure creates them from ROS parameters, activate starts them, and deactivate stops them. Cleanup
+destroys them, so that configure can run again.
 """
 
 from collections.abc import Callable, Mapping
@@ -61,22 +61,23 @@ CALLBACK_GROUPS: dict[str, Callable[[], CallbackGroup]] = {
 }
 
 SETTINGS: Final = "obelisk_settings"
-"""The ROS parameter with the settings of components that have none of their own."""
+"""The ROS parameter with the settings of components that have no parameter of their own."""
 
 Settings = str | Mapping[str, Any] | None
 
 
 class ObeliskNode(RateMonitoredNode):
-    """A life-cycle node wired by a config: `obk_publishers`, `obk_subscriptions`, `obk_timers`.
+    """A lifecycle node wired by a config: `obk_publishers`, `obk_subscriptions`, `obk_timers`.
 
-    `opened`, an `ExitStack`, is closed at cleanup, shutdown and error, before the publishers go.
+    `opened` is an `ExitStack`. It is closed at cleanup, shutdown and error, before the publishers
+    are destroyed.
     """
 
     loop_stage: LoopStage = LoopStage.SENSE
     """The phase of the node's timers; see `timer_phase`."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
-        """Make the node; register components in the constructor of the inheriting class.
+        """Create the node; subclasses register their components in the constructor.
 
         Args:
             node_name: name in the ROS graph, unless it is remapped.
@@ -87,13 +88,13 @@ class ObeliskNode(RateMonitoredNode):
         self.node_name = self.get_name()
         """The name in the ROS graph; kept for existing code."""
         self.declare_parameter(SETTINGS, "")
-        # Written out: `obk validate` reads constructors, it does not run them.
+        # A literal, because `obk validate` reads constructors without running them.
         self.declare_parameter("callback_group_settings", "")
         self._parameter_rules.add(
             (SETTINGS, CALLBACK_GROUPS_PARAMETER),
             lambda value: parse_node_settings(value(SETTINGS), value(CALLBACK_GROUPS_PARAMETER)),
         )
-        # The clock of timers is chosen when they are made.
+        # The clock of a timer is chosen when the timer is created.
         self._parameter_rules.add((USE_SIM_TIME,))
         self.obk_publishers: ComponentTable[LifecyclePublisher] = ComponentTable(
             ComponentKind.PUBLISHER
@@ -105,15 +106,15 @@ class ObeliskNode(RateMonitoredNode):
         self.obk_callback_groups: dict[str, CallbackGroup] = {}
         self.opened = ExitStack()
         self._group_attributes: dict[str, list[Any]] = {}
-        """Callback group -> the values, at most one, that its attribute had before."""
+        """Callback group -> the previous value of its attribute, as a list of at most one item."""
         self._registered_components: list[RegisteredComponent] = []
         self._setting_parameters: set[str] = set()
         self._registration_open = True
         self._has_message_types = False
-        """Whether the constructor of a base class received a message type, as in G2 and G3."""
+        """Whether a base class's constructor received a message type, as in G2 and G3."""
         self._is_built = False
         self._configuration = 0
-        """How often the node has been cleaned up."""
+        """Number of times that the node was cleaned up."""
 
     @property
     def t(self) -> float:
@@ -128,24 +129,24 @@ class ObeliskNode(RateMonitoredNode):
     def register_obk_publisher(
         self, *arguments: str | type[Any] | Settings, **named: Unpack[RegistrationArguments]
     ) -> None:
-        """Register a publisher, which configure creates: `(key, msg_type)`.
+        """Register a publisher that configure creates: `(key, msg_type)`.
 
-        Existing code may also call it with `(ros_parameter, msg_type, key, default_config_str)` or
+        Existing code may also pass `(ros_parameter, msg_type, key, default_config_str)` or
         `(ros_parameter, key, msg_type, default)`.
 
         Args:
-            arguments: any of those in this order; also by name.
+            arguments: any of the above, in this order; all can also be passed by name.
             named:
-                key: its name in `obk_publishers`.
-                msg_type: its message class; without it the settings name the type.
-                ros_parameter: a ROS parameter that carries its settings; declared here.
-                default: its settings if neither the parameter nor `obelisk_settings` has any.
-                required: without settings, fail configure instead of leaving it out with a
-                    warning; the default is True with a `ros_parameter`, otherwise False.
+                key: name in `obk_publishers`.
+                msg_type: message class; if omitted, the settings name the type.
+                ros_parameter: ROS parameter with the settings; declared by this call.
+                default: settings to use if neither the parameter nor `obelisk_settings` has any.
+                required: whether configure fails without settings; otherwise it omits the publisher
+                    with a warning. Defaults to True with a `ros_parameter`, otherwise False.
 
         Raises:
-            ObeliskConfigError: an argument is missing or of the wrong type, the name is registered
-                already, or the node is configured.
+            ObeliskConfigError: an argument is missing or has the wrong type, the name is already
+                registered, or the node is configured.
         """
         self._register(ComponentKind.PUBLISHER, arguments, named)
 
@@ -154,19 +155,19 @@ class ObeliskNode(RateMonitoredNode):
         *arguments: str | type[Any] | Callable[..., Any] | Settings,
         **named: Unpack[RegistrationArguments],
     ) -> None:
-        """Register a subscription, which configure creates: `(key, callback, msg_type)`.
+        """Register a subscription that configure creates: `(key, callback, msg_type)`.
 
-        Existing code may also call it with `(ros_parameter, callback, msg_type, key,
-        default_config_str)` or `(ros_parameter, callback, key, msg_type, default)`.
+        Existing code may also pass `(ros_parameter, callback, msg_type, key, default_config_str)`
+        or `(ros_parameter, callback, key, msg_type, default)`.
 
         Args:
-            arguments: any of those in this order; also by name.
-            named: as of a publisher, and:
+            arguments: any of the above, in this order; all can also be passed by name.
+            named: as for a publisher, and:
                 callback: called with each message.
 
         Raises:
-            ObeliskConfigError: an argument is missing or of the wrong type, the name is registered
-                already, or the node is configured.
+            ObeliskConfigError: an argument is missing or has the wrong type, the name is already
+                registered, or the node is configured.
         """
         self._register(ComponentKind.SUBSCRIPTION, arguments, named)
 
@@ -175,27 +176,27 @@ class ObeliskNode(RateMonitoredNode):
         *arguments: str | Callable[..., Any] | Settings,
         **named: Unpack[RegistrationArguments],
     ) -> None:
-        """Register a timer, which configure creates and activate starts: `(key, callback)`.
+        """Register a timer that configure creates and activate starts: `(key, callback)`.
 
-        Existing code may also call it with `(ros_parameter, callback, key, default_config_str)`.
+        Existing code may also pass `(ros_parameter, callback, key, default_config_str)`.
 
         Args:
-            arguments: any of those in this order; also by name.
-            named: as of a publisher, without `msg_type`, and:
-                callback: called at each period.
+            arguments: any of the above, in this order; all can also be passed by name.
+            named: as for a publisher, without `msg_type`, and:
+                callback: called once per period.
 
         Raises:
-            ObeliskConfigError: an argument is missing or of the wrong type, the name is registered
-                already, or the node is configured.
+            ObeliskConfigError: an argument is missing or has the wrong type, the name is already
+                registered, or the node is configured.
         """
         self._register(ComponentKind.TIMER, arguments, named)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Build callback groups, publishers, subscriptions and (stopped) timers.
+        """Create callback groups, publishers, subscriptions and (stopped) timers.
 
         Raises:
-            ObeliskConfigError: settings are missing or wrong; all of them are named at once.
-            ObeliskMsgError: the first of them is a wrong message type.
+            ObeliskConfigError: settings are missing or invalid; the message lists all of them.
+            ObeliskMsgError: likewise, if the first fault is an invalid message type.
         """
         if self._is_built:  # called again by a test, without on_cleanup
             self._destroy_components()
@@ -223,39 +224,39 @@ class ObeliskNode(RateMonitoredNode):
                 faults.append(error)
         if not faults:
             return
-        # A test of existing code may expect the error of a message type.
+        # Tests of existing code may expect the error for a message type.
         kind = ObeliskMsgError if isinstance(faults[0], ObeliskMsgError) else ObeliskConfigError
         raise kind("\n".join(map(str, faults)))
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let the publishers send and start the timers."""
+        """Enable the publishers and start the timers."""
         result = super().on_activate(state)
         self._start_components()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop the timers and hold the publishers."""
+        """Stop the timers and disable the publishers."""
         self._stop_components(state)
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy what configure built."""
+        """Destroy everything that configure created."""
         self._destroy_components()
         return super().on_cleanup(state)
 
     def destroy_node(self) -> None:
-        """Close `opened`, as cleanup does, and destroy the node."""
+        """Close `opened`, like cleanup, and destroy the node."""
         self.opened.close()
         super().destroy_node()
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop and destroy what configure built, whatever the state."""
+        """Stop and destroy everything that configure created, in any state."""
         self._stop_components(state)
         self._destroy_components()
         return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop and destroy what configure built; success leads back to `unconfigured`."""
+        """Stop and destroy everything that configure created; success returns to `unconfigured`."""
         self._stop_components(state)
         self._destroy_components()
         return super().on_error(state)
@@ -277,7 +278,7 @@ class ObeliskNode(RateMonitoredNode):
                 self.surroundings.start_timer(timer, self.loop_stage)
 
     def _stop_components(self, state: LifecycleState) -> None:
-        """Stop everything that configure built; a user's override may not have done so."""
+        """Stop everything that configure created, in case a user's override did not."""
         for timer in self.obk_timers.values():
             timer.cancel()
         for entity in self._managed_entities:
@@ -295,7 +296,7 @@ class ObeliskNode(RateMonitoredNode):
         if component.ros_parameter is None and self._is_given_as_text(component.key):
             component = replace(component, ros_parameter=component.key)
         if self.state_label == "unconfigured":
-            # A test may call on_configure directly, more than once.
+            # A test may call on_configure directly, several times.
             self._registered_components = [
                 other
                 for other in self._registered_components
@@ -303,7 +304,7 @@ class ObeliskNode(RateMonitoredNode):
             ]
         for other in self._registered_components:
             if _is_same(other, component):
-                raise ObeliskConfigError(f"the {component} is registered already, as the {other}")
+                raise ObeliskConfigError(f"the {component} is already registered, as the {other}")
         if component.ros_parameter and component.ros_parameter not in self._setting_parameters:
             self._setting_parameters.add(component.ros_parameter)
             self.declare_parameter(component.ros_parameter, "")
@@ -315,7 +316,7 @@ class ObeliskNode(RateMonitoredNode):
         )
 
     def _is_given_as_text(self, name: str | None) -> bool:
-        """Whether the launcher passes a text as the ROS parameter of that name.
+        """Whether the launcher passes a string as the ROS parameter with this name.
 
         In G2, `(name, msg_type)` names a ROS parameter, which need not end in `_setting`.
         """
@@ -362,15 +363,15 @@ class ObeliskNode(RateMonitoredNode):
         if component.required is None:
             self.get_logger().warning(message)
         else:
-            # `obk validate` reports it; at each launch it would be noise.
+            # `obk validate` reports it; a warning at each launch would be noise.
             self.get_logger().debug(message)
 
     def _is_required(self, component: RegisteredComponent) -> bool:
         if component.required is not None:
             return component.required
         if self._has_message_types and component.key in STANDARD_COMPONENTS:
-            # A constructor of G2 looks like one of G3; only the launcher of G2 passes settings as
-            # separate ROS parameters alone.
+            # A G2 constructor looks like a G3 one. Only the G2 launcher passes all settings as
+            # separate ROS parameters.
             return not self._parameter_text(SETTINGS) and any(
                 map(self._parameter_text, self._setting_parameters)
             )
@@ -415,8 +416,8 @@ class ObeliskNode(RateMonitoredNode):
         )
 
     def _timer_clock(self) -> Clock:
-        # A jump of the wall clock must not stop or hurry a control loop; only simulated time is
-        # followed.
+        # A jump of the wall clock must not stop or speed up a control loop, so timers use the
+        # node's clock only for simulated time.
         if self.get_parameter(USE_SIM_TIME).value:
             return self.get_clock()
         return Clock(clock_type=ClockType.STEADY_TIME)
@@ -443,8 +444,8 @@ class ObeliskNode(RateMonitoredNode):
             other = vars(self).get(name)
             if hasattr(type(self), name) or not isinstance(other, CallbackGroup | None):
                 self.get_logger().warning(
-                    f"the callback group `{name}` is only in obk_callback_groups: the node has "
-                    "another attribute of that name"
+                    f"the callback group `{name}` is only available in obk_callback_groups: the "
+                    "node has another attribute with that name"
                 )
             else:
                 self._group_attributes[name] = [other] if name in vars(self) else []
@@ -486,7 +487,7 @@ class ObeliskNode(RateMonitoredNode):
                 setattr(self, name, value)
         self._group_attributes = {}
         self.obk_callback_groups = {}
-        # A group keeps a dead reference for every entity that it ever held.
+        # A group keeps a dead reference for every entity that it has ever held.
         group = self.default_callback_group
         group.entities = {entity for entity in group.entities if entity() is not None}
 

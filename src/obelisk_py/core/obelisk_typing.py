@@ -1,4 +1,4 @@
-"""Type variables over the Obelisk messages, for annotations and for checks at run time."""
+"""Type variables over the Obelisk messages, for annotations and checks at runtime."""
 
 from functools import reduce
 from operator import or_
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 else:
 
     def _any_of(*packages: str) -> Any:
-        """The union of the messages of packages, also of those that are missing."""
+        """Return the union of the messages in these packages, including missing ones."""
         names = (name for package in packages for name in OBELISK_MESSAGES[package])
         return reduce(or_, map(optional_message, names))
 
@@ -44,7 +44,7 @@ ObeliskMsg = TypeVar("ObeliskMsg", bound=Known)
 
 
 def is_in_bound(type_: type[Any], typevar: TypeVar) -> bool:
-    """Whether a message class is one of those that a type variable stands for.
+    """Whether a message class is in the bound of a type variable.
 
     Args:
         type_: the class, `type(msg)`.
@@ -65,4 +65,4 @@ else:
     Allowed = ObeliskMsg.__bound__ | Log | ParameterEvent | TransitionEvent
 
 ObeliskAllowedMsg = TypeVar("ObeliskAllowedMsg", bound=Allowed)
-"""The Obelisk messages and those of rclpy's own nodes; kept for existing code."""
+"""The Obelisk messages and the messages of rclpy's own topics; kept for existing code."""

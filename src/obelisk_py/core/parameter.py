@@ -1,4 +1,4 @@
-"""`Parameter`: a value of a node that can be tuned while it runs, read as a plain attribute.
+"""`Parameter`: a value that can be tuned while its node runs, read as a plain attribute.
 
     class Balance(ObeliskController):
         kp = Parameter(20.0, ge=0.0, le=200.0, unit="N m/rad", description="proportional gain")
@@ -6,9 +6,9 @@
         def compute_control(self):
             u = -self.kp * error
 
-The class keeps the declarations apart, and `LiveParameters` makes the values attributes of the
-node and changes them between two callbacks. So reading one costs what any attribute costs; even a
-descriptor without code costs six times as much.
+The class stores the declarations separately. `LiveParameters` makes the values plain attributes of
+the node and changes them between two callbacks. Reading one therefore costs no more than any other
+attribute; even an empty descriptor would cost six times as much.
 """
 
 import math
@@ -34,15 +34,15 @@ _SCALARS: Final = {
     str: RosParameter.Type.STRING,
 }
 _DECLARED: Final = "_declared_parameters"
-"""The attribute of a class with its own parameters by name."""
+"""The class attribute that maps names to the class's own parameters."""
 _SEPARATORS: Final = (";", "\n")
-"""They end a note in the descriptor."""
+"""Characters that end a note in the descriptor."""
 
 
 class Parameter(Generic[T]):
-    """Declares a ROS parameter of the name of the attribute, in the body of a node's class.
+    """Declares a ROS parameter with the attribute's name, in the body of a node's class.
 
-    The node's attribute is the present value. A change takes effect between two callbacks; then
+    The node's attribute holds the current value. A change takes effect between two callbacks; then
     the node's method `on_parameters(changed)` is called with the names.
     """
 
@@ -56,22 +56,22 @@ class Parameter(Generic[T]):
         description: str = "",
         live: bool = True,
     ) -> None:
-        """Describe the parameter; the node declares it when it is made.
+        """Describe the parameter; the node declares it in its constructor.
 
         Args:
-            default: used unless the config has a value: a bool, an int, a float, a text, a member
-                of an enum, or a list of numbers. Its type is the parameter's; a tuple's length
-                too. Of an enum, ROS has the members' values if they are texts, otherwise their
-                names.
-            ge: smallest number, or smallest item of a list [`unit`].
-            le: largest number, or largest item of a list [`unit`].
+            default: used unless the config has a value; a bool, int, float, str, enum member, list
+                or tuple of numbers. It sets the parameter's type, and for a tuple also its length.
+                For an enum, ROS uses the members' values if all are strings, otherwise their names.
+            ge: minimum of the number, or of each item in a list [`unit`].
+            le: maximum of the number, or of each item in a list [`unit`].
             unit: shown with the value, such as `N m/rad`.
-            description: one phrase for people who tune it.
-            live: a new value is used between two callbacks; false: from the next configure on.
+            description: one phrase for people who tune the value.
+            live: whether a new value takes effect between two callbacks; if false, at the next
+                configure.
 
         Raises:
-            ObeliskConfigError: the default has no type of a parameter or is beyond the limits, or
-                limits are given for what is no number.
+            ObeliskConfigError: the default has an unsupported type or is out of range, or limits
+                are given for a value that is not a number.
         """
         self.default = default
         self.description = description
@@ -79,13 +79,13 @@ class Parameter(Generic[T]):
         self._enum: type[Enum] | None = type(default) if isinstance(default, Enum) else None
         choices = () if self._enum is None else tuple(_texts(self._enum))
         self.notes = ParameterNotes(unit=unit, least=ge, most=le, choices=choices, is_live=live)
-        """Limits, unit, and when a new value is used."""
+        """Limits, unit, and when a new value takes effect."""
         self.type = self._type_of_default()
         """The type of the ROS parameter."""
         self._check()
 
     def __set_name__(self, owner: type, name: str) -> None:
-        """Take the attribute's name, and make room in the class for the node's value.
+        """Store the attribute's name, and remove the class attribute in favor of the node's value.
 
         Raises:
             ObeliskConfigError: a base class uses the name for something else.
@@ -106,7 +106,7 @@ class Parameter(Generic[T]):
         def __get__(self, instance: object, owner: type) -> T: ...
 
     def descriptor(self, initial: RosParameter) -> ParameterDescriptor:
-        """Describe the parameter to ROS tools, with its first value."""
+        """Build the description for ROS tools, including the initial value."""
         found = ParameterDescriptor(name=self.name, description=self.description)
         least, most = self.notes.least, self.notes.most
         has_range_field = least is not None and most is not None
@@ -126,7 +126,7 @@ class Parameter(Generic[T]):
         return found
 
     def to_ros(self) -> RosParameter:
-        """The default as a ROS parameter."""
+        """Return the default as a ROS parameter."""
         value: Any = self.default
         if isinstance(value, Enum):
             value = _text(value)
@@ -139,7 +139,7 @@ class Parameter(Generic[T]):
         return RosParameter(self.name, self.type, value)
 
     def fit(self, parameter: RosParameter) -> RosParameter:
-        """A value as the parameter's type has it: `20` is `20.0` of a float."""
+        """Convert a value to the parameter's type: `20` becomes `20.0` for a float."""
         value = parameter.value
         if self.type is RosParameter.Type.DOUBLE and type(value) is int:
             return RosParameter(self.name, self.type, float(value))
@@ -149,7 +149,7 @@ class Parameter(Generic[T]):
         return parameter
 
     def fault(self, parameter: RosParameter) -> str | None:
-        """What is wrong with a value: "`kp` is 500.0, expected 0.0 to 200.0"; None: nothing."""
+        """Why a value is invalid, "`kp` is 500.0, expected 0.0 to 200.0"; None if it is valid."""
         if parameter.type_ is not self.type:
             kinds = (kind.name.lower() for kind in (parameter.type_, self.type))
             return "`{}` is of the type {}, expected {}".format(self.name, *kinds)
@@ -160,7 +160,7 @@ class Parameter(Generic[T]):
         return None if fault is None else f"`{self.name}` {fault}"
 
     def value(self, parameter: RosParameter) -> Any:
-        """The value that the attribute has for a value of ROS."""
+        """Convert a ROS value to the value of the attribute."""
         if self._enum is not None:
             return _texts(self._enum)[parameter.value]
         value = _plain(parameter.value)
@@ -179,8 +179,8 @@ class Parameter(Generic[T]):
             if all(type(item) in (int, float) for item in value):
                 return RosParameter.Type.DOUBLE_ARRAY
         raise ObeliskConfigError(
-            f"the default of a parameter is {value!r}, expected a bool, an int, a float, a text, "
-            "a member of an enum or a list of numbers"
+            f"the default of a parameter is {value!r}, expected a bool, int, float, str, "
+            "enum member or list of numbers"
         )
 
     def _check(self) -> None:
@@ -189,7 +189,7 @@ class Parameter(Generic[T]):
         if notes.range and not is_number:
             raise ObeliskConfigError(f"`ge` and `le` limit numbers, not {self.default!r}")
         if notes.least is not None and notes.most is not None and notes.least > notes.most:
-            raise ObeliskConfigError(f"`ge` is {notes.least}, above `le`, which is {notes.most}")
+            raise ObeliskConfigError(f"`ge` is {notes.least}, greater than `le` ({notes.most})")
         if any(separator in notes.unit for separator in _SEPARATORS):
             raise ObeliskConfigError(f"the unit is {notes.unit!r}, expected one line without `;`")
         fault = notes.fault(_plain(self.to_ros().value))
@@ -198,22 +198,22 @@ class Parameter(Generic[T]):
 
 
 def parameters_of(node_class: type) -> dict[str, Parameter[Any]]:
-    """The parameters of a class by name, those of base classes first."""
+    """Return the parameters of a class by name, those of base classes first."""
     found: dict[str, Parameter[Any]] = {}
     for base in reversed(node_class.__mro__):
-        # A subclass may replace a parameter by a constant.
+        # A subclass may replace a parameter with a constant.
         found = {name: one for name, one in found.items() if name not in base.__dict__}
         found.update(base.__dict__.get(_DECLARED, {}))
     return found
 
 
 def _plain(value: Any) -> Any:
-    """A value without the array type of rclpy's."""
+    """Convert rclpy's array types to lists."""
     return value if isinstance(value, bool | int | float | str) else list(value)
 
 
 def _texts(enum: type[Enum]) -> dict[str, Enum]:
-    """The members by what ROS calls them."""
+    """Map the names that ROS uses to the enum's members."""
     return {_text(member): member for member in enum}
 
 

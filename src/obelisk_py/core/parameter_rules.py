@@ -1,8 +1,9 @@
 """Check new values of a node's parameters, by rules and by the node's state.
 
-Any node may call the services `~/set_parameters`. The parameters are set, or the response has the
-reason. No request stops the node. Of parameters that are set together, all are accepted or none.
-The node's own code may set settings that are wrong before configure, which then raises.
+Any node may call the services `~/set_parameters`. Either the parameters are set, or the response
+contains the reason. No request can stop the node. Parameters that are set together are accepted or
+rejected together. The node's own code may set invalid settings before configure, which then raises
+an exception.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,26 +29,26 @@ __all__ = [
 ]
 
 Getter = Callable[[str], Any]
-"""Gives the value that a parameter has, or would have."""
+"""Returns the current or requested value of a parameter."""
 SETTING_SERVICES: Final = (SetParameters, SetParametersAtomically)
 READ_AT_CONFIGURE: Final = "is read at configure: clean up, set it, configure again"
 _FREE_STATES: Final = ("unconfigured", "configuring", "finalized")
 """States in which nothing depends on parameters that configure reads."""
 _is_requested: ContextVar[bool] = ContextVar("is_requested", default=False)
-"""Whether a service sets the parameters, not the node's own code."""
+"""Whether a service sets the parameters, as opposed to the node's own code."""
 
 
 @dataclass(frozen=True, slots=True)
 class GuardedCheck:
     """A callback that checks parameters; an exception or an invalid return value rejects them.
 
-    Equal to another one of the same callback, so that rclpy finds it again to remove it.
+    Two instances with the same callback are equal, so that rclpy can find and remove them.
     """
 
     callback: Callable[[list[Parameter]], SetParametersResult]
 
     def __call__(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Whether the parameters may be set."""
+        """Check whether the parameters may be set."""
         names = ", ".join(f"`{parameter.name}`" for parameter in parameters)
         try:
             result = self.callback(parameters)
@@ -70,14 +71,14 @@ class _Rule:
 
 
 class ParameterRules:
-    """The parameters of one node that its library reads."""
+    """The rules for the parameters that the library reads from a node."""
 
     def __init__(self, node: Node, state: Callable[[], str]) -> None:
-        """Check every request to set parameters from now on.
+        """Check all future requests to set parameters.
 
         Args:
-            node: whose parameters.
-            state: gives the label of its life-cycle state.
+            node: the node with the parameters.
+            state: returns the label of its lifecycle state.
         """
         self._node = node
         self._state = state
@@ -94,33 +95,33 @@ class ParameterRules:
         """Add a rule.
 
         Args:
-            names: the parameters that it is about.
-            check: takes a getter of their values; raises `ObeliskError` if they are invalid;
-                None: every value is valid.
-            is_read_at_configure: reject another value while the node is configured.
+            names: the parameters that the rule checks.
+            check: takes a function that returns their values; raises `ObeliskError` if they are
+                invalid. None accepts every value.
+            is_read_at_configure: whether to reject a different value while the node is configured.
         """
         rule = _Rule(names=tuple(names), check=check, is_read_at_configure=is_read_at_configure)
         self._rules.append(rule)
 
     def _decide(self, parameters: list[Parameter]) -> SetParametersResult:
-        # Parameters that are being declared are checked at configure, together with all others.
+        # Parameters under declaration are checked at configure, together with all others.
         new = {p.name: p.value for p in parameters if self._node.has_parameter(p.name)}
 
         def value(name: str) -> Any:
             return new[name] if name in new else self._node.get_parameter(name).value
 
         for rule in self._rules:
-            mine = [name for name in rule.names if name in new]
-            if not mine:
+            own_names = [name for name in rule.names if name in new]
+            if not own_names:
                 continue
-            # What the node's own code sets, a test for example, fails at configure.
+            # Values set by the node's own code, such as a test, fail at configure.
             is_checked = _is_requested.get() or not self._is_read_later(rule)
             try:
                 if rule.check is not None and is_checked:
                     rule.check(value)
             except ObeliskError as error:
                 return _rejection(str(error))
-            for name in mine:
+            for name in own_names:
                 if rule.is_read_at_configure and self._would_be_half_applied(name, new[name]):
                     return _rejection(f"`{name}` {READ_AT_CONFIGURE}")
         return SetParametersResult(successful=True)
@@ -137,9 +138,9 @@ def guard_setting_service(
 ) -> Callable[[Any, Any], Any]:
     """Wrap the callback of one of `SETTING_SERVICES`.
 
-    Requests for parameters that cannot be set do not reach rclpy's, which raises at an unknown
-    parameter type, and accepts a parameter without a name. For a `Parameter`, the reason of a
-    success is when the new value takes effect.
+    Requests for parameters that cannot be set do not reach rclpy, which raises an exception for an
+    unknown parameter type and accepts a parameter without a name. If a `Parameter` is set, the
+    response's reason says when the new value takes effect.
     """
 
     def requested(request: Any, response: Any) -> Any:
@@ -181,11 +182,11 @@ def guard_setting_service(
 
 
 def _rejection_reason(node: Any, message: Any) -> str | None:
-    """Why a parameter cannot be set, whatever the node's own checks find."""
+    """Why a parameter cannot be set, apart from the node's own checks; None if it can."""
     known = {kind.value: kind.name.lower() for kind in Parameter.Type}
     if message.value.type not in known:
-        there = ", ".join(f"{number} ({kind})" for number, kind in known.items())
-        return f"`{message.name}` has a value of the type {message.value.type}; there are: {there}"
+        kinds = ", ".join(f"{number} ({kind})" for number, kind in known.items())
+        return f"`{message.name}` has a value of the type {message.value.type}; there are: {kinds}"
     if not message.name or not (
         node.has_parameter(message.name) or node._allow_undeclared_parameters
     ):

@@ -1,11 +1,12 @@
-"""Count the ticks of a node's timers and sensor groups, and publish their rates on `/diagnostics`.
+"""Measure the rates of a node's timers and sensor groups, and publish them on `/diagnostics`.
 
-A `TickCounter` uses memory that does not grow. Lateness is counted in buckets, 16 for each factor
-of two: what is read out is at most 1/16 too much, and never too little; below a microsecond it is
-0. A timer's or a sensor group's calls feed it, and an `ExpectedRate` reads it once a second.
+A `TickCounter` uses a fixed amount of memory. It counts lateness in buckets, 16 for each factor of
+two. A reported lateness is therefore at most 1/16 too high and never too low; below about 1 us it
+is 0. The calls of a timer or sensor group update the counter, and an `ExpectedRate` reads it once a
+second.
 
-Rates are registered at configure, monitored and published from activate to deactivate, together
-with other measured values, and removed at cleanup.
+Configure registers the rates. They are monitored and published, together with other measured
+values, from activate to deactivate. Cleanup removes them.
 """
 
 import functools
@@ -52,16 +53,16 @@ __all__ = [
 NS_PER_S: Final = 1_000_000_000
 NS_PER_US: Final = 1000
 BROKEN_S: Final = 2.0
-"""A rate that is too low for so long, without a break, is broken [s]."""
+"""A rate that is continuously too low for this long is broken [s]."""
 EARLY_S: Final = 0.1
-"""How early a read may come, because the one before it was late [s]."""
+"""How much early a read may be, because the previous one was late [s]."""
 SHARES: Final = (0.5, 0.99, 1.0)
 
 _SUB_BITS: Final = 4
 _SUB_BUCKETS: Final = 1 << _SUB_BITS
 _SHORTEST_NS: Final = 1 << 10
 _LONGEST_NS: Final = (1 << 37) - 1
-"""More than two minutes."""
+"""More than 2 min."""
 
 
 def _bucket(late_ns: int) -> int:
@@ -74,35 +75,35 @@ _BUCKETS: Final = _bucket(_LONGEST_NS) + 1
 
 
 class TickCounter:
-    """Ticks and their lateness; read by one thread while another one counts."""
+    """Ticks and their lateness; one thread may count while another one reads."""
 
     __slots__ = ("buckets", "newest_ns", "overruns", "ticks")
 
     def __init__(self) -> None:
-        """Make a counter without ticks."""
+        """Create a counter without ticks."""
         self.ticks = 0
         self.overruns = 0
-        """Ticks that were skipped, or came as one with the next."""
+        """Ticks that were skipped or merged with the next one."""
         self.newest_ns = 0
-        """When the newest tick came [ns], on the clock of the caller of `tick`."""
+        """Time of the newest tick [ns], on the clock of the caller of `tick`."""
         self.buckets = [0] * _BUCKETS
-        """Ticks by lateness; they only grow, so that a reader need not stop the counting."""
+        """Ticks by lateness; the counts only grow, so readers need not stop the counting."""
 
     def tick(self, now_ns: int, late_ns: int, skipped: int = 0) -> None:
         """Count a tick.
 
         Args:
-            now_ns: when it came [ns].
-            late_ns: how much later than it was due [ns].
-            skipped: ticks that were due since the one before it and did not come.
+            now_ns: time of the tick [ns].
+            late_ns: delay since its due time [ns].
+            skipped: ticks since the previous one that were due but did not happen.
         """
         if late_ns < _SHORTEST_NS:
             late_ns = _SHORTEST_NS
         elif late_ns > _LONGEST_NS:
             late_ns = _LONGEST_NS
         shift = late_ns.bit_length() - _SUB_BITS - 1  # `_bucket`, without the call
-        # No call from here on: CPython switches threads between calls only, so that a reader never
-        # sees half a tick.
+        # No calls from here on: CPython switches threads only between calls, so a reader never sees
+        # a partially counted tick.
         self.buckets[(shift << _SUB_BITS) + (late_ns >> shift)] += 1
         self.ticks += 1
         self.overruns += skipped
@@ -110,9 +111,9 @@ class TickCounter:
 
 
 def late_ns_of(buckets: Sequence[int], shares: Sequence[float]) -> tuple[float, ...]:
-    """For each share (0 to 1, ascending): the lateness [ns] that so many ticks do not exceed.
+    """For each share (0 to 1, ascending), return the lateness [ns] that this share does not exceed.
 
-    All are 0 if there is no tick.
+    Without ticks, all values are 0.
     """
     total = sum(buckets)
     found: list[float] = []
@@ -132,19 +133,19 @@ def _upper_edge_ns(place: int) -> float:
 
 
 class TimerTicks:
-    """Counts the calls of one timer.
+    """Counts the calls of a timer.
 
-    An rcl timer knows its schedule, whatever executor calls it and whatever clock it uses: after a
-    call it returns the time until the next one, which is one period after this one was due.
+    It works with any executor and any clock, because the rcl timer knows its schedule. After a
+    call, rcl returns the time until the next call, which is one period after this call was due.
     """
 
     def __init__(self, counter: TickCounter, *, period_ns: int, clock: Callable[[], int]) -> None:
-        """Count from now on.
+        """Start counting.
 
         Args:
-            counter: takes the ticks.
-            period_ns: the timer's [ns].
-            clock: the present time of the timer's clock [ns].
+            counter: receives the ticks.
+            period_ns: the timer's period [ns].
+            clock: returns the current time on the timer's clock [ns].
         """
         self._counter = counter
         self._period_ns = period_ns
@@ -152,7 +153,7 @@ class TimerTicks:
         self._clock = clock
         self._until_due: Callable[[], int | None] = lambda: None
         self._due_ns: int | None = None
-        """When the next tick is due; None at the start of the timer."""
+        """When the next tick is due; None before the first tick after a start."""
 
     def counted(self, callback: Callable[[], Any]) -> Callable[[], Any]:
         """Wrap a timer's callback to count its calls."""
@@ -170,18 +171,18 @@ class TimerTicks:
         return wait if inspect.iscoroutinefunction(callback) else call
 
     def follow(self, timer: Timer) -> None:
-        """Set the timer whose callback is counted."""
+        """Set the timer whose calls are counted."""
         self._until_due = timer.handle.time_until_next_call
 
     def restart(self) -> None:
-        """Note that the timer starts again."""
+        """Record that the timer was restarted."""
         self._due_ns = None
 
     def tick(self) -> None:
         """Count a call of the timer."""
         now_ns = self._clock()
         left_ns = self._until_due()
-        if left_ns is None:  # stopped meanwhile
+        if left_ns is None:  # stopped in the meantime
             return
         next_ns = now_ns + left_ns
         due_ns = self._due_ns
@@ -194,18 +195,18 @@ class TimerTicks:
 
 
 class SampleTicks:
-    """Counts samples in simulation time; they are due when they come, so none is late.
+    """Counts samples in simulation time; a sample is due when it is taken, so none is late.
 
-    How late the steps are by wall time is counted with the steps.
+    The lateness of steps in wall time is measured with the steps.
     """
 
     def __init__(self, counter: TickCounter, *, period_ns: int, clock: Callable[[], int]) -> None:
-        """Count from now on.
+        """Start counting.
 
         Args:
-            counter: takes the samples.
-            period_ns: simulation time between two of them [ns].
-            clock: the present simulation time [ns].
+            counter: receives the samples.
+            period_ns: simulation time between two samples [ns].
+            clock: returns the current simulation time [ns].
         """
         self._counter = counter
         self._period_ns = period_ns
@@ -213,7 +214,7 @@ class SampleTicks:
         self._clock = clock
 
     def tick(self) -> None:
-        """Count a sample that was taken, or that was dropped as the config requests."""
+        """Count a sample that was taken, or dropped as set in the config."""
         now_ns = self._clock()
         skipped = 0
         if self._counter.ticks:
@@ -224,10 +225,10 @@ class SampleTicks:
 
 
 class ExpectedRate:
-    """A rate that the config sets, and whether it is reached: read once a second.
+    """An expected rate from the config, and whether it is reached; read once a second.
 
-    Only too low is wrong: a timer on a schedule cannot be ahead of it, and a tick that comes on
-    time after a late one is no fault.
+    Only a rate that is too low is a fault. A scheduled timer cannot run ahead of its schedule, and
+    a punctual tick after a late one is normal.
     """
 
     def __init__(
@@ -239,14 +240,14 @@ class ExpectedRate:
         clock: Callable[[], int | None],
         steady_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Start to monitor a rate.
+        """Start monitoring a rate.
 
         Args:
             name: as in `Rate`.
-            expected_hz: ticks per second of `clock` [Hz].
+            expected_hz: expected ticks per second of `clock` [Hz].
             counter: counts the ticks, by `clock`.
-            clock: the present time [ns]; None while no rate is expected.
-            steady_s: the time by which it is read, independent of `clock` [s].
+            clock: returns the current time [ns]; None while no rate is expected.
+            steady_s: returns the time that measures the read intervals, independent of `clock` [s].
         """
         self.name = name
         self._expected_hz = expected_hz
@@ -256,21 +257,21 @@ class ExpectedRate:
         self.restart()
 
     def restart(self) -> None:
-        """Expect the rate from now on; ticks counted before are ignored."""
+        """Restart the measurement; earlier ticks are ignored."""
         counter = self._counter
         self._first_tick = self._last_tick = counter.ticks
         self._first_overrun = counter.overruns
         self._buckets = counter.buckets.copy()
         self._since_ns = self._clock()
-        """The newest tick at the last read, or the start."""
+        """Time of the newest tick at the last read, or the start time."""
         self._measured_hz = self._expected_hz
         self._read_s = self._steady_s()
         self._off_s: float | None = None
-        """For how long it has been too low [s]; None: the next read is ignored, because the whole
-        node is starting then."""
+        """How long the rate has been too low [s]; None to ignore the next read, because the whole
+        node is starting up then."""
 
     def read(self) -> Rate:
-        """The figures since the last read."""
+        """Return the values since the last read."""
         counter = self._counter
         buckets = counter.buckets.copy()
         newest_ns, ticks = counter.newest_ns, counter.ticks
@@ -303,28 +304,28 @@ class ExpectedRate:
         read_s, self._read_s = self._read_s, self._steady_s()
         last_ns = newest_ns if new else now_ns
         if now_ns is None or since_ns is None or last_ns is None or last_ns <= since_ns:
-            # No rate was expected, or simulated time stood still or went back.
+            # No rate was expected, or simulated time was paused or jumped back.
             self._since_ns = now_ns
             self._off_s = None
             self._measured_hz = self._expected_hz
             return
         if new:
-            # From tick to tick: a second holds one more at times, and one less at others.
+            # Measured from tick to tick, because the number of ticks in a second varies by one.
             self._measured_hz = new * NS_PER_S / max(1, newest_ns - since_ns)
             self._since_ns = newest_ns
-        # The rate if one more tick came right now.
+        # Upper bound: the rate if one more tick happened right now.
         most_hz = (new + 1) * NS_PER_S / max(1, now_ns - since_ns)
         self._measured_hz = min(self._measured_hz, most_hz)
         is_off = self._measured_hz < (1 - TOLERANCE) * self._expected_hz
-        # A late read covers no more than the second before it.
+        # A late read counts only for the last second before it.
         shown_s = min(self._read_s - read_s, REPORT_PERIOD_S)
         self._off_s = 0.0 if self._off_s is None or not is_off else self._off_s + shown_s
 
 
 Values = Sequence[tuple[str, str]]
-"""Keys and values of a status."""
+"""Keys and values of a diagnostic status."""
 REPORT_RATES: Final = "report_rates"
-"""The ROS parameter that switches reports off; counting costs less than checking for it."""
+"""The ROS parameter that turns reports off. Counting continues: it is cheaper than a check."""
 _DEPTH: Final = 1
 _LEVELS: Final = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
@@ -333,7 +334,7 @@ class RateReporter:
     """The monitored rates of one node."""
 
     def __init__(self, node: Node) -> None:
-        """Make one without rates."""
+        """Create a reporter without rates."""
         self._node = node
         self._rates: list[ExpectedRate] = []
         self._timers: list[TimerTicks] = []
@@ -343,11 +344,11 @@ class RateReporter:
         self._timer: Timer | None = None
 
     def expect_timer(self, name: str, period_s: float, clock: Clock) -> TimerTicks:
-        """Monitor the rate of a timer on this clock; returns the counter of its calls."""
+        """Monitor the rate of a timer on this clock, and return the counter of its calls."""
         is_steady = clock.clock_type == ClockType.STEADY_TIME
         now_ns = time.monotonic_ns if is_steady else lambda: int(clock.now().nanoseconds)
         counter = TickCounter()
-        # The time that the timer was called at: the page's may have moved since.
+        # The time of the call, because the clock page may have advanced since then.
         called_ns = (lambda: clock.synced_ns) if isinstance(clock, SharedClock) else now_ns
         ticks = TimerTicks(counter, period_ns=round(period_s * NS_PER_S), clock=called_ns)
         self._timers.append(ticks)
@@ -357,7 +358,7 @@ class RateReporter:
     def expect_samples(
         self, name: str, period_s: float, clock: Callable[[], int]
     ) -> Callable[[], None]:
-        """Monitor a sensor group in simulation time; returns what to call at each sample."""
+        """Monitor a sensor group in simulation time, and return the function to call per sample."""
         counter = TickCounter()
         self.expect(name, 1 / period_s, counter, clock)
         return SampleTicks(counter, period_ns=round(period_s * NS_PER_S), clock=clock).tick
@@ -369,30 +370,30 @@ class RateReporter:
         counter: TickCounter,
         clock: Callable[[], int | None],
     ) -> None:
-        """Monitor a rate; the arguments are those of `ExpectedRate`."""
+        """Monitor a rate; for the arguments see `ExpectedRate`."""
         self._rates.append(
             ExpectedRate(name=name, expected_hz=expected_hz, counter=counter, clock=clock)
         )
 
     def add_value(self, name: str, value: float) -> None:
-        """Publish a measured value with the next report; from any thread."""
+        """Publish a measured value with the next report; thread-safe."""
         self._values[name] = value
 
     def watch_fault(self, name: str, read: Callable[[], Values | None]) -> None:
-        """Publish with each report what `read` gives, as a status of this name; None: nothing."""
+        """Publish the result of `read` with each report, as a status; None publishes nothing."""
         self._faults[name] = read
 
     def start(self) -> None:
-        """Start to monitor and to publish."""
+        """Start monitoring and publishing."""
         if not self._node.get_parameter(REPORT_RATES).value:
             return
         clock = self._node.get_clock()
         if isinstance(clock, SharedClock):
-            # Timers, which have just been started, count from the time that rcl had then.
+            # The timers have just been started; they count from the time that rcl had then.
             time_ns = clock.synced_ns if self._timers else clock.page.time_ns
             self.add_value(ACTIVATION, max(0, time_ns) / NS_PER_S)
         if self._publisher is None:
-            # Without rates too: it shows the launcher that there are none to measure from outside.
+            # Even without rates: the launcher then knows that there are no rates to measure itself.
             self._publisher = self._node.create_publisher(
                 DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH
             )
@@ -402,8 +403,8 @@ class RateReporter:
             self._timer = self._node.create_timer(
                 REPORT_PERIOD_S,
                 self._report,
-                # A group of its own, so that no coroutine of the user blocks it. A new one each
-                # time, because a group keeps a dead reference for every entity that it ever held.
+                # Its own group, so that no coroutine of the user blocks it. A new one each time,
+                # because a group keeps a dead reference for every entity that it has ever held.
                 callback_group=MutuallyExclusiveCallbackGroup(),
                 clock=Clock(clock_type=ClockType.STEADY_TIME),
                 autostart=False,
@@ -482,13 +483,13 @@ def _fault_status(node: str, name: str, values: Values) -> Any:
 
 
 class RateMonitoredNode(GuardedLifecycleNode):
-    """A guarded life-cycle node that publishes its rates, unless `report_rates` is false."""
+    """A guarded lifecycle node that publishes its rates, unless `report_rates` is false."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
-        """Make the node; the arguments are those of the base."""
+        """Create the node; for the arguments see the base class."""
         super().__init__(node_name, **kwargs)
         self.declare_parameter(REPORT_RATES, True)
-        # A node that stops reporting looks like one that does not tick, so it is read at configure.
+        # Read at configure, because a node that stops reporting looks like one that does not tick.
         self._parameter_rules.add((REPORT_RATES,))
         self.rates = RateReporter(self)
         """The node's monitored rates."""
@@ -502,7 +503,7 @@ class RateMonitoredNode(GuardedLifecycleNode):
         group: CallbackGroup | None,
         clock: Clock,
     ) -> Timer:
-        """A stopped timer, whose rate is monitored while the node is active."""
+        """Create a stopped timer whose rate is monitored while the node is active."""
         if self.surroundings.is_lockstep:
             return self.create_timer(
                 period_s, callback, callback_group=group, clock=clock, autostart=False
@@ -526,14 +527,14 @@ class RateMonitoredNode(GuardedLifecycleNode):
             self.rates.clear()
 
     def _note_first_output(self) -> None:
-        """Report the simulated time of the next message, which a test can start a trial by."""
+        """Report the simulated time of the next message, with which a test can start a trial."""
         clock = self.get_clock()
         publishers = [each for each in self._managed_entities if isinstance(each, Publisher)]
         if not isinstance(clock, SharedClock) or not publishers:
             return
 
         def note(publisher: Publisher, message: Any) -> None:
-            for each in publishers:  # once; further messages cost nothing more
+            for each in publishers:  # once, so later messages have no extra cost
                 vars(each).pop("publish", None)
             self.rates.add_value(FIRST_OUTPUT, clock.page.time_ns / NS_PER_S)
             publisher.publish(message)

@@ -1,7 +1,7 @@
 """`ObeliskRobot` and `ObeliskSimRobot`: base classes of real and simulated robots.
 
-`non_finite_number` and `zeroed` check and replace the numbers of a message of any type. They know
-only the header by its type: it describes the message and is left as it is.
+`non_finite_number` checks the numbers in a message of any type, and `zeroed` replaces them with 0.
+`zeroed` keeps headers unchanged, because a header describes the message.
 """
 
 import copy
@@ -45,9 +45,9 @@ __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
 
 TrueSimState: Any = optional_message("TrueSimState")
 LONGEST_STOP_S = 5.0
-"""How long `run_simulator`, or a robot's action on old commands, may take to return [s]."""
+"""Maximum time for `run_simulator`, or the action on stale commands, to return [s]."""
 LOOP_GRACE_S = 0.5
-"""How long a loop that does not read `simulator_stop` has to end by itself [s]."""
+"""Time for a loop that does not read `simulator_stop` to end by itself [s]."""
 
 _ACTIONS: Final = {
     "zero": "every number of the control is set to zero",
@@ -57,23 +57,23 @@ _ACTIONS: Final = {
 
 
 class ObeliskRobot(ABC, ObeliskNode):
-    """Base of robots.
+    """Base class of robots.
 
     Registers the subscription `sub_ctrl` -> `apply_control` with the ROS parameter
-    `sub_ctrl_setting`. The inheriting class registers its sensors' publishers.
+    `sub_ctrl_setting`. Subclasses register the publishers of their sensors.
 
-    With `max_age_sec` in the settings of that subscription, the robot performs `stale_action` when
-    no command was accepted for so long by the steady clock, even if the executor is busy.
+    With `max_age_sec` in the settings of that subscription, the robot performs `stale_action` if it
+    accepts no command for this long on the steady clock, even if the executor is busy.
     """
 
     def __init__(
         self, node_name: str, ctrl_msg_type: type[Any] | None = None, **kwargs: Any
     ) -> None:
-        """Make the node and register the control subscription.
+        """Create the node and register the control subscription.
 
         Args:
             node_name: name in the ROS graph, unless it is remapped.
-            ctrl_msg_type: class of the control message; without it the config names the type.
+            ctrl_msg_type: class of the control message; None uses the type from the config.
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, **kwargs)
@@ -86,7 +86,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         self.rates.watch_fault(REJECTION, self._rejection_values)
         # apply_control has one caller at a time: the executor's thread or the watchdog.
         self._applying = threading.Lock()
-        # The key is written out: `obk validate` reads constructors, it does not run them.
+        # A literal key, because `obk validate` reads constructors without running them.
         self.register_obk_subscription(
             "sub_ctrl_setting", self._take_control, key="sub_ctrl", msg_type=ctrl_msg_type
         )
@@ -96,7 +96,8 @@ class ObeliskRobot(ABC, ObeliskNode):
     def apply_control(self, control_msg: ObeliskControlMsg) -> bool | None:
         """Apply a control message to the system; called only while the node is active.
 
-        Called on the executor's thread, or with `max_age_sec` on another, never on both at once.
+        Called on the executor's thread, or with `max_age_sec` also on another thread, but never on
+        both at the same time.
 
         Args:
             control_msg: the newest control.
@@ -106,12 +107,12 @@ class ObeliskRobot(ABC, ObeliskNode):
         """
 
     def apply_damping(self) -> None:
-        """Brake because the newest command is too old; called once until a command is received.
+        """Brake because the newest command is stale; called once until the next command.
 
-        With `stale_action: damp`, instead of `apply_control` and under the same lock.
+        With `stale_action: damp`, called in place of `apply_control` and under the same lock.
 
         Raises:
-            ObeliskConfigError: the inheriting class does not implement it.
+            ObeliskConfigError: the subclass does not implement it.
         """
         raise ObeliskConfigError(
             f"{type(self).__name__} does not implement apply_damping, "
@@ -119,7 +120,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         )
 
     def _take_control(self, control_msg: ObeliskControlMsg) -> None:
-        # A robot that is not active must not move, even if a node still publishes.
+        # An inactive robot must not move, even if a node still publishes commands.
         if self.state_label != "active":
             return
         if self._command_age is None:
@@ -145,15 +146,15 @@ class ObeliskRobot(ABC, ObeliskNode):
             self.get_logger().warning(f"commands resumed after {silent_s:.3f} s")
 
     def _rejection_of(self, control_msg: ObeliskControlMsg) -> str | None:
-        """The reason to reject a command before `apply_control`; None to accept it."""
+        """Return the reason to reject a command before `apply_control`; None to accept it."""
         return non_finite_number(control_msg)
 
     def _lasting_rejection(self) -> LastingRejection | None:
-        """The rejections since a command was accepted."""
+        """The rejections since the last accepted command; None if there are none or few."""
         return self._rejections.lasting()
 
     def _rejection_values(self) -> tuple[tuple[str, str], ...] | None:
-        """What `/diagnostics` shows while all commands are rejected, and once after that."""
+        """The status for `/diagnostics` while all commands are rejected, and once after that."""
         lasting, was_reported = self._lasting_rejection(), self._has_reported_rejection
         self._has_reported_rejection = lasting is not None
         if lasting is not None:
@@ -164,20 +165,20 @@ class ObeliskRobot(ABC, ObeliskNode):
         return type(self).apply_damping is not ObeliskRobot.apply_damping
 
     def _log_rejection(self, report: RejectionReport) -> None:
-        # Two calls: rclpy lets no call change its severity from one time to the next.
+        # Two calls, because rclpy does not allow a call site to change its severity.
         if report.is_lasting:
             self.get_logger().error(report.text)
         else:
             self.get_logger().warning(report.text)
 
     def _is_stale(self) -> bool:
-        """Whether the newest command is too old by now."""
+        """Whether the newest command is stale; also logs stopped commands when due."""
         assert self._command_age is not None
         self._becomes_stale()
         return self._command_age.is_stale
 
     def _becomes_stale(self) -> bool:
-        """Whether the newest command has just become too old; logs stopped commands when due."""
+        """Whether the newest command has just become stale; logs stopped commands when due."""
         assert self._command_age is not None
         now_s = time.monotonic()
         is_new = self._command_age.look(now_s) is not None
@@ -196,10 +197,10 @@ class ObeliskRobot(ABC, ObeliskNode):
             f"{policy.max_age_s:g} s: {_ACTIONS[policy.action]} (`stale_action: {policy.action}`)"
         )
         if self._watchdog is not None and self._applying.locked():
-            text += "; apply_control has not returned, which holds that up"
+            text += "; the action is delayed because apply_control has not returned"
         topic = self.obk_subscriptions[CONTROL_SUBSCRIPTION].topic_name
         if silent_s is not None and self.count_publishers(topic) == 0:
-            # The controller was stopped, perhaps on purpose; the launcher reports a crash.
+            # The controller may have been stopped on purpose; the launcher reports a crash.
             self.get_logger().warning(f"{text}; no node publishes {topic} any more")
         else:
             self.get_logger().error(text)
@@ -209,7 +210,7 @@ class ObeliskRobot(ABC, ObeliskNode):
             self.guarded(self._act_on_old_commands)()
 
     def _act_on_old_commands(self) -> None:
-        # A call of apply_control that hangs is logged while this waits for it.
+        # While this waits for a hanging apply_control, the hang is logged.
         while not self._applying.acquire(timeout=SILENCE_GRACE_S):
             if not self._has_to_act():
                 return
@@ -221,7 +222,7 @@ class ObeliskRobot(ABC, ObeliskNode):
             self._applying.release()
 
     def _has_to_act(self) -> bool:
-        """Whether the newest command is still too old and the node is still active."""
+        """Whether the newest command is still stale and the node is still active."""
         assert self._command_age is not None
         return self._command_age.is_stale and self.state_label == "active"
 
@@ -246,7 +247,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         if policy is None:
             return None
         if policy.action == "damp" and not self._can_damp():
-            self.apply_damping()  # raises with what is missing
+            self.apply_damping()  # raises an error that names the missing method
         return CommandAge(policy)
 
     def _start_components(self) -> None:
@@ -258,7 +259,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         super()._stop_components(state)
 
     def destroy_node(self) -> None:
-        """Stop the watchdog, then destroy the node; log an error if it is still running."""
+        """Stop the watchdog and destroy the node; log an error if the watchdog does not stop."""
         try:
             self._stop_watchdog()
         except ObeliskError as error:
@@ -290,33 +291,33 @@ class ObeliskRobot(ABC, ObeliskNode):
             return
         if not self._watchdog.stop(LONGEST_STOP_S):
             raise ObeliskError(
-                f"the robot's action on old commands went on for {LONGEST_STOP_S:g} s after "
-                "it was to stop"
+                f"the robot's action on stale commands was still running {LONGEST_STOP_S:g} s "
+                "after the stop request"
             )
         self._watchdog = None
 
 
 class ObeliskSimRobot(ObeliskRobot):
-    """Base of simulated robots.
+    """Base class of simulated robots.
 
-    Registers, both optional, the timer `timer_true_sim_state` -> `publish_true_sim_state` and the
-    publisher `pub_true_sim_state`. While the node is active, `run_simulator` runs in a thread of
-    its own.
+    Registers two optional components: the timer `timer_true_sim_state` -> `publish_true_sim_state`
+    and the publisher `pub_true_sim_state`. While the node is active, `run_simulator` runs in its
+    own thread.
 
-    Existing simulators pass commands by `_set_shared_ctrl(ctrl)` to `run_simulator`, which reads
-    `shared_ctrl` under `lock` in an endless loop. Unless the class reads `simulator_stop`, the next
-    read of `lock` or `shared_ctrl` ends that loop with a `SystemExit` when it is to stop; a loop
-    that reads neither for half a second is ended where it is.
+    Existing simulators pass commands with `_set_shared_ctrl(ctrl)` to `run_simulator`, which reads
+    `shared_ctrl` under `lock` in an endless loop. If the class does not read `simulator_stop`, the
+    next access to `lock` or `shared_ctrl` after a stop request ends that loop with `SystemExit`. A
+    loop that accesses neither for 0.5 s is interrupted wherever it is.
     """
 
     def __init__(
         self, node_name: str, ctrl_msg_type: type[Any] | None = None, **kwargs: Any
     ) -> None:
-        """Make the node and register its components.
+        """Create the node and register its components.
 
         Args:
             node_name: name in the ROS graph, unless it is remapped.
-            ctrl_msg_type: class of the control message; without it the config names the type.
+            ctrl_msg_type: class of the control message; None uses the type from the config.
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, ctrl_msg_type, **kwargs)
@@ -324,10 +325,10 @@ class ObeliskSimRobot(ObeliskRobot):
         self._shared_ctrl: Any = []
         self._simulator_stop = threading.Event()
         self._knows_stop = False
-        """Whether the inheriting class has read `simulator_stop`."""
+        """Whether the subclass has read `simulator_stop`."""
         self._simulator: threading.Thread | None = None
         self._is_stuck = False
-        """Whether `run_simulator` did not return when it had to; that is waited for only once."""
+        """Whether `run_simulator` ignored a stop request; then only the first stop waits."""
         self.register_obk_timer(
             "timer_true_sim_state_setting",
             self.publish_true_sim_state,
@@ -343,20 +344,20 @@ class ObeliskSimRobot(ObeliskRobot):
 
     @property
     def simulator_stop(self) -> threading.Event:
-        """Set when `run_simulator` is to return."""
+        """Set when `run_simulator` must return."""
         self._knows_stop = True
         return self._simulator_stop
 
     @abstractmethod
     def run_simulator(self) -> None:
-        """Step the simulation until `simulator_stop` is set; what it raises fails the node.
+        """Step the simulation until `simulator_stop` is set; an exception fails the node.
 
-        Each run has an event of its own: take `self.simulator_stop` once, when it starts.
+        Each run has its own event, so read `self.simulator_stop` once, at the start.
         """
 
     @property
     def lock(self) -> Any:
-        """Held while `shared_ctrl` is read or written; kept for existing simulators."""
+        """Lock for access to `shared_ctrl`; kept for existing simulators."""
         self._end_existing_simulator()
         return self._shared_ctrl_lock
 
@@ -368,7 +369,7 @@ class ObeliskSimRobot(ObeliskRobot):
     def shared_ctrl(self) -> Any:
         """The newest control, a list; kept for existing simulators.
 
-        Before the first command it has `n_u` zeros if the node has an attribute `n_u`.
+        Before the first command it holds `n_u` zeros, if the node has an attribute `n_u`.
         """
         self._end_existing_simulator()
         return self._shared_ctrl
@@ -378,12 +379,12 @@ class ObeliskSimRobot(ObeliskRobot):
         self._shared_ctrl = shared_ctrl
 
     def _set_shared_ctrl(self, ctrl: Iterable[float]) -> None:
-        """Replace the content of `shared_ctrl`; kept for existing simulators."""
+        """Replace the contents of `shared_ctrl`; kept for existing simulators."""
         with self._shared_ctrl_lock:
             self._shared_ctrl[:] = [float(value) for value in ctrl]
 
     def _end_existing_simulator(self) -> None:
-        # Existing simulators step for ever, because they ran in a process that was terminated.
+        # Existing simulators step forever, because they ran in a process that was terminated.
         if (
             self._simulator_stop.is_set()
             and not self._knows_stop
@@ -395,7 +396,7 @@ class ObeliskSimRobot(ObeliskRobot):
         """Publish the simulator's own state on `pub_true_sim_state`, and return it.
 
         Raises:
-            ObeliskConfigError: the inheriting class has no such state, yet the config asks for it.
+            ObeliskConfigError: the subclass does not implement it, but the config sets its timer.
         """
         raise ObeliskConfigError(
             f"{type(self).__name__} does not implement publish_true_sim_state, "
@@ -403,7 +404,7 @@ class ObeliskSimRobot(ObeliskRobot):
         )
 
     def destroy_node(self) -> None:
-        """Stop the simulator's thread, then destroy the node; log an error if it still runs."""
+        """Stop the simulator's thread and destroy the node; if it does not stop, log an error."""
         try:
             self._stop_simulator()
         except ObeliskError as error:
@@ -414,9 +415,9 @@ class ObeliskSimRobot(ObeliskRobot):
         super()._start_components()
         if self._simulator is None:
             if len(self._shared_ctrl) == 0:
-                # Not by `_set_shared_ctrl`: an inheriting class may take that for a command.
+                # Not with `_set_shared_ctrl`, which a subclass may treat as a command.
                 self._shared_ctrl[:] = [0.0] * (getattr(self, "n_u", None) or 0)
-            # A new event for each run, so that an old thread cannot run again.
+            # A new event for each run, so that an old thread cannot resume.
             self._simulator_stop = threading.Event()
             self._simulator = self._make_simulator(self._simulator_stop)
             self._simulator.start()
@@ -430,7 +431,7 @@ class ObeliskSimRobot(ObeliskRobot):
             self.guarded(self.run_simulator)()
         if not (stop.is_set() or self.is_failing()):
             self.get_logger().warning(
-                "run_simulator has returned although simulator_stop is not set: it steps no more"
+                "run_simulator returned before simulator_stop was set: the simulation has stopped"
             )
 
     def _stop_components(self, state: LifecycleState) -> None:
@@ -442,10 +443,10 @@ class ObeliskSimRobot(ObeliskRobot):
         if self._simulator is None:
             return
         if self._simulator is threading.current_thread():
-            # run_simulator has failed in a node without an executor: this thread is about to end.
+            # run_simulator failed in a node without an executor: this thread is about to end.
             self._simulator = None
             return
-        # A loop that reads `lock` ends there; another one, wherever it is.
+        # A loop that reads `lock` ends there; any other loop is interrupted wherever it is.
         interruption = threading.Timer(LOOP_GRACE_S, _end_loop, [self._simulator])
         may_need_interruption = self._simulator.is_alive() and not self._knows_stop
         if may_need_interruption:
@@ -453,29 +454,29 @@ class ObeliskSimRobot(ObeliskRobot):
         self._simulator.join(0 if self._is_stuck else LONGEST_STOP_S)
         interruption.cancel()
         if may_need_interruption:
-            interruption.join()  # it holds the simulator, and so the node
+            interruption.join()  # it holds references to the simulator and thus the node
         self._is_stuck = self._simulator.is_alive()
         if self._is_stuck:
             raise ObeliskError(
-                f"run_simulator went on for {LONGEST_STOP_S:g} s after simulator_stop was set"
+                f"run_simulator was still running {LONGEST_STOP_S:g} s after simulator_stop was set"
             )
         self._simulator = None
 
 
 def _end_loop(thread: threading.Thread) -> None:
-    """Raise SystemExit in a thread, at its next step of Python code."""
+    """Raise SystemExit in a thread, at its next Python instruction."""
     if thread.ident is not None:
         set_exception = ctypes.pythonapi.PyThreadState_SetAsyncExc
         set_exception(ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit))
 
 
 def non_finite_number(message: Any) -> str | None:
-    """The first number that is NaN or infinite, as "`u_mujoco[0]` is nan"; None: all are finite."""
+    """Describe the first NaN or infinity, as "`u_mujoco[0]` is nan"; None if all are finite."""
     return next(_non_finite(message, ""), None)
 
 
 def zeroed(message: Any) -> Any:
-    """A copy in which every number is zero; lengths, texts, truth values and headers stay."""
+    """Copy a message with every number set to 0; lengths, strings, booleans and headers stay."""
     zeros = type(message)()
     for field, value in _fields(message):
         setattr(zeros, field, _zeroed_value(value))

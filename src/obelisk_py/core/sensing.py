@@ -1,4 +1,4 @@
-"""`ObeliskSensor`: publishes what a sensor outside the robot measures."""
+"""`ObeliskSensor`: the base class of nodes that publish measurements of external sensors."""
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
@@ -10,13 +10,13 @@ __all__ = ["ObeliskSensor"]
 
 
 class ObeliskSensor(ObeliskNode):
-    """Base of sensor nodes; registers nothing, the inheriting class registers its publishers."""
+    """Base class of sensor nodes; subclasses register their publishers."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Build the components.
+        """Create the components.
 
         Raises:
-            ObeliskConfigError: the class has registered no publisher.
+            ObeliskConfigError: the class registered no publisher.
         """
         if not any(c.kind is ComponentKind.PUBLISHER for c in self._registered_components):
             raise ObeliskConfigError(

@@ -1,8 +1,8 @@
-"""Parse settings of components from ROS parameter text into typed values.
+"""Parse component settings from ROS parameters into typed values.
 
-Takes the text of a component's own parameter, the entries of `obelisk_settings`, or a default, and
-gives frozen values with a QoS profile in them; raises `ObeliskConfigError` with a sentence that
-names the component and what would be right.
+The settings come from the component's own parameter, an entry in `obelisk_settings`, or a default.
+The results are frozen values that include a QoS profile. `ObeliskConfigError` names the component
+and the expected value.
 """
 
 import re
@@ -48,10 +48,10 @@ P = TypeVar("P")
 
 SHORTEST_PERIOD_S = 1e-9
 LONGEST_PERIOD_S = 9e9
-"""Longest time in 64 bits of nanoseconds [s]."""
+"""Longest duration in 64 bits of nanoseconds [s]."""
 
 _SUBSTITUTION: Final = re.compile(r"\{(node|ns|namespace)\}")
-"""Placeholder in a topic that ROS replaces by a name."""
+"""Placeholder in a topic that ROS replaces with a name."""
 RELIABILITY = {
     "reliable": QoSReliabilityPolicy.RELIABLE,
     "best_effort": QoSReliabilityPolicy.BEST_EFFORT,
@@ -82,21 +82,21 @@ class TimerSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeSettings:
-    """The content of the ROS parameter `obelisk_settings`."""
+    """The contents of the ROS parameter `obelisk_settings`."""
 
     components: Mapping[ComponentKind, tuple[Mapping[str, Any], ...]]
     callback_groups: Mapping[str, str]
 
 
 def parse_node_settings(text: str, groups_text: str = "") -> NodeSettings:
-    """Read the ROS parameter `obelisk_settings`; empty text has no settings.
+    """Parse the ROS parameter `obelisk_settings`; an empty string has no settings.
 
     Args:
-        text: the parameter.
+        text: the parameter's value.
         groups_text: the parameter `callback_group_settings` of older launchers.
 
     Raises:
-        ObeliskConfigError: it is no mapping of lists of mappings, or names an unknown group type.
+        ObeliskConfigError: it is not a mapping of lists of mappings, or has an unknown group type.
     """
     block = _parsed(parse_mapping, text, "the parameter `obelisk_settings`")
     groups = block.get("callback_groups") or {}
@@ -119,13 +119,13 @@ def parse_node_settings(text: str, groups_text: str = "") -> NodeSettings:
 def find_settings(
     component: RegisteredComponent, parameter_text: str, node: NodeSettings
 ) -> Mapping[str, Any] | None:
-    """A component's settings, from the first place that has them, or None.
+    """Return a component's settings from the first place that has them, or None.
 
     The order is: its own ROS parameter, its entry in `obelisk_settings`, the default in the code.
-    The entry is also where a key comes from that only the config knows.
+    If only the config knows a key, it comes from the entry.
 
     Raises:
-        ObeliskConfigError: a text cannot be read, or a name in it is not a string.
+        ObeliskConfigError: a text cannot be parsed, or a name in it is not a string.
     """
     entry = next(
         (e for e in node.components[component.kind] if component.names & entry_names(e)), None
@@ -133,7 +133,7 @@ def find_settings(
     if parameter_text.strip():
         where = f"the parameter `{component.ros_parameter}`"
         own = _parsed(parse_component_setting, parameter_text, where)
-        entry_names(own)  # raises where they are no texts
+        entry_names(own)  # raises an exception if a name is not a string
         return {"key": entry["key"], **own} if entry and "key" in entry else own
     if entry is not None:
         return entry
@@ -145,15 +145,15 @@ def find_settings(
 
 
 def check_component(component: RegisteredComponent, parameter_text: str, node_text: str) -> None:
-    """Check a component's settings as configure does, without building anything.
+    """Check a component's settings like configure, without creating anything.
 
     Args:
         component: the component.
-        parameter_text: its own ROS parameter.
-        node_text: the ROS parameter `obelisk_settings`.
+        parameter_text: value of its own ROS parameter.
+        node_text: value of the ROS parameter `obelisk_settings`.
 
     Raises:
-        ObeliskError: they cannot be read, or are out of range.
+        ObeliskError: the settings cannot be parsed, or a value is out of range.
     """
     raw = find_settings(component, parameter_text, parse_node_settings(node_text))
     if raw is None:
@@ -167,7 +167,7 @@ def check_component(component: RegisteredComponent, parameter_text: str, node_te
 
 
 def message_class_of(component: RegisteredComponent, configured: str | None) -> type[Any]:
-    """The message class of a publisher or subscription.
+    """Return the message class of a publisher or subscription.
 
     Raises:
         ObeliskMsgError: neither code nor config names one, they differ, or it does not exist.
@@ -181,7 +181,7 @@ def message_class_of(component: RegisteredComponent, configured: str | None) -> 
         return message_class(configured)
     if configured is None:
         return require_message(component.msg_type)
-    # A bare name may be that of a message package of the user's own.
+    # A bare name may belong to one of the user's own message packages.
     is_bare = configured == component.msg_type.__name__
     if not is_bare and message_class(configured) is not component.msg_type:
         raise ObeliskMsgError(
@@ -192,31 +192,31 @@ def message_class_of(component: RegisteredComponent, configured: str | None) -> 
 
 
 def entry_names(entry: Mapping[str, Any]) -> frozenset[str]:
-    """Every name under which a settings entry is known.
+    """Return every name of a settings entry, in all spellings.
 
     Raises:
-        ObeliskConfigError: one of them is not a string.
+        ObeliskConfigError: a name is not a string.
     """
     for key in ("ros_parameter", "key"):
         if not isinstance(entry.get(key, ""), str | None):
             raise ObeliskConfigError(
-                f"the settings {dict(entry)}: `{key}` is {entry[key]!r}, expected a text"
+                f"the settings {dict(entry)}: `{key}` is {entry[key]!r}, expected a string"
             )
     return spellings(entry.get("ros_parameter"), entry.get("key"))
 
 
 def topic_settings(component: RegisteredComponent, raw: Mapping[str, Any]) -> TopicSettings:
-    """Typed settings of a publisher or subscription.
+    """Parse the settings of a publisher or subscription.
 
     Raises:
-        ObeliskConfigError: no topic, an invalid name, or a value out of its range.
+        ObeliskConfigError: the topic is missing or invalid, or a value is out of range.
     """
     topic = raw.get("topic")
     if not isinstance(topic, str) or not topic:
         raise ObeliskConfigError(f"the {component} has no `topic` in its settings {dict(raw)}")
     fault = topic_name_fault(_SUBSTITUTION.sub("name", topic))
     if fault is not None:
-        raise ObeliskConfigError(f"the {component}: `topic` is `{topic}`, no topic name: {fault}")
+        raise ObeliskConfigError(f"the {component}: invalid topic name `{topic}`: {fault}")
     qos = raw.get("qos") or {}
     if not isinstance(qos, Mapping):
         raise ObeliskConfigError(f"the {component}: `qos` is {qos!r}, expected a mapping")
@@ -240,20 +240,20 @@ def topic_settings(component: RegisteredComponent, raw: Mapping[str, Any]) -> To
 
 
 def timer_settings(component: RegisteredComponent, raw: Mapping[str, Any]) -> TimerSettings:
-    """Typed settings of a timer.
+    """Parse the settings of a timer.
 
     Raises:
-        ObeliskConfigError: no period, or one that a ROS timer cannot hold.
+        ObeliskConfigError: the period is missing or out of the range of ROS timers.
     """
     period_s = _seconds(component, "timer_period_sec", raw.get("timer_period_sec"))
     return TimerSettings(period_s=period_s, callback_group=_named(raw.get("callback_group")))
 
 
 def stale_policy(component: RegisteredComponent, raw: Mapping[str, Any]) -> StalePolicy | None:
-    """The policy for old commands; None if the settings have none.
+    """Parse the policy for stale commands; None if the settings have none.
 
     Raises:
-        ObeliskConfigError: no age, one that no clock can hold, or an unknown action.
+        ObeliskConfigError: the age is missing or out of range, or the action is unknown.
     """
     age, action = raw.get("max_age_sec"), raw.get("stale_action")
     if age is None and action is None:
@@ -296,7 +296,7 @@ def _policy(
 
 
 def _named(value: Any) -> str | None:
-    # The language writes the string `None` for "not given".
+    # The config language writes the string `None` for "not set".
     return None if value in (None, "") or is_none(value) else str(value)
 
 

@@ -1,8 +1,8 @@
-"""Let a node's clock follow the clock page of its launch, in place of messages on `/clock`.
+"""Make a node's clock follow the clock page of its launch, in place of messages on `/clock`.
 
-rclpy's `TimeSource` subscribes a node with `use_sim_time` to `/clock`. In a process that has a
-clock page, the subscription is replaced by a `ClockFeed`: `now()` reads the page, and rcl's copy of
-the time, which timers and jump callbacks use, is set when one of them needs it.
+rclpy's `TimeSource` subscribes a node with `use_sim_time` to `/clock`. In a process with a clock
+page, a `ClockFeed` replaces this subscription: `now()` reads the page. rcl keeps a copy of the time
+for timers and jump callbacks, which is updated when one of them needs it.
 """
 
 import threading
@@ -41,7 +41,7 @@ _page: ContextVar[ClockPage | None] = ContextVar("clock_page", default=None)
 
 @contextmanager
 def new_nodes_follow(page: ClockPage | None) -> Iterator[None]:
-    """While entered, new nodes follow this page if they use simulated time."""
+    """Make new nodes follow this page while entered, if they use simulated time."""
     token = _page.set(page)
     try:
         yield
@@ -50,12 +50,12 @@ def new_nodes_follow(page: ClockPage | None) -> Iterator[None]:
 
 
 def page_to_follow() -> ClockPage | None:
-    """The page that a node made now follows if it uses simulated time."""
+    """Return the page that new nodes with simulated time follow, or None."""
     return _page.get()
 
 
 class SharedClock(ROSClock):
-    """The clock of a node that follows a clock page; made of the node's own by `follow`."""
+    """The clock of a node that follows a clock page; `ClockFeed` converts the node's clock."""
 
     page: ClockPage
     synced_ns: int
@@ -63,12 +63,12 @@ class SharedClock(ROSClock):
     _lock: threading.Lock
 
     def now(self) -> Time:
-        """The simulated time."""
+        """Return the simulated time."""
         return Time(nanoseconds=self.page.time_ns, clock_type=ClockType.ROS_TIME)
 
     def sync(self) -> int:
-        """Set rcl's time to the present one, which calls jump callbacks; returns it [ns]."""
-        # With a lock, as an older time that is set last would be a jump back.
+        """Set rcl's time to the current one, which runs jump callbacks, and return it [ns]."""
+        # Locked, because setting an older time last would look like a jump back.
         with self._lock:
             now_ns = self.page.time_ns
             if now_ns != self.synced_ns:
@@ -77,10 +77,10 @@ class SharedClock(ROSClock):
         return now_ns
 
     def sleep_until(self, until: Time, context: Context | None = None) -> bool:
-        """As rclpy's; false if the time was set back meanwhile.
+        """Like rclpy's; false if the time jumped back in the meantime.
 
         Raises:
-            ValueError: `until` is of another type of clock.
+            ValueError: `until` has a different clock type.
             NotInitializedException: the context is not running.
         """
         context = get_default_context() if context is None else context
@@ -92,16 +92,16 @@ class SharedClock(ROSClock):
         while (left_ns := until.nanoseconds - page.time_ns) > 0:
             if not context.ok() or page.epoch != epoch or not self.ros_time_is_active:
                 return False
-            # No wake-up by the simulator, which the executor handles: it may wait for this call.
+            # Polls, because the executor handles wake-ups and may be waiting for this call.
             time.sleep(min(max(left_ns / _NS_PER_S, _SHORTEST_POLL_S), _LONGEST_POLL_S))
         return True
 
 
 class SharedTimer(Timer):
-    """A timer on a `SharedClock`; made of rclpy's own by `share_timer`."""
+    """A timer on a `SharedClock`; `share_timer` converts rclpy's timer."""
 
     def reset(self) -> None:
-        """Start a period now."""
+        """Start a new period now."""
         self._sync()
         super().reset()
 
@@ -127,28 +127,28 @@ class SharedTimer(Timer):
 
 
 class ClockFeed:
-    """Stands in for the subscription of a `TimeSource` to `/clock`."""
+    """Replaces a `TimeSource`'s subscription to `/clock`."""
 
     def __init__(self, clock: Any, page: ClockPage) -> None:
-        """Make `clock`, a node's, follow `page`."""
-        # rclpy makes the clock of a node itself, and keeps it in several places.
+        """Make a node's clock follow the page."""
+        # rclpy creates a node's clock itself and stores it in several places.
         clock.__class__ = SharedClock
         clock.page, clock.synced_ns, clock._lock = page, -1, threading.Lock()
         page.followers.add(clock)
         self._clock = clock
 
     def close(self) -> None:
-        """Make the clock one of rclpy again; the node has left simulated time."""
+        """Convert the clock back to rclpy's, after the node has turned simulated time off."""
         self._clock.page.followers.discard(self._clock)
         self._clock.__class__ = ROSClock
 
 
 def is_of_time_source(callback: Any) -> bool:
-    """Whether a callback is that of a `TimeSource` for `/clock`."""
+    """Whether a callback is a `TimeSource`'s callback for `/clock`."""
     return isinstance(getattr(callback, "__self__", None), TimeSource)
 
 
 def share_timer(timer: Timer) -> None:
-    """Let a new timer's own methods see the present time, if its clock follows a page."""
+    """Make a new timer's methods use the current time, if its clock follows a page."""
     if isinstance(timer.clock, SharedClock):
         timer.__class__ = SharedTimer

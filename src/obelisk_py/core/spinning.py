@@ -1,8 +1,8 @@
-"""Spin nodes from the start of their process to a clean shutdown, and return its exit code.
+"""Spin nodes from the start of their process to a clean shutdown, and return the exit code.
 
-A process of one node and one of many share this. `spin_obelisk` makes a `SpinRequest`, which the
-process serves itself, unless the host of a composed process takes it (see `composition`). SIGINT
-and SIGTERM end it in order; a second one ends it at once.
+Processes with one node and with several nodes share this module. `spin_obelisk` creates a
+`SpinRequest`. The process serves it itself, or the host of a composed process does (see
+`composition`). SIGINT and SIGTERM shut down cleanly; a second one ends the process immediately.
 """
 
 import faulthandler
@@ -51,7 +51,7 @@ SHUTDOWN_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class ShutdownSignals:
-    """While entered, call back from a thread at the first signal; the second ends the process."""
+    """Calls back from a thread at the first signal while entered; the second ends the process."""
 
     def __init__(self) -> None:
         self._on_signal: Callable[[], object] | None = None
@@ -76,7 +76,7 @@ class ShutdownSignals:
         os.close(self._read_fd)
 
     def call_back(self, on_signal: Callable[[], object]) -> None:
-        """Call back at the first signal, or now if it has come already."""
+        """Set the function to call at the first signal; call it now if one already arrived."""
         with self._lock:
             self._on_signal = on_signal
             if self._seen:
@@ -95,13 +95,13 @@ class ShutdownSignals:
 
 
 def _ignore(_number: int, _frame: FrameType | None) -> None:
-    """Do nothing: the thread is notified by the wake-up descriptor."""
+    """Do nothing; the wake-up descriptor notifies the thread."""
 
 
 LONGEST_SPIN_S = 3e8
-"""Ten years [s]: without a timeout rclpy's EventsExecutor overflows and runs no callback at all."""
+"""Ten years [s]; without a timeout, rclpy's EventsExecutor overflows and runs no callbacks."""
 NODE_LOGGER = "obelisk"
-"""The logger of a process whose node could not be made."""
+"""The logger of a process whose node could not be created."""
 STDERR_FD = 2
 
 
@@ -110,7 +110,7 @@ class SpinRequest:
     """The arguments of `spin_obelisk`."""
 
     args: tuple[str, ...]
-    """The command line, `--ros-args ...` somewhere in it."""
+    """The command line, including `--ros-args ...`."""
     make: Callable[[], GuardedLifecycleNode]
     executor_type: Callable[..., Executor] | None
 
@@ -124,13 +124,13 @@ class NodeDied:
 
 
 def serve_spin_request(request: SpinRequest) -> int:
-    """Spin a node until its end; the exit code of its process."""
+    """Spin a node until its end, and return the exit code of its process."""
     return _spinner.get()(request)
 
 
 @contextmanager
 def spin_requests_served_by(spinner: Callable[[SpinRequest], int]) -> Iterator[None]:
-    """Let this host serve the requests of `spin_obelisk` while entered."""
+    """Make this host serve the requests of `spin_obelisk` while entered."""
     token = _spinner.set(spinner)
     try:
         yield
@@ -140,14 +140,14 @@ def spin_requests_served_by(spinner: Callable[[SpinRequest], int]) -> Iterator[N
 
 @contextmanager
 def ros_process(args: Sequence[str]) -> Iterator[ShutdownSignals]:
-    """A process that runs nodes: its ROS context, its signals, and its stack dumps.
+    """Set up a process that runs nodes: its ROS context, signals and stack dumps.
 
-    SIGUSR1 writes the stack of every thread to the standard error, and so does a crash.
+    On SIGUSR1 and on a crash, the stack of every thread is written to stderr.
     """
     faulthandler.enable(STDERR_FD)
     faulthandler.register(signal.SIGUSR1, STDERR_FD)
     with ShutdownSignals() as signals:
-        # rclpy's own handlers end the context before the nodes could be shut down.
+        # rclpy's own handlers end the context before the nodes can be shut down.
         rclpy.init(args=list(args), signal_handler_options=SignalHandlerOptions.NO)
         try:
             yield signals
@@ -158,10 +158,10 @@ def ros_process(args: Sequence[str]) -> Iterator[ShutdownSignals]:
 def spin_nodes(
     executor: Executor, nodes: Sequence[GuardedLifecycleNode], signals: ShutdownSignals
 ) -> NodeDied | None:
-    """Spin until a signal, or until a node cannot continue; then shut all down, the last one first.
+    """Spin until a signal or until a node cannot continue; then shut down all, the last one first.
 
     Raises:
-        BaseException: a callback that belongs to no node raised it; the nodes are shut down.
+        BaseException: raised by a callback that belongs to no node; the nodes are shut down.
 
     Returns:
         The first node that cannot continue, if any.
@@ -199,7 +199,7 @@ def spin_nodes(
 class _End(Future):
     """A future that keeps one callback, which wakes the executor that spins until it is done.
 
-    rclpy's executors add another one at each callback that they run, and remove none.
+    rclpy's executors add another callback each time that they run one, and remove none.
     """
 
     def add_done_callback(self, callback: Callable[[Future], None]) -> None:
@@ -209,14 +209,15 @@ class _End(Future):
 
 
 class _ThreadPool(MultiThreadedExecutor):
-    """rclpy's executor with threads, for timers that are cancelled or destroyed when they are due.
+    """rclpy's multi-threaded executor, safe for timers that are cancelled or destroyed when due.
 
-    A transition does so on one thread while others run callbacks. In ROS 2 Jazzy the executor
-    raises then, or the timer's callback group stays occupied: the node answers no request any more.
+    A transition cancels timers on one thread while others run callbacks. In ROS 2 Jazzy, the
+    executor then raises an exception, or the timer's callback group stays blocked and the node
+    responds to no more requests.
     """
 
     def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> Any:
-        """Wait as rclpy does; begin again if an entity was destroyed meanwhile."""
+        """Wait like rclpy's; try again if an entity was destroyed in the meantime."""
         while True:
             try:
                 return super().wait_for_ready_callbacks(*args, **kwargs)
@@ -237,17 +238,18 @@ class _ThreadPool(MultiThreadedExecutor):
 
 
 EXECUTOR_VARIABLE = "OBK_EXECUTOR"
-"""Set to `rclpy`, programs that name an executor of rclpy get that one."""
+"""If set to `rclpy`, programs that name an rclpy executor use that one."""
 PARALLEL_GROUPS = 16
-"""Threads in place of rclpy's pool, so that callback groups of a node do not share one: a callback
-may wait for a service whose client is in another group. Threads that wait cost nothing."""
+"""Number of threads in place of rclpy's pool. Callback groups of a node should not share a thread:
+a callback may wait for a service whose client is in another group. Idle threads cost nothing."""
 
 
 def _make_executor(kind: Callable[..., Executor] | None) -> Executor:
-    """The executor of a program that names one of rclpy's, or None.
+    """Create the executor for a program that names one of rclpy's, or None.
 
-    rclpy's own wait sets cannot keep a loop at 1 kHz. The library's executor gives what the two
-    that existing code names promise: one callback at a time, or callback groups in parallel.
+    rclpy's wait sets cannot keep up with a loop at 1 kHz. The library's executor gives the same
+    guarantees as the two that existing code names: one callback at a time, or parallel callback
+    groups.
     """
     if os.environ.get(EXECUTOR_VARIABLE) == "rclpy":
         return _ThreadPool() if kind is MultiThreadedExecutor else (kind or EventLoopExecutor)()
@@ -258,9 +260,9 @@ def _make_executor(kind: Callable[..., Executor] | None) -> Executor:
 
 @contextmanager
 def simulated_time_from(page: ClockPage | None, executor: Executor) -> Iterator[None]:
-    """While entered, new nodes take simulated time from a page, unless the executor cannot.
+    """Make new nodes take simulated time from a page while entered, if the executor supports it.
 
-    Only the library's executor wakes timers by the page; with another one nodes use `/clock`.
+    Only the library's executor wakes timers by the page; with another one, nodes use `/clock`.
     """
     if page is None or not isinstance(executor, EventLoopExecutor):
         yield
@@ -271,13 +273,13 @@ def simulated_time_from(page: ClockPage | None, executor: Executor) -> Iterator[
 
 
 def wait_at_startup_barrier() -> None:
-    """Wait until the launcher permits to create nodes, if it preloaded this process."""
+    """If the launcher preloaded this process, wait until it permits creating nodes."""
     path = os.environ.get(GATE_VARIABLE)
     if path is None:
         return
     try:
         barrier = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except FileNotFoundError:  # a late restart: the run folder was cleared since
+    except FileNotFoundError:  # a late restart: the run folder has been removed
         return
     try:
         fcntl.flock(barrier, fcntl.LOCK_SH)
@@ -286,7 +288,7 @@ def wait_at_startup_barrier() -> None:
 
 
 def _spin_alone(request: SpinRequest) -> int:
-    # Before signal handlers are installed: a signal ends a waiting process at once.
+    # Before signal handlers are installed, so that a signal ends a waiting process immediately.
     wait_at_startup_barrier()
     with ros_process(request.args) as signals, open_clock_page() as page:
         executor = _make_executor(request.executor_type)
@@ -295,8 +297,8 @@ def _spin_alone(request: SpinRequest) -> int:
                 node = request.make()
         except ObeliskError as error:
             executor.shutdown()
-            # Its message names the mistake; a traceback of the library would hide it.
-            get_logger(NODE_LOGGER).error(f"the node cannot be made: {error}")
+            # The message names the mistake; a traceback of the library would hide it.
+            get_logger(NODE_LOGGER).error(f"the node cannot be created: {error}")
             return 1
         try:
             died = spin_nodes(executor, [node], signals)
@@ -312,7 +314,7 @@ def _shut_down_all(nodes: Sequence[GuardedLifecycleNode]) -> None:
 
 
 def _shut_down(node: GuardedLifecycleNode) -> None:
-    """Deactivate, clean up and shut down; if a step fails, shut down from there."""
+    """Deactivate, clean up and shut down; if a transition fails, shut down from there."""
     steps = {
         "active": node.trigger_deactivate,
         "inactive": node.trigger_cleanup,

@@ -1,7 +1,8 @@
-"""What surrounds a node: DDS, the system's clocks and threads, or a lock-step run in their place.
+"""Provide a node's environment: DDS and the system's clocks and threads, or a lock-step run.
 
-A node asks its surroundings for timers, publishers and threads when it creates them, and hands over
-what rclpy has created. Nothing is asked per message or tick, so a normal run costs no more.
+A node requests timers, publishers and threads from its surroundings when it creates them, and
+registers what rclpy has created. There are no calls per message or tick, so a normal run has no
+overhead.
 """
 
 import functools
@@ -27,42 +28,42 @@ from obelisk_py.core.timer_phase import LoopStage, start_in_step
 __all__ = ["SteppedRobot", "Surroundings", "Watchdog", "current_surroundings", "new_nodes_are_in"]
 
 Create = Callable[..., Any]
-"""rclpy's own method of a node."""
+"""rclpy's method of the node."""
 
 
 class Watchdog(Protocol):
     """Checks the age of commands; see `WatchdogThread`."""
 
     def start(self) -> None:
-        """Start to check."""
+        """Start checking."""
 
     def wake(self) -> None:
-        """Check the deadline again, after there was none."""
+        """Read the deadline again; call this when a deadline is set after there was none."""
 
     def stop(self, timeout_s: float) -> bool:
-        """Stop; false if it still runs after `timeout_s` [s]."""
+        """Stop; false if it is still running after `timeout_s` [s]."""
 
 
 class SteppedRobot(Protocol):
-    """A simulated robot whose steps may be taken one by one."""
+    """A simulated robot whose steps can be taken one by one."""
 
     def step_once(self) -> None:
-        """Take the next step and publish what is due after it, unless the robot is paused."""
+        """Take the next step and publish what is due, unless the robot is paused."""
 
     def next_step_ns(self) -> int:
-        """Simulated time from the present step to the next one [ns]."""
+        """Simulated time from the current step to the next one [ns]."""
 
 
 class Surroundings:
-    """DDS, the clocks and the threads of the system."""
+    """DDS, and the clocks and threads of the system."""
 
     is_lockstep: bool = False
-    """Whether time is simulated for the whole process: every rate is kept, nothing is late."""
+    """Whether the whole process runs in simulated time, so that every rate is kept exactly."""
     noise_seed: int = 0
-    """Changes the noise of simulated sensors; 0: the noise is as the config has it."""
+    """Changes the noise of simulated sensors; 0 keeps the noise as configured."""
 
     def __init__(self) -> None:
-        """Take the clock page that new nodes of this process follow."""
+        """Use the clock page that new nodes of this process follow."""
         self._clock_page = page_to_follow()
 
     def construction(self, _node: Any) -> AbstractContextManager[None]:
@@ -70,11 +71,11 @@ class Surroundings:
         return nullcontext()
 
     def publisher_class(self, context: Context, *, has_lifecycle: bool) -> Any | None:
-        """The class of a new publisher; None: rclpy's."""
+        """Return the class of a new publisher; None for rclpy's."""
         return functools.partial(IntraProcessPublisher, context) if has_lifecycle else None
 
     def create_timer(self, node: Any, create: Create, *args: Any, **kwargs: Any) -> Any:
-        """A timer of a node."""
+        """Create a timer."""
         clock = kwargs.get("clock") or node.get_clock()
         if isinstance(clock, SharedClock):
             clock.sync()
@@ -87,35 +88,35 @@ class Surroundings:
         start_in_step(timer, stage)
 
     def create_rate(self, _node: Any, create: Create, *args: Any, **kwargs: Any) -> Any:
-        """A rate of a node."""
+        """Create a rate."""
         return create(*args, **kwargs)
 
     def clock_feed(self, node: Any, callback: Any) -> Any | None:
-        """What replaces the subscription of a node's time source to `/clock`; None: nothing."""
+        """Return the replacement for the time source's `/clock` subscription; None to keep it."""
         if self._clock_page is None or not is_of_time_source(callback):
             return None
         return ClockFeed(node.get_clock(), self._clock_page)
 
     def adopt(self, node: Any, entity: Any) -> None:
-        """Take over a publisher or subscription, service, client, waitable, guard condition."""
+        """Register a new publisher, subscription, service, client, waitable or guard condition."""
         if isinstance(entity, IntraProcessPublisher):
             entity.attach(node)
 
     def release(self, entity: Any) -> None:
-        """Let go of a subscription or service before it is destroyed."""
+        """Unregister a subscription or service before it is destroyed."""
 
     def make_thread(self, _node: Any, target: Callable[[], None], name: str) -> threading.Thread:
-        """A thread of a node, not started; it does not keep the process alive."""
+        """Create a daemon thread for a node without starting it."""
         return threading.Thread(target=target, name=name, daemon=True)
 
     def make_watchdog(
         self, _node: Any, deadline_s: Callable[[], float | None], check: Callable[[], None]
     ) -> Watchdog:
-        """A watchdog that is not started; the arguments are those of `WatchdogThread`."""
+        """Create a watchdog without starting it; for the arguments see `WatchdogThread`."""
         return WatchdogThread(deadline_s, check)
 
     def drive(self, _node: Any, _robot: SteppedRobot) -> threading.Thread | None:
-        """Take the steps of a simulated robot; None: its own thread takes them."""
+        """Take the steps of a simulated robot; None if its own thread takes them."""
         return None
 
 
@@ -124,7 +125,7 @@ _surroundings: ContextVar[Surroundings | None] = ContextVar("surroundings", defa
 
 @contextmanager
 def new_nodes_are_in(surroundings: Surroundings) -> Iterator[None]:
-    """While entered, new nodes have these surroundings."""
+    """Give new nodes these surroundings while entered."""
     token = _surroundings.set(surroundings)
     try:
         yield
@@ -133,5 +134,5 @@ def new_nodes_are_in(surroundings: Surroundings) -> Iterator[None]:
 
 
 def current_surroundings() -> Surroundings:
-    """The surroundings of a node that is made now."""
+    """Return the surroundings for a node that is created now."""
     return _surroundings.get() or Surroundings()

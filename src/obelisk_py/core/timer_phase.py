@@ -3,7 +3,7 @@
 Timers that start at activation have random phases: at 1 kHz a sensor value waits half a
 millisecond, on average, for the estimator's tick, and its estimate as long for the controller's.
 Here a timer fires at the multiples of its period on the steady clock, which all processes of a host
-share, shifted by a tenth of the period for each stage of the loop before the node's own.
+share, shifted by an eighth of the period for each stage of the loop before the node's own.
 """
 
 from enum import IntEnum
@@ -14,7 +14,7 @@ from rclpy.timer import Timer
 
 __all__ = ["LoopStage", "start_in_step"]
 
-_STAGES_PER_PERIOD: Final = 10
+_STAGES_PER_PERIOD: Final = 8
 
 
 class LoopStage(IntEnum):

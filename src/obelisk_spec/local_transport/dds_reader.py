@@ -1,7 +1,7 @@
-"""Messages of DDS with the GID of their publisher, and GIDs of publishers.
+"""Take messages from DDS with the GID of their publisher, and look up GIDs of publishers.
 
-rclpy gives neither, so rcl and Fast DDS, which rclpy has loaded, are called by ctypes. Only for
-`rmw_fastrtps_cpp`.
+rclpy offers neither, so this module calls rcl and Fast DDS, which rclpy has loaded, through ctypes.
+It supports only `rmw_fastrtps_cpp`.
 
 Source: rmw/types.h, rcl/subscription.h, rcutils/types/uint8_array.h of ROS 2 Jazzy.
 """
@@ -17,7 +17,7 @@ __all__ = ["GID_BYTES", "DdsReader", "Sample", "participant_of", "publisher_gid"
 _PREFIX_BYTES: Final = 12
 GID_BYTES: Final = 16
 _TAKE_FAILED: Final = 401
-"""`RCL_RET_SUBSCRIPTION_TAKE_FAILED`: there is no message."""
+"""`RCL_RET_SUBSCRIPTION_TAKE_FAILED`: no message is available."""
 
 
 class _Gid(ctypes.Structure):
@@ -53,7 +53,7 @@ class _Bytes(ctypes.Structure):
 
 @dataclass(frozen=True, slots=True)
 class _Libraries:
-    """The functions that are called; rclpy has loaded the libraries already."""
+    """The called functions, in libraries that rclpy has already loaded."""
 
     take: Any
     rmw_publisher: Any
@@ -81,10 +81,10 @@ def _libraries() -> _Libraries:
 
 
 def publisher_gid(handle: Any) -> bytes:
-    """The GID of a publisher, by the handle that rclpy has of it.
+    """Return the GID of a publisher.
 
     Raises:
-        InvalidHandle: it is destroyed.
+        InvalidHandle: the publisher was destroyed.
         RuntimeError: the middleware reports an error.
     """
     libraries, gid = _libraries(), _Gid()
@@ -96,7 +96,7 @@ def publisher_gid(handle: Any) -> bytes:
 
 
 def participant_of(gid: bytes) -> bytes:
-    """The part of a GID that is common to all entities of a ROS context."""
+    """Return the part of a GID that all entities of a ROS context share."""
     return gid[:_PREFIX_BYTES]
 
 
@@ -108,36 +108,36 @@ class Sample:
     publisher: bytes
     """The GID of its publisher."""
     number: int
-    """Its place among the messages of the publisher, from 1."""
+    """Its number among the messages of the publisher, from 1."""
     published_ns: int
-    """When it was published [ns since 1970], as `received_ns`."""
+    """Time of publication [ns since 1970], as is `received_ns`."""
     received_ns: int
 
 
 class DdsReader:
-    """Takes messages of one subscription; one thread at a time."""
+    """Takes the messages of one subscription; not thread-safe."""
 
     def __init__(self, handle: Any) -> None:
-        """Keep the subscription from being destroyed until `close`.
+        """Keep the subscription alive until `close`.
 
         Args:
-            handle: rclpy's, of the subscription.
+            handle: rclpy's handle of the subscription.
 
         Raises:
-            InvalidHandle: it is destroyed already.
+            InvalidHandle: the subscription is already destroyed.
         """
         handle.__enter__()
         self._handle: Any = handle
         libraries = _libraries()
         data, info = _Bytes(), _MessageInfo()
         libraries.make_bytes(ctypes.byref(data), 0, ctypes.byref(libraries.allocator))
-        # At the end of the process another thread may still be taking.
+        # At the end of the process, another thread may still be taking messages.
         weakref.finalize(self, libraries.free_bytes, ctypes.byref(data)).atexit = False
         self._data, self._info, self._take = data, info, libraries.take
         self._arguments = (handle.pointer, ctypes.byref(data), ctypes.byref(info), None)
 
     def take(self) -> Sample | None:
-        """The oldest message that waits; None if there is none, or after `close`.
+        """Take the oldest waiting message; None if there is none, or after `close`.
 
         Raises:
             RuntimeError: the middleware reports an error.
@@ -159,7 +159,7 @@ class DdsReader:
         )
 
     def close(self) -> None:
-        """Release the subscription, which may be destroyed now."""
+        """Release the subscription, so that it can be destroyed."""
         if self._handle is not None:
             self._handle.__exit__(None, None, None)
             self._handle = None

@@ -1,8 +1,8 @@
-"""The sockets of one subscription, and the order of what comes by them and through DDS.
+"""Receive a subscription's packets, and merge them with messages from DDS.
 
-The messages of one publisher are delivered in the order of publishing: a packet waits until the
-subscription has taken from DDS what was sent before, and a message of DDS waits for the packets
-that precede it. An inbox reads only when it is asked to, and knows no thread.
+The messages of one publisher are delivered in the order of publishing. A packet waits until the
+subscription has taken from DDS everything that was sent before. A message from DDS waits for the
+packets that precede it. An inbox reads only on request and has no thread.
 """
 
 import os
@@ -28,49 +28,49 @@ from obelisk_spec.local_transport.sockets import (
 __all__ = ["Connection", "PublisherInbox"]
 
 _REMEMBERED: Final = 64
-"""Publishers without a connection whose last message of DDS is known."""
+"""Number of unconnected publishers whose last message from DDS is remembered."""
 
 
 class Connection:
-    """A publisher that has connected."""
+    """A connection from a publisher."""
 
     def __init__(self, peer: socket, depth: int) -> None:
-        """Take over a connection that does not block; `depth` packets may wait for DDS."""
+        """Take ownership of a non-blocking connection; up to `depth` packets may wait for DDS."""
         self.socket: Final = peer
         self.publisher: bytes | None = None
-        """Its GID; None before its greeting."""
+        """The publisher's GID; None before its greeting."""
         self.taken = 0
-        """The number of its last message from DDS that was passed on, or is given up."""
+        """Number of the publisher's last message from DDS that was delivered or given up."""
         self.last = b""
-        """The last packet of a message that was passed on."""
+        """Packet of the last message that was delivered."""
         self.packets_before = 0
-        """How many messages it had sent by packets before it connected."""
+        """Number of messages that it sent as packets before it connected."""
         self.ending = b""
-        """The end of a packet that need not wait: a number up to `taken`, packed."""
+        """The end of a packet that need not wait: a packed number, at most `taken`."""
         self.held: deque[bytes] = deque(maxlen=depth)
-        """Packets that wait for messages of DDS."""
+        """Packets that wait for messages from DDS."""
         self.skipped: set[int] = set()
-        """Messages of DDS that came by packets too."""
+        """Numbers of messages in DDS that were also received as packets."""
         self.samples: deque[tuple[int, Callable[[int | None], object]]] = deque(maxlen=depth)
-        """Messages of DDS, by number, that wait for packets: how each is put."""
+        """Messages from DDS that wait for packets: number, and function that delivers it."""
         self.page: memoryview[int] | None = None
-        """How many packets precede what the publisher sends through DDS."""
+        """Number of packets that precede the publisher's next message through DDS."""
         self.has_ended = False
-        """Whether the publisher has closed it, and all packets are read."""
+        """Whether the publisher has closed the connection and all packets were read."""
 
     @property
     def packets(self) -> int:
-        """How many messages it had sent by packets, as of the last one that was passed on."""
+        """Number of messages that it had sent as packets by the last delivered one."""
         return stamp_of(self.last).packets if self.last else self.packets_before
 
     @property
     def is_done(self) -> bool:
-        """Whether it is closed, and nothing of it waits."""
+        """Whether it is closed and nothing is waiting."""
         return self.socket.fileno() < 0 and not self.held and not self.samples
 
     @property
     def is_missing_packets(self) -> bool:
-        """Whether packets that precede a message of DDS still wait in the publisher."""
+        """Whether packets that precede a message from DDS are still waiting in the publisher."""
         if self.has_ended:
             return False
         received = stamp_of(self.held[-1]).packets if self.held else self.packets
@@ -78,7 +78,7 @@ class Connection:
 
 
 class PublisherInbox:
-    """The listening socket of a subscription, and its connections."""
+    """The listening socket of a subscription and its connections."""
 
     def __init__(
         self,
@@ -90,18 +90,18 @@ class PublisherInbox:
         on_connect: Callable[[Connection], object],
         on_wait: Callable[[], object],
     ) -> None:
-        """Open the socket; publishers may connect from now on.
+        """Open the socket, so that publishers can connect.
 
         Args:
-            folder: of the run.
-            gid: of the subscription.
-            depth: of the subscription's history; so many packets of a publisher may wait.
-            put: takes each packet of a message, when it is its turn.
-            on_connect: takes each new connection; it is to be read when its socket has something.
-            on_wait: called when the first packet of a publisher has to wait.
+            folder: the run's socket folder.
+            gid: the subscription's GID.
+            depth: depth of the subscription's history; limits the waiting packets per publisher.
+            put: receives the packet of each message when it is due.
+            on_connect: receives each new connection; `read` it when its socket is readable.
+            on_wait: called when the first packet of a publisher must wait.
 
         Raises:
-            OSError: the folder takes no socket.
+            OSError: the socket cannot be created in the folder.
         """
         self.listener: Final = folder.listen(gid, depth)
         self.connections: list[Connection] = []
@@ -109,14 +109,14 @@ class PublisherInbox:
         self._put, self._on_connect, self._on_wait = put, on_connect, on_wait
         self._by_publisher: dict[bytes, Connection] = {}
         self._taken: dict[bytes, int] = {}
-        """As `Connection.taken`, of publishers that are not connected."""
+        """Like `Connection.taken`, for publishers that are not connected."""
 
     def accept(self) -> None:
-        """Take new connections."""
+        """Accept new connections."""
         while True:
             try:
                 peer, _ = self.listener.accept()
-            except OSError:  # none, or the socket was stopped
+            except OSError:  # there is none, or the socket was stopped
                 return
             if peer_process(peer) is None:
                 peer.close()
@@ -150,13 +150,13 @@ class PublisherInbox:
         return has_ended
 
     def merge(self, publisher: bytes, number: int, put: Callable[[int | None], object]) -> None:
-        """Give a message of DDS its place between the packets of its publisher.
+        """Merge a message from DDS with the packets of its publisher.
 
         Args:
-            publisher: its GID.
-            number: of the message, among those of the publisher in DDS.
-            put: called when it is the message's turn, with the number of packets that precede it,
-                None if its publisher is not connected; not called if a packet has delivered it.
+            publisher: the publisher's GID.
+            number: number of the message among the publisher's messages in DDS.
+            put: called when the message is due, with the number of packets that precede it, or None
+                if its publisher is not connected; not called if a packet has delivered the message.
         """
         if publisher not in self._by_publisher:
             self.accept()
@@ -168,29 +168,29 @@ class PublisherInbox:
                 self._remember(publisher, number)
                 put(None)
             return
-        if number <= connection.taken:  # given up: in its place it would overtake newer ones
+        if number <= connection.taken:  # given up: it would overtake newer messages
             connection.skipped.discard(number)
             return
         if connection.taken == 0:
             _confirm(connection)
         connection.samples.append((number, put))
-        # All that was sent before the message is there now, unless the socket was full.
+        # Everything sent before the message has arrived by now, unless the socket was full.
         self.read(connection)
         self._remove_done()
 
     def release(self) -> None:
-        """Let all packets pass that wait for messages of DDS, and give these up."""
+        """Deliver all packets that wait for messages from DDS, and give up these messages."""
         for connection in self.connections:
             self._release_all(connection)
         self._remove_done()
 
     def forget(self, connection: Connection) -> None:
-        """Close a connection whose packets were read; those that wait for DDS are kept."""
+        """Close a connection after its packets were read; packets that wait for DDS are kept."""
         connection.socket.close()
         self._remove_done()
 
     def _remove_done(self) -> None:
-        """Remove the connections that are closed, and of which no packet waits."""
+        """Remove the closed connections that have no waiting packets."""
         for connection in [each for each in self.connections if each.is_done]:
             self._remove(connection)
 
@@ -202,9 +202,9 @@ class PublisherInbox:
             self._remember(publisher, connection.taken)
 
     def stop(self) -> None:
-        """Let no publisher send any more; what was sent is put."""
+        """Stop publishers from sending, and deliver everything already sent."""
         self._folder.remove(self._gid, self._depth)
-        # From now on connecting and sending fail, and DDS delivers instead.
+        # From now on, connecting and sending fail, and DDS delivers instead.
         with suppress(OSError):
             self.listener.shutdown(SHUT_RDWR)
         self.accept()
@@ -223,10 +223,10 @@ class PublisherInbox:
         self.listener.close()
 
     def _sort(self, connection: Connection, packet: bytes) -> None:
-        """A packet that may have to wait, or that is no message."""
+        """Handle a packet that may have to wait or is not a message."""
         if len(packet) == NUMBER_BYTES:
             connection.skipped.add(number_of(packet))
-        elif len(packet) < STAMP_BYTES:  # no publisher of ours
+        elif len(packet) < STAMP_BYTES:  # sent by a foreign program
             connection.socket.shutdown(SHUT_RDWR)
         elif number_of(packet) <= connection.taken:
             connection.ending = packet[-NUMBER_BYTES:]
@@ -260,7 +260,7 @@ class PublisherInbox:
             _confirm(connection)
 
     def _advance(self, connection: Connection) -> None:
-        """Put the messages of DDS that wait for no packet, and the packets that waited for them."""
+        """Deliver messages from DDS that need not wait, and the packets that waited for them."""
         while connection.samples:
             if connection.is_missing_packets:
                 self._on_wait()
@@ -269,23 +269,23 @@ class PublisherInbox:
 
     def _put_sample(self, connection: Connection) -> None:
         number, put = connection.samples.popleft()
-        self._release(connection, number - 1)  # what has not come by now is lost
+        self._release(connection, number - 1)  # anything that has not arrived by now is lost
         if number in connection.skipped:
             connection.skipped.discard(number)
-            # The publisher counts it among those of DDS.
+            # The publisher counts the message among those sent through DDS.
             connection.packets_before, connection.last = connection.packets - 1, b""
         else:
             put(connection.packets)
         self._release(connection, number)
 
     def _release_all(self, connection: Connection) -> None:
-        """Put all that waits."""
+        """Deliver everything that is waiting."""
         while connection.samples:
             self._put_sample(connection)
         self._release(connection, None)
 
     def _release(self, connection: Connection, taken: int | None) -> None:
-        """Let the packets pass that wait for messages of DDS up to `taken`; None: all."""
+        """Deliver packets that wait for messages from DDS up to `taken`; None for all packets."""
         held = connection.held
         while held and (taken is None or number_of(held[0]) <= taken):
             connection.taken = max(connection.taken, number_of(held[0]))
@@ -304,6 +304,6 @@ class PublisherInbox:
 
 
 def _confirm(connection: Connection) -> None:
-    """Let the publisher know that DDS delivers its messages."""
+    """Confirm to the publisher that DDS delivers its messages."""
     with suppress(OSError):  # the connection is lost
         connection.socket.send(CONFIRMATION)

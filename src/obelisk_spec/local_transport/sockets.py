@@ -1,19 +1,20 @@
-"""The private folder of a run and the sockets in it: who listens, who may connect, what is sent.
+"""The private folder of a run and its sockets: names, access, and packets.
 
-The launcher makes the folder and names it to its processes by `LOCAL_TRANSPORT_VARIABLE`. The name
-of a socket is the GID of its subscription, and the history depth of that. GIDs are never used
-again, so the file that a killed process leaves can only refuse connections.
+The launcher creates the folder and passes its path to its processes in `LOCAL_TRANSPORT_VARIABLE`.
+The name of a socket consists of the GID and the history depth of its subscription. GIDs are never
+reused, so if a killed process leaves a file, it can only refuse connections.
 
-Over a socket go packets of one message each. A connection begins with a greeting: the
-GID of the publisher, and how many packets it has sent to any subscription before. Every other
-packet is a message and its `Stamp`. A packet that is only a number names a message of DDS that is
-to be dropped, because a packet has delivered it.
+Each packet on a socket holds one message. A connection starts with a greeting: the GID of the
+publisher, and the number of packets that it has sent to any subscription so far. Every other packet
+is a message followed by its `Stamp`. A packet with only a number identifies a message in DDS that
+must be dropped, because a packet has already delivered it.
 
-A subscription sends one packet back, the `CONFIRMATION`, once it has a message of the publisher
-from DDS. Until then the publisher sends everything through DDS.
+A subscription sends a single packet back, the `CONFIRMATION`, once it has received a message of the
+publisher from DDS. Until then, the publisher sends everything through DDS.
 
-With the greeting comes a page of memory with one number, which the publisher sets before it sends
-through DDS: so many packets precede. While the socket is full, they still wait in the publisher.
+The greeting comes with a page of shared memory that contains one number: how many packets precede.
+The publisher sets it before it sends through DDS. If the socket is full, some of these packets are
+still waiting in the publisher.
 """
 
 import fcntl
@@ -58,31 +59,31 @@ _NUMBER: Final = struct.Struct("<Q")
 NUMBER_BYTES: Final = _NUMBER.size
 STAMP_BYTES: Final = _STAMP.size
 LARGEST_MESSAGE: Final = 64 * 1024
-"""Larger messages go through DDS [bytes]."""
+"""Larger messages are sent through DDS [bytes]."""
 LARGEST_PACKET: Final = LARGEST_MESSAGE + STAMP_BYTES
 
 
 class SocketFolder:
-    """A folder that only this user can enter."""
+    """A folder that only this user can access."""
 
     def __init__(self, path: str) -> None:
-        """Open the folder and check it.
+        """Open and check the folder.
 
         Raises:
-            OSError: there is none, or it is not private.
+            OSError: the folder does not exist or is not private.
         """
         self._fd = os.open(path, os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
         status = os.fstat(self._fd)
         if status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o077:
             os.close(self._fd)
-            raise PermissionError(f"{path} is open to others, expected a folder of mode 0700")
+            raise PermissionError(f"{path} is accessible to other users, expected mode 0700")
         weakref.finalize(self, os.close, self._fd)
 
     def listen(self, gid: bytes, depth: int) -> socket.socket:
-        """A socket to which publishers connect, for the subscription with this GID and depth.
+        """Open a socket for the publishers of a subscription with this GID and depth.
 
         Raises:
-            OSError: the folder is gone, or its file system has no sockets.
+            OSError: the folder was removed, or its file system does not support sockets.
         """
         listener = _new_socket()
         try:
@@ -94,7 +95,7 @@ class SocketFolder:
         return listener
 
     def depths(self) -> dict[bytes, int]:
-        """The subscriptions that have a socket here, and those that have left one: GID -> depth."""
+        """Return the subscriptions with a socket file here, even a stale one: GID -> depth."""
         found = {}
         with suppress(OSError):  # the run has ended
             for name in os.listdir(f"/proc/self/fd/{self._fd}"):  # noqa: PTH208 - a descriptor
@@ -103,7 +104,7 @@ class SocketFolder:
         return found
 
     def connect(self, gid: bytes, depth: int) -> socket.socket | None:
-        """A connection to a subscription; None if its process has ended."""
+        """Connect to a subscription; None if its process has ended."""
         connection = _new_socket()
         try:
             connection.connect(self._address(_name(gid, depth)))
@@ -116,12 +117,12 @@ class SocketFolder:
         return connection
 
     def remove(self, gid: bytes, depth: int) -> None:
-        """Remove the socket of a subscription; its connections stay."""
+        """Remove the socket file of a subscription; its connections stay open."""
         with suppress(OSError):
             os.unlink(_name(gid, depth), dir_fd=self._fd)
 
     def _address(self, name: str) -> str:
-        # The path of the folder may be longer than an address can be.
+        # The folder's path may exceed the maximum length of a socket address.
         return f"/proc/self/fd/{self._fd}/{name}"
 
 
@@ -135,7 +136,7 @@ def _new_socket() -> socket.socket:
 
 
 def peer_process(connection: socket.socket) -> int | None:
-    """The id of the process at the other end; None if it belongs to another user."""
+    """Return the id of the process at the other end; None if it belongs to another user."""
     size = _CREDENTIALS.size
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
     process, user, _ = _CREDENTIALS.unpack(credentials)
@@ -143,7 +144,7 @@ def peer_process(connection: socket.socket) -> int | None:
 
 
 def new_page() -> tuple[int, "memoryview[int]"]:
-    """A page for a connection: its descriptor, which the caller closes, and its number."""
+    """Create the page of a connection: its descriptor, which the caller closes, and its number."""
     page = os.memfd_create("obk_packets", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     os.ftruncate(page, mmap.PAGESIZE)
     fcntl.fcntl(page, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
@@ -151,10 +152,10 @@ def new_page() -> tuple[int, "memoryview[int]"]:
 
 
 def received_page(page: int) -> "memoryview[int] | None":
-    """The number in a page from the other end; None if the memory may go away."""
+    """Map the page from the other end; None if its memory could be removed."""
     try:
         seals = fcntl.fcntl(page, fcntl.F_GET_SEALS)
-    except OSError:  # something else
+    except OSError:  # not a memory file
         return None
     is_safe = seals & fcntl.F_SEAL_SHRINK and os.fstat(page).st_size >= mmap.PAGESIZE
     return _mapped(page) if is_safe else None
@@ -171,7 +172,7 @@ class Greeting:
     publisher: bytes
     """Its GID."""
     packets: int
-    """How many messages it has sent by packets so far."""
+    """Number of messages that it has sent as packets so far."""
 
     def __bytes__(self) -> bytes:
         return _GREETING.pack(_MAGIC, self.publisher, self.packets)
@@ -182,15 +183,15 @@ class Stamp:
     """The end of a packet."""
 
     published_ns: int
-    """When the message was published [ns since 1970]."""
+    """Time of publication [ns since 1970]."""
     packets: int
-    """How many messages the publisher has sent by packets, with this one."""
+    """Number of messages that the publisher has sent as packets, including this one."""
     number: int
-    """How many messages it has sent through DDS before."""
+    """Number of messages that it sent through DDS before this one."""
 
 
 def greeting_of(packet: bytes) -> Greeting | None:
-    """The greeting that a first packet is; None if it is none."""
+    """Parse the first packet of a connection; None if it is not a greeting."""
     if len(packet) != _GREETING.size or not packet.startswith(_MAGIC):
         return None
     _, publisher, packets = _GREETING.unpack(packet)
@@ -198,18 +199,18 @@ def greeting_of(packet: bytes) -> Greeting | None:
 
 
 packed_stamp = _STAMP.pack
-"""The end of a packet, by the fields of `Stamp`."""
+"""Pack the end of a packet; takes the fields of `Stamp`."""
 
 packed_number = _NUMBER.pack
-"""A number, as packets end with it."""
+"""Pack a number, in the form at the end of a packet."""
 
 
 def stamp_of(packet: bytes) -> Stamp:
-    """The stamp of a message; the packet is not shorter."""
+    """Parse the stamp of a message; the packet must not be shorter than a stamp."""
     published_ns, packets, number = _STAMP.unpack_from(packet, len(packet) - STAMP_BYTES)
     return Stamp(published_ns=published_ns, packets=packets, number=number)
 
 
 def number_of(packet: bytes) -> int:
-    """The number at the end of a packet, which is not shorter than a number."""
+    """Parse the number at the end of a packet, which must not be shorter than a number."""
     return int(_NUMBER.unpack_from(packet, len(packet) - NUMBER_BYTES)[0])

@@ -1,4 +1,4 @@
-"""Every check of a typed config, in the order in which they run; each finds, none changes."""
+"""All checks of a typed config, in the order in which they run. None of them changes the config."""
 
 from collections.abc import Callable, Iterator
 
@@ -65,14 +65,14 @@ CHECKS: tuple[Check, ...] = (
     check_homes,
     check_defaults,
 )
-"""Checks of what is there."""
+"""Checks of what the config contains."""
 
 WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_dangling, check_loop)
-"""Checks of what is not there: they mean something only if nothing of the config is lost."""
+"""Checks for missing parts; valid only if no part of the config was lost while reading."""
 
 
 TEST_CHECKS: tuple[Check, ...] = (check_lockstep,)
-"""Checks of what concerns lock-step runs only."""
+"""Checks that only concern lock-step runs."""
 
 
 def check_stack(
@@ -82,9 +82,9 @@ def check_stack(
 
     Args:
         stack: the typed config.
-        environment: what to ask about packages and models.
+        environment: the packages and models to look things up in.
         is_whole: whether every included file was read.
-        for_test: whether the config is checked for lock-step runs too.
+        for_test: whether to check the config for lock-step runs, too.
     """
     checks = (*CHECKS, *(WHOLE_CHECKS if is_whole else ()), *(TEST_CHECKS if for_test else ()))
     topology = Topology.of(stack)

@@ -1,4 +1,4 @@
-"""OBK405 to OBK410, OBK412, OBK415, OBK420 to OBK425: a node's Python source against its config."""
+"""OBK405 to OBK410, OBK412, OBK415, OBK420 to OBK425: compare Python nodes with their config."""
 
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
@@ -38,7 +38,7 @@ _SETTINGS = "obelisk_settings"
 
 
 def check_code(context: CheckContext) -> Iterator[Diagnostic]:
-    """Every node whose source can be read, against it."""
+    """Compare every node whose source can be read with its source."""
     read: set[tuple[str, str]] = set()
     seen: set[tuple[str, str]] = set()
     for node in context.stack.nodes:
@@ -57,7 +57,7 @@ def check_code(context: CheckContext) -> Iterator[Diagnostic]:
             yield from _check_parameters(node, code)
             findings += tuple(_check_keys(node, code))
         for finding in findings:
-            # Two nodes may import one module. A path of the node's own may lead to any package.
+            # Two nodes may import one module, and a node's path may lead to any package.
             cause = (finding.code, finding.message)
             is_elsewhere = finding.code == "OBK421" and "PYTHONPATH" in dict(node.env)
             if cause not in seen and not is_elsewhere:
@@ -66,7 +66,7 @@ def check_code(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _check_class(code: NodeFacts | CodeFault, executable: Spanned[str]) -> Iterator[Diagnostic]:
-    """Why no node can be made of it; reported once for an executable."""
+    """Report why the node cannot be created, once per executable."""
     if isinstance(code, CodeFault):
         related = (Related(message="in the source", span=code.span),) if code.span else ()
         yield found(
@@ -127,7 +127,7 @@ def _check_components(
 def _matched(
     node: Node, code: NodeFacts
 ) -> tuple[list[tuple[Component, CodeComponent]], list[Component], list[CodeComponent]]:
-    """The components that both sides know, those that one side knows only."""
+    """Components that both sides have, those of the config only, and those of the code only."""
     by_parameter = {parameter.name for parameter in node.params}
     pairs: list[tuple[Component, CodeComponent]] = []
     only_config: list[Component] = []
@@ -145,7 +145,7 @@ def _matched(
 
 
 def _nearest(component: Component, candidates: Sequence[CodeComponent]) -> CodeComponent | None:
-    """The component of the code that the config's is most likely to mean."""
+    """The code's component that the config's component most likely refers to."""
     same_kind = [c for c in candidates if c.kind == component.kind]
     name = component.identity or ""
 
@@ -170,7 +170,7 @@ def _of_hardware(components: Sequence[Component], node: Node) -> Diagnostic:
 def _not_registered(
     component: Component, meant: CodeComponent | None, code: NodeFacts
 ) -> Diagnostic:
-    assert component.name is not None  # nameless ones are not compared
+    assert component.name is not None  # components without a name are not compared
     name = component.name
     elsewhere = next((r for r in code.components if name.value in r.names), None)
     if meant is not None:
@@ -208,7 +208,7 @@ def _not_configured(
     rest = "timer_period_sec: ..." if registered.kind == "timer" else "topic: ..."
     line = f"{{{': '.join(registered.written)}, {rest}}}"
     if registered.is_required:
-        # The third generation goes on without it; only its configs write keys alone.
+        # Nodes of API generation 3 run without it; only their configs use keys alone.
         goes_on = registered.has_typed_base and not any(c.ros_parameter for c in node.components)
         yield found(
             "OBK405",
@@ -268,10 +268,10 @@ def _check_has_type(
 
 
 def _check_keys(node: Node, code: NodeFacts) -> Iterator[Diagnostic]:
-    """Keys that no component of the node has; silent if one may have any name."""
+    """Report keys that match no component of the node, unless a component may have any name."""
     if not code.knows_components or any(p.name == _SETTINGS for p in node.params):
         return
-    # A component of the config that no code registers is a finding of its own.
+    # A component of the config that the code does not register has a finding of its own.
     in_config = {
         (c.kind, spelling)
         for c in node.components
@@ -302,7 +302,7 @@ def _unknown_key(use: KeyUse, code: NodeFacts, known: Sequence[str]) -> Diagnost
 
 
 def _shortest(msg_type: str) -> str:
-    """The bare name where that means the type, else package and name."""
+    """The bare name if it identifies the type, otherwise package and name."""
     bare = msg_type.rpartition("/")[2]
     return bare if resolve_msg_type(bare) == msg_type else msg_type.replace("/msg/", "/")
 
@@ -369,7 +369,7 @@ def _check_limits(
 
 
 def _similar(parameter: ConfigParameter, declared: CodeParameter, code: NodeFacts) -> Diagnostic:
-    """Of code that computes names of parameters, so that the written one may be declared too."""
+    """A likely typo, for code that computes parameter names and may declare the written one."""
     return found(
         "OBK409",
         f"parameter `{parameter.name}` may be a typo: class `{code.class_name}` declares "

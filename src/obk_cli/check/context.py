@@ -1,4 +1,4 @@
-"""What every check is given: the typed config, its topics, and what is known of the machine."""
+"""The input of every check: the typed config, its topics, and facts about the machine."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,6 @@
 """OBK605, OBK611 to OBK613: nodes and settings that lock-step runs cannot reproduce.
 
-What the source of a node shows (OBK601 to OBK609) is found by `source_analysis.hazards`.
+`source_analysis.hazards` finds what the source of a node shows (OBK601 to OBK609).
 """
 
 from collections.abc import Iterator
@@ -14,11 +14,11 @@ __all__ = ["check_lockstep"]
 
 _OVERRIDES = "qos_overrides."
 _NOT_SIMULATED = ("deadline", "lifespan", "liveliness", "liveliness_lease_duration")
-"""QoS policies with which the middleware acts by the real clock."""
+"""QoS policies that the middleware measures in real time."""
 
 
 def check_lockstep(context: CheckContext) -> Iterator[Diagnostic]:
-    """Every node that cannot be in a lock-step run, and the hazards of those that can."""
+    """Report nodes that cannot be part of a lock-step run, and hazards of the others."""
     for node in context.stack.nodes:
         if node.is_simulated is not None and not node.is_simulated.value:
             yield found(

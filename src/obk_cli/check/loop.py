@@ -1,5 +1,5 @@
-"""OBK209 to OBK213, OBK216, OBK220, OBK320: the loop robot -> estimation -> control, its pace, and
-how old a robot's commands may become.
+"""OBK209 to OBK213, OBK216, OBK220, OBK320: the loop robot -> estimation -> control, its rates, and
+the maximum age of a robot's commands.
 """
 
 from collections import defaultdict
@@ -32,27 +32,27 @@ _HOPS = (
 )
 
 _LEAST_RATE, _MOST_RATE = 10.0, 100_000.0
-"""A period [s] between them is more likely to be a rate [Hz]."""
+"""A period [s] between these values is more likely to be a rate [Hz]."""
 _OUTLIER = 1000
 _SLOWEST_SENSOR = 1.0
-"""A period [s] that is usual beside a loop of 1 kHz."""
+"""A period [s] that is usual for a sensor next to a 1 kHz loop."""
 _LEAST_PERIODS = 3
-"""Fewer periods have no usual one."""
+"""Minimum number of periods to compare a period with the others."""
 _LEAST_AGE_PERIODS = 2
-"""A command may be late by one period before it is missed."""
+"""A command may be late by up to one period."""
 
 Senders = Mapping[str, list[Spanned[float]]]
-"""Topic -> the periods of the timers that send on it."""
+"""Topic -> periods of the timers that publish on it."""
 
 
 def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
-    """What the robot measures comes back to it as a control; not asked where a topic dangles."""
+    """Check that the robot's measurements lead back to its control; skipped if a topic dangles."""
     ends = context.topology.ends
     senders: dict[str, set[str]] = defaultdict(set)
     for end in ends:
         if end.direction == "publishes":
             senders[end.topic].add(end.owner)
-    # What comes from outside the stack may come from the robot.
+    # Topics from outside the stack may come from the robot.
     reached = {node.full_name for s in ("robot", "sensing") for node in context.stack.section(s)}
     reached.add(OUTSIDE)
     for before, section, what in _HOPS:
@@ -79,7 +79,7 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
 def _reached(
     subscribers: list[TopicEnd], senders: Mapping[str, set[str]], start: set[str]
 ) -> set[str]:
-    """The owners of `subscribers` that receive from one of `start`, also through each other."""
+    """Owners of `subscribers` that receive from one of `start`, directly or through each other."""
     reached: set[str] = set()
     while True:
         known = start | reached
@@ -90,12 +90,12 @@ def _reached(
 
 
 def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
-    """A topic that commands the robot has one controller that publishes it."""
+    """Check that a topic which commands the robot has only one controller as publisher."""
     ends = context.topology.ends
-    obeyed = {e.topic for e in ends if e.section == "robot" and e.direction == "subscribes"}
+    commands = {e.topic for e in ends if e.section == "robot" and e.direction == "subscribes"}
     commanders: dict[str, list[TopicEnd]] = defaultdict(list)
     for end in ends:
-        if end.direction == "publishes" and end.section == "control" and end.topic in obeyed:
+        if end.direction == "publishes" and end.section == "control" and end.topic in commands:
             commanders[end.topic].append(end)
     for topic, (first, *others) in commanders.items():
         for other in others:
@@ -114,12 +114,12 @@ def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def check_timers(context: CheckContext) -> Iterator[Diagnostic]:
-    """A node's timer is not faster than everything that the node receives."""
+    """Check that no timer of a node is faster than all of the node's inputs."""
     rates: dict[str, float | None] = {}
     for end in context.topology.ends:
         if end.direction == "publishes":
             rates[end.topic] = end.rate_hz if end.topic not in rates else None
-    # A period that `check_outliers` reports makes every timer behind it look too fast.
+    # A period that `check_outliers` reports would make every timer after it look too fast.
     reported = {1 / outlier.period.value for outlier in _outliers(context)}
     for node, ends in context.topology.by_node:
         inputs = [rates.get(end.topic) for end in ends if end.direction == "subscribes"]
@@ -141,7 +141,7 @@ def _check_node_timers(node: Node, fastest_hz: float) -> Iterator[Diagnostic]:
 
 
 def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
-    """No period is so long that a rate was probably meant."""
+    """Check that no period is so long that it is probably a rate."""
     for node in context.stack.nodes:
         for name, period in _periods(node):
             if _LEAST_RATE <= period.value <= _MOST_RATE:
@@ -155,7 +155,7 @@ def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def check_outliers(context: CheckContext) -> Iterator[Diagnostic]:
-    """No period is 1000 times longer than the others: its decimals are probably missing."""
+    """Check that no period is 1000 times longer than the others, as if decimals were missing."""
     for outlier in _outliers(context):
         yield found(
             "OBK220",
@@ -169,15 +169,15 @@ def check_outliers(context: CheckContext) -> Iterator[Diagnostic]:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Outlier:
     name: str
-    """What is done so rarely, as the beginning of a sentence."""
+    """Subject and verb of the message, such as "timer `x` runs"."""
     period: Spanned[float]
     others: str
-    """The periods that it is compared with, as the end of the sentence."""
+    """The periods that it is compared with, as the end of the message."""
     is_loop: bool
 
 
 def _outliers(context: CheckContext) -> Iterator[_Outlier]:
-    """The longest period if far above all others, and those of the loop far above its fastest."""
+    """The longest period if far above all others, and loop periods far above the loop's fastest."""
     periods = [one for node in context.stack.nodes for one in _named_periods(node)]
     if len(periods) < _LEAST_PERIODS:
         return
@@ -202,9 +202,9 @@ def _periods(node: Node) -> Iterator[tuple[str, Spanned[float]]]:
 
 
 def _named_periods(node: Node) -> Iterator[tuple[str, Spanned[float], bool]]:
-    """What a node does periodically, as the beginning of a sentence, and whether it is a loop's.
+    """Subject and verb of each periodic action, its period, and whether it belongs to the loop.
 
-    A timer of the user's own may be as slow as a log.
+    A custom timer does not, because it may be slow on purpose.
     """
     for component in node.components:
         if component.timer_period_s is not None:
@@ -217,7 +217,7 @@ def _named_periods(node: Node) -> Iterator[tuple[str, Spanned[float], bool]]:
 
 
 def check_watchdogs(context: CheckContext) -> Iterator[Diagnostic]:
-    """Ages are watched where commands come in, and allow for the pace at which they are sent."""
+    """Check that maximum ages are set where commands arrive, and allow for the command rate."""
     watched: list[tuple[Component, Node]] = []
     for node in context.stack.nodes:
         for component in node.components:
@@ -243,7 +243,7 @@ def _obeys(component: Component, node: Node) -> bool:
 
 
 def _has_age(component: Component) -> bool:
-    """Whether an age is written, though it may be none that can be used."""
+    """Whether an age is written, even if its value is invalid."""
     entry = component.tree.get("max_age_sec")
     return component.max_age_s is not None or (
         entry is not None and plain_value(entry.value) is not None
@@ -252,7 +252,7 @@ def _has_age(component: Component) -> bool:
 
 def _nothing_to_watch(component: Component, node: Node) -> Diagnostic:
     written = component.max_age_s or component.stale_action
-    assert written is not None  # what the caller looked for
+    assert written is not None  # the caller checked this
     key = "max_age_sec" if component.max_age_s else "stale_action"
     name = f" `{component.identity}`" if component.identity else ""
     return found(
@@ -265,7 +265,7 @@ def _nothing_to_watch(component: Component, node: Node) -> Diagnostic:
 
 
 def _no_age(component: Component) -> Diagnostic:
-    assert component.stale_action is not None  # what the caller looked for
+    assert component.stale_action is not None  # the caller checked this
     return found(
         "OBK212",
         "`stale_action` has no effect without `max_age_sec`",

@@ -1,4 +1,4 @@
-"""OBK115, OBK410, OBK411, OBK413: message types and fields that no package defines."""
+"""OBK115, OBK410, OBK411, OBK413: undefined message types and fields."""
 
 import re
 from collections.abc import Collection, Iterator
@@ -24,11 +24,11 @@ __all__ = ["check_message_types", "check_replaced_messages"]
 
 _NO_PACKAGE_HELP: Final = "create a message package in the workspace with `obk new msgs`"
 _OF_A_CLASS: Final = re.compile(r"::|\.")
-"""What stands between the parts of a type in C++, and in Python."""
+"""Separators between the parts of a type in C++ and in Python."""
 
 
 def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
-    """Every type that config or code names exists; of packages that are here, by their sources."""
+    """Check that every type in config or code exists, by the sources of installed packages."""
     checked: set[tuple[str, str]] = set()
     written = {
         _package(component.msg_type.value)
@@ -55,7 +55,7 @@ def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _is_short_for_code(component: Component) -> bool:
-    """Whether the config writes the bare name of the type that the code gives."""
+    """Whether the config has the bare name of the code's type."""
     assert component.msg_type is not None
     code = component.code_type
     return code is not None and code.rpartition("/")[2] == component.msg_type.value
@@ -67,16 +67,16 @@ def _of_cpp(fault: Diagnostic) -> Diagnostic:
 
 
 def check_replaced_messages(context: CheckContext) -> Iterator[Diagnostic]:
-    """A message package of the workspace in the place of Obelisk's has what the stack uses."""
+    """Check that workspace packages that replace Obelisk's have all that the stack uses."""
     replaced = context.environment.replaced_messages()
     uses = list(_uses(context)) if replaced else []
     for one in replaced:
         types = {f"{one.package}/msg/{name}": name for name in one.types}
         fields = {f"{one.package}/msg/{field.partition('.')[0]}": field for field in one.fields}
-        lacks = [f"`{name}`" for name in (*one.types, *one.fields)]
+        missing = [f"`{name}`" for name in (*one.types, *one.fields)]
         used = [use for use in uses if use[0] in types] or [use for use in uses if use[0] in fields]
         message = f"package `{one.package}` in {one.folder} replaces Obelisk's and lacks "
-        message += ", ".join(lacks)
+        message += ", ".join(missing)
         if not used:
             yield found(
                 "OBK413",
@@ -100,7 +100,7 @@ def check_replaced_messages(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _uses(context: CheckContext) -> Iterator[tuple[str, Span, tuple[Related, ...]]]:
-    """Each message type that config or code names: its full name and its place."""
+    """Full name and location of each message type in config or code."""
     for node in context.stack.nodes:
         sensors = (group.msg_type for sim in node.sims for group in sim.sensor_groups)
         for written in (*(component.msg_type for component in node.components), *sensors):
@@ -116,14 +116,14 @@ def _uses(context: CheckContext) -> Iterator[tuple[str, Span, tuple[Related, ...
 
 
 def _package(msg_type: str) -> str:
-    """The package that a type names; empty for a bare name."""
+    """The package part of a type; empty for a bare name."""
     return msg_type.partition("/")[0] if "/" in msg_type else ""
 
 
 def _check(written: Spanned[str], environment: Environment) -> Iterator[Diagnostic]:
     full = resolve_msg_type(written.value)
     if full is None:
-        # A package of Obelisk's name in the workspace may have more messages than Obelisk's.
+        # A workspace package with the name of one of Obelisk's may have more messages.
         owner, _, name = written.value.replace("/msg/", "/").rpartition("/")
         others = [package for package in OBELISK_MESSAGES if owner in ("", package)]
         if not any(name in (environment.message_names(other) or ()) for other in others):
@@ -134,7 +134,7 @@ def _check(written: Spanned[str], environment: Environment) -> Iterator[Diagnost
         return
     names = environment.message_names(package)
     if names is None:
-        # The usual packages of ROS need not be where configs are checked.
+        # The common ROS packages need not be installed where configs are checked.
         if package not in ROS_MESSAGES:
             yield _no_package(written, package, environment)
     elif name not in names:
@@ -152,8 +152,8 @@ def _check_code(
     *,
     in_config: Collection[str],
 ) -> Iterator[Diagnostic]:
-    """Classes in the node's source that no package defines; `in_config`: packages of the config."""
-    # Types that a base class is given count too: it is the user's code that gives them.
+    """Report undefined classes in a node's source; `in_config` has the packages of the config."""
+    # Types passed to a base class count too, because the user's code passes them.
     by_type = {c.msg_type: c for c in reversed(code.components) if c.msg_type is not None}
     for msg_type, component in by_type.items():
         package, _, name = msg_type.partition("/msg/")
@@ -185,7 +185,7 @@ def _place(component: CodeComponent, code: NodeFacts) -> Related:
 
 
 def _unknown(written: Spanned[str], environment: Environment) -> Diagnostic:
-    """A bare name that is none of the usual ones, or text that can be no type."""
+    """Report an unknown bare name, or text that cannot be a type."""
     name = written.value
     own = _own_types(environment) if "/" not in name else {}
     near = tuple(own[bare] for bare in near_names(name, own)) or near_msg_types(name)
@@ -203,7 +203,7 @@ def _unknown(written: Spanned[str], environment: Environment) -> Diagnostic:
 
 
 def _own_types(environment: Environment) -> dict[str, str]:
-    """Bare name -> as it is to be written, of the messages in the workspace."""
+    """Bare name -> full name to write, for messages of the workspace."""
     return {
         name: f"{package}/{name}"
         for package in environment.message_packages()

@@ -23,7 +23,7 @@ _USUAL = ("control", "estimation", "robot")
 
 
 def check_required_sections(context: CheckContext) -> Iterator[Diagnostic]:
-    """Each section of the usual loop has a node on some device."""
+    """Check that each section of the usual loop has a node, on any device."""
     stack = context.stack
     empty = [section for section in _USUAL if next(stack.section(section), None) is None]
     if not stack.nodes and not any(joystick.on for joystick in stack.joysticks):
@@ -35,7 +35,7 @@ def check_required_sections(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def check_node_names(context: CheckContext) -> Iterator[Diagnostic]:
-    """No two nodes have one full name."""
+    """Check that no two nodes have the same full name."""
     seen: dict[str, Span] = {}
     for name, place, help in _named(context.stack):
         if name not in seen:
@@ -51,7 +51,7 @@ def check_node_names(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _named(stack: Stack) -> Iterator[tuple[str, Span, str]]:
-    """The full name of each node, its place, and what would give it another."""
+    """Each node's full name, its location, and a hint how to change the name."""
     for node in stack.nodes:
         named = node.name or node.pkg
         place = named.span if named else node.span
@@ -62,11 +62,11 @@ def _named(stack: Stack) -> Iterator[tuple[str, Span, str]]:
 
 
 _MOST_SUGGESTIONS = 200
-"""Findings that are compared with what exists."""
+"""Maximum number of findings for which similar names are searched."""
 
 
 def check_components(context: CheckContext) -> Iterator[Diagnostic]:
-    """Two entries for one component, and names that contradict each other."""
+    """Report duplicate entries for one component, and names that contradict each other."""
     for node in context.stack.nodes:
         yield from _check_twice(node)
         if any(component.ros_parameter and component.key for component in node.components):
@@ -101,7 +101,7 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
 
 
 def _check_contradictions(node: Node, code: NodeFacts | None) -> Iterator[Diagnostic]:
-    """A `key` beside a `ros_parameter` may be a name of the user's own, but no other component's.
+    """A `key` beside a `ros_parameter` may be a custom name, but not another component's name.
 
     The node finds a component by either name.
     """
@@ -133,7 +133,7 @@ def _meant(name: str) -> str:
 def _are_two(
     code: NodeFacts | None, component: Component, parameter: Spanned[str], key: Spanned[str]
 ) -> bool:
-    """Whether the code registers one component of either name."""
+    """Whether the code registers one component for either name."""
     if code is None:
         return False
     named, keyed = (
@@ -172,7 +172,7 @@ def _misspelt_key(parameter: Spanned[str], key: Spanned[str], own: str) -> Diagn
 
 
 def check_callback_groups(context: CheckContext) -> Iterator[Diagnostic]:
-    """Groups that are used and not defined, or defined and not used."""
+    """Report groups that are used but not defined, or defined but not used."""
     undefined = 0
     for node in context.stack.nodes:
         defined = {group.name.value: group for group in node.callback_groups}
@@ -181,7 +181,7 @@ def check_callback_groups(context: CheckContext) -> Iterator[Diagnostic]:
             group = component.callback_group
             if group is None:
                 continue
-            # A misspelt group counts as a use of the one that it is near to.
+            # A misspelt group counts as a use of the group with the similar name.
             used.add(group.value)
             if group.value not in defined:
                 undefined += 1

@@ -1,4 +1,4 @@
-"""OBK401 to OBK404, OBK414: packages, executables and files that the config names."""
+"""OBK401 to OBK404, OBK414: packages, executables and files that the config refers to."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ __all__ = [
 
 
 def where_it_is_not(search: FileSearch) -> str:
-    """A help line: files that may be meant, and the places that were tried."""
+    """A help line with similar files and the paths that were tried."""
     tried = f"tried {', '.join(str(path) for path in search.tried)}"
     near = ask_for(search.near)
     if search.written.value.startswith("~/"):
@@ -38,7 +38,7 @@ def where_it_is_not(search: FileSearch) -> str:
 def no_such_package(
     search: FileSearch, package: Spanned[str], what: str, environment: Environment
 ) -> Diagnostic:
-    """A finding about the `robot_pkg` that was to hold a file; `what` the file is."""
+    """A finding about the missing `robot_pkg` of a file; `what` describes the file."""
     near = ask_for(near_names(package.value, environment.package_names()))
     return found(
         "OBK403",
@@ -49,7 +49,7 @@ def no_such_package(
 
 
 def check_executables(context: CheckContext) -> Iterator[Diagnostic]:
-    """Every node's package and executable exist; a missing package is reported once."""
+    """Check that packages and executables exist; a missing package is reported once."""
     missing: dict[str, list[Span]] = defaultdict(list)
     looked: dict[str, str] = {}
     for package, executable in _wanted(context.stack):
@@ -66,7 +66,7 @@ def check_executables(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _wanted(stack: Stack) -> Iterator[tuple[Spanned[str], Spanned[str]]]:
-    """Package and executable of every node, the joystick's too."""
+    """Package and executable of every node, including the joystick."""
     for node in stack.nodes:
         if node.pkg and node.executable and not package_name_fault(node.pkg.value):
             yield node.pkg, node.executable
@@ -116,13 +116,13 @@ def _no_package(
     looked: str,
     environment: Environment,
 ) -> Diagnostic:
-    # Message packages have no executables, and their names are near those of everything.
+    # Message packages have no executables, and their names resemble many others.
     names = [name for name in environment.package_names() if not name.endswith("_msgs")]
     near = ask_for(near_names(package, names))
     if package == JOYSTICK_PACKAGE:
         near = "install it to use the joystick, or set `on: false`;"
     elif package.startswith("obelisk_") and package.endswith("_cpp"):
-        # Packages of other nodes have names as near as that of the same nodes in Python.
+        # Similar names include the package that has the same nodes in Python.
         twin = f"{package.removesuffix('cpp')}py"
         in_python = (
             f", or use `{twin}`, which has the same nodes in Python" if twin in names else ""
@@ -138,7 +138,7 @@ def _no_package(
 
 
 def check_files(context: CheckContext) -> Iterator[Diagnostic]:
-    """Files that are handed to nodes."""
+    """Check the files that are passed to nodes."""
     for node in context.stack.nodes:
         in_sims = (("config_path", file) for sim in node.used_sims for file in sim.files)
         for key, search in (("params_path", node.params_file), *in_sims):
@@ -153,7 +153,7 @@ def check_files(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def check_manifests(context: CheckContext) -> Iterator[Diagnostic]:
-    """The package.xml of every package that the config names can be read."""
+    """Check that the package.xml of every package in the config can be read."""
     named: dict[str, Span] = {}
     for node in context.stack.nodes:
         of_sims = (sim.robot_pkg for sim in node.used_sims)

@@ -56,7 +56,7 @@ _LISTS: Final = MappingProxyType(
 
 
 def check_sim_blocks(context: CheckContext) -> Iterator[Diagnostic]:
-    """No block takes the place of another, and the simulator has one."""
+    """Check that no `sim` block replaces another, and that a simulator has one."""
     for node in context.stack.section("robot"):
         yield from _check_twice(node)
         is_off = node.is_simulated is not None and not node.is_simulated.value
@@ -92,7 +92,7 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
 
 
 def _check_given(node: Node) -> Iterator[Diagnostic]:
-    assert node.executable is not None  # it is the simulator's
+    assert node.executable is not None  # it is the simulator's executable
     given = {*(sim.parameter for sim in node.sims), *(p.name for p in node.params)}
     if SIM_PARAMETER in given:
         return
@@ -115,7 +115,7 @@ def _check_given(node: Node) -> Iterator[Diagnostic]:
 
 
 def check_models(context: CheckContext) -> Iterator[Diagnostic]:
-    """Every sound `sim` block, against its model where that can be read."""
+    """Check every valid `sim` block against its model, if the model can be read."""
     skipped: Span | None = None
     for node in context.stack.nodes:
         for sim in node.used_sims:
@@ -130,7 +130,7 @@ def check_models(context: CheckContext) -> Iterator[Diagnostic]:
             if isinstance(read, ModelFault):
                 yield _unreadable(read, sim.model, context.environment)
             in_block = tuple(_check_block(node, sim, read, context.environment))
-            # What MuJoCo stops at may be what a finding of the block reports already.
+            # A finding of the block may already report why MuJoCo stopped.
             has_error = any(finding.severity == "error" for finding in in_block)
             if isinstance(read, ModelRead) and read.fault is not None and not has_error:
                 yield _unreadable(read.fault, sim.model, context.environment)
@@ -166,7 +166,7 @@ def _check_block(
     parameters = {parameter.name: parameter.value for parameter in node.params}
     facts = read.facts if isinstance(read, ModelRead) else None
     block = plain_value(sim.checked or sim.tree)
-    assert isinstance(block, dict)  # a TreeMap's value is one
+    assert isinstance(block, dict)  # the value of a TreeMap is a dict
     for fault in check_sim(block, parameters, facts):
         yield _placed(fault, node, sim, environment)
     if isinstance(read, ModelRead) and read.missing_files and sim.model is not None:
@@ -181,7 +181,7 @@ def _check_block(
 
 
 def _placed(fault: SimFault, node: Node, sim: Sim, environment: Environment) -> Diagnostic:
-    """A finding of the shared checks at its place in the config and in the model."""
+    """Add the location in the config and in the model to a finding of the shared checks."""
     related: tuple[Related, ...] = ()
     if fault.element is not None and sim.model is not None and sim.model.found is not None:
         kind, name = fault.element
@@ -201,7 +201,7 @@ def _placed(fault: SimFault, node: Node, sim: Sim, environment: Environment) -> 
 
 
 def _place_of(fault: SimFault, node: Node, sim: Sim) -> tuple[Span, str | None]:
-    """Where a finding is, and the word there if another may stand in its place."""
+    """Location of a finding, and the word there if a replacement may be suggested."""
     if fault.path[:1] == ("params",):
         name = ".".join(str(step) for step in fault.path[1:])
         parameter = next((p for p in node.params if p.name == name), None)
@@ -235,7 +235,7 @@ _WITHOUT_ACTUATORS = (
 
 
 def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
-    """The simulator can apply the commands that it receives, one value for each actuator."""
+    """Check that the simulator can apply its commands: one value for each actuator."""
     reported: set[tuple[str, Span]] = set()
     controllers = _controllers(context.stack, context.environment)
     for robot in context.stack.section("robot"):
@@ -247,7 +247,7 @@ def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
             if robot.is_simulator:
                 yield from _check_message(component)
             for place, fault in _check_lengths(robot, component, controllers, context.environment):
-                if place not in reported:  # for another robot with the same controller
+                if place not in reported:  # another robot may have the same controller
                     reported.add(place)
                     yield fault
 
@@ -270,7 +270,7 @@ def _check_message(component: Component) -> Iterator[Diagnostic]:
 def _controllers(
     stack: Stack, environment: Environment
 ) -> Mapping[str, Sequence[tuple[Node, NodeFacts]]]:
-    """The controllers whose code is known, by the topics that they publish."""
+    """Topic -> the controllers with readable code that publish it."""
     controllers: defaultdict[str, list[tuple[Node, NodeFacts]]] = defaultdict(list)
     for node in stack.section("control"):
         if node.pkg is None or node.executable is None:
@@ -285,20 +285,20 @@ def _controllers(
 
 def _check_lengths(
     robot: Node,
-    obeyed: Component,
+    control: Component,
     controllers: Mapping[str, Sequence[tuple[Node, NodeFacts]]],
     environment: Environment,
 ) -> Iterator[tuple[tuple[str, Span], Diagnostic]]:
-    """The findings, each with the controller and the place in its code."""
+    """The findings, each with the controller and the location in its code."""
     actuators = [
         read.facts.actuators
         for sim in robot.sims
         if sim.model is not None and sim.model.found is not None
         if isinstance(read := environment.read_model(sim.model.found), ModelRead)
     ]
-    if len(actuators) != 1 or obeyed.topic is None:
+    if len(actuators) != 1 or control.topic is None:
         return
-    for node, code in controllers.get(absolute_topic(obeyed.topic.value, robot), ()):
+    for node, code in controllers.get(absolute_topic(control.topic.value, robot), ()):
         for length in code.control_lengths:
             if length.length != actuators[0]:
                 fault = _wrong_length(length, node, code, robot, actuators[0])
@@ -308,7 +308,7 @@ def _check_lengths(
 def _wrong_length(
     length: ControlLength, node: Node, code: NodeFacts, robot: Node, actuators: int
 ) -> Diagnostic:
-    assert node.executable is not None  # its code was read
+    assert node.executable is not None  # the node's code was found through it
     (path, *_) = [sim.model_xml_path for sim in robot.sims if sim.model_xml_path]
     return found(
         "OBK317",
@@ -324,7 +324,7 @@ def _wrong_length(
 
 
 def check_policies(context: CheckContext) -> Iterator[Diagnostic]:
-    """Every node that has a network as `params_path`, and says what it observes."""
+    """Check every node that has `observation` and a network as `params_path`."""
     for node in context.stack.nodes:
         parameters = {parameter.name: parameter for parameter in node.params}
         observation, joints = parameters.get(_OBSERVATION), parameters.get(_JOINTS)
@@ -381,7 +381,7 @@ def _unknown_terms(observation: ConfigParameter) -> Iterator[Diagnostic]:
 
 
 def _unknown_joints(parameter: ConfigParameter, context: CheckContext) -> Iterator[Diagnostic]:
-    """Joints that the model lacks, if the stack has one model that can be read."""
+    """Report joints that the model lacks, if the stack has one readable model."""
     models = {
         sim.model.found
         for node in context.stack.nodes
@@ -411,7 +411,7 @@ def _check_network(
 ) -> Iterator[Diagnostic]:
     read = context.environment.read_policy(path)
     if isinstance(read, PolicyFault):
-        assert node.params_path is not None  # it was found
+        assert node.params_path is not None  # the caller found the file
         yield found("OBK322", read.message, node.params_path.span)
     if not isinstance(read, PolicyRead):
         return

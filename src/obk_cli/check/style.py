@@ -1,4 +1,4 @@
-"""OBK502, OBK507: what works here and now, and could be written so that it works for others."""
+"""OBK502, OBK507: config text that works here but not elsewhere, or that is redundant."""
 
 import re
 from collections import defaultdict
@@ -30,7 +30,7 @@ _MOST_SHOWN = 2
 
 
 def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
-    """No path leads into one person's home; one that `${HOME}` stands in is everybody's."""
+    """Check that no path leads into a user's home; a path with `${HOME}` is fine."""
     for node in context.stack.nodes:
         missing = {file.written.span for file in _missing_files(node)}
         for span in _path_spans(node):
@@ -47,7 +47,7 @@ def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _missing_files(node: Node) -> Iterator[FileSearch]:
-    """Files that are findings already."""
+    """Files that already have findings."""
     files = [node.params_file, node.urdf_file]
     for sim in node.used_sims:
         files += [sim.model, *sim.files]
@@ -63,7 +63,7 @@ def _path_spans(node: Node) -> Iterator[Span]:
 
 
 def check_defaults(context: CheckContext) -> Iterator[Diagnostic]:
-    """Keys set to their default; one finding for a key, however often it occurs."""
+    """Report keys set to their default, once per key."""
     places: dict[str, list[Span]] = defaultdict(list)
     edits: dict[str, list[Edit]] = defaultdict(list)
     for node in context.stack.nodes:
@@ -108,7 +108,7 @@ def _equal(tree: TreeMap, defaults: Mapping[str, object]) -> Iterator[tuple[Tree
         if not isinstance(value, TreeScalar) or value.value is None:
             continue
         default, written = defaults.get(entry.key), value.value
-        # `true` equals a whole number, and is reported as invalid.
+        # `true` equals a whole number, but has its own finding.
         is_same = type(written) is type(default) and written == default
         if is_same or (default == "None" and is_none(written)):
             yield tree, entry

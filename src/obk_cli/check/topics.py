@@ -1,4 +1,4 @@
-"""OBK203 to OBK206, OBK214, OBK218: what is published and subscribed to, and what fits."""
+"""OBK203 to OBK206, OBK214, OBK218: publishers and subscribers, and whether they match."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,14 +23,14 @@ __all__ = ["check_dangling", "check_doubles", "check_qos", "check_sensor_topics"
 _MOST_SHOWN = 3
 _MOST_LISTED = 8
 _OF_MANY = ("/tf", "/tf_static", "/diagnostics", "/rosout")
-"""Topics that any number of nodes publish."""
+"""Topics that any number of nodes may publish."""
 _OF_OBELISK = tuple(f"{package}/" for package in OBELISK_MESSAGES)
 _MOST_COMPARED = 20_000
-"""Pairs of names; once as many are compared, dangling topics are reported without a suggestion."""
+"""Maximum number of name pairs to compare; after that, findings have no suggestions."""
 
 
 def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
-    """Topics that are subscribed to and not published, and those published and not read."""
+    """Report topics without a publisher, and topics without a subscriber."""
     ends = context.topology.ends
     published, subscribed = context.topology.published, context.topology.subscribed
     publishers = _publishers_by_type(published)
@@ -63,9 +63,9 @@ def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _types_of_lost_publishers(stack: Stack, ends: Iterable[TopicEnd]) -> set[str | None]:
-    """Types of publishers whose topic is missing or unresolved; a subscriber may mean one of them.
+    """Types of publishers with a missing or unresolved topic, which a subscriber may refer to.
 
-    What a simulator publishes stands in its block.
+    For a simulator, they come from its `sim` block.
     """
     lost = {
         end.msg_type
@@ -100,7 +100,7 @@ def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnos
 
 
 def _not_published(ends: Sequence[TopicEnd]) -> Diagnostic:
-    """One warning for all topics that resemble none: they probably come from outside the stack."""
+    """One warning for all topics without similar names: they probably come from elsewhere."""
     topics = list(dict.fromkeys(end.topic for end in ends))
     owners = list(dict.fromkeys(end.owner for end in ends))
     subscribe = "subscribe" if len(owners) > 1 else "subscribes"
@@ -132,7 +132,7 @@ _ByType = Mapping[str | None, Mapping[str, list[TopicEnd]]]
 
 
 def _publishers_by_type(published: Mapping[str, tuple[TopicEnd, ...]]) -> _ByType:
-    """Type -> topic -> its first publishers: two of them, as one may be the subscriber itself."""
+    """Type -> topic -> its first two publishers, because one may be the subscriber itself."""
     by_type: dict[str | None, dict[str, list[TopicEnd]]] = defaultdict(dict)
     for topic, ends in published.items():
         for end in ends:
@@ -145,7 +145,7 @@ def _publishers_by_type(published: Mapping[str, tuple[TopicEnd, ...]]) -> _ByTyp
 def _candidates(end: TopicEnd, publishers: _ByType) -> list[TopicEnd]:
     """Publishers of other nodes to compare with.
 
-    Those of the same type if there are any, else those of an unknown one, else all.
+    Those of the same type if any exist, otherwise those of unknown type, otherwise all.
     """
     alike = [kind for kind in publishers if end.msg_type and may_be_one(kind, end.msg_type)]
     unknown = [kind for kind in publishers if kind is None or end.msg_type is None]
@@ -164,9 +164,9 @@ def _of_types(end: TopicEnd, publishers: _ByType, kinds: Iterable[str | None]) -
 
 
 def _nearest(end: TopicEnd, candidates: Iterable[TopicEnd]) -> list[TopicEnd]:
-    """Those that may be meant: of the same type, or much the same name.
+    """Publishers that may be meant: those of the same type or with a similar name.
 
-    A type of ROS's own is a weak hint: an `Image` may be one of any number of cameras.
+    A type of ROS itself is a weak hint: an `Image` may come from any camera.
     """
     likeness = {other.topic: (_likeness(other, end), other) for other in candidates}
     close = [
@@ -193,7 +193,7 @@ def _suggestion(end: TopicEnd, near: list[TopicEnd]) -> str | None:
 
 
 def _type_of(other: TopicEnd, end: TopicEnd) -> str:
-    """The type in brackets, and beside it the one that is subscribed to if it is another."""
+    """The other end's type in brackets, with this end's type if it differs."""
     if other.msg_type is None:
         return ""
     if end.msg_type is None or end.msg_type == other.msg_type:
@@ -205,13 +205,13 @@ def _type_of(other: TopicEnd, end: TopicEnd) -> str:
 
 
 def _clash(one: TopicEnd, other: TopicEnd) -> bool:
-    """Whether the types are known and cannot be one."""
+    """Whether both types are known and differ."""
     is_known = one.msg_type is not None and other.msg_type is not None
     return is_known and not may_be_one(one.msg_type, other.msg_type)
 
 
 def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
-    """No node publishes a topic twice; `check_types` reports two types."""
+    """Check that no node publishes a topic twice; `check_types` reports different types."""
     for _, ends in context.topology.by_node:
         firsts: dict[str, TopicEnd] = {}
         for end in ends:
@@ -234,7 +234,7 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def check_sensor_topics(context: CheckContext) -> Iterator[Diagnostic]:
-    """No two nodes publish one sensor's topic; `check_types` reports two types."""
+    """Check that no two nodes publish one sensor topic; `check_types` reports different types."""
     shared: dict[tuple[str, str], list[tuple[TopicEnd, TopicEnd]]] = defaultdict(list)
     for topic, ends in context.topology.published.items():
         measured = [end for end in ends if end.section in ("robot", "sensing")]
@@ -272,7 +272,7 @@ def _shared_sensor_topics(
 
 
 def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
-    """No subscriber asks for more than its publishers offer.
+    """Check that no subscriber requests more than its publishers offer.
 
     Source: ROS 2 documentation, "Quality of Service settings", QoS compatibilities.
     """
@@ -281,7 +281,7 @@ def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
         weak: dict[str, list[TopicEnd]] = defaultdict(list)
         for end in ends:
             if end.is_external:
-                continue  # its quality of service is not known
+                continue  # its QoS is not known
             if end.direction == "publishes" and policy.of(end, policy.offered) == policy.weak:
                 weak[end.topic].append(end)
         for end in ends:
@@ -297,7 +297,7 @@ def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Policy:
-    """One setting: the words for much and for little, and its value at an end."""
+    """A QoS policy: the names of its stronger and weaker value, and its value at an end."""
 
     written: Callable[[Qos], Spanned[str] | None]
     strong: str
@@ -355,7 +355,7 @@ _VERBS: Mapping[Direction, str] = {"publishes": "publishes", "subscribes": "subs
 
 
 def check_types(context: CheckContext) -> Iterator[Diagnostic]:
-    """Ends whose type another end of the topic does not have, where both are known."""
+    """Report ends whose type differs from that of another end of the topic, if both are known."""
     by_topic: dict[str, list[TopicEnd]] = defaultdict(list)
     for end in context.topology.ends:
         if end.known_type is not None:
@@ -380,7 +380,7 @@ def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
 
 
 def _is_code_alone(ends: Sequence[TopicEnd]) -> bool:
-    """Whether the config gives one type, and only code has another: OBK407 reports that."""
+    """Whether the config has one type and only the code differs, which OBK407 reports."""
     return len({end.msg_type for end in ends} - {None}) == 1 and any(
         end.code_type is not None and end.type_span is not None and end.code_type != end.msg_type
         for end in ends
@@ -388,7 +388,7 @@ def _is_code_alone(ends: Sequence[TopicEnd]) -> bool:
 
 
 def _is_old_name(ends: Sequence[TopicEnd]) -> bool:
-    """Whether the types differ only by the original name of one, at ends that ignore it."""
+    """Whether the types differ only by a type's original name, at ends that ignore `msg_type`."""
     binding = {end.known_type for end in ends if not end.ignores_type}
     first = ends[0].known_type
     return len(binding) <= 1 and all(may_be_one(first, end.known_type) for end in ends)
@@ -410,25 +410,25 @@ def _against_other_side(
 
 
 def _against_own_side(ends: Sequence[TopicEnd], right: str | None) -> Iterator[Diagnostic]:
-    """For a topic without a type on its other side: the ends of one side agree, too."""
+    """For a topic with types on one side only: report ends that differ from the others."""
     fitting = [end for end in ends if end.known_type == right] or ends[:1]
     yield from (_differs(end, fitting) for end in ends if end.known_type != fitting[0].known_type)
 
 
 def _agreed(types: Iterable[str]) -> str | None:
-    """The one type in the code of all nodes, None if there are none or several."""
+    """The one type in the code of all nodes; None if there are none or several."""
     every = tuple(types)
     return every[0] if len(every) == 1 else None
 
 
 def _most_common(ends: Iterable[TopicEnd]) -> str | None:
-    """The type that more ends have than any other, None where that is not clear."""
+    """The type of most ends; None if no type has the majority."""
     (first, count), (_, second) = Counter(end.known_type for end in ends).most_common(2)
     return first if count > second else None
 
 
 def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
-    """A finding at `end`, whose type is not that of the others."""
+    """A finding at `end`, whose type differs from that of the others."""
     own, expected = end.known_type or "", others[0].known_type or ""
     is_alias = may_be_one(own, expected)
     is_note = end.ignores_type or all(other.ignores_type for other in others)

@@ -25,13 +25,16 @@ def bag_data(bag: Bag) -> dict[str, Any]:
 
 
 def bag_text(bag: Bag) -> Iterator[str]:
-    """The lines for a person."""
+    """Lines of text output."""
     yield f"{plain(bag.path)}: MCAP, profile {plain(bag.profile) or '-'}, {_size(bag.size_bytes)}"
     if not bag.is_complete:
-        yield "not closed by its recorder: it has no index, and its end may be missing"
+        yield (
+            "incomplete: its recorder did not close it, so the index and the last messages may be "
+            "missing"
+        )
     if bag.start_ns is not None:
-        begin = datetime.fromtimestamp(bag.start_ns * 1e-9)
-        yield f"{bag.count} messages in {bag.duration_s:.3f} s from {begin:%Y-%m-%d %H:%M:%S.%f}"
+        start = datetime.fromtimestamp(bag.start_ns * 1e-9)
+        yield f"{bag.count} messages in {bag.duration_s:.3f} s from {start:%Y-%m-%d %H:%M:%S.%f}"
     else:
         yield "no messages"
     width = max((len(topic.topic) for topic in bag.topics), default=0)

@@ -176,7 +176,7 @@ def command(
 
 
 class _DefinitionsWrongError(CommandFailedError):
-    """Message invalid message definitions; holds the problems as values."""
+    """Invalid message definitions in the workspace; holds the problems as values."""
 
     def __init__(self, message: str, problems: Sequence[DefinitionProblem]) -> None:
         super().__init__(message)
@@ -187,7 +187,7 @@ def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Buil
     """Build a workspace, with the progress on stderr.
 
     Raises:
-        CommandFailedError: the build failed or was interrupted; wrong definitions are printed on
+        CommandFailedError: the build failed or was interrupted; invalid definitions are printed on
             stderr.
     """
     is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
@@ -209,14 +209,14 @@ def _as_command_error(*, colour: bool) -> Iterator[None]:
     except CommandError as error:
         if error.output:
             print(error.output.rstrip(), end="\n\n", file=sys.stderr)
-        raise CommandFailedError(f"{error.sentence}; the overlay is as it was") from error
+        raise CommandFailedError(f"{error.sentence}; the overlay is unchanged") from error
     except InterfaceError as error:
         raise CommandFailedError(str(error)) from error
     except OSError as error:
         raise CommandFailedError(f"the overlay cannot be written: {error}") from error
     except KeyboardInterrupt as error:
         accept_interrupt()
-        raise CommandFailedError("interrupted; the overlay is as it was") from error
+        raise CommandFailedError("interrupted; the overlay is unchanged") from error
 
 
 def _note(sentence: str) -> None:
@@ -288,7 +288,7 @@ def on_overlays(
     import_from(overlays)
     variables = with_overlays(environment.variables, overlays)
     packages = PackageIndex.around(folder, Path.cwd(), variables)
-    if packages == index:  # it has already found the sources
+    if packages == index:  # the index already has the sources
         packages = index
     return packages, replace(environment, variables=variables)
 

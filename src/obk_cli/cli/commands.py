@@ -109,7 +109,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
 VERBS: Final[Mapping[str, Verb]] = MappingProxyType(
     {name: verb for group in GROUPS.values() for name, verb in group.items()}
 )
-"""Command -> where it is. A module has `app` (a Typer) or `command` (a function)."""
+"""Command -> its module, which has `app` (a Typer) or `command` (a function)."""
 
 
 _OTHER_WORDS: Final = MappingProxyType(
@@ -150,7 +150,7 @@ class _LazyGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in VERBS:
             command = _load(cmd_name, VERBS[cmd_name])
-            if ctx.resilient_parsing:  # the shell asks what can follow
+            if ctx.resilient_parsing:  # the shell requests completions
                 from obk_cli.cli.complete import make_completable
 
                 make_completable(command)
@@ -194,10 +194,10 @@ class _GroupedCommand(TyperCommand):
     """A command with many options, which its help shows in groups."""
 
     option_groups: Mapping[str, Collection[str]] = MappingProxyType({})
-    """Title -> all options, `--help` too."""
+    """Title -> its options; every option is listed, `--help` included."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        # Click has the names of `--help` in any order.
+        # Click returns the names of `--help` in no fixed order.
         params = {max(param.opts, key=len): param for param in self.get_params(ctx)}
         arguments = [name for name, param in params.items() if param.param_type_name == "argument"]
         widest = max(len(_help_of(params[name], ctx)[0]) for name in params)
@@ -208,7 +208,7 @@ class _GroupedCommand(TyperCommand):
 
 
 def _help_of(param: click.Parameter, context: click.Context) -> tuple[str, str]:
-    """How a parameter is written, and its help."""
+    """A parameter's usage text and its help."""
     return param.get_help_record(context) or ("", "")
 
 
@@ -233,7 +233,7 @@ def _load(name: str, verb: Verb) -> Any:
 
 
 def _suggestion(name: str) -> str | None:
-    """The command that was probably meant: by another word, a subcommand, or a similar name."""
+    """The command that was probably meant: a synonym, a subcommand, or a similar name."""
     if name in _OTHER_WORDS:
         return ask_for((f"obk {_OTHER_WORDS[name]}",))
     places = (f"obk {verb} {name}" for verb in VERBS if name in _subcommands(verb))
@@ -376,7 +376,7 @@ def _describe_error(error: Exception, given: Collection[str]) -> tuple[str, str 
 
 
 def _no_completion(error: OSError) -> str:
-    """Why a shell's completion was not set up; without a file's name no shell was found."""
+    """Why shell completion was not set up; without a file name, no supported shell was found."""
     from obk_cli.files import unwritable
 
     if not isinstance(error.filename, str):

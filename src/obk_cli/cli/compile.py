@@ -58,12 +58,12 @@ def command(
 
 
 def deliver(plan: Plan, content: str | bytes, ending: str, output: str | None) -> None:
-    """Print a form of the plan, or write it to a file if that changes the file.
+    """Print an export of the plan, or write it to a file; an identical file is not rewritten.
 
     Args:
-        plan: names the file in a folder.
-        content: the form.
-        ending: how the file's name ends in a folder.
+        plan: gives the default file name in a folder.
+        content: the export.
+        ending: file extension for the default name.
         output: a file, a folder, or `-` for stdout; None: stdout.
 
     Raises:

@@ -30,14 +30,12 @@ Find = Callable[[str], list[str]]
 
 
 def complete_runs(incomplete: str) -> list[str]:
-    """The stacks running on this host, by the names of their configs."""
+    """Names of the stacks running on this host."""
     return _beginning(incomplete, (run.name for _, run in _runs()))
 
 
 def complete_kept_runs(incomplete: str) -> list[str]:
-    """The runs that have logs: by the names of their configs; once more is typed, of their
-    folders.
-    """
+    """Names of the configs that have logs; if none matches, names of run folders."""
     from obk_cli.runs.folder import config_of, run_folders, runs_folder
 
     with suppress(OSError):
@@ -55,14 +53,14 @@ def complete_rules(incomplete: str) -> list[str]:
 
 
 def complete_topics(incomplete: str) -> list[str]:
-    """The topics that a user may be about to name, in full or by their last part."""
+    """Topics that match in full or by the last part of their name."""
     from obk_cli.runs.folder import topics_of_run
 
     return _fitting(incomplete, (topic for folder, _ in _runs() for topic in topics_of_run(folder)))
 
 
 def complete_nodes(incomplete: str) -> list[str]:
-    """The nodes that a user may be about to name, in full or by their last part."""
+    """Nodes that match in full or by the last part of their name."""
     return _fitting(incomplete, (node for _, run in _runs() for node in run.all_nodes))
 
 
@@ -97,7 +95,7 @@ BY_NAME: Final[Mapping[str, Find]] = {
     "code": complete_rules,
     "ignore": complete_rules,
 }
-"""Arguments and options that mean the same in every command -> function that lists their values."""
+"""Argument or option with the same meaning in every command -> function that lists its values."""
 
 
 def make_completable(command: click.Command) -> None:
@@ -126,5 +124,5 @@ class _Completed(click.types.StringParamType):
     def shell_complete(
         self, _ctx: click.Context, _param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """The possible values."""
+        """List the possible values."""
         return [CompletionItem(name) for name in self._find(incomplete)]

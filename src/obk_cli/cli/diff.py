@@ -118,7 +118,7 @@ def _value(value: object) -> str:
 
 
 def _table(rows: list[_Row]) -> Iterator[str]:
-    """The rows with aligned columns; numbers stand to the right."""
+    """The rows with aligned columns; numbers are right-aligned."""
     cells = [tuple(map(escaped, row)) for row in rows]
     widths = [max(columns_of(row[place]) for row in cells) for place in range(6)]
     for row in cells:

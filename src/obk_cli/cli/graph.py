@@ -33,7 +33,7 @@ Example: obk graph config.yaml --output diagram.svg
 """
 
 _PICTURES = {**{name: FORMS[name].ending for name in ("mermaid", "dot", "svg")}, "png": ".png"}
-"""Name of a picture -> how its files end."""
+"""Picture format -> file extension."""
 _TEXT = ".txt"
 _WIDEST = 120
 _NARROWEST = 80
@@ -45,7 +45,7 @@ def command(
         str | None,
         typer.Option(
             metavar="|".join(_PICTURES),
-            help="Picture format. Default: by the ending of the output file.",
+            help="Picture format. Default: from the extension of the output file.",
         ),
     ] = None,
     output: OutputOption = None,
@@ -61,7 +61,7 @@ def command(
     if to is not None:
         require_choice("--to", to, _PICTURES)
     if to == "png" and output in (None, STDOUT) and sys.stdout.isatty():
-        raise MisuseError("`--to png`: a terminal shows no picture; add `--output FILE`")
+        raise MisuseError("`--to png` cannot be shown in a terminal; add `--output FILE`")
     plan = valid_plan(compile_config(config, make_options(set_, ignore)), color, with_infos=True)
     if to is None:
         width = min(max(shutil.get_terminal_size((_NARROWEST, 24)).columns, _NARROWEST), _WIDEST)
@@ -73,7 +73,7 @@ def command(
 
 
 def _picture_of(output: str | None) -> str | None:
-    """The picture that a file with this name holds; None for text."""
+    """The picture format for a file name; None for text."""
     if output is None or output == STDOUT or Path(output).is_dir():
         return None
     ending = Path(output).suffix
@@ -83,6 +83,6 @@ def _picture_of(output: str | None) -> str | None:
         if ending == known:
             return name
     raise MisuseError(
-        f"`--output`: no picture has the ending `{ending}`",
+        f"`--output`: no picture format has the extension `{ending}`",
         help=f"use one of {list_names((*_PICTURES.values(), _TEXT))}",
     )

@@ -72,7 +72,7 @@ def command(
     root = folder.resolve()
     stack = folder.name if folder.is_symlink() else root.name
     if folder.is_symlink() and not root.exists():
-        raise CommandFailedError(f"{folder} is a symbolic link to {root}, which is not there")
+        raise CommandFailedError(f"{folder} is a symbolic link to {root}, which does not exist")
     packages = _check(stack, root)
     library = find_library(templates)
     source = read_install_source().for_other_machines()
@@ -88,7 +88,7 @@ def command(
         dry_run=dry_run,
         force=False,
         form=format,
-        remedy="choose another folder, or move what is in the way; on a terminal it is asked about",
+        remedy="choose another folder, or move these files; on a terminal you are asked about each",
     )
     describe = _describe_json if format == "json" else _describe_text
     notes = describe_robot(robot) if robot else ()
@@ -96,21 +96,21 @@ def command(
 
 
 def _copy_model(path: Path, stack: str) -> "ModelCopy":
-    from obk_cli.workspace.model_files import copy_model  # it imports MuJoCo and numpy
+    from obk_cli.workspace.model_files import copy_model  # imports MuJoCo and numpy
 
     return copy_model(path, stack)
 
 
 def _check(stack: str, root: Path, *, is_torque: bool = False) -> tuple[PackageSpec, ...]:
     if root.exists() and not root.is_dir():
-        raise CommandFailedError(f"{short(root)} is a file; a folder was to be made")
+        raise CommandFailedError(f"{short(root)} is a file, expected a folder or a new name")
     if (root / "package.xml").is_file():
         raise CommandFailedError(
             f"{short(root)} is a package; a workspace is the folder around packages",
             help="choose another folder",
         )
     around = PackageIndex.around(root, root, os.environ)
-    index = replace(around, workspaces=(root,))  # what is in others is not seen from this one
+    index = replace(around, workspaces=(root,))  # packages of other workspaces are not visible here
 
     def owner_of(name: str) -> str | None:
         return owner_of_package(name, own_folder=root / "src" / name, index=index)
@@ -125,7 +125,7 @@ def _check(stack: str, root: Path, *, is_torque: bool = False) -> tuple[PackageS
 
 
 def _with_schema(files: Iterable[RenderedFile], root: Path) -> Composition:
-    """The schema that the config names, too; one of another version of obk is replaced."""
+    """Add the JSON schema that the config refers to; replace one of another obk version."""
     text = (resource_folder("schema") / "obelisk.schema.json").read_bytes()
     schema = RenderedFile(path=SCHEMA_PATH, content=text)
     if (root / SCHEMA_PATH).is_file():
@@ -134,7 +134,7 @@ def _with_schema(files: Iterable[RenderedFile], root: Path) -> Composition:
 
 
 def _next_commands(stack: str, root: Path) -> tuple[str, ...]:
-    """What to type now, from wherever `obk init` was typed."""
+    """Commands to run next, with paths relative to the working folder."""
     is_here = root == Path.cwd()
     prefix = f"{Path(sys.executable).parent}/" if programs() else ""
     return (

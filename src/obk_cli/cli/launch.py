@@ -156,7 +156,7 @@ def command(
     ] = None,
     render_fps: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Frames per simulated second. Default: 30, for a GIF 15."),
+        typer.Option(metavar="N", help="Frames per simulated second. Default: 30; for a GIF 15."),
     ] = None,
     network: Annotated[
         str | None,
@@ -250,7 +250,7 @@ def command(
 
 
 def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[tuple[str, str]]:
-    """Package and executable of the nodes whose source shows which class the library runs.
+    """Package and executable of the nodes whose source shows which node class the library runs.
 
     Such a program may be started early: it waits at the gate before it creates its node.
     """
@@ -274,7 +274,7 @@ def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float
 
 
 def _limits(timeout_s: float, hang_s: float) -> Limits:
-    """How long things may take; nodes that are slow in a transition may be slow to start, too."""
+    """Time limits; a longer transition limit also allows a longer start."""
     start_s = max(timeout_s, Limits().start_s)
     return Limits(transition_s=timeout_s, start_s=start_s, hang_s=hang_s or float("inf"))
 

@@ -29,6 +29,8 @@ __all__ = ["EXAMPLE", "SUBCOMMANDS", "command"]
 EXAMPLE = "Example: obk lifecycle deactivate obelisk_control_0"
 SUBCOMMANDS = ("get", "list", *TRANSITIONS)
 """The first argument of `obk lifecycle`."""
+_RESULTS = {"there already": "already in that state", "taken back": "rolled back"}
+"""Result -> its text, if that differs."""
 WITHOUT_STATE = frozenset({NO_ANSWER, UNKNOWN, GONE})
 """Shown in place of a state for nodes that reported none."""
 
@@ -107,7 +109,7 @@ def _report_change(answer: ChangeAnswer, *, is_json: bool) -> None:
     if is_json:
         print(json.dumps(change_data(answer), indent=1))
         return
-    # The culprit first, as in the first sentence.
+    # The node at fault first, as in the error message.
     members = sorted(answer.members, key=lambda member: not member.is_culprit)
     width = max((len(member.node) for member in members), default=0)
     for member in members:
@@ -115,7 +117,8 @@ def _report_change(answer: ChangeAnswer, *, is_json: bool) -> None:
 
 
 def _member(member: Member, width: int) -> Iterator[str]:
-    result = "" if member.result == "reached" else f"  {member.result}"
+    text = _RESULTS.get(member.result, member.result)
+    result = "" if member.result == "reached" else f"  {text}"
     yield f"{member.node:<{width}}  {member.state}{result}"
     for line in member.fault.splitlines():
         yield f"    {line}"

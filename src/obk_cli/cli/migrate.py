@@ -53,7 +53,7 @@ def command(
         raise MisuseError(f"`--to {to}`: expected `key` or `seed`")
     if write and (check or config == STANDARD_INPUT):
         other = "--check" if check else "a config from standard input"
-        raise MisuseError(f"`--write` does not go with {other}")
+        raise MisuseError(f"`--write` cannot be combined with {other}")
     file = open_for_edit(config)
     if isinstance(file, Diagnostic):
         print_findings((file,), color)

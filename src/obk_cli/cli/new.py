@@ -339,7 +339,7 @@ def print_kinds(templates: Path | None, form: Literal["text", "json"]) -> None:
 
 
 def _places(recipe: Recipe, library: TemplateLibrary) -> dict[str, list[str]]:
-    """The template folders, each with where its files are from."""
+    """Template folder -> where its files come from."""
     places: dict[str, list[str]] = {}
     for layer in recipe.layers:
         places[layer] = ["obk"]

@@ -148,7 +148,7 @@ def run_new(request: PackageRequest, options: NewOptions) -> None:
 
     Raises:
         MisuseError: a name or a message type is invalid.
-        CommandFailedError: files are in the way; nothing was created.
+        CommandFailedError: conflicting files exist; nothing was created.
     """
     config = Path(options.add_to.config) if options.add_to else None
     target = find_target(options.dest, request.kind, config)
@@ -202,10 +202,10 @@ def write_files(
 ) -> tuple[Decision, ...]:
     """Decide on each file, ask on a terminal, write, and `finish`.
 
-    `way_out`: what the user can do if files are in the way.
+    `remedy`: what the user can do about conflicting files.
 
     Raises:
-        CommandFailedError: a file is in the way, or the folder cannot be written.
+        CommandFailedError: a conflicting file exists, or the folder cannot be written.
     """
     paths = [file.path for file in (*composition.files, *composition.edits)]
     try:
@@ -276,7 +276,7 @@ def programs() -> str:
 
 
 def _with_model_controls(request: PackageRequest, target: TargetFolder) -> PackageRequest:
-    """A controller that gives the model of the workspace as many controls as it has actuators."""
+    """For a controller, set the number of controls to that of the model's actuators."""
     model = find_model(target.folder.resolve()) if request.kind == "controller" else None
     return replace(request, controls=model.actuators) if model and model.actuators else request
 
@@ -293,7 +293,7 @@ def _checked_spec(request: PackageRequest, target: TargetFolder) -> PackageSpec:
 
 
 def _note_missing_packages(spec: PackageSpec, target: TargetFolder) -> None:
-    """Print a note for each missing message package: it may be created later, or be misspelt."""
+    """Print a note for each missing message package: it may be misspelt, or created later."""
     index = PackageIndex.around(target.folder, Path.cwd(), os.environ)
     used = {message.package for message in spec.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
     for package in sorted(name for name in used if index.message_names(name) is None):

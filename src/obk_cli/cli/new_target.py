@@ -1,7 +1,6 @@
 """The folder of a new node: a package of its own, or an existing package.
 
-In: `--dest` and the working folder. Out: the folder and, if it is a package, its identity.
-Never writes.
+Finds the folder from `--dest` and the working folder, and reads its package. Never writes.
 """
 
 import os
@@ -87,7 +86,7 @@ def find_target(dest: Path | None, kind: Kind, config: Path | None = None) -> Ta
 
 
 def find_root(target: TargetFolder, name: str) -> Path:
-    """The folder of the package that the node of that (checked) name goes into.
+    """The folder of the package for a node of this name, which must be valid.
 
     Raises:
         CommandFailedError: the folder is a file, or is reached through a symbolic link that leads
@@ -173,7 +172,7 @@ def has_test_settings(root: Path) -> bool:
     """Whether the workspace around a package has settings with which its tests run.
 
     Raises:
-        CommandFailedError: they are not UTF-8.
+        CommandFailedError: the settings are not UTF-8.
     """
     workspace = find_workspace(root.parent)
     return any(_PLUGIN in read_text(workspace / name) for name in _SETTINGS)
@@ -197,7 +196,7 @@ def read_text(path: Path) -> str:
     """The text with its original line ends; empty if the file does not exist.
 
     Raises:
-        CommandFailedError: it is not UTF-8.
+        CommandFailedError: the file is not UTF-8.
     """
     try:
         return path.read_bytes().decode() if path.is_file() else ""
@@ -220,11 +219,11 @@ _STAND_INS = (
 )
 _MODEL_FOLDERS = (".", "model", "models")
 _OWN_MODEL = ".xml.jinja"
-"""The template of a model, for a workspace that has none."""
+"""Template of a model, for a workspace without one."""
 
 
 def compose_config(spec: PackageSpec, templates: Iterable[Template], root: Path) -> Composition:
-    """A config, and a small model where the workspace has neither a robot nor a model.
+    """Render a config, and a small model if the workspace has neither a robot nor a model.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
@@ -255,7 +254,7 @@ def _executables(environment: MachineEnvironment) -> Iterator[tuple[str, str]]:
 def _nodes(
     environment: MachineEnvironment, executables: Iterable[tuple[str, str]]
 ) -> tuple[StackNode, ...]:
-    """Those executables that can be read as nodes."""
+    """The executables that can be read as nodes."""
     codes = ((p, e, environment.read_node_code(p, e)) for p, e in executables)
     return tuple(
         StackNode(package=package, executable=executable, code=code)

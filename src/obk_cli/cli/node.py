@@ -43,9 +43,9 @@ def list_(
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """Show every node.
+    """List all nodes.
 
-    Nodes that `obk launch` started on this host are shown with their state and process.
+    Nodes that `obk launch` started on this host are listed with their state and process.
     """
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 TIMEOUT_S: Final = 5.0
-"""Longer than the discovery of any node takes [s]."""
+"""Longer than discovering any node takes [s]."""
 GIVEN: Final = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
 
 DomainOption = Annotated[
@@ -72,7 +72,7 @@ TimeoutOption = Annotated[
     ),
 ]
 MOST: Final = 1e6
-"""Largest number of any option: 11 days in seconds; the system cannot wait longer than 24."""
+"""Largest value of any numeric option: 11 days in seconds; the system's limit is 24 days."""
 
 
 def require_choice(option: str, value: str, choices: Collection[str]) -> None:

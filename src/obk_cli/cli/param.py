@@ -55,6 +55,9 @@ def _root() -> None:
     """Show and set parameters of running nodes, by name (control_0) or by section (control)."""
 
 
+_AT_CONFIGURE = " (takes effect at the next configure)"
+
+
 @app.command("list", epilog="Example: obk param list control_0")
 def list_(
     node: Annotated[
@@ -178,7 +181,7 @@ def dump(
     written = {}
     for name, one in values.items():
         if one.value is None or one.kind == "byte_array":
-            print(f"warning: {name} is {one.kind} and was left out", file=sys.stderr)
+            print(f"warning: {name} is {one.kind} and was skipped", file=sys.stderr)
         else:
             written[name] = one.value
     text = emit_node_params(opened.node, written)
@@ -192,7 +195,7 @@ def dump(
         write_text(output, text)
     except OSError as error:
         raise unwritable(output, error) from error
-    print(f"{len(written)} parameters of {opened.node} in {output}", file=sys.stderr)
+    print(f"wrote {len(written)} parameters of {opened.node} to {output}", file=sys.stderr)
 
 
 @app.command(epilog="Example: obk param save stack.yaml --diff")
@@ -267,7 +270,7 @@ def _description_lines(of_node: Mapping[str, ParameterDescription]) -> Iterator[
             one.kind,
             one.notes.range or ", ".join(one.notes.choices),
             one.notes.unit,
-            one.text + (" (at the next configure)" if one.notes.is_live is False else ""),
+            one.text + ("" if one.notes.is_live is not False else _AT_CONFIGURE),
         )
         for name, one in of_node.items()
     ]

@@ -73,7 +73,7 @@ def command(
         float | None,
         typer.Option(
             metavar="PART",
-            help="With --real-time: RMS difference that is accepted, as a part of a signal's span. "
+            help="With --real-time: accepted RMS difference, as a fraction of each signal's span. "
             "Default: 0.05.",
         ),
     ] = None,
@@ -107,10 +107,12 @@ def command(
         raise MisuseError("`--real-time` needs `--into CONFIG`")
     if tolerance is not None and not (real_time and tolerance >= 0.0):
         raise MisuseError(
-            f"`--tolerance {tolerance:g}`: expected at least 0, and `--real-time` with it"
+            f"`--tolerance {tolerance:g}` needs `--real-time` and a value of at least 0"
         )
     if into is not None and not real_time and rate != 1.0:
-        raise MisuseError("`--rate` with `--into` needs `--real-time`: lock-step has no pace")
+        raise MisuseError(
+            "`--rate` with `--into` needs `--real-time`: lock-step runs have no playback speed"
+        )
 
     from obk_cli.optional_deps import require_extra, require_ros
 
@@ -121,7 +123,7 @@ def command(
 
     run = open_run(find_recording(runs_folder(os.environ), recording))
     if not run.bag.is_complete:
-        print(f"note: {run.path} breaks off: its recorder did not end it", file=sys.stderr)
+        print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)
     topics = [topic_named(name, run.topics) for name in topic or ()]
     if into is not None:
         target = output or Path(f"{run.name}_replay.mcap")
@@ -154,7 +156,7 @@ def _publish(
 
     topics, left_out = playable_topics(run, named, may_move=may_move)
     for name in left_out:
-        print(f"note: {name} moves a robot and is left out", file=sys.stderr)
+        print(f"note: skipping {name}: it commands a robot", file=sys.stderr)
     target = with_types(graph_target(domain, timeout_s))
     played = play(run, topics, target, speed=speed, may_move=may_move, wait_s=timeout_s)
     for name, count in played.counts.items():
@@ -165,7 +167,7 @@ def _publish(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Replayed:
-    """Nodes of a config, their recorded inputs, and what they publish."""
+    """Nodes of a config, their recorded inputs, and their outputs."""
 
     config: str
     overrides: list[str]
@@ -266,10 +268,10 @@ def _replay(run: "RecordedRun", what: _Replayed) -> int:
 
 
 def _chosen(plan: "Plan", names: Sequence[str]) -> "Iterator[PlannedNode]":
-    """The nodes of these names, node names or sections.
+    """The nodes selected by node name or section.
 
     Raises:
-        MisuseError: a name is of none.
+        MisuseError: a name matches no node.
     """
     from obelisk_spec.suggestions import ask_for, near_names, there_is
 
@@ -295,8 +297,8 @@ def _inputs(
     """The recorded topics that the nodes subscribe to and do not publish themselves.
 
     Raises:
-        CommandFailedError: there is none.
-        MisuseError: a named topic is none of them.
+        CommandFailedError: the recording has no messages for the nodes.
+        MisuseError: a named topic is not a recorded input of the nodes.
     """
     from obelisk_spec.suggestions import list_names
 
@@ -336,8 +338,10 @@ def _compare(run: "RecordedRun", output: Path, topics: Sequence[str]) -> None:
         count, differs_s = first_different_message(run, again, topic)
         are_same = are_same and differs_s is None
         if differs_s is None:
-            print(f"{topic}: {with_number(count, 'message')}, the same bits as recorded")
+            print(f"{topic}: {with_number(count, 'message')}, bit-identical to the recording")
         else:
-            print(f"{topic}: the same up to message {count}; the first other at {differs_s:.4f} s")
+            print(
+                f"{topic}: identical up to message {count}, first difference at {differs_s:.4f} s"
+            )
     if not are_same:
         print("\n".join(difference_lines(compare_runs(run, again, topics))))

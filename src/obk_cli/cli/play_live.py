@@ -36,34 +36,34 @@ __all__ = ["LiveReplay", "refuse_commands", "replay_live"]
 BRING_UP_S: Final = 60.0
 """Limit for the nodes to become active [s]."""
 END_S: Final = 20.0
-"""Limit for the nodes to end, and for their recording [s]."""
+"""Limit for the nodes to shut down, and for their recording to finish [s]."""
 POLL_S: Final = 0.1
 LAST_S: Final = 0.5
-"""For the outputs that the last inputs cause [s]."""
+"""Wait for the outputs that the last inputs cause [s]."""
 _PROGRAM: Final = "obk_cli.cli.play_nodes"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveReplay:
-    """What to replay."""
+    """Options of a real-time replay."""
 
     request: NodesRequest
     inputs: Sequence[str]
     output: Path
     speed: float
     tolerance: float
-    """Of the RMS difference, as a part of a signal's span."""
+    """Accepted RMS difference, as a fraction of a signal's span."""
     domain: int | None
     """ROS domain; None: one that no other process uses."""
     may_move: bool
     wait_s: float
-    """For subscribers of the inputs [s]."""
+    """How long to wait for subscribers of the inputs [s]."""
 
 
 def refuse_commands(
     plan: "Plan", run: "RecordedRun", chosen: "Sequence[PlannedNode]", inputs: Collection[str]
 ) -> list[str]:
-    """The inputs that command no robot; reports the others.
+    """Return the inputs that command no robot; report the others.
 
     Raises:
         CommandFailedError: a node is a real robot, or publishes commands.
@@ -81,10 +81,10 @@ def refuse_commands(
             )
     for topic in inputs:
         if topic in moving:
-            print(f"note: {topic} moves a robot and is left out", file=sys.stderr)
+            print(f"note: skipping {topic}: it commands a robot", file=sys.stderr)
     left = [topic for topic in inputs if topic not in moving]
     if not left:
-        raise CommandFailedError(f"{run.path} has no other message for the nodes")
+        raise CommandFailedError(f"{run.path} has no other messages for the nodes")
     return left
 
 
@@ -132,7 +132,7 @@ def _domain(given: int | None) -> Iterator[int]:
 
 
 class _Nodes:
-    """The launcher of the nodes, and what it prints."""
+    """The launcher process of the nodes, and its output."""
 
     def __init__(self, request: NodesRequest, environment: RosEnvironment) -> None:
         self._lines: list[str] = []
@@ -144,10 +144,10 @@ class _Nodes:
         )
 
     def target_when_active(self, environment: RosEnvironment, runs: Path) -> GraphTarget:
-        """The nodes' ROS domain, once they are active.
+        """Wait until the nodes are active, and return their ROS domain.
 
         Raises:
-            CommandFailedError: they have ended, or are not active in time.
+            CommandFailedError: they stopped, or did not become active in time.
         """
         end_s = time.monotonic() + BRING_UP_S
         while time.monotonic() < end_s and self.child.exit_code is None:
@@ -156,13 +156,13 @@ class _Nodes:
                 if status is not None and status.state == "active":
                     return target_of(environment, environment.domain)
             time.sleep(POLL_S)
-        raise self._error(f"the nodes are not active within {BRING_UP_S:g} s")
+        raise self._error(f"the nodes did not become active within {BRING_UP_S:g} s")
 
     def end(self) -> None:
         """Shut the nodes down.
 
         Raises:
-            CommandFailedError: one has failed, or they do not end.
+            CommandFailedError: a node failed, or they did not stop.
         """
         self.child.signal(signal.SIGINT)
         if self.child.wait(END_S) != 0:
@@ -187,11 +187,11 @@ def _running(request: NodesRequest, environment: RosEnvironment) -> Iterator[_No
 
 
 def _keep(run: "RecordedRun", path: Path, replay: LiveReplay, played: Played) -> None:
-    """Write the outputs with times of the recorded run."""
+    """Write the outputs, with their times shifted to those of the recorded run."""
     first_ns = played.first_ns
 
     def recorded_ns(time_ns: int) -> int:
-        return first_ns + round((time_ns - played.begin_ns) * replay.speed)
+        return first_ns + round((time_ns - played.start_ns) * replay.speed)
 
     about = {"obelisk": {"replay": run.name, "rate": f"{replay.speed:g}"}}
     rewrite(open_run(path), replay.output, replay.request.outputs, recorded_ns, about)

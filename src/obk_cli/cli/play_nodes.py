@@ -37,12 +37,12 @@ class NodesRequest:
     """Topics to record."""
 
     def to_json(self) -> str:
-        """The request as the program takes it."""
+        """The request as the argument of this program."""
         return json.dumps(asdict(self))
 
 
 def only_nodes(plan: Plan, names: list[str]) -> Plan:
-    """The plan with these nodes only, which follow `/clock`."""
+    """The plan with these nodes only, all of which follow `/clock`."""
     chosen = (node for node in plan.nodes if node.full_name in names)
     return replace(
         plan,

@@ -102,7 +102,7 @@ def _stack(name: str | None, domain: int, *, is_needed: bool) -> Path | None:
 
 
 def _request(topics: list[str], folder: Path | None, *, every: bool) -> RecordRequest:
-    """The request; topics named without a pattern are waited for."""
+    """Build the request; the recorder waits for topics that are named without a pattern."""
     patterns = tuple(topic for topic in topics if any(sign in topic for sign in "*?["))
     names = [_absolute(topic) for topic in topics if topic not in patterns]
     known = topics_of_run(folder) if folder else {}

@@ -88,7 +88,7 @@ def command(
     faults = _faults(fault)
     outcome = compile_config(config, make_options(set_, ignore))
     plan = valid_plan(outcome, color)
-    assert outcome.config is not None  # the plan is made of it
+    assert outcome.config is not None  # a plan exists only if a config does
 
     refuse_hardware(
         outcome.config,
@@ -118,7 +118,7 @@ def _faults(text: str) -> tuple[Fault, ...]:
 
 
 def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
-    """Full names of the chosen nodes."""
+    """Full names of the selected nodes."""
     known = [node.full_name for node in plan.nodes]
     selected: set[str] = set()
     for name in names:
@@ -133,7 +133,7 @@ def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
 
 
 def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
-    """The processes that a launch makes of the plan."""
+    """The processes that a launch starts for the plan."""
     devices = {node.device for node in plan.nodes}
     if not is_composed:
         return units_of(plan, devices=devices)
@@ -204,7 +204,7 @@ _WRONG: Final = "FAILED"
 
 
 def rehearsal_text(verdicts: Sequence[Verdict]) -> str:
-    """A table in plain columns, what is not as expected below it, and a summary."""
+    """A plain table, details of unexpected reactions, and a summary."""
     cells = [HEAD, *map(_cells, verdicts)]
     widths = [max(len(verdict[column]) for verdict in cells) for column in range(len(HEAD))]
     lines = ["  ".join(_aligned(verdict, widths)).rstrip() for verdict in cells]
@@ -233,7 +233,7 @@ def rehearsal_table(verdicts: Sequence[Verdict], width: int) -> str:
 
 
 def rehearsal_json(verdicts: Sequence[Verdict]) -> str:
-    """The verdicts as a document for programs."""
+    """The verdicts as JSON."""
     is_right = all(verdict.is_right for verdict in verdicts)
     return json.dumps({"ok": is_right, "rows": [_data(verdict) for verdict in verdicts]}, indent=1)
 

@@ -45,7 +45,7 @@ def command(
 
 
 SCHEMA_PATH: Final = PurePosixPath(".vscode/obelisk.schema.json")
-"""In the folder that the editor opens; the configs that obk makes name it."""
+"""Relative to the folder that the editor opens; generated configs refer to this path."""
 _MODELINE: Final = "# yaml-language-server: $schema="
 _EXTENSION: Final = "redhat.vscode-yaml"
 _SKIPPED_FOLDERS = frozenset({"build", "install", "log", "node_modules", "venv", "__pycache__"})
@@ -80,12 +80,12 @@ def write_vscode_schema(folder: Path, schema: str) -> Iterator[str]:
 
 
 def _path_from(config: str) -> str:
-    """The schema's path as a config names it."""
+    """The schema's path, relative to a config."""
     return "../" * config.count("/") + str(SCHEMA_PATH)
 
 
 def _configs(folder: Path) -> dict[str, bool]:
-    """The configs in the folder, and fragments of one; whether each has the line."""
+    """Configs and config fragments in the folder -> whether each has the schema line."""
     found: dict[str, bool] = {}
     for root, folders, names in os.walk(folder):
         folders[:] = sorted(
@@ -101,7 +101,7 @@ def _configs(folder: Path) -> dict[str, bool]:
 
 def _read(path: Path) -> SourceFile | None:
     try:
-        # A pipe or a device might never end.
+        # Reading a pipe or a device might never return.
         if not path.is_file() or path.stat().st_size > _LONGEST_CONFIG_BYTES:
             return None
         source = decode_source(str(path), path.read_bytes())
@@ -111,7 +111,7 @@ def _read(path: Path) -> SourceFile | None:
 
 
 def _is_config(source: SourceFile) -> bool:
-    """Whether a text holds nodes with components, or includes a file that may."""
+    """Whether a text defines nodes with components, or includes a file that may."""
     tree = parse_source(source).tree
     if not isinstance(tree, TreeMap):
         return False

@@ -64,7 +64,7 @@ def _require_one(runs: Mapping[Path, Run]) -> None:
 def _stop(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
     """Stop one stack and print the result; return whether it has stopped."""
     end = end_launcher(
-        folder, run, reason="asked by `obk stop`", timeout_s=timeout_s, may_kill=may_kill
+        folder, run, reason="requested by `obk stop`", timeout_s=timeout_s, may_kill=may_kill
     )
     if end == "running":
         hint = "" if may_kill else "; use `--kill` to kill it"

@@ -38,7 +38,7 @@ Example: obk test my_robot.yaml
          obk test my_robot.yaml --twice -- --durations 5
 """
 SMOKE: Final = "smoke"
-"""What stands for the test of a config without tests."""
+"""Test ID of the smoke test, which runs if a config has no tests."""
 _SMOKE_MODULE: Final = "obk_testing.smoke"
 _NO_TESTS, _MISUSED = 5, 4
 """Exit codes of pytest."""
@@ -165,7 +165,7 @@ def _seconds_of(time_limit: str) -> float:
 def lockstep_environment(
     folder: Path, plan: Plan, *, may_build: bool, color: str
 ) -> Mapping[str, str]:
-    """The variables of the test process: no other process sees its nodes, and sums repeat."""
+    """The test process's environment: its nodes are isolated, and numerical results repeat."""
     from obk_cli.cli.build import on_overlays
     from obk_cli.launch.options import require_libraries
     from obk_cli.launch.process_groups import share_of
@@ -196,8 +196,8 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
     """
     from obk_cli.process.child_process import run_in_foreground
 
-    # Files that tests leave behind are removed with it, even if workers are killed. Pytest's own
-    # folders stay where users expect them.
+    # Temporary files of tests are removed with this folder, even if workers are killed. Pytest's
+    # own folders stay where users expect them.
     with tempfile.TemporaryDirectory(prefix="obk-test-") as scratch:
         variables = {
             "PYTEST_DEBUG_TEMPROOT": tempfile.gettempdir(),
@@ -219,14 +219,14 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
 
 
 def _tests(given: Sequence[str], folder: Path, output: Path) -> Iterator[str]:
-    """The arguments of pytest for what the user names, or for the tests beside the config."""
+    """Arguments of pytest: the tests named by the user, otherwise those beside the config."""
     named = [word for word in given if _is_test(word)]
     if not named:
         beside = default_tests(folder)
         named = [SMOKE if beside is None else str(beside)]
         given = [*given, *named]
     if all(map(_is_smoke, named)):
-        # The installed module has its own settings, and no files are left beside it.
+        # The installed module ignores the user's settings and leaves no files beside itself.
         yield from ("-c", os.devnull, "--rootdir", str(folder), "-p", "no:cacheprovider")
     else:
         yield from ("-o", f"cache_dir={output / '.pytest_cache'}")
@@ -248,10 +248,10 @@ def _smoke_arguments(word: str) -> Iterator[str]:
 
 
 def _found_again(node_id: str, folder: Path) -> str:
-    """A test's id, seen from the working folder or from the folder of the config.
+    """Resolve a test ID relative to the working folder or to the config's folder.
 
     Raises:
-        MisuseError: the file of the test does not exist.
+        MisuseError: the test file does not exist.
     """
     path, colons, rest = node_id.partition("::")
     if _is_test(node_id):
@@ -274,7 +274,7 @@ def default_tests(folder: Path) -> Path | None:
 
 
 def _uses_stack(path: Path) -> bool:
-    """Whether a function takes `stack`, and it is not a fixture of the file's own.
+    """Whether a function takes `stack`, and the file defines no fixture of that name.
 
     Pytest reports a file that cannot be read.
     """

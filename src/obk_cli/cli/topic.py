@@ -150,7 +150,7 @@ def echo(
     if format not in ("text", "json", "csv"):
         raise MisuseError(f"`--format {format}`: expected `text`, `json` or `csv`")
     if csv and format == "json":
-        raise MisuseError("`--csv` and `--format json` exclude each other")
+        raise MisuseError("`--csv` and `--format json` cannot be combined")
     most = 1 if once else count
 
     from obk_cli.introspect.message_text import MessageFormatter

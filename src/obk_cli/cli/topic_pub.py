@@ -91,9 +91,9 @@ def _publish(
     """Publish messages.
 
     Args:
-        target: where.
-        publication: what.
-        most: messages; None: without end.
+        target: the ROS graph.
+        publication: topic, type and message.
+        most: number of messages; None: until Ctrl-C.
         rate_hz: messages per second.
     """
     from obk_cli.introspect.publishing import (
@@ -132,7 +132,7 @@ def _publish(
 
 
 def _split_arguments(arguments: list[str]) -> tuple[str | None, str]:
-    """Split what follows the topic into the full type (None if not given) and the message.
+    """Split the arguments after the topic into the full type (None if omitted) and the message.
 
     Raises:
         MisuseError: there are more than two arguments, or the first of two is not a type.

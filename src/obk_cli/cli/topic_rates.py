@@ -1,4 +1,4 @@
-"""`obk topic hz TOPIC...` and `obk topic delay TOPIC`: how often and how late messages come."""
+"""`obk topic hz TOPIC...` and `obk topic delay TOPIC`: measure message rates and latencies."""
 
 import sys
 import time
@@ -36,7 +36,7 @@ DELAY_EXAMPLE = "Example: obk topic delay est --duration 5"
 REPORT_S: Final = 1.0
 """Time between two reports [s]."""
 POLL_S: Final = 0.001
-"""Polling period, small compared with the measured latencies [s]."""
+"""Polling period; short compared with the measured latencies [s]."""
 
 DurationOption = Annotated[
     float | None, typer.Option(help="Measure for this time [s] and print one report.")
@@ -88,7 +88,7 @@ def _measure_rates(
     *,
     is_json: bool,
 ) -> "Mapping[str, TopicRate]":
-    """Measure rates; without a duration, report them each second until Ctrl-C."""
+    """Measure rates; without a duration, report them every second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.ros.meters import RosMeter
     from obk_cli.ros.participant import open_participant
@@ -145,7 +145,7 @@ def _measure_delay(
     *,
     is_json: bool,
 ) -> "tuple[str, Delay | None, int]":
-    """Measure delays; without a duration, report them each second until Ctrl-C."""
+    """Measure latencies; without a duration, report them every second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.ros.meters import DelayMeter, is_of_other_clock, stamp_getter
     from obk_cli.ros.participant import open_participant
@@ -207,7 +207,7 @@ def _print_rates(rates: "Mapping[str, TopicRate]", *, is_json: bool) -> None:
 def _require_messages(rates: "Mapping[str, TopicRate]", passed_s: float, limit_s: float) -> None:
     silent = [name for name, rate in rates.items() if not rate.count]
     if silent and passed_s >= limit_s:
-        raise CommandFailedError(f"no message came on {', '.join(silent)} within {limit_s:g} s")
+        raise CommandFailedError(f"no message received on {', '.join(silent)} within {limit_s:g} s")
 
 
 def _print_delay(
@@ -228,13 +228,14 @@ def _print_delay(
             f"the stamps of the messages on {topic} are zero: the publisher never sets them"
         )
     elif passed_s >= limit_s:
-        raise CommandFailedError(f"no message came on {topic} within {limit_s:g} s")
+        raise CommandFailedError(f"no message received on {topic} within {limit_s:g} s")
     else:
-        print(f"no message on {topic} yet", file=sys.stderr)
+        print(f"no message received on {topic} yet", file=sys.stderr)
 
 
 SILENT_S: Final = 1.0
-"""A topic without messages for this time, and for twice its longest interval, is silent [s]."""
+"""Minimum time without messages before a topic counts as silent; twice its longest interval, if
+that is longer [s]."""
 
 
 def rate_text(rate: TopicRate) -> str:
@@ -255,7 +256,7 @@ def rate_text(rate: TopicRate) -> str:
     parts.append(f"{_amount(rate.bytes_per_s or 0.0)}/s")
     parts.append(f"{rate.seen} messages in {rate.window_s:.2f} s")
     if age_s > max(SILENT_S, 2 * (rate.max_s or 0.0)):
-        parts.append(f"none for {age_s:.1f} s")
+        parts.append(f"no message for {age_s:.1f} s")
     return "  ".join(parts)
 
 
@@ -265,7 +266,7 @@ def rate_data(topic: str, rate: TopicRate) -> dict[str, Any]:
 
 
 def delay_text(delay: Delay) -> str:
-    """The delays of a topic as text."""
+    """The latency of a topic as text."""
     clock = f"the stamps come from another clock, {delay.pace:.3g} times as fast"
     zero = f"  (relative to the fastest message: {clock})" if delay.is_relative else ""
     if delay.is_simulated:
@@ -277,7 +278,7 @@ def delay_text(delay: Delay) -> str:
 
 
 def delay_data(topic: str, delay: Delay) -> dict[str, Any]:
-    """The delays of a topic as JSON data."""
+    """The latency of a topic as JSON data."""
     return {"topic": topic, **asdict(delay)}
 
 

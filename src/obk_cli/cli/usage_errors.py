@@ -34,12 +34,12 @@ def misuse(error: click.UsageError, context: click.Context) -> MisuseError:
             return MisuseError(f"`{path}` needs {param.make_metavar(context)}", help=usage)
         case click.BadParameter(param=click.Parameter() as param):
             is_option = isinstance(param, click.Option)
-            subject = max(param.opts, key=len) if is_option else param.make_metavar(context)
-            return MisuseError(f"`{subject}`: {_sentence(error.message)}")
-        case _ if isinstance(command, click.Group) and (name := _unknown_command(error)):
+            shown = max(param.opts, key=len) if is_option else param.make_metavar(context)
+            return MisuseError(f"`{shown}`: {_sentence(error.message)}")
+        case _ if isinstance(command, click.Group) and (unknown := _unknown_command(error)):
             return MisuseError(
-                f"unknown command `{path} {name}`",
-                help=did_you_mean(name, command.list_commands(context)),
+                f"unknown command `{path} {unknown}`",
+                help=did_you_mean(unknown, command.list_commands(context)),
             )
         case _:
             return MisuseError(_sentence(error.message), help=usage if error.ctx else None)

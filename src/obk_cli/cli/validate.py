@@ -110,9 +110,10 @@ def command(
 
 def _check_together(configs: list[str], form: str, *, fix: bool, diff: bool, watch: bool) -> None:
     if diff and not fix:
-        raise MisuseError("`--diff` shows what `--fix` would change: give both")
+        raise MisuseError("`--diff` needs `--fix`")
     if watch and (fix or form != "text"):
-        raise MisuseError(f"`--watch` does not go with {'--fix' if fix else '--format ' + form}")
+        other = "--fix" if fix else f"--format {form}"
+        raise MisuseError(f"`--watch` cannot be combined with `{other}`")
     if (fix or watch) and STANDARD_INPUT in configs:
         raise MisuseError(f"`--{'fix' if fix else 'watch'}` needs files, not standard input")
 
@@ -204,7 +205,7 @@ def fix_file(config: str, options: Options, *, show_only: bool, colour: bool) ->
 def _reopen(source: SourceFile) -> EditedFile:
     file = open_for_edit(source.path)
     if isinstance(file, Diagnostic) or file.source.text != source.text:
-        raise CommandFailedError(f"`{source.path}` has changed meanwhile, nothing is written")
+        raise CommandFailedError(f"`{source.path}` changed during the edit; nothing was written")
     return file
 
 
@@ -253,7 +254,7 @@ class WatchedRun:
         return read_bytes(path)
 
     def _note(self, path: Path) -> None:
-        """Records the state before a file is read, so that changes during the check are noticed."""
+        """Record a file's state before it is read, so that changes during the check are noticed."""
         if path not in self.marks:
             self.marks[path] = _mark(path)
 
@@ -274,7 +275,7 @@ def _wait() -> None:
 
 
 def _settle(paths: Iterable[Path], wait: Callable[[], None]) -> None:
-    """Wait until the files stop changing: an editor removes the old file first."""
+    """Wait until the files stop changing; some editors remove the old file first."""
     before = None
     while before != (now := _marks(paths)):
         before = now
@@ -294,7 +295,7 @@ def _mark(path: Path) -> Mark:
 
 
 def _files_of(stack: Stack) -> Iterable[Path]:
-    """Paths where other files were looked for, existing or not."""
+    """Paths that were searched for other files, existing or not."""
     for node in stack.nodes:
         of_sims = (search for sim in node.sims for search in (sim.model, *sim.files))
         for search in (*of_sims, node.params_file, node.urdf_file):

@@ -16,6 +16,7 @@ from obk_cli.errors import EXIT_DONE
 from obk_cli.monitor.parameters import StackParameters
 from obk_cli.monitor.stack_follower import StackFollower, StackSelector
 from obk_cli.optional_deps import require_extra
+from obk_cli.process.signals import handle_end_signals
 from obk_cli.runs.folder import runs_folder
 
 __all__ = ["EXAMPLE", "command"]
@@ -71,22 +72,24 @@ def command(
             lambda: server.is_ending,
         )
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"
-        print(f"serving the stack at {url}\nCtrl-C stops the server", flush=True)
-        if run is not None and not is_there:
-            print(f"no stack `{run}` is running here yet; the page waits for it", flush=True)
         feed.start()
-        if open_:
-            folder = temporary.enter_context(TemporaryDirectory(prefix="obk_web_"))
-            address = _redirect(Path(folder), url).as_uri()
-            # Some browsers block the call until the page has loaded.
-            threading.Thread(target=webbrowser.open, args=[address], daemon=True).start()
-        server.run(make_app(site, token=token, port=number), listener)
+        # From here on, Ctrl-C is the normal end. An exception would leave a half-built event loop.
+        with handle_end_signals(lambda _signal: server.end()):
+            print(f"serving the stack at {url}\nCtrl-C stops the server", flush=True)
+            if run is not None and not is_there:
+                print(f"no stack `{run}` is running here yet; the page waits for it", flush=True)
+            if open_:
+                folder = temporary.enter_context(TemporaryDirectory(prefix="obk_web_"))
+                address = _redirect(Path(folder), url).as_uri()
+                # Some browsers block the call until the page has loaded.
+                threading.Thread(target=webbrowser.open, args=[address], daemon=True).start()
+            server.run(make_app(site, token=token, port=number), listener)
         feed.stop()
     raise typer.Exit(EXIT_DONE)
 
 
 def _redirect(folder: Path, url: str) -> Path:
-    """A file that leads a browser to `url`, in a folder that only this user can read.
+    """Create a file that redirects a browser to `url`, in a folder that only this user can read.
 
     Any user of the host can read the command line of a browser, so the token must not be in it.
     Jupyter does the same.

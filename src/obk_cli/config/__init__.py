@@ -1,1 +1,1 @@
-"""From the text of a config to a typed stack in which each value has its place."""
+"""Read the text of a config into a typed stack in which each value has its location."""

@@ -1,6 +1,6 @@
-"""What the stages may ask of the world around a config, as types: packages, models, their lines.
+"""Types for what the stages look up outside a config: packages, models, their lines.
 
-The adapters answer; tests answer with tables. Looks at nothing itself.
+`workspace.environment` looks things up on this machine, tests in tables. This module reads nothing.
 """
 
 import sys
@@ -39,22 +39,22 @@ __all__ = [
 
 
 UNSEARCHED = ("build", "install", "log")
-"""Folders of a workspace into which building writes: what is in them is a copy."""
+"""Build folders of a workspace; they contain copies."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command:
-    """How an executable is started: the arguments, and what must be in the environment."""
+    """How to start an executable: its arguments and environment."""
 
     arguments: tuple[str, ...]
     python_path: tuple[Path, ...] = ()
     """Folders to put in front of PYTHONPATH."""
     found_in: str
-    """For a person: where it was found."""
+    """Where it was found, for messages."""
     module: str | None = None
-    """The Python module that holds what is run, where that is known."""
+    """The Python module that is run, if known."""
     function: str | None = None
-    """The function of `module` that is called; None for a module that is run as a program."""
+    """The function of `module` that is called; None if the module is run as a program."""
 
     @property
     def is_of_this_python(self) -> bool:
@@ -67,26 +67,26 @@ class Command:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExecutableMissing:
-    """An executable that is nowhere, and what was looked through."""
+    """An executable that was not found, and where it was searched."""
 
     package: str
     executable: str
     package_found: bool
     searched: tuple[str, ...]
     available: tuple[str, ...] = ()
-    """Executables that the package does have."""
+    """Executables that the package has."""
     not_executable: Path | None = None
-    """A file of that name without the execute bit."""
+    """A file with that name, but without the execute bit."""
     declared_in: Path | None = None
-    """The CMakeLists.txt that declares it; it is not built."""
+    """The CMakeLists.txt that declares it, if it is not built."""
     unsourced: Path | None = None
-    """The file of that name in an `install` folder of the workspace that is not sourced."""
+    """The file in an `install` folder of the workspace, if that is not sourced."""
     left_out: Path | None = None
-    """A folder with a package of that name, within one that is not searched."""
+    """A folder with a package of that name, inside a folder that is not searched."""
 
     @property
     def looked(self) -> str:
-        """The help for a package that is not found: where it was searched."""
+        """The help for a missing package: where it was searched."""
         searched = f"searched {', '.join(self.searched)}"
         if self.left_out is None:
             return searched
@@ -98,20 +98,20 @@ class ExecutableMissing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelRead:
-    """A model that could be read."""
+    """A model that was read."""
 
     facts: ModelFacts
     referenced_files: tuple[tuple[str, str], ...] = ()
-    """Meshes, textures, ..., each by its path under its folder and by its path as written."""
+    """Meshes, textures and so on: path below the folder, and path as written."""
     missing_files: tuple[str, ...] = ()
-    """Those that are not at the path in the model."""
+    """Referenced files that do not exist at the path in the model."""
     fault: "ModelFault | None" = None
     """Why MuJoCo cannot compile it; None if files are missing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelFault:
-    """A model that cannot be read; `line` counts from 1, None where none is named."""
+    """A model that cannot be read; `line` counts from 1, or is None if unknown."""
 
     message: str
     line: int | None = None
@@ -119,7 +119,7 @@ class ModelFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyRead:
-    """A network that could be read; None: its file leaves a length open."""
+    """A network that was read; None for a length that its file leaves open."""
 
     inputs: int | None
     outputs: int | None
@@ -134,60 +134,60 @@ class PolicyFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplacedMessages:
-    """A package of the workspace in the place of one of Obelisk's, and what it lacks."""
+    """A workspace package that replaces one of Obelisk's, and what it lacks."""
 
     package: str
     folder: Path
     types: tuple[str, ...]
-    """Messages that it does not have."""
+    """Missing messages."""
     fields: tuple[str, ...]
-    """Fields that its messages do not have, `TrueSimState.y`."""
+    """Missing fields of its messages, `TrueSimState.y`."""
 
 
 class Environment(Protocol):
-    """The questions."""
+    """Lookups outside the config."""
 
     def find_package_share(self, name: str) -> Path | None:
-        """The folder that holds a package's data, None if there is no such package."""
+        """The folder with a package's data; None if the package does not exist."""
 
     def manifest_fault(self, package: str) -> "CodeFault | None":
         """Why the package.xml of a package in source cannot be read; None if it can."""
 
     def package_names(self) -> tuple[str, ...]:
-        """Every package that is there."""
+        """The names of all packages."""
 
     def message_packages(self) -> tuple[str, ...]:
         """The packages of the workspace that define messages."""
 
     def message_names(self, package: str) -> tuple[str, ...] | None:
-        """The messages that a package defines, None if there is no such package."""
+        """The messages that a package defines; None if the package does not exist."""
 
     def replaced_messages(self) -> "tuple[ReplacedMessages, ...]":
-        """The packages of the workspace that have the name of one of Obelisk's, and lack some."""
+        """The workspace packages that replace one of Obelisk's and lack something."""
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
-        """How an executable is started."""
+        """How to start an executable."""
 
     def read_node_code(self, package: str, executable: str) -> "NodeCode | None":
-        """What the Python source of an executable defines, None if that cannot be known."""
+        """What the Python source of an executable defines; None if it cannot be read."""
 
     def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
-        """What in the source of an executable may differ between two lock-step runs."""
+        """Code of an executable that may differ between two lock-step runs."""
 
     def is_cpp(self, package: str, executable: str) -> bool:
-        """Whether an executable is in C++, as far as that can be known."""
+        """Whether an executable is written in C++, as far as known."""
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
-        """The facts of a model, None where MuJoCo is not installed."""
+        """The facts of a model; None if MuJoCo is not installed."""
 
     def read_policy(self, path: Path) -> PolicyRead | PolicyFault | None:
-        """The lengths of a network, None where onnxruntime is not installed."""
+        """The lengths of a network; None if onnxruntime is not installed."""
 
     def model_line(self, path: Path, line: int) -> Span:
         """A whole line of a model file."""
 
     def model_element(self, path: Path, kind: str, name: str) -> Span | None:
-        """Where a model defines an element of that kind and name."""
+        """The location where a model defines this element."""
 
 
 _KINDS: Final = {bool: "bool", int: "int", float: "float", str: "text"}
@@ -201,38 +201,38 @@ class CodeComponent:
     ros_parameter: str | None
     key: str | None
     msg_type: str | None
-    """Full, None where the config decides or the code computes it."""
+    """Full name; None if the config determines it or the code computes it."""
     has_type: bool
-    """Whether the code gives a message type, or may give one that is computed."""
+    """Whether the code passes a message type, possibly a computed one."""
     is_required: bool
-    """Whether configure fails without settings; False too where that is not known."""
+    """Whether configure fails without settings; False if unknown."""
     is_optional: bool
     """Whether the code marks it as optional."""
     has_default: bool
-    """Whether the code brings settings of its own."""
+    """Whether the code has default settings."""
     is_named_in_full: bool
-    """Whether both names are known; else the config may use one that is computed."""
+    """Whether both names are known; otherwise the config may use a computed one."""
     is_of_library: bool
     """Whether a base class of the run-time library registers it."""
     has_typed_base: bool = False
-    """Whether that base class received message types, as since the second API generation."""
+    """Whether that base class is given message types, as since API generation 2."""
     span: Span
     """The line of the call."""
 
     @property
     def names(self) -> frozenset[str]:
-        """Every spelling under which the config may name it."""
+        """All names by which the config may refer to it."""
         given = (name for name in (self.ros_parameter, self.key) if name)
         return frozenset(spelling for name in given for spelling in component_spellings(name))
 
     @property
     def name(self) -> str:
-        """What the code calls it: the ROS parameter, else the key."""
+        """Its name in the code: the ROS parameter, otherwise the key."""
         return self.ros_parameter or self.key or ""
 
     @property
     def written(self) -> tuple[str, str]:
-        """How a config names it: `key` with its key, else `ros_parameter` with that."""
+        """How a config names it: `key` with its key, otherwise `ros_parameter` with its name."""
         if self.ros_parameter is None or self.ros_parameter.endswith(SETTING_SUFFIX):
             return "key", component_identity(self.name)
         return ("key", self.key) if self.key else ("ros_parameter", self.ros_parameter)
@@ -244,15 +244,15 @@ class CodeParameter:
 
     name: str
     kind: str | None
-    """As `kind_of_value` has it, None where the code takes any or computes it."""
+    """As in `kind_of_value`; None if the code accepts any or computes it."""
     span: Span
     """The line of the call."""
     notes: ParameterNotes | None = None
-    """Limits and unit; None unless it is declared with `Parameter`."""
+    """Limits and unit; None unless declared with `Parameter`."""
 
 
 def kind_of_value(value: object) -> str | None:
-    """Of which kind a parameter with this value is, `float` or `list of ints`; None: of none."""
+    """The kind of a parameter with this value, `float` or `list of ints`; None if it has none."""
     if isinstance(value, list | tuple):
         kinds = {_KINDS.get(type(item)) for item in value}
         kind = kinds.pop() if len(kinds) == 1 else None
@@ -262,18 +262,18 @@ def kind_of_value(value: object) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingMethod:
-    """An abstract method that the class leaves out."""
+    """An abstract method that the class does not implement."""
 
     name: str
     span: Span
     """Where it is declared."""
     near: tuple[str, ...] = ()
-    """Methods of the class that look like it."""
+    """Methods of the class with similar names."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlLength:
-    """How many controls the code writes into a control message."""
+    """Number of controls that the code writes into a control message."""
 
     field: str
     length: int
@@ -282,7 +282,7 @@ class ControlLength:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyUse:
-    """A component that a method looks up: `self.obk_publishers["pub_ctrl"]`."""
+    """A component that a method uses: `self.obk_publishers["pub_ctrl"]`."""
 
     kind: ComponentKind
     key: str
@@ -301,19 +301,19 @@ class NodeFacts:
     parameters: tuple[CodeParameter, ...]
     """The ROS parameters that it declares itself, each once."""
     knows_components: bool
-    """Whether `components` is all there can be."""
+    """Whether `components` is complete."""
     knows_parameters: bool
-    """Whether `parameters` is all there can be."""
+    """Whether `parameters` is complete."""
     missing_methods: tuple[MissingMethod, ...] = ()
     control_lengths: tuple[ControlLength, ...] = ()
     key_uses: tuple[KeyUse, ...] = ()
     findings: tuple[Diagnostic, ...] = ()
-    """What is wrong in the source whatever the config contains."""
+    """Findings in the source that do not depend on the config."""
     can_damp: bool | None = None
     """Whether a robot implements `apply_damping`; None for other nodes, or if unknown."""
 
     def component_of(self, component: Component) -> CodeComponent | None:
-        """What the code registers for a component of the config."""
+        """The registration in the code for a component of the config."""
         written = {name.value for name in (component.ros_parameter, component.key) if name}
         same_kind = (c for c in self.components if c.kind == component.kind)
         return next((c for c in same_kind if not written.isdisjoint(c.names)), None)
@@ -324,19 +324,19 @@ class CodeFault:
     """Source that cannot be read as a node."""
 
     message: str
-    """Of the source: "is not Python: ..."."""
+    """A predicate for the source: "is not Python: ..."."""
     place: str
-    """The file, for the sentence."""
+    """The file, as the subject of the sentence."""
     span: Span | None = None
     help: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceFaults:
-    """Source whose node class is unknown, and what is wrong in it."""
+    """Source whose node class is unknown, and findings in it."""
 
     findings: tuple[Diagnostic, ...]
 
 
 NodeCode = NodeFacts | CodeFault | SourceFaults
-"""What reading the source of an executable can give."""
+"""Possible results of reading the source of an executable."""

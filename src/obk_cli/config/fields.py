@@ -1,7 +1,6 @@
-"""Read the keys of one mapping: each value of the right kind, or a finding and None.
+"""Read the keys of a mapping: each value has the right kind, or a finding is added and it is None.
 
-Null is the same as not written, except where a key is required. Names that ROS would reject are
-findings too.
+Null counts as not set, except for required keys. Names that ROS would reject are findings, too.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -150,7 +149,7 @@ RAY_CASTER_KEYS: Final = ("site_name", "geom_groups", "pattern", "scan_config", 
 OLDER_KEYS: Final[Mapping[str, str]] = {"sensor_type": "msg_type"}
 """Older name of a sensor group's key -> the newer one."""
 NO_EFFECT_KEYS: Final = ("non_obelisk", "callback_key", "impl", "viz_tool")
-"""Keys of older configs that are read and do nothing."""
+"""Keys of older configs that are accepted and ignored."""
 _TIMER_NO_EFFECT_KEYS: Final = (*NO_EFFECT_KEYS, "history_depth")
 
 
@@ -159,13 +158,13 @@ T = TypeVar("T")
 Faults = list[Diagnostic]
 
 _MOST_COMPARED = 400
-"""Findings up to which an unknown key is compared with the known ones."""
+"""Maximum number of findings for which unknown keys are compared with known ones."""
 
 _TOO_LARGE_FOR_FLOAT = 2**1023
 
 
 class Fields:
-    """The keys of one mapping; findings go into the list that it was made with."""
+    """The keys of one mapping; findings are added to the list passed to the constructor."""
 
     def __init__(self, tree: TreeMap, what: str, keys: tuple[str, ...], faults: Faults) -> None:
         self.tree = tree
@@ -193,7 +192,7 @@ class Fields:
         elif near:
             help = ask_for(near) or help
         if near:
-            # It is read as what it was meant to be, so that nothing is reported missing.
+            # Read it as the key that was meant, so that nothing is reported missing.
             self._entries.setdefault(near[0], entry)
         message = f"{self._what} has no key `{entry.key}`"
         meant = sure_name(entry.key, compared)
@@ -203,7 +202,7 @@ class Fields:
         self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=edits))
 
     def entry(self, key: str, *, required: bool = False) -> Entry | None:
-        """The entry of a key that holds something."""
+        """The entry of a key whose value is not empty."""
         entry = self._entries.get(key)
         if entry is None:
             if required:
@@ -218,16 +217,16 @@ class Fields:
 
     @property
     def start(self) -> Span:
-        """The place of the mapping's first key, or of the mapping."""
+        """The location of the mapping's first key, otherwise of the mapping."""
         first = next(iter(self.tree), None)
         return first.key_span if first else self.tree.span
 
     def text(self, key: str, *, required: bool = False) -> Spanned[str] | None:
-        """A text that is not empty."""
+        """A non-empty text."""
         return self._read(key, required, "text", _text)
 
     def no_or_text(self, key: str) -> Spanned[str] | None:
-        """A text; the word `None`, in any case, counts as not written."""
+        """A text; the word `None`, in any case, counts as not set."""
         text = self.text(key)
         return None if text is None or is_none(text.value) else text
 
@@ -250,7 +249,7 @@ class Fields:
         return self._within(key, number, expected, lambda value: least <= value <= most)
 
     def period_s(self, key: str, *, required: bool = False) -> Spanned[float] | None:
-        """A number of seconds above 0, of which ROS can count the nanoseconds."""
+        """A number of seconds above 0 that fits in ROS's nanoseconds."""
         expected = "a number of seconds greater than 0"
         number = self._read(key, required, expected, _number)
         number = self._within(key, number, expected, lambda value: value > 0)
@@ -260,7 +259,7 @@ class Fields:
         )
 
     def one_of(self, key: str, allowed: Iterable[str]) -> Spanned[str] | None:
-        """One of certain words."""
+        """One of several words."""
         text = self.text(key)
         words = tuple(allowed)
         if text is None or text.value in words:
@@ -281,7 +280,7 @@ class Fields:
         return None
 
     def maps(self, key: str) -> tuple[TreeMap, ...]:
-        """A list of mappings, or one mapping for a list of one."""
+        """A list of mappings; a single mapping counts as a list of one."""
         entry = self.entry(key)
         return () if entry is None else read_items(key, entry.value, self._faults)
 
@@ -312,7 +311,7 @@ class Fields:
 
 
 def read_items(key: str, tree: Tree, faults: Faults) -> tuple[TreeMap, ...]:
-    """The mappings of a list; one mapping counts as a list of one."""
+    """The mappings of a list; a single mapping counts as a list of one."""
     if isinstance(tree, TreeMap):
         return (tree,)
     if not isinstance(tree, TreeList):
@@ -377,27 +376,27 @@ def _number(value: object) -> float | None:
 
 
 def check_topic(topic: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
-    """The topic, with a finding if it is none."""
+    """The topic; adds a finding if it is invalid."""
     return _checked(topic, topic_name_fault, "OBK109", "a topic name", faults)
 
 
 def check_namespace(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
-    """The namespace, with a finding if it is none."""
+    """The namespace; adds a finding if it is invalid."""
     return _checked(name, namespace_fault, "OBK110", "a namespace", faults)
 
 
 def _name_part_fault(name: str) -> str | None:
-    # A digit may come first: the whole name starts with `obelisk_`.
+    # A digit may come first, because the whole name starts with `obelisk_`.
     return node_name_fault(f"n{name}")
 
 
 def check_node_name(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
-    """The node's name part, with a finding if it can be none."""
+    """The node's part of a name; adds a finding if it is invalid."""
     return _checked(name, _name_part_fault, "OBK110", "part of a node name", faults)
 
 
 def check_package(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
-    """The package's name, with a finding if it is none."""
+    """The package's name; adds a finding if it is invalid."""
     return _checked(name, package_name_fault, "OBK111", "a package name", faults)
 
 
@@ -411,5 +410,5 @@ def _checked(
     fault = fault_of(name.value) if name else None
     if name is not None and fault is not None:
         faults.append(found(code, f"`{name.value}` cannot be {what}: {fault}", name.span))
-    # A wrong name is kept: what it stands for is still there, and is not to be reported missing.
+    # An invalid name is kept, so that what it names is not reported missing.
     return name

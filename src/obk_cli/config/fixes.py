@@ -1,7 +1,7 @@
-"""Safe fixes, as edits: another word in a place, a key taken out of a mapping.
+"""Safe fixes as edits: replace a word, or remove a key from a mapping.
 
-Spans and entries of the user's text in; edits out, none where the text does not plainly hold what
-is to change: a value that came through an alias, a variable or an escape.
+There is no edit if the user's text does not plainly contain the value to change: because it comes
+from an alias, a variable or an escape.
 """
 
 import json
@@ -22,7 +22,7 @@ _SAFE_PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_./-]*")
 
 
 def respell(span: Span, old: str, new: str) -> tuple[Edit, ...]:
-    """The edit that writes `new` where `old` is written, in the same quotes."""
+    """The edit that replaces `old` with `new`, in the same quotes."""
     written = _written(span)
     quote = written[:1] if written[:1] in ("'", '"') else ""
     if not old or written != f"{quote}{old}{quote}":
@@ -34,12 +34,12 @@ def respell(span: Span, old: str, new: str) -> tuple[Edit, ...]:
 
 
 def append_to(span: Span, written: str, end: str) -> tuple[Edit, ...]:
-    """The edit that puts `end` behind what is `written`, without quotes."""
+    """The edit that appends `end` to the unquoted text `written`."""
     return (Edit(span, f"{written}{end}"),) if _written(span) == written else ()
 
 
 def _written(span: Span) -> str:
-    """What stands in a span of one line."""
+    """The text of a one-line span."""
     return span.text if span.end_line == span.line else ""
 
 
@@ -50,7 +50,7 @@ def is_flow(mapping: TreeMap) -> bool:
 
 
 def remove_entry(mapping: TreeMap, entry: Entry) -> tuple[Edit, ...]:
-    """The edit that removes a key with its value of one line; a comment behind it stays."""
+    """The edit that removes a key with its one-line value; a comment after it is kept."""
     key, value = entry.key_span, entry.value.span
     line = key.source.line(key.line)
     between = line[key.end_column - 1 : value.column - 1]
@@ -64,7 +64,7 @@ def remove_entry(mapping: TreeMap, entry: Entry) -> tuple[Edit, ...]:
 
 
 def _from_flow(place: Span) -> Edit:
-    """With the comma behind it, or for the last one that before it."""
+    """With the comma after it; for the last entry, the comma before it."""
     line = place.source.line(place.line)
     after = _COMMA_AFTER.match(line, place.end_column - 1)
     before = None if after else _COMMA_BEFORE.search(line, 0, place.column - 1)

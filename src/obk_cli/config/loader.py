@@ -1,4 +1,4 @@
-"""A config's text and everything that it includes -> one tree, in which each value has its place.
+"""Load a config and everything that it includes into one tree in which each value has a location.
 
 Reads each file once, replaces variables, merges includes, and applies `--set`.
 """
@@ -30,13 +30,13 @@ _MOST_STEPS = 100
 
 
 def merge_trees(inner: Tree, outer: Tree) -> Tree:
-    """`outer` over `inner`: mappings key by key, lists of mappings by identity, else outer wins."""
+    """Merge `outer` over `inner`: mappings by key, lists of mappings by identity."""
     match inner, outer:
         case TreeMap(), TreeMap():
             return _merge_maps(inner, outer)
         case ((TreeList() | TreeMap()), (TreeList() | TreeMap())):
             inner_items, outer_items = _as_maps(inner), _as_maps(outer)
-            # An empty list takes the place of the inner one.
+            # An empty list replaces the inner one.
             if inner_items is not None and outer_items:
                 return TreeList(_merge_items(inner_items, outer_items), outer.span)
     return outer
@@ -50,7 +50,7 @@ def _merge_maps(inner: TreeMap, outer: TreeMap) -> TreeMap:
 
 
 def _merge_entry(inner: Entry, outer: Entry | None) -> Entry | None:
-    """The merged entry; None where the outer file sets the key to null and so removes it."""
+    """The merged entry; None if the outer file removes the key by setting it to null."""
     if outer is None:
         return inner
     if isinstance(outer.value, TreeScalar) and outer.value.value is None:
@@ -59,7 +59,7 @@ def _merge_entry(inner: Entry, outer: Entry | None) -> Entry | None:
 
 
 def _as_maps(tree: TreeList | TreeMap) -> tuple[TreeMap, ...] | None:
-    """The mappings of a list; one mapping stands for a list of one; None for other lists."""
+    """The mappings of a list; a single mapping counts as a list of one; None for other lists."""
     items = (tree,) if isinstance(tree, TreeMap) else tree.items
     maps = tuple(item for item in items if isinstance(item, TreeMap))
     return maps if len(maps) == len(items) else None
@@ -79,7 +79,7 @@ def _merge_items(inner: tuple[TreeMap, ...], outer: tuple[TreeMap, ...]) -> tupl
 
 
 def _identity(item: TreeMap) -> Identity | None:
-    """What makes an item the same as another: its first naming key and that key's value."""
+    """The identity of an item: its first naming key and that key's value."""
     for key in _IDENTITY_KEYS:
         entry = item.get(key)
         if entry is None or not isinstance(entry.value, TreeScalar) or entry.value.value is None:
@@ -90,7 +90,7 @@ def _identity(item: TreeMap) -> Identity | None:
 
 
 class _UnfitError(Exception):
-    """A path that leads nowhere; its help lists what exists."""
+    """A path that does not fit the config; its help lists what exists."""
 
     def __init__(self, message: str, help: str | None = None) -> None:
         super().__init__(message)
@@ -100,7 +100,7 @@ class _UnfitError(Exception):
 def apply_overrides(
     tree: TreeMap, options: Iterable[str]
 ) -> tuple[TreeMap, tuple[Diagnostic, ...]]:
-    """The tree with each option set in turn; the place of a value set is `<command line>`."""
+    """Apply each option in turn; the location of its value is `<command line>`."""
     faults: list[Diagnostic] = []
     for option in options:
         span = Span.at(SourceFile.of(COMMAND_LINE, option), 1, 1, max(len(option), 1))
@@ -172,22 +172,22 @@ def _set_key(
 
 
 _MOST_SUGGESTIONS = 50
-"""Findings that suggest a near name; those after them do not."""
+"""Maximum number of findings that suggest a similar name."""
 
 
 def resolve_variables(
     tree: Tree, environment: Mapping[str, str]
 ) -> tuple[Tree, tuple[Diagnostic, ...]]:
-    """The tree with every reference replaced; findings for those that nothing stands for.
+    """Replace every reference; add a finding for each one without a value.
 
-    An unquoted value is read again afterwards, so `${STEP:-0.001}` is a number.
+    An unquoted value is parsed again afterwards, so `${STEP:-0.001}` is a number.
     """
     replacer = _Replacer(environment)
     return replacer.tree(tree), tuple(replacer.faults)
 
 
 class _Replacer:
-    """Replaces references, and takes note of faults and of how long all texts have become."""
+    """Replaces references; collects findings and the total length of the texts."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self.faults: list[Diagnostic] = []
@@ -195,7 +195,7 @@ class _Replacer:
         self._room = LONGEST_FILE_BYTES
 
     def tree(self, tree: Tree) -> Tree:
-        """The tree with every reference replaced, as long as there is room."""
+        """Replace every reference, up to the size limit."""
         match tree:
             case TreeMap():
                 entries = (replace(entry, value=self.tree(entry.value)) for entry in tree)
@@ -235,7 +235,7 @@ class _Replacer:
 
 
 def _first_places(span: Span) -> dict[str, Span]:
-    """Reference -> where it stands first on the first line of a value."""
+    """Reference -> its first location on the first line of a value."""
     places: dict[str, Span] = {}
     for match in REFERENCE.finditer(span.text):
         column = span.column + match.start()
@@ -262,7 +262,7 @@ _MOST_INCLUDED = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadedFile:
-    """What a file held; `unreadable` has the reason why it could not be opened."""
+    """The content of a file; `unreadable` is the reason if it cannot be opened."""
 
     tree: Tree | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
@@ -270,13 +270,13 @@ class LoadedFile:
 
 
 class ConfigFiles:
-    """The files of one config: each is read once, and limits apply to all of them together.
+    """The files of one config: each is read once, and limits apply to their total.
 
     Args:
         source: the config itself.
-        variables: stands in for `${NAME}`.
+        variables: values for `${NAME}`.
         working_folder: findings show paths relative to it.
-        read: returns what a file holds, or why it cannot be read.
+        read: returns a file's content, or why it cannot be read.
     """
 
     def __init__(
@@ -289,7 +289,7 @@ class ConfigFiles:
     ) -> None:
         self.sources = [source]
         self.are_whole = True
-        """Whether the trees hold everything in the files."""
+        """Whether the trees contain everything in the files."""
         self._variables = variables
         self._working_folder = working_folder
         self._read = read
@@ -299,25 +299,25 @@ class ConfigFiles:
         self._limit_exceeded: Diagnostic | None = None
 
     def parse(self, source: SourceFile) -> tuple[Tree | None, tuple[Diagnostic, ...]]:
-        """The tree of a file with its variables replaced; its values count towards the limit."""
+        """Parse a file and replace its variables; its values count towards the limit."""
         parsed = parse_source(source, values_before=self._values)
         self._values += parsed.values
         self.are_whole = self.are_whole and parsed.is_whole
         if parsed.tree is None:
             return None, parsed.diagnostics
-        if "${" not in source.text:  # most files need no such walk
+        if "${" not in source.text:  # most files have no references
             return parsed.tree, parsed.diagnostics
         tree, faults = resolve_variables(parsed.tree, self._variables)
         return tree, parsed.diagnostics + faults
 
     def load_shown(self, path: Path) -> LoadedFile:
-        """Load a file; findings show its path as a user in the working folder would write it."""
+        """Load a file; findings show its path relative to the working folder."""
         is_near = path.is_relative_to(self._working_folder)
         shown = path.relative_to(self._working_folder) if is_near else path
         return self.load(str(path), shown=str(shown))
 
     def load(self, path: str, *, shown: str | None = None) -> LoadedFile:
-        """What a further file holds; its values count each time that it is loaded."""
+        """Load another file; its values count each time it is loaded."""
         if self._limit_exceeded is not None:
             return LoadedFile(diagnostics=(self._limit_exceeded,))
         start = Span.at(SourceFile.of(shown or path, ""), 1, 1)
@@ -335,7 +335,7 @@ class ConfigFiles:
         return loaded
 
     def _load(self, path: str, start: Span) -> LoadedFile:
-        # Only the config itself may be the standard input.
+        # Only the config itself may be standard input.
         data = self._read(f"./{path}" if path == STANDARD_INPUT else path)
         if isinstance(data, str):
             return LoadedFile(unreadable=data)
@@ -356,15 +356,15 @@ class ConfigFiles:
 def load_config(
     source: SourceFile, files: ConfigFiles, overrides: Iterable[str]
 ) -> tuple[Tree | None, tuple[Diagnostic, ...]]:
-    """The tree of a config, with its includes merged under it and `path=value` applied to it.
+    """Load a config: merge its includes and apply overrides.
 
     Args:
         source: the config, the first of `files`.
         files: reads the files that it includes.
-        overrides: `path=value`, as `--set` takes them.
+        overrides: `path=value`, as for `--set`.
 
     Returns:
-        The tree, None if the text holds no value, and findings about all files.
+        The tree, None if the text has no values, and the findings in all files.
     """
     tree, faults = files.parse(source)
     if tree is None:
@@ -379,11 +379,11 @@ def load_config(
 
 
 Chain = tuple[tuple[str, Span], ...]
-"""The files that are open, outermost first, each with the place that named it."""
+"""The files being included, outermost first, each with the location that includes it."""
 
 
 class _Includes:
-    """`include:` followed through all files of a config."""
+    """Follows `include:` through all files of a config."""
 
     def __init__(self, files: ConfigFiles) -> None:
         self.faults: list[Diagnostic] = []
@@ -458,7 +458,7 @@ def _cycle(path: str, span: Span, chain: Chain) -> Diagnostic:
 
 
 def _normal(path: str) -> str:
-    """The path with `a/../b` and `./` taken out, by its text alone."""
+    """Remove `a/../b` and `./` from a path, without looking at the file system."""
     parts: list[str] = []
     for part in PurePath(path).parts:
         if part == ".." and parts and parts[-1] not in ("..", "/"):

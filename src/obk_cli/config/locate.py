@@ -1,6 +1,6 @@
-"""Find what a config refers to: the types in nodes' sources, files, and ray casters in files.
+"""Find what a config refers to: types in the nodes' source, files, and ray casters in files.
 
-Files are looked for in the config's folder, then in the package's share folder.
+Files are searched in the config's folder, then in the package's share folder.
 """
 
 import os
@@ -27,13 +27,13 @@ _PATH = "config_path"
 def locate_stack(
     stack: Stack, folder: Path, files: ConfigFiles, environment: Environment
 ) -> tuple[Stack, tuple[Diagnostic, ...]]:
-    """The stack with everything that it refers to, and findings about the ray casters' files.
+    """The stack with everything that it refers to, and findings about ray-caster files.
 
     Args:
-        stack: what the config contains.
+        stack: the typed config.
         folder: the config's folder.
         files: loads the files of `config_path`.
-        environment: knows packages and the sources of nodes.
+        environment: finds packages and sources of nodes.
     """
     stack = locate_files(stack, folder, environment)
     nodes = (_with_code_types(node, environment) for node in stack.nodes)
@@ -52,7 +52,7 @@ def locate_stack(
 
 
 def locate_files(stack: Stack, folder: Path, environment: Environment) -> Stack:
-    """The stack with every file looked for; `folder` is the config's."""
+    """Search every file of a stack; `folder` is the config's folder."""
     search = _Search(folder, environment)
     return replace(stack, nodes=tuple(search.in_node(node) for node in stack.nodes))
 
@@ -76,7 +76,7 @@ def _with_code_types(node: Node, environment: Environment) -> Node:
 
 
 def _hardware_components(node: Node, code: NodeFacts) -> tuple[Component, ...]:
-    """What a simulator does not register, although its robot's hardware may; no misspellings."""
+    """Components that only the robot's hardware registers, not its simulator; no misspellings."""
     if not (node.is_simulator and node.runs_simulation and code.knows_components):
         return ()
     return tuple(
@@ -105,7 +105,7 @@ class _Search:
         self._names: dict[Path, tuple[str, ...]] = {}
 
     def in_node(self, node: Node) -> Node:
-        """The node with its files."""
+        """The node with its files searched."""
         return replace(
             node,
             sims=tuple(self._in_sim(sim) for sim in node.sims),
@@ -146,9 +146,9 @@ class _Search:
         )
 
     def _near(self, written: Path, tried: Iterable[Path]) -> tuple[str, ...]:
-        """Files of the same kind and much the same name in the folders that were looked into.
+        """Files of the same kind with similar names in the folders that were searched.
 
-        Else those of the same name in the folders above and beside them.
+        Otherwise files of the same name in the folders above and beside them.
         """
         if not written.name:
             return ()
@@ -159,7 +159,7 @@ class _Search:
                 if Path(name).suffix == written.suffix and name != path.name:
                     stems.setdefault(Path(name).stem, str(written.with_name(name)))
             if written.is_absolute() or path.parts[-len(written.parts) :] != written.parts:
-                continue  # a link or `..` leads elsewhere
+                continue  # outside the folder, through a link or `..`
             base = path.parents[len(written.parts) - 1]
             for name in self._names_in(base):
                 for other in (base / name, base / name / written.name):
@@ -184,7 +184,7 @@ class _Search:
         yield _real(self._folder / path)
         own = Path(written.span.path).parent
         if own.is_dir():
-            # A fragment that was included may name files next to itself.
+            # An included fragment may refer to files next to itself.
             yield _real(own / path)
         if share is not None:
             yield share / subfolder / path
@@ -192,12 +192,12 @@ class _Search:
 
 
 def _real(path: Path) -> Path:
-    """The path without links; one that leads to itself ends where it is."""
-    return Path(os.path.realpath(path))  # `Path.resolve` raises
+    """The path with links resolved; a circular link is resolved as far as possible."""
+    return Path(os.path.realpath(path))  # `Path.resolve` raises for circular links
 
 
 def _is_file(path: Path) -> bool:
-    """Whether there is such a file; a name that none can have, one too long, is no error."""
+    """Whether the file exists; False for an invalid or too long name."""
     return os.path.isfile(path)  # noqa: PTH113  (`Path.is_file` raises)
 
 
@@ -207,7 +207,7 @@ class _RayCasters:
         self._files = files
 
     def in_sim(self, sim: Sim) -> Sim:
-        """The block with the files of its sensor groups put in place."""
+        """The block with the files of its sensor groups inserted."""
         paths = {file.written.span: file.found for file in sim.files}
         entry = sim.tree.get("sensor_settings")
         if not paths or entry is None or not isinstance(entry.value, TreeList):

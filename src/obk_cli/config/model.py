@@ -1,6 +1,6 @@
-"""The typed config: what a stack is, each field with the place that wrote it.
+"""The typed config: each field of a stack has the location where it is set.
 
-Made by reading a tree; holds what the user wrote, defaults not filled in.
+Created from a tree; contains what the user wrote, without defaults.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -58,28 +58,28 @@ ComponentKind = Literal["publisher", "subscriber", "timer"]
 COMPONENT_LISTS: Final[Mapping[str, ComponentKind]] = MappingProxyType(
     {"publishers": "publisher", "subscribers": "subscriber", "timers": "timer"}
 )
-"""Key of a node -> what its list holds."""
+"""Key of a node -> kind of the components in its list."""
 
 NODE_SECTIONS = ("control", "estimation", "robot", "sensing")
 """Sections that are lists of nodes; `viz` holds nodes one level deeper."""
 
 ONE_DEVICE = "onboard"
-"""The device of a config whose sections stand at the top level."""
+"""The device of a config whose sections are at the top level."""
 
 PARAMS_PACKAGE = "params_path_pkg"
-"""The parameter that names the package whose share folder holds the file of `params_path`."""
+"""Parameter with the package whose share folder contains the file of `params_path`."""
 
 SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
-"""The ROS parameter of a `sim` block that names none."""
+"""The ROS parameter of a `sim` block without `ros_parameter`."""
 
 SIMULATOR_PACKAGE = "obelisk_sim_py"
 SIMULATOR_EXECUTABLE = "obelisk_mujoco_robot"
-"""What simulates robots: it reads the block of `SIM_PARAMETER`, and commands from `u_mujoco`."""
+"""The simulator: reads the block of `SIM_PARAMETER`, and commands from `u_mujoco`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spanned(Generic[T]):
-    """A value with its place and, where it has one, its key's."""
+    """A value with its location and, if it has one, its key's location."""
 
     value: T
     span: Span
@@ -87,26 +87,26 @@ class Spanned(Generic[T]):
 
     @property
     def entry_span(self) -> Span:
-        """The place of the key, else of the value."""
+        """The location of the key, otherwise of the value."""
         return self.key_span or self.span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileSearch:
-    """Where a path that the config names was looked for."""
+    """Where a path in the config was searched."""
 
     written: Spanned[str]
     found: Path | None
     tried: tuple[Path, ...] = ()
     missing_package: str | None = None
-    """A `robot_pkg` that is nowhere."""
+    """A `robot_pkg` that was not found."""
     near: tuple[str, ...] = ()
-    """Files that are there and may be meant, as they would be written."""
+    """Similar existing files, in the form in which the config would name them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Qos:
-    """Quality of service of one end of a topic."""
+    """QoS of one end of a topic."""
 
     reliability: Spanned[str] | None = None
     durability: Spanned[str] | None = None
@@ -125,32 +125,32 @@ class Component:
     topic: Spanned[str] | None = None
     msg_type: Spanned[str] | None = None
     ignores_type: bool = False
-    """Whether the node is in C++, where the code alone decides on the type."""
+    """Whether the node is in C++, where only the code determines the type."""
     code_type: str | None = None
-    """The full message type that the node's code gives it, where that is known."""
+    """The full message type in the node's code, if known."""
     history_depth: Spanned[int] | None = None
     qos: Qos = field(default_factory=Qos)
     callback_group: Spanned[str] | None = None
     timer_period_s: Spanned[float] | None = None
     max_age_s: Spanned[float] | None = None
-    """How old a robot's newest command may become [s]."""
+    """Maximum age of a robot's newest command [s]."""
     stale_action: Spanned[str] | None = None
     is_unused: bool = False
-    """Whether no node reads it: an earlier entry has its name, or it is the hardware's only."""
+    """Whether no node reads it: an earlier entry has its name, or only the hardware has it."""
 
     @property
     def name(self) -> Spanned[str] | None:
-        """What names the component: its `ros_parameter`, else its `key`."""
+        """The name of the component: its `ros_parameter`, otherwise its `key`."""
         return self.ros_parameter or self.key
 
     @property
     def identity(self) -> str | None:
-        """The component of the code that is meant, `pub_ctrl`."""
+        """The component of the code that it refers to, `pub_ctrl`."""
         return component_identity(self.name.value) if self.name else None
 
     @property
     def takes_commands(self) -> bool:
-        """Whether it is the subscription by which a robot gets its commands."""
+        """Whether it is the subscription through which a robot receives its commands."""
         standard = standard_component(self.identity or "")
         return self.kind == "subscriber" and standard == CONTROL_SUBSCRIPTION
 
@@ -161,12 +161,12 @@ class CallbackGroup:
 
     name: Spanned[str]
     type: Spanned[str] | None
-    """None where what was written is no type."""
+    """None if the written type is invalid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConfigParameter:
-    """One ROS parameter of the user's, nested names joined by dots."""
+    """A ROS parameter set by the user; nested names are joined with dots."""
 
     name: str
     value: ParameterValue
@@ -195,7 +195,7 @@ class SensorGroup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sim:
-    """One `sim` block; `tree` is the block in the newer names of its keys."""
+    """One `sim` block; `tree` is the block with the current names of its keys."""
 
     tree: TreeMap
     ros_parameter: Spanned[str] | None
@@ -204,11 +204,11 @@ class Sim:
     sensor_groups: tuple[SensorGroup, ...]
     config_paths: tuple[Spanned[str], ...] = ()
     is_sound: bool = True
-    """Whether the block was read without an error, so that it can be checked further."""
+    """Whether the block was read without an error, so that further checks make sense."""
     model: FileSearch | None = None
     files: tuple[FileSearch, ...] = ()
     checked: TreeMap | None = None
-    """`tree` with the files of `config_path` in place, where there are any."""
+    """`tree` with the files of `config_path` inserted, if there are any."""
 
     @property
     def span(self) -> Span:
@@ -224,7 +224,7 @@ class Sim:
     def block(self) -> dict[str, object]:
         """The block as plain values."""
         value = plain_value(self.tree)
-        assert isinstance(value, dict)  # a TreeMap's value is one
+        assert isinstance(value, dict)  # the value of a TreeMap is a dict
         return value
 
 
@@ -235,7 +235,7 @@ class Node:
     section: str
     device: str
     index: int
-    """Position among the nodes of its section, over all devices, from 0."""
+    """Position among the nodes of its section, on all devices, from 0."""
     span: Span
     pkg: Spanned[str] | None = None
     executable: Spanned[str] | None = None
@@ -261,7 +261,7 @@ class Node:
 
     @property
     def params_package(self) -> Spanned[str] | None:
-        """The package that holds `params_path`: the parameter `params_path_pkg`, else its own."""
+        """The package of `params_path`: the parameter `params_path_pkg`, otherwise its own."""
         package = next((p for p in self.params if p.name == PARAMS_PACKAGE), None)
         if package is None or not isinstance(package.value, str):
             return self.pkg
@@ -289,23 +289,23 @@ class Node:
 
     @property
     def is_simulator(self) -> bool:
-        """Whether it runs the simulator of this project."""
+        """Whether it runs Obelisk's own simulator."""
         return self.executable is not None and self.executable.value == SIMULATOR_EXECUTABLE
 
     @property
     def used_sims(self) -> tuple[Sim, ...]:
-        """The `sim` blocks that `is_simulated: false` does not leave unused."""
+        """The `sim` blocks in use; `is_simulated: false` disables them."""
         is_used = self.is_simulated is None or self.is_simulated.value
         return self.sims if is_used else ()
 
     @property
     def runs_simulation(self) -> bool:
-        """Whether a simulator stands in for the robot."""
+        """Whether a simulator replaces the robot."""
         return bool(self.used_sims)
 
     @property
     def publishes_clock(self) -> bool:
-        """Whether it is known to publish `/clock`: the simulator of this project does."""
+        """Whether it is known to publish `/clock`, as Obelisk's own simulator does."""
         is_own = self.pkg is not None and self.pkg.value == SIMULATOR_PACKAGE
         return self.runs_simulation and self.is_simulator and is_own
 
@@ -315,12 +315,12 @@ JOYSTICK_EXECUTABLE = "joy_node"
 JOYSTICK_NODE = "obelisk_joystick"
 JOYSTICK_TOPIC = "joy"
 FEEDBACK_TOPIC = "joy/set_feedback"
-"""What ROS's own node publishes and subscribes to."""
+"""Topic of the joystick node of ROS."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joystick:
-    """The joystick node of a stack: ROS's own."""
+    """The joystick node of a stack, which is part of ROS."""
 
     on: bool
     device: str
@@ -331,7 +331,7 @@ class Joystick:
 
     @property
     def full_name(self) -> str:
-        """The node's name in the ROS graph: every joystick's."""
+        """The node's name in the ROS graph, the same for every joystick."""
         return f"/{JOYSTICK_NODE}"
 
 
@@ -342,7 +342,7 @@ class ExternalTopic:
     topic: Spanned[str]
     msg_type: Spanned[str] | None = None
     direction: Spanned[str] | None = None
-    """What those nodes do, `published` or `subscribed`; None: either."""
+    """What those nodes do, `published` or `subscribed`; None: either or both."""
 
     @property
     def name(self) -> str:
@@ -350,7 +350,7 @@ class ExternalTopic:
         return "/" + self.topic.value.lstrip("/")
 
     def may_be(self, direction: str) -> bool:
-        """Whether a node outside may have that end of the topic."""
+        """Whether a node outside the stack may have that end of the topic."""
         return self.direction is None or self.direction.value == direction
 
 
@@ -371,8 +371,8 @@ class Stack:
     def is_on_simulated_time(self) -> bool:
         """Whether nodes use simulated time unless their own parameters set `use_sim_time`.
 
-        Unless the config decides, they do if exactly one node publishes `/clock`: without any, time
-        would stand still, and with two it would jump between two simulations.
+        By default they do if exactly one node publishes `/clock`: without any, time would stand
+        still, and with two it would jump between two simulations.
         """
         if self.use_sim_time is not None:
             return self.use_sim_time.value
@@ -391,25 +391,25 @@ def refuse_hardware(
     may_be_unclear: bool = False,
     left_out: Collection[str] = (),
 ) -> None:
-    """Reject a stack with a robot that is not simulated.
+    """Reject a stack with a hardware robot.
 
     Args:
         stack: the config.
-        why: why hardware is rejected, the end of the error's sentence.
+        why: why hardware is rejected, as the end of the error message.
         help: what the user can do.
         may_be_unclear: accept a robot without `is_simulated` and without a `sim` block.
         left_out: full names of nodes that do not run.
 
     Raises:
-        CommandFailedError: it has a robot that is hardware.
+        CommandFailedError: the stack has a hardware robot.
     """
     for robot in stack.section("robot"):
-        said = robot.is_simulated
+        setting = robot.is_simulated
         if robot.full_name in left_out or robot.runs_simulation:
             continue
-        if may_be_unclear if said is None else said.value:
+        if may_be_unclear if setting is None else setting.value:
             continue
-        span = said.span if said else robot.span
+        span = setting.span if setting else robot.span
         raise CommandFailedError(
             f"{span.path}:{span.line}:{span.column}: the robot {robot.full_name} is hardware, "
             f"and {why}",

@@ -1,4 +1,4 @@
-"""Read one node, of a section or of `viz`: its components, parameters and `sim` blocks."""
+"""Read a node of a section or of `viz`: its components, parameters and `sim` blocks."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -58,7 +58,7 @@ _INT64 = range(-(2**63), 2**63)
 
 
 def read_params(tree: TreeMap | None, faults: Faults) -> tuple[ConfigParameter, ...]:
-    """The parameters of a `params` mapping; those that ROS cannot hold become findings."""
+    """The parameters of a `params` mapping; adds findings for values that ROS cannot hold."""
     by_name: dict[str, ConfigParameter] = {}
     for parameter in _read_map(tree, "", faults) if tree else ():
         first = by_name.setdefault(parameter.name, parameter)
@@ -68,7 +68,7 @@ def read_params(tree: TreeMap | None, faults: Faults) -> tuple[ConfigParameter, 
 
 
 def _given_twice(parameter: ConfigParameter, first: ConfigParameter) -> Diagnostic:
-    """`a.b: 1` and `a: {b: 1}` are one name."""
+    """Report a duplicate: `a.b: 1` and `a: {b: 1}` are one name."""
     return found(
         "OBK004",
         f"parameter `{parameter.name}` is given twice",
@@ -101,7 +101,7 @@ def _read_value(name: str, tree: Tree, faults: Faults) -> ParameterValue | None:
 
 
 def _fits_ros(value: Scalar) -> bool:
-    """Whether the value fits ROS's 64 bits; all but huge integers do."""
+    """Whether the value fits in ROS's 64 bits, as all but huge integers do."""
     return isinstance(value, bool) or not isinstance(value, int) or value in _INT64
 
 
@@ -143,7 +143,7 @@ def _of_one_kind(
 
 
 def read_sim(tree: TreeMap, faults: Faults) -> Sim:
-    """One block; `is_sound` is False where any of it is wrong."""
+    """Read one block; `is_sound` is False if it has an error."""
     own: Faults = []
     groups, tree = _with_newer_names(_with_whole_numbers(tree), own)
     fields = Fields(tree, "`sim`", SIM_KEYS, own)
@@ -164,7 +164,7 @@ def read_sim(tree: TreeMap, faults: Faults) -> Sim:
 
 
 def _with_newer_names(tree: TreeMap, faults: Faults) -> tuple[tuple[TreeMap, ...], TreeMap]:
-    """The sensor groups with older keys renamed, and the block with those groups in it."""
+    """The sensor groups with older keys renamed, and the block with these groups."""
     entry = tree.get("sensor_settings")
     if entry is None or (isinstance(entry.value, TreeScalar) and entry.value.value is None):
         return (), tree
@@ -230,7 +230,7 @@ def _read_viz_geoms(fields: Fields, faults: Faults) -> None:
 
 
 def read_components(node: Fields, faults: Faults) -> tuple[Component, ...]:
-    """All components of a node, publishers first; of two with one name the first is used."""
+    """All components of a node, publishers first; of duplicates, the first is used."""
     seen: set[tuple[ComponentKind, str | None]] = set()
     components: list[Component] = []
     for key, kind in COMPONENT_LISTS.items():
@@ -244,7 +244,7 @@ def read_components(node: Fields, faults: Faults) -> tuple[Component, ...]:
 
 
 def _with_whole_numbers(tree: TreeMap) -> TreeMap:
-    """The mapping with `history_depth: 10.0` and the like read as 10, in its `qos` too."""
+    """The mapping with values such as `history_depth: 10.0` read as 10, also in its `qos`."""
 
     def whole(entry: Entry) -> Entry:
         value = entry.value
@@ -327,14 +327,14 @@ _SPECIAL_KEYS = {"robot": ROBOT_KEYS, "viz": VIZ_NODE_KEYS}
 
 
 def read_node(tree: TreeMap, section: str, device: str, index: int, faults: Faults) -> Node:
-    """A node of a section; what of it is wrong becomes findings and is left out."""
+    """Read a node of a section; invalid parts are omitted and reported."""
     keys = _SPECIAL_KEYS.get(section, NODE_KEYS)
     fields = Fields(tree, f"a node of `{section}`", keys, faults)
     own_device = fields.text("device")
     is_robot, is_viz = section == "robot", section == "viz"
     is_simulated = fields.boolean("is_simulated") if is_robot else None
     is_used = is_simulated is None or is_simulated.value
-    of_sims = faults if is_used else []  # a block that is not used does no harm
+    of_sims = faults if is_used else []  # errors in an unused block are harmless
     return Node(
         section=section,
         device=own_device.value if own_device else device,
@@ -377,7 +377,7 @@ def _read_remappings(fields: Fields, faults: Faults) -> tuple[Remapping, ...]:
         items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)
         pairs = [pair for item in items if (pair := _read_remapping(item, faults))]
     for old, new in pairs:
-        # Before a colon stands whom it is for; `__ns` and the like are no topics.
+        # A prefix before a colon selects a node; `__ns` and similar are not topics.
         if ":" not in old.value and not old.value.startswith("__"):
             check_topic(old, faults)
         check_topic(new, faults)
@@ -395,7 +395,7 @@ def _read_remapping(item: Tree, faults: Faults) -> tuple[Spanned[str], Spanned[s
 
 
 def _read_env(fields: Fields, faults: Faults) -> tuple[tuple[str, str], ...]:
-    """Environment variables; a number counts as its text."""
+    """Environment variables; a number counts as text."""
     pairs: list[tuple[str, str]] = []
     for entry in fields.mapping("env") or ():
         value = entry.value

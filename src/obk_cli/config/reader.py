@@ -1,4 +1,4 @@
-"""The whole config: its name, its devices in either spelling, its sections."""
+"""Read the whole config: its name, its devices in either syntax, and its sections."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -40,7 +40,7 @@ __all__ = ["is_device", "read_stack"]
 
 
 def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
-    """The typed config, None where the text is no config at all."""
+    """The typed config; None if the text is not a config at all."""
     faults: Faults = []
     if not isinstance(tree, TreeMap) or not _is_config(tree):
         return None, (_not_a_config(tree),)
@@ -77,7 +77,7 @@ def is_device(entry: Entry) -> bool:
 
 
 def _as_section(entry: Entry, tree: TreeMap) -> Entry | None:
-    """The section that a top-level key is, or that it is a misspelling of."""
+    """The section that a top-level key names, possibly misspelled."""
     if entry.key in SECTION_KEYS:
         return entry
     if entry.key in RESERVED_KEYS or is_device(entry) or isinstance(entry.value, TreeScalar):
@@ -87,7 +87,7 @@ def _as_section(entry: Entry, tree: TreeMap) -> Entry | None:
 
 
 def _is_config(tree: TreeMap) -> bool:
-    """Whether the mapping is meant as a config: a key of the language, or nearly one."""
+    """Whether the mapping is meant as a config: it has a key of the language, or a similar one."""
     if not tree.entries or any(entry.key in RESERVED_KEYS or is_device(entry) for entry in tree):
         return True
     is_ray_caster = any(entry.key in RAY_CASTER_KEYS for entry in tree)
@@ -130,7 +130,7 @@ def _read_ignored(settings: Fields | None, faults: Faults) -> tuple[Spanned[str]
 
 
 def _read_external_topics(top: Fields, faults: Faults) -> Iterator[ExternalTopic]:
-    """A list of names, or a mapping of names to what is known of the topic."""
+    """A list of names, or a mapping from names to properties of the topics."""
     entry = top.entry("external_topics")
     if entry is None:
         return
@@ -178,7 +178,7 @@ def _read_external_topic(named: Entry, faults: Faults) -> ExternalTopic:
 
 
 def _read_joystick_params(fields: Fields) -> tuple[ConfigParameter, ...]:
-    """The parameters of ROS's `joy_node`, in the types that it declares."""
+    """The parameters of ROS's `joy_node`, with the types that it declares."""
     read: Mapping[str, Spanned[int] | Spanned[float] | Spanned[str] | Spanned[bool] | None] = {
         "device_id": fields.count("device_id", least=0),
         "device_name": fields.text("device_name"),
@@ -195,7 +195,7 @@ def _read_joystick_params(fields: Fields) -> tuple[ConfigParameter, ...]:
 
 
 class _StackReader:
-    """Collects the nodes of all devices; nodes are counted through over devices."""
+    """Collects the nodes of all devices; nodes are numbered across devices."""
 
     def __init__(self, faults: Faults) -> None:
         self.nodes: list[Node] = []
@@ -204,8 +204,8 @@ class _StackReader:
         self._counts: Counter[str] = Counter()
 
     def read_device(self, device: Entry) -> None:
-        """All sections of one device."""
-        assert isinstance(device.value, TreeMap)  # `is_device` asked
+        """Read all sections of a device."""
+        assert isinstance(device.value, TreeMap)  # checked by `is_device`
         for entry in device.value:
             section = _as_section(entry, device.value)
             if section is not None:
@@ -218,7 +218,7 @@ class _StackReader:
                 self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=edits))
 
     def read_section(self, section: Entry, device: str) -> None:
-        """One section of one device."""
+        """Read one section of a device."""
         if isinstance(section.value, TreeScalar) and section.value.value is None:
             return
         if section.key in NODE_SECTIONS:

@@ -1,6 +1,6 @@
-"""Which findings the user ignores: `--ignore`, `obk: {ignore: [...]}`, comments on a line.
+"""Findings that the user ignores: `--ignore`, `obk: {ignore: [...]}`, comments on a line.
 
-An error that prevents a plan is always reported. A code that ignores nothing is a finding itself.
+Errors that prevent a plan are always reported. A code without effect is itself a finding.
 """
 
 import re
@@ -15,7 +15,7 @@ from obk_cli.diagnostics.source import COMMAND_LINE, SourceFile, Span
 __all__ = ["check_ignores", "may_be_silenced", "near_codes", "said_on_command_line", "silence"]
 
 _MOST_SUGGESTIONS = 50
-"""Findings that suggest a near code; those after them do not."""
+"""Maximum number of findings that suggest a similar code."""
 _COMMENT = re.compile(r"#\s*obk:\s*ignore\[([^\]#]*)\]")
 _DIGITS_FOR_LETTERS = str.maketrans("OIL", "011")
 _NEARLY_ONE = re.compile(r"(?:^|\s)#\s*obk:\s*([\w-]+)")
@@ -23,12 +23,12 @@ _MAY_BE_SILENCED = ("OBK101", "OBK107", "OBK108", "OBK115", "OBK2", "OBK3", "OBK
 
 
 def silence(diagnostics: Collection[Diagnostic], codes: Iterable[str]) -> tuple[Diagnostic, ...]:
-    """The findings that remain; a code silences every code that begins with it (`OBK4`)."""
+    """The remaining findings; a code silences every code that starts with it (`OBK4`)."""
     prefixes = tuple(code for code in codes if code)
     on_line: dict[tuple[str, int], tuple[str, ...]] = {}
     for diagnostic in diagnostics:
         place = (diagnostic.span.path, diagnostic.span.line)
-        if place not in on_line:  # a line may be long, and have many findings
+        if place not in on_line:  # a line may be long, with many findings
             on_line[place] = _on_line(diagnostic)
     return tuple(
         diagnostic
@@ -41,12 +41,12 @@ def silence(diagnostics: Collection[Diagnostic], codes: Iterable[str]) -> tuple[
 
 
 def may_be_silenced(rule: Rule) -> bool:
-    """Whether the user may do without the findings of a rule."""
+    """Whether the user may ignore the findings of a rule."""
     return rule.severity != "error" or rule.code.startswith(_MAY_BE_SILENCED)
 
 
 def said_on_command_line(code: str) -> Spanned[str]:
-    """A code of `--ignore`, with a place to point at."""
+    """A code of `--ignore`, with a location for messages."""
     before = "--ignore "
     source = SourceFile.of(COMMAND_LINE, before + code)
     return Spanned(code, Span.at(source, 1, len(before) + 1, max(len(code), 1)))
@@ -55,9 +55,9 @@ def said_on_command_line(code: str) -> Spanned[str]:
 def check_ignores(
     sources: Iterable[SourceFile], codes: Iterable[Spanned[str]]
 ) -> tuple[Diagnostic, ...]:
-    """OBK014: ignored codes that no rule has, or whose findings must be reported.
+    """OBK014: ignored codes that do not exist, or whose findings must be reported.
 
-    `codes` are those of the run and of the config; those of comments are in the sources.
+    `codes` are those of the run and of the config; codes in comments are in the sources.
     """
     faults: list[Diagnostic] = []
     written = list(codes)
@@ -84,7 +84,7 @@ def _check_code(code: Spanned[str], *, is_compared: bool) -> Diagnostic | None:
 
 
 def near_codes(code: str) -> str:
-    """A help line for what is no code: those that look like it."""
+    """A help line with similar codes for an unknown code."""
     looks_like = code[:3].upper() + code[3:].upper().translate(_DIGITS_FOR_LETTERS)
     if looks_like in RULES:
         return f"did you mean `{looks_like}`?"

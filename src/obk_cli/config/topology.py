@@ -1,6 +1,7 @@
-"""Who publishes and who subscribes to what, over the whole stack: a config in, ends of topics out.
+"""The ends of all topics of a stack: who publishes and who subscribes.
 
-Components, the simulator's sensor groups and the joystick alike, names made absolute as ROS does.
+Includes components, the simulator's sensor groups and the joystick. Names are made absolute as in
+ROS.
 """
 
 from collections import defaultdict
@@ -50,7 +51,7 @@ _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
     "obelisk_sensor_msgs/msg/ObkJointEncoders",
 }
-"""Original configs write one name for the other, and what their C++ nodes take is in their code."""
+"""Original configs use one name for the other; the code of C++ nodes determines the actual type."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +62,7 @@ class TopicEnd:
     topic: str
     """Absolute."""
     msg_type: str | None
-    """Full, None where only the code knows it."""
+    """Full name; None if only the code knows it."""
     owner: str
     """The node's full name."""
     section: str
@@ -69,20 +70,20 @@ class TopicEnd:
     """The topic as written."""
     type_span: Span | None = None
     ignores_type: bool = False
-    """Whether `msg_type` is only a note: the node is in C++."""
+    """Whether `msg_type` is only a note, because the node is in C++."""
     code_type: str | None = None
-    """The type in the node's source, if that can be read; it is what runs."""
+    """The type in the node's source, if that can be read; this type is used at run time."""
     qos: Qos = Qos()  # noqa: RUF009  (frozen)
     rate_hz: float | None = None
     component: str | None = None
     remapping: Remapping | None = None
-    """What gave the topic its name, if it is not the written one."""
+    """The remapping that gave the topic its name, if it differs from the written one."""
     is_optional: bool = False
-    """Whether the end is useful although the topic has no other end."""
+    """Whether the end makes sense without another end of the topic."""
 
     @property
     def renamed(self) -> tuple[Related, ...]:
-        """The place of the remapping, for findings about the topic."""
+        """The location of the remapping, for findings about the topic."""
         if self.remapping is None:
             return ()
         message = f"here `{self.remapping.old}` is remapped to `{self.remapping.new}`"
@@ -100,18 +101,18 @@ class TopicEnd:
 
     @property
     def known_type(self) -> str | None:
-        """The type that runs: the code's where it can be read, else the config's."""
+        """The type at run time: that of the code if readable, otherwise of the config."""
         return self.code_type or self.msg_type
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topology:
-    """Every end of every topic of a stack, prepared once for all checks."""
+    """Every end of every topic of a stack, computed once for all checks."""
 
     ends: tuple[TopicEnd, ...]
-    """Node by node, then the joysticks', then those outside the stack."""
+    """Ends of the nodes, then of joysticks, then of nodes outside the stack."""
     by_node: tuple[tuple[Node, tuple[TopicEnd, ...]], ...]
-    """Each node with its ends; two nodes may have one name by mistake."""
+    """Each node with its ends; two nodes may share a name by mistake."""
     published: Mapping[str, tuple[TopicEnd, ...]]
     """Topic -> its publishers."""
     subscribed: Mapping[str, tuple[TopicEnd, ...]]
@@ -141,12 +142,12 @@ def _by_topic(ends: Iterable[TopicEnd], direction: Direction) -> Mapping[str, tu
 
 
 def may_be_one(one: str | None, other: str | None) -> bool:
-    """Whether two types are one, or may be meant as one."""
+    """Whether two types are equal, or possibly mean the same type."""
     return one == other or {one, other} == _ONE_SEED_NAME
 
 
 def stack_ends(stack: Stack) -> Iterator[TopicEnd]:
-    """Every end of the stack, node by node."""
+    """All ends of the stack, node by node."""
     for node in stack.nodes:
         yield from node_ends(node)
     for joystick in stack.joysticks:
@@ -154,7 +155,7 @@ def stack_ends(stack: Stack) -> Iterator[TopicEnd]:
 
 
 def joystick_ends(joystick: Joystick) -> Iterator[TopicEnd]:
-    """The ends of a joystick's node; where no topic is written, those that ROS's own node has."""
+    """The ends of a joystick's node; by default those of ROS's own node."""
     if not joystick.on:
         return
     ends: tuple[tuple[Direction, Spanned[str] | None, str, str], ...] = (
@@ -194,7 +195,7 @@ def _external_ends(topic: ExternalTopic) -> Iterator[TopicEnd]:
 
 
 def node_ends(node: Node) -> Iterator[TopicEnd]:
-    """The ends of one node: its components', and its sensor groups' if it simulates."""
+    """The ends of a node: those of its components and, if it simulates, its sensor groups."""
     timers = timers_of(node)
     for component in node.used_components:
         if component.kind == "timer" or component.topic is None:
@@ -231,14 +232,14 @@ def timers_of(node: Node) -> Mapping[str | None, Spanned[float] | None]:
 def sending_period_s(
     component: Component, timers: Mapping[str | None, Spanned[float] | None]
 ) -> Spanned[float] | None:
-    """The period of the timer that makes a publisher send; None where the config sets none."""
+    """The period of the timer that triggers a publisher; None if the config sets none."""
     if component.kind != "publisher":
         return None
     return timers.get(f"timer_{(component.identity or '').removeprefix('pub_')}")
 
 
 def publisher_of_timer(timer: str) -> str:
-    """Return the identity of the publisher that sends once in each period of a timer."""
+    """The identity of the publisher that sends once per period of a timer."""
     return f"pub_{timer.removeprefix('timer_')}"
 
 
@@ -263,9 +264,9 @@ def _sensor_end(group: SensorGroup, node: Node) -> TopicEnd:
 
 
 def absolute_topic(topic: str, node: Node) -> str:
-    """The topic's name in the graph: put into the node's namespace, then remapped.
+    """The topic's name in the graph, with the node's namespace and remappings applied.
 
-    Of several remappings the first holds, in whichever spelling it names the topic.
+    The first matching remapping applies, however it is written.
     """
     name = _in_namespace(topic, node)
     remapping = _remapping_of(name, node)

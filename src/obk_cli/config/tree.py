@@ -1,7 +1,7 @@
-"""YAML values with their places, frozen.
+"""YAML values with their locations, frozen.
 
-What parsing makes and resolving rewrites; every value, `true` and null too, keeps the span of the
-text that wrote it, whatever file that stands in.
+Created by parsing and changed by resolving references. Every value, including `true` and null,
+keeps the span of the text that defined it, in whichever file.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,11 +23,11 @@ class TreeScalar:
     value: "Scalar"
     span: Span
     read_from: str | None = None
-    """The text that it was read from, where variables in it were replaced."""
+    """The original text, if variables in it were replaced."""
 
     @property
     def text(self) -> str:
-        """What stands there, once its variables are replaced."""
+        """The text, with its variables replaced."""
         return self.span.text if self.read_from is None else self.read_from
 
 
@@ -50,7 +50,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class TreeMap:
-    """A mapping; its keys are text, each once, in the order of the file."""
+    """A mapping; its keys are unique texts in the order of the file."""
 
     entries: tuple[Entry, ...]
     span: Span
@@ -63,7 +63,7 @@ class TreeMap:
         return iter(self.entries)
 
     def get(self, key: str) -> Entry | None:
-        """The entry of that key."""
+        """The entry with this key."""
         return self._by_key.get(key)
 
 
@@ -71,7 +71,7 @@ Tree = TreeScalar | TreeList | TreeMap
 
 
 def plain_value(tree: Tree) -> object:
-    """The value without its places: dict, list or scalar."""
+    """The value without locations: dict, list or scalar."""
     match tree:
         case TreeMap():
             return {entry.key: plain_value(entry.value) for entry in tree.entries}
@@ -82,7 +82,7 @@ def plain_value(tree: Tree) -> object:
 
 
 def kind_of(tree: Tree) -> str:
-    """What a value is, with an article, for a message: "a list", "the string `x`"."""
+    """Describe a value with an article, for messages: "a list", "the string `x`"."""
     match tree:
         case TreeMap():
             return "a mapping"
@@ -99,6 +99,6 @@ def kind_of(tree: Tree) -> str:
 
 
 def shown(value: object) -> str:
-    """A value as a message has room for it."""
+    """A value, shortened for a message."""
     text = str(value)
     return text if len(text) <= 60 else text[:57] + "..."

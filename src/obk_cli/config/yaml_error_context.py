@@ -1,6 +1,6 @@
-"""Where and why PyYAML stopped, with the text around that place.
+"""Where and why PyYAML stopped, with the surrounding text.
 
-Pure; `yaml_errors` finds the cause in it.
+Pure; `yaml_errors` finds the cause.
 """
 
 import re
@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 YAML_LOADER = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
-"""The quicker of PyYAML's two parsers; both are safe."""
+"""The faster of PyYAML's two safe parsers."""
 
 _BREAKS_OF_YAML_1_1 = "\x85\u2028\u2029"
 _PRIVATE_USE = range(0xE000, 0xF8FF)
@@ -34,9 +34,9 @@ _FORBIDDEN = re.compile(
 
 
 class YamlText:
-    """A text as PyYAML is to see it: it takes characters for line breaks that only YAML 1.1 did.
+    """A text prepared for PyYAML, which treats some characters as line breaks as in YAML 1.1.
 
-    Others stand in for those, one for one, so that places stay what they are.
+    These are replaced one for one, so that locations do not change.
     """
 
     __slots__ = ("_restored", "text")
@@ -51,12 +51,12 @@ class YamlText:
             self.text = text.translate({ord(char): code for code, char in self._restored.items()})
 
     def restored(self, value: str) -> str:
-        """A value that was read from the text, as it stands in the user's."""
+        """A value read from the prepared text, in the user's characters."""
         return value.translate(self._restored) if self._restored else value
 
 
 def forbidden_character(source: SourceFile) -> Diagnostic | None:
-    """The first character that YAML does not take, such as a control character."""
+    """The first character that YAML does not allow, such as a control character."""
     wrong = _FORBIDDEN.search(source.text)
     if wrong is None:
         return None
@@ -70,7 +70,7 @@ def forbidden_character(source: SourceFile) -> Diagnostic | None:
 
 
 LONGEST_LINE = 1_000
-"""Characters of a line up to which causes are looked for in it."""
+"""Maximum line length in which causes are searched [characters]."""
 
 _COMMENT = re.compile(r"\s+#.*$")
 _OPENING = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
@@ -79,19 +79,19 @@ _CLOSING = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadBefore:
-    """What was read until the error."""
+    """What was read before the error."""
 
     scalar: Span | None = None
-    """The last value or key, quotes and all."""
+    """The last value or key, including its quotes."""
     is_plain: bool = False
-    """Whether that is written without quotes."""
+    """Whether it is written without quotes."""
     bracket: Span | None = None
     """The innermost bracket or brace that is still open."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorContext:
-    """The place where the parser noticed a mistake, and what it expected there."""
+    """The location where the parser noticed a mistake, and what it expected there."""
 
     source: SourceFile
     problem: str
@@ -121,11 +121,11 @@ class ErrorContext:
 
     @property
     def span(self) -> Span:
-        """The place where it was noticed."""
+        """The location where it was noticed."""
         return Span.at(self.source, self.line, self.column)
 
     def at(self, line: int, column: int, length: int = 1) -> Span:
-        """A place in the same source."""
+        """A location in the same source."""
         return Span.at(self.source, line, column, length)
 
     @property
@@ -135,12 +135,12 @@ class ErrorContext:
 
     @property
     def rest(self) -> str:
-        """What stands there, to the end of the line."""
+        """The text from that location to the end of the line."""
         return self.text[self.column - 1 :].rstrip()
 
     @property
     def is_short(self) -> bool:
-        """Whether every line that has to do with it is one that a person may have typed."""
+        """Whether all lines involved are short enough to be typed by a person."""
         lines = {self.line, self.line - 1}
         lines |= {self.context_place[0]} if self.context_place else set()
         lines |= {self.before.scalar.line} if self.before.scalar else set()
@@ -149,17 +149,17 @@ class ErrorContext:
 
     @property
     def is_at_end(self) -> bool:
-        """Whether nothing stands there or below."""
+        """Whether no text follows on that line or below."""
         return not self.rest and not any(self.source.lines[self.line :])
 
 
 def indent_of(text: str) -> int:
-    """How many blanks a line starts with."""
+    """Number of spaces at the start of a line."""
     return len(text) - len(text.lstrip())
 
 
 def without_comment(text: str) -> str:
-    """The text without the comment behind it and the blanks at its end."""
+    """The text without a trailing comment and trailing spaces."""
     return _COMMENT.sub("", text.rstrip())
 
 
@@ -171,7 +171,7 @@ def _within(source: SourceFile, place: tuple[int, int]) -> tuple[int, int]:
 
 
 def _before(source: SourceFile, line: int, column: int) -> ReadBefore:
-    """Reads the text up to the error once more, its end taken for the end of the text."""
+    """Parse the text up to the error again, as if it ended there."""
     text = source.text[: Offsets.of(source).at(line, column)]
     scalar: yaml.ScalarToken | None = None
     opened: list[yaml.Token] = []
@@ -184,7 +184,7 @@ def _before(source: SourceFile, line: int, column: int) -> ReadBefore:
             elif isinstance(token, _CLOSING) and opened:
                 opened.pop()
     except yaml.YAMLError:
-        pass  # what was read before it counts
+        pass  # what was read before it is enough
     return ReadBefore(
         scalar=_span(source, scalar) if scalar else None,
         is_plain=scalar is not None and scalar.plain,

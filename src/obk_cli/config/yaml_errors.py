@@ -1,7 +1,7 @@
-"""Explain why a text is not YAML, at the place of the mistake, as an OBK003 finding.
+"""Explain why a text is not YAML, at the location of the mistake, as an OBK003 finding.
 
-A parser notices many mistakes lines below where they were made. `_CAUSES` is the table of the usual
-ones, each a function that finds its mistake or returns None; the first that finds one wins.
+A parser notices many mistakes several lines after they were made. `_CAUSES` lists the usual ones,
+each as a function that finds its mistake or returns None; the first match is reported.
 """
 
 import re
@@ -21,7 +21,7 @@ __all__ = ["explain_yaml_error", "template_braces"]
 
 @dataclass(frozen=True, slots=True)
 class _Cause:
-    """The mistake, its place, and what would be right."""
+    """The mistake, its location, and the fix."""
 
     message: str
     span: Span
@@ -37,7 +37,7 @@ def explain_yaml_error(error: yaml.MarkedYAMLError, source: SourceFile) -> Diagn
 
 
 def template_braces(key: Span) -> Diagnostic | None:
-    """A finding if a key that is a mapping comes from `{{ name }}`."""
+    """A finding if a key that is a mapping results from `{{ name }}`."""
     cause = _braces(key)
     return _finding(cause) if cause else None
 
@@ -129,7 +129,7 @@ def _quote_from(place: Span, what: str) -> _Cause:
     )
 
 
-# Characters that mean something to YAML where text was meant, and blanks that are no spaces
+# Characters with a meaning in YAML where text was meant, and spaces that are not ASCII spaces
 
 _BLANKS: Final = {
     "\t": "a tab",
@@ -143,7 +143,7 @@ _OFTEN_TEXT: Final = "@`%*&!|>?"
 
 
 def _start_of_line(at: ErrorContext) -> _Cause | None:
-    """A tab in the indentation, or a mark of a merge conflict."""
+    """A tab in the indentation, or a merge conflict marker."""
     for number in (at.line, at.line - 1, at.context_place and at.context_place[0]):
         if number:
             cause = _indentation(at, number) or _conflict(at, number)
@@ -183,7 +183,7 @@ def _template(at: ErrorContext) -> _Cause | None:
 
 
 def _braces(span: Span) -> _Cause | None:
-    """`{{ name }}` on the line of a place."""
+    """`{{ name }}` on the line of a location."""
     text = span.source.line(span.line)
     braces = _BRACES.search(text) if len(text) <= LONGEST_LINE else None
     if braces is None:
@@ -208,7 +208,7 @@ def _item_after_key(at: ErrorContext) -> _Cause | None:
 
 
 def _reserved_start(at: ErrorContext) -> _Cause | None:
-    """`@`, `%` and the like at the start of a value, or `*` and `&` without a name."""
+    """`@`, `%` and similar at the start of a value, or `*` and `&` without a name."""
     column, value = _rejected_value(at)
     if not value or value[0] not in _OFTEN_TEXT:
         return None
@@ -220,7 +220,7 @@ def _reserved_start(at: ErrorContext) -> _Cause | None:
 
 
 def _rejected_value(at: ErrorContext) -> tuple[int, str]:
-    """The column and text of a value whose first character the parser rejected; else no text."""
+    """Column and text of a value whose first character the parser rejected; otherwise no text."""
     column = at.column
     if at.context.endswith(("alias", "anchor", "block scalar")) and at.context_place:
         column = at.context_place[1]
@@ -250,7 +250,7 @@ def _extra_bracket(at: ErrorContext) -> _Cause | None:
 
 
 def _open_bracket(at: ErrorContext) -> _Cause | None:
-    """`[1, 2`, noticed where the next line is no part of it."""
+    """`[1, 2`, noticed where the next line is no longer part of it."""
     opened = at.before.bracket
     if opened is None:
         return None
@@ -291,7 +291,7 @@ def _missing_comma(at: ErrorContext) -> _Cause | None:
         return None
     place = at.span
     if at.rest[0] == ":":
-        # The word before the colon is the next key, read as the end of the value before it.
+        # The word before the colon is the next key, parsed as the end of the previous value.
         word = _LAST_WORD.search(at.text, 0, at.column - 1)
         start = opened.column if opened.line == at.line else 0
         if word is not None and word.start() >= start:
@@ -318,7 +318,7 @@ _NO_COLON: Final = "could not find expected ':'"
 
 
 def _missing_space(at: ErrorContext) -> _Cause | None:
-    """`-item` and `key:value`, in one of the lines from the last value on."""
+    """`-item` and `key:value`, on any line since the last value."""
     first = at.before.scalar.line if at.before.scalar else at.line
     if at.context_place and "simple key" in at.context:
         first = min(first, at.context_place[0])
@@ -335,7 +335,7 @@ def _missing_space(at: ErrorContext) -> _Cause | None:
 
 
 def _second_colon(at: ErrorContext) -> _Cause | None:
-    """`key: value: x`: the second colon makes a mapping of a value that started as text."""
+    """`key: value: x`: the second colon turns text into a mapping."""
     pair = _PAIR.match(at.text) if at.problem.startswith(_NO_MAPPING_HERE) else None
     if pair is None or at.column <= pair.end(1) + 1:
         return None
@@ -348,7 +348,7 @@ def _second_colon(at: ErrorContext) -> _Cause | None:
 
 
 def _missing_colon(at: ErrorContext) -> _Cause | None:
-    """`key`, `key = value`, `key value`, and a wide colon."""
+    """`key`, `key = value`, `key value`, and a full-width colon."""
     if not at.problem.startswith(_NO_COLON) or not at.context_place:
         return None
     number = at.context_place[0]
@@ -369,18 +369,18 @@ def _missing_colon(at: ErrorContext) -> _Cause | None:
     return _Cause(what, place, f"write `{pair[1]}: {pair[2]}`")
 
 
-# Lines that start in another column than those they belong to
+# Lines that start in a different column than their block
 
 _DASHES: Final = re.compile(r"(\s*)((?:- +)*)")
 _MOST_LINES: Final = 200
-"""Lines above the mistake that are searched."""
+"""Maximum number of lines searched above the mistake."""
 
 _Start = tuple[int, int, str]
-"""Line, column and kind, dash or key, of what a line starts with."""
+"""Line, column and kind (dash or key) of what a line starts with."""
 
 
 def _deeper_than_key(at: ErrorContext) -> _Cause | None:
-    """A key below a value, deeper than the value's key: one of the two is in a wrong column."""
+    """A key below a value, indented more than the value's key: one of them is misplaced."""
     scalar = at.before.scalar
     if not at.problem.startswith(_NO_MAPPING_HERE) or scalar is None or not at.before.is_plain:
         return None
@@ -390,7 +390,7 @@ def _deeper_than_key(at: ErrorContext) -> _Cause | None:
     column = indent_of(at.text) + 1
     outer = [start for start in _starts(at.source, scalar.line) if start[2] == "key"]
     if any(start[1] == column for start in outer[:1]):
-        # The key fits to what stands further up, so that the line between is the odd one.
+        # The key matches the lines further up, so the line in between is misplaced.
         return _differs(at.source, (scalar.line, above[1]), outer[0][:2])
     return _differs(at.source, (at.line, column), above[:2])
 
@@ -412,7 +412,7 @@ def _item_among_keys(at: ErrorContext) -> _Cause | None:
 
 
 def _other_column(at: ErrorContext) -> _Cause | None:
-    """A line in a column in which none above it starts."""
+    """A line in a column in which no line above it starts."""
     if not _is_start_of_block(at):
         return None
     kind = _kind(at)
@@ -442,7 +442,7 @@ def _kind(at: ErrorContext) -> str:
 
 
 def _line_between(at: ErrorContext, kind: str) -> tuple[tuple[int, int], tuple[int, int]] | None:
-    """A line too far left, below one to which the place fits; and that one."""
+    """A line too far left, below one that matches the location; and that one."""
     odd: tuple[int, int] | None = None
     for number in range(at.line - 1, max(at.line - 1 - _MOST_LINES, 0), -1):
         text = at.source.line(number)
@@ -472,7 +472,7 @@ def _differs(source: SourceFile, wrong: tuple[int, int], right: tuple[int, int])
 
 
 def _starts(source: SourceFile, line: int) -> Iterator[_Start]:
-    """What the lines above start with, nearest first, outer ones only."""
+    """The starts of the lines above, nearest first, outer ones only."""
     narrowest = 10**9
     for number in range(line - 1, max(line - 1 - _MOST_LINES, 0), -1):
         text = source.line(number)
@@ -485,9 +485,9 @@ def _starts(source: SourceFile, line: int) -> Iterator[_Start]:
 
 
 def _starts_of(source: SourceFile, line: int) -> list[_Start]:
-    """The dashes of a line, and the key behind them."""
+    """The dashes of a line, and the key after them."""
     match = _DASHES.match(source.line(line))
-    assert match is not None  # it matches nothing, too
+    assert match is not None  # the pattern also matches an empty line
     dashes = [(line, m.start() + match.end(1) + 1, "dash") for m in re.finditer("-", match[2])]
     return [*dashes, (line, match.end() + 1, "key")]
 
@@ -512,4 +512,4 @@ _CAUSES: Final[tuple[Callable[[ErrorContext], _Cause | None], ...]] = (
     _item_among_keys,
     _other_column,
 )
-"""In the order in which they are tried: a later cause may rely on an earlier one not being met."""
+"""In the order in which they are tried: a later cause may assume that earlier ones do not apply."""

@@ -1,7 +1,7 @@
-"""Text -> tree with places. Whatever the text is, the result is a tree, findings, or both.
+"""Parse text into a tree with locations. The result is a tree, findings, or both, for any text.
 
-Built on PyYAML's event stream: scalars are read by YAML 1.2 core, only the safe subset is taken,
-aliases may expand only so far. Opens no file.
+Built on PyYAML's event stream. Scalars follow the YAML 1.2 core schema, only the safe subset is
+accepted, and the expansion of aliases is limited. Opens no file.
 """
 
 import codecs
@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 MOST_VALUES = 150_000
-"""What a config may hold, an alias counted as all that it stands for."""
+"""Maximum number of values in a config; an alias counts as all values that it stands for."""
 _DEEPEST = 100
 
 _CORE_TAGS = {
@@ -38,25 +38,25 @@ _QUOTED_STYLES = ("'", '"', "|", ">")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parsed:
-    """What a text held; no tree where it is empty or nothing of it could be read."""
+    """The content of a text; no tree if it is empty or unreadable."""
 
     tree: Tree | None
     diagnostics: tuple[Diagnostic, ...] = ()
     values: int = 0
-    """How many they are, aliases expanded."""
+    """Number of values, with aliases expanded."""
     is_whole: bool = True
-    """Whether every value is in the tree; of a key that stands twice only the first is."""
+    """Whether every value is in the tree; for a duplicate key, only the first is."""
 
 
 def decode_source(path: str, data: bytes) -> SourceFile | Diagnostic:
-    """The bytes of a file as a source, or why they cannot be one."""
+    """The bytes of a file as a source, or why they cannot be decoded."""
     if len(data) > LONGEST_FILE_BYTES:
         start = Span.at(SourceFile.of(path, ""), 1, 1)
         return found("OBK007", "the file is longer than 10 MiB, so it is not read", start)
     try:
         return SourceFile.of(path, data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        # The error's own bytes: a mark of the byte order in front is not among them.
+        # Use the error's own bytes, which do not include a byte order mark.
         before = SourceFile.of(path, error.object[: error.start].decode("utf-8"))
         place = Span.at(before, len(before.lines), len(before.lines[-1]) + 1)
         is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
@@ -67,15 +67,16 @@ def decode_source(path: str, data: bytes) -> SourceFile | Diagnostic:
 
 
 def too_many_values(place: Span, *, values_before: int = 0) -> Diagnostic:
-    """The finding about a text that goes on past what a config may hold."""
+    """The finding for a text that exceeds the limit on values."""
     together = ", including those of the previous files" if values_before else ""
     return found("OBK006", f"there are more than {MOST_VALUES:,} values{together}", place)
 
 
 def parse_source(source: SourceFile, *, values_before: int = 0) -> Parsed:
-    """The tree of a text that holds one YAML document.
+    """The tree of a text with one YAML document.
 
-    `values_before` are those of the same config's other files; all together are bounded.
+    `values_before` is the number of values in the config's other files; the limit applies to all
+    of them together.
     """
     unreadable = forbidden_character(source)
     if unreadable is not None:
@@ -83,10 +84,10 @@ def parse_source(source: SourceFile, *, values_before: int = 0) -> Parsed:
     seen = YamlText(source.text)
     composer = _Composer(source, seen, values_before)
     try:
-        # As `yaml.parse`, without a turn through Python for each event.
+        # Like `yaml.parse`, but without a Python call for each event.
         tree = composer.document(iter(YAML_LOADER(seen.text).get_event, None))
     except yaml.MarkedYAMLError as error:
-        from obk_cli.config.yaml_errors import explain_yaml_error  # most texts need none
+        from obk_cli.config.yaml_errors import explain_yaml_error  # rarely needed
 
         fault = explain_yaml_error(error, source)
         if not any(earlier.span.line == fault.span.line for earlier in composer.faults):
@@ -103,12 +104,12 @@ def parse_source(source: SourceFile, *, values_before: int = 0) -> Parsed:
 
 
 class _GivenUpError(Exception):
-    """The rest of the text is not worth reading; the finding is already noted."""
+    """The rest of the text is not worth parsing; the finding is already recorded."""
 
 
 @dataclass(slots=True)
 class _Collection:
-    """A list or mapping whose end has not come yet."""
+    """A list or mapping that is not closed yet."""
 
     start: yaml.CollectionStartEvent
     items: list[Tree] = field(default_factory=list)
@@ -123,7 +124,7 @@ class _Anchored:
 
 
 class _Composer:
-    """Turns one event stream into one tree; keeps its own stack, so depth is not Python's."""
+    """Turns one event stream into one tree; keeps its own stack instead of recursing."""
 
     def __init__(self, source: SourceFile, seen: YamlText, values_before: int) -> None:
         self.faults: list[Diagnostic] = []
@@ -175,7 +176,7 @@ class _Composer:
         return None
 
     def _add(self, tree: Tree, weight: int, event: yaml.NodeEvent) -> Tree | None:
-        """Put a finished value where it belongs; returns it if it is the whole document."""
+        """Add a finished value to its parent; return it if it is the whole document."""
         if event.anchor and not isinstance(event, AliasEvent):
             self._anchors[event.anchor] = _Anchored(tree, weight)
         if not self._open:
@@ -210,7 +211,7 @@ class _Composer:
         return TreeScalar(value if is_text else core_scalar(value), span)
 
     def _key(self, tree: Tree) -> str:
-        """A key is text; a number or `true` is one as it is written."""
+        """The text of a key; a number or `true` counts as written."""
         if isinstance(tree, TreeScalar):
             key = tree.value if isinstance(tree.value, str) else tree.span.text
             if not key:
@@ -244,7 +245,7 @@ class _Composer:
         return TreeMap(tuple(entries.values()), span)
 
     def _merged(self, value: Tree) -> list[Entry]:
-        """The entries that `<<: value` brings, those of earlier mappings first."""
+        """The entries merged by `<<: value`, those of earlier mappings first."""
         sources = value.items if isinstance(value, TreeList) else (value,)
         entries: list[Entry] = []
         for source in sources:
@@ -297,6 +298,6 @@ class _Composer:
 
     def _span(self, first: yaml.Event, last: yaml.Event) -> Span:
         start, end = first.start_mark, last.end_mark
-        assert start is not None  # only hand-made events have no marks
+        assert start is not None  # only synthetic events have no marks
         assert end is not None
         return Span(self._source, start.line + 1, start.column + 1, end.line + 1, end.column + 1)

@@ -1,1 +1,1 @@
-"""Edits of a config's text: fix findings, migrate the spelling, add a node."""
+"""Edit a config's text: fix findings, migrate the syntax, add a node."""

@@ -1,7 +1,7 @@
-"""Add a node to a config: wire it, edit the text, and verify the result by compiling again.
+"""Add a node to a config: wire it, edit the text, and verify the result by compiling it.
 
-A config's source, a new node and the compiler's options in; the new text and the wiring out, or why
-not. Writes no file. The new text has the old content and the new node, and no new error.
+Returns the new text and the wiring, or why the node cannot be added. Writes no file. The new text
+has the old content and the new node, and no new errors.
 """
 
 from collections import Counter
@@ -49,7 +49,7 @@ __all__ = ["add_node", "find_replaced", "new_errors"]
 
 @dataclass(frozen=True, slots=True)
 class PlannedEnvironment:
-    """The environment of today with one executable more, of whose code nothing is known."""
+    """The current environment with one additional executable, whose code is unknown."""
 
     current: Environment
     package: str
@@ -64,7 +64,7 @@ class PlannedEnvironment:
         return self.current.manifest_fault(package)
 
     def package_names(self) -> tuple[str, ...]:
-        """Every package, the new one too."""
+        """All packages, including the new one."""
         return tuple(sorted({*self.current.package_names(), self.package}))
 
     def message_packages(self) -> tuple[str, ...]:
@@ -76,13 +76,13 @@ class PlannedEnvironment:
         return self.current.message_names(package)
 
     def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
-        """The packages of the workspace that have the name of one of Obelisk's, and lack some."""
+        """The workspace packages that replace one of Obelisk's and lack something."""
         return self.current.replaced_messages()
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
-        """How an executable is started."""
+        """How to start an executable."""
         if (package, executable) == (self.package, self.executable):
-            return Command(arguments=(), found_in="what is being made")
+            return Command(arguments=(), found_in="the package being created")
         return self.current.find_executable(package, executable)
 
     def read_node_code(self, package: str, executable: str) -> NodeCode | None:
@@ -92,7 +92,7 @@ class PlannedEnvironment:
         return self.current.read_node_code(package, executable)
 
     def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
-        """What in the source of an executable may differ between two lock-step runs."""
+        """Code of an executable that may differ between two lock-step runs."""
         if (package, executable) == (self.package, self.executable):
             return ()
         return self.current.read_hazards(package, executable)
@@ -116,12 +116,12 @@ class PlannedEnvironment:
         return self.current.model_line(path, line)
 
     def model_element(self, path: Path, kind: str, name: str) -> Span | None:
-        """Where a model defines an element."""
+        """The location where a model defines an element."""
         return self.current.model_element(path, kind, name)
 
 
 def new_errors(before: Iterable[Diagnostic], after: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """The errors that there are more of than before; line numbers and counted names may differ."""
+    """Errors that occur more often than before, ignoring line numbers and numbered names."""
     old = [finding for finding in before if finding.severity == "error"]
     known = {(finding.code, finding.message) for finding in old}
     errors = [finding for finding in after if finding.severity == "error"]
@@ -132,7 +132,7 @@ def new_errors(before: Iterable[Diagnostic], after: Iterable[Diagnostic]) -> tup
 def expected_content(
     tree: TreeMap, place: InsertionPoint, entry: Mapping[str, object], index: int | None
 ) -> object:
-    """The expected content: that of `tree`, with the node as the last or at `index`."""
+    """The expected content: that of `tree`, with the node last or at `index`."""
     plain = plain_value(tree)
     holder = _holder(plain, place)
     nodes = _nodes(holder.get(place.section))
@@ -145,7 +145,7 @@ def expected_content(
 
 
 def content_of(tree: Tree, place: InsertionPoint) -> object:
-    """The content of a text, the section of the place as a list."""
+    """The content of a text, with the section at the insertion point as a list."""
     plain = plain_value(tree)
     holder = _holder(plain, place)
     holder[place.section] = _nodes(holder.get(place.section))
@@ -175,11 +175,11 @@ def add_node(
     device: str | None = None,
     replaces: str | None = None,
 ) -> AddedNode | Rejected:
-    """Put a node into the text of a config.
+    """Insert a node into the text of a config.
 
-    `before` is what the text as it is compiles to; it is compiled here if that is not known.
-    `device` chooses among several; `replaces` names a node of the section that makes room. The
-    node's package need not be there yet.
+    `before` is the compiled config; it is compiled here if not given. `device` selects one of
+    several devices; `replaces` names a node of the section to replace. The node's package need not
+    exist yet.
     """
     options = _with_planned(source, new_node, options)
     before = before or compile_source(source, options)
@@ -187,7 +187,7 @@ def add_node(
     tree = parse_source(source).tree
     if faults or before.config is None or not isinstance(tree, TreeMap):
         return Rejected(
-            sentence=f"`{source.path}` cannot be read as a config, so no node is added",
+            sentence=f"`{source.path}` cannot be read as a config, so no node was added",
             help="fix the findings above, then add the node",
             findings=faults or before.diagnostics,
         )
@@ -225,7 +225,7 @@ class _Addition:
         if old is not None and chosen != old.device:
             return Rejected(
                 sentence=f"`{old.full_name}` runs on `{old.device}`, not on `{chosen}`",
-                help="the new node takes its place: leave the device out",
+                help="the new node runs on the same device: omit the device",
             )
         wired = wire_node(self._node, self._stack, old)
         if isinstance(wired, Rejected):
@@ -272,7 +272,7 @@ class _Addition:
         errors = new_errors(self._before.diagnostics, after.diagnostics)
         if errors:
             return Rejected(
-                sentence=f"with the new node `{self._source.path}` would have errors that it "
+                sentence=f"the new node would cause errors in `{self._source.path}` that it "
                 "does not have now",
                 help="see the errors above; choose other message types, or fix the config first",
                 findings=errors,
@@ -280,7 +280,7 @@ class _Addition:
         node = self._newest(after.config, old)
         if node is None:
             return self._tied(place)
-        assert after.config is not None  # it has the node
+        assert after.config is not None  # it contains the node
         return AddedNode(
             source=self._source,
             text=text,
@@ -292,7 +292,7 @@ class _Addition:
         )
 
     def _newest(self, after: Stack | None, old: Node | None) -> Node | None:
-        """The new node, if it is all that the stack has more than before."""
+        """The new node, if it is the only addition to the stack."""
         more = 0 if old else 1
         if after is None or len(after.nodes) != len(self._stack.nodes) + more:
             return None
@@ -324,7 +324,7 @@ def _with_planned(source: SourceFile, new_node: NewNode, options: Options) -> Op
 
 
 def _unreadable(outcome: Outcome) -> Iterator[Diagnostic]:
-    """The faults after which it is not known what the config holds."""
+    """The faults that make the config's content unknown."""
     for finding in outcome.diagnostics:
         is_lost = finding.code.startswith("OBK0") or finding.code in ("OBK112", "OBK114")
         if finding.severity == "error" and is_lost:
@@ -332,7 +332,7 @@ def _unreadable(outcome: Outcome) -> Iterator[Diagnostic]:
 
 
 def find_replaced(stack: Stack, section: str, name: str) -> Node | Rejected:
-    """The node of a section by its name, in full or not, or by its executable."""
+    """The node of a section by its full or short name, or by its executable."""
     nodes = list(stack.section(section))
     exact = [node for node in nodes if name in _names(node)] or [
         node for node in nodes if node.executable and name == node.executable.value
@@ -341,18 +341,18 @@ def find_replaced(stack: Stack, section: str, name: str) -> Node | Rejected:
         return exact[0]
     if exact:
         return Rejected(
-            sentence=f"`{name}` is {len(exact)} nodes of `{section}`",
+            sentence=f"`{name}` matches {len(exact)} nodes of `{section}`",
             help=f"choose one: {list_names(node.node_name for node in exact)}",
         )
     names = [node.node_name for node in nodes]
     return Rejected(
         sentence=f"section `{section}` has no node `{name}` to replace",
-        help=did_you_mean(name, names) or "it has no node at all: add one",
+        help=did_you_mean(name, names) or "the section is empty: add a node instead",
     )
 
 
 def _choose_device(tree: TreeMap, stack: Stack, name: str | None) -> str | Rejected:
-    """The device of that name; without a name, the only one."""
+    """The device with this name; without a name, the only device."""
     here = (entry.key for entry in devices_of(tree))
     known = list(dict.fromkeys((*here, *(node.device for node in stack.nodes)))) or [ONE_DEVICE]
     if name in known:
@@ -362,22 +362,22 @@ def _choose_device(tree: TreeMap, stack: Stack, name: str | None) -> str | Rejec
         return Rejected(sentence=f"the config has no device `{name}`", help=help)
     if len(known) > 1:
         return Rejected(
-            sentence=f"the config has {len(known)} devices, and the new node runs on one",
+            sentence=f"the config has {len(known)} devices, so the new node needs one of them",
             help=f"choose one: {list_names(known)}",
         )
     return known[0]
 
 
 def _find_duplicate(stack: Stack, new_node: NewNode, old: Node | None) -> Rejected | None:
-    """The refusal of a node that is in the config already, unless it is the one that goes."""
+    """Reject a node that is already in the config, unless it is being replaced."""
     for node in stack.section(new_node.section):
         if node is old or node.pkg is None or node.executable is None:
             continue
         if (node.pkg.value, node.executable.value) == (new_node.pkg, new_node.executable):
             return Rejected(
-                sentence=f"`{new_node.executable}` of package `{new_node.pkg}` is in the config "
-                f"already, as `{node.full_name}` ({node.span})",
-                help="leave it as it is, or choose another name for the new node",
+                sentence=f"`{new_node.executable}` of package `{new_node.pkg}` is already in the "
+                f"config as `{node.full_name}` ({node.span})",
+                help="keep it, or choose another name for the new node",
             )
     return None
 

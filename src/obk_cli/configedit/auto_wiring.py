@@ -1,7 +1,6 @@
-"""Wire a new node: a topic for each of its ends and a period for each timer, from the stack.
+"""Wire a new node: choose a topic for each of its ends and a period for each timer.
 
-Pure: the new node and the stack in; its entry with topics and periods out, or which end no topic
-fits.
+Pure: returns the entry with topics and periods, or the end for which no topic fits.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,7 +28,7 @@ _SOURCES: Mapping[str, tuple[str, ...]] = {
     "robot": ("control",),
     "sensing": ("robot", "sensing"),
 }
-"""Section -> the sections that its nodes subscribe to, the likelier first."""
+"""Section -> the sections that its nodes subscribe to, the most likely first."""
 _READERS: Mapping[str, tuple[str, ...]] = {
     "control": ("robot", "control"),
     "estimation": ("control", "estimation"),
@@ -41,31 +40,31 @@ _BEFORE: Mapping[str, tuple[str, ...]] = {
     "control": ("estimation",),
     "estimation": ("robot", "sensing"),
 }
-"""Section -> the sections of the block before it in the loop; a robot's is `control`."""
+"""Section -> the preceding sections in the loop; for a robot, `control`."""
 _OTHER_SIDE: Mapping[Direction, Direction] = {"publishes": "subscribes", "subscribes": "publishes"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """One end of the new node and the topic that it got."""
+    """One end of the new node and its topic."""
 
     end: NewEnd
     topic: str
     """Absolute."""
     written: str
-    """As the config writes it: with its variables."""
+    """The topic as written in the config, with its variables."""
     peers: tuple[str, ...] = ()
-    """Full names of the nodes at the other side."""
+    """Full names of the nodes at the other end."""
     qos: Mapping[str, str] | None = None
     notes: tuple[str, ...] = ()
-    """What the user should know of the choice."""
+    """Notes for the user about the choice."""
     switch: "Switch | None" = None
-    """How to make the stack use a topic that nothing reads yet."""
+    """How to make the stack use a topic that has no subscriber yet."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Switch:
-    """A subscriber that is wired to another publisher now."""
+    """A subscriber that currently receives from another publisher."""
 
     place: Span
     """The topic name to change in the config."""
@@ -74,14 +73,14 @@ class Switch:
 
 
 class _Chooser:
-    """The ends of a stack without those of the node that is `replaced`.
+    """The ends of a stack, without those of the node being replaced.
 
-    That one leaves its topics to the new node, where the types fit.
+    The new node takes over its topics if the types fit.
     """
 
     def __init__(self, new_node: NewNode, stack: Stack, replaced: Node | None) -> None:
         self.near: Link | None = None
-        """A topic beside which one of the node's own may stand."""
+        """A topic near which to place the node's own topics."""
         self._node = new_node
         self._name = stack.name.value if stack.name else "stack"
         self._former = tuple(node_ends(replaced)) if replaced else ()
@@ -93,7 +92,7 @@ class _Chooser:
                 self._types.setdefault(end.topic, end.known_type)
 
     def subscribe(self, end: NewEnd) -> Link | Rejected:
-        """The first topic of the type that the right section publishes."""
+        """The first topic of this type that a suitable section publishes."""
         sources = self._others(end, _SOURCES)
         fitting = _first_by_topic(other for other in sources if self._fits(other, end))
         if not fitting:
@@ -111,7 +110,7 @@ class _Chooser:
         )
 
     def publish(self, end: NewEnd) -> Link | Rejected:
-        """A topic that has subscribers and no publisher; else one of the node's own."""
+        """A topic with subscribers but without a publisher; otherwise a new topic."""
         readers = self._others(end, _READERS)
         fitting = _first_by_topic(other for other in readers if self._fits(other, end))
         if not fitting and self._node.section == "control":
@@ -137,14 +136,14 @@ class _Chooser:
         )
 
     def _others(self, end: NewEnd, sections: Mapping[str, tuple[str, ...]]) -> list[TopicEnd]:
-        """The ends that this one may be added with: by section, then in the config's order."""
+        """The ends that may be connected to this one: by section, then in config order."""
         peer_sections = sections.get(self._node.section, ())
         side = _OTHER_SIDE[end.direction]
         candidates = [e for e in self._ends if e.direction == side and e.section in peer_sections]
         return sorted(candidates, key=lambda other: peer_sections.index(other.section))
 
     def _fits(self, other: TopicEnd, end: NewEnd) -> bool:
-        """Whether the types are one; where none is written, whether the roles are a pair."""
+        """Whether the types are equal; if a type is not written, whether the roles match."""
         known = other.known_type or self._types.get(other.topic)
         if known is not None:
             return known == end.msg_type
@@ -162,9 +161,9 @@ class _Chooser:
     ) -> Link:
         side = _OTHER_SIDE[end.direction]
         peers = (e.owner for e in self._ends if e.topic == other.topic and e.direction == side)
-        notes = [f"of the same type there is {list_names(rest)} too"] if rest else []
+        notes = [f"other topics of this type: {list_names(rest)}"] if rest else []
         if other.topic not in self._types:
-            notes.append(f"its type is not written, taken to be {end.spelling}")
+            notes.append(f"its type is not written; assumed to be {end.spelling}")
         return Link(
             end=end,
             topic=other.topic,
@@ -175,7 +174,7 @@ class _Chooser:
         )
 
     def _own_topic(self, end: NewEnd, rival: TopicEnd | None) -> Link:
-        """A topic of its own, with a note on how to switch the subscribers over to it."""
+        """A new topic, with a note on how to switch subscribers to it."""
         real, written = self._parents(rival)
         taken = {other.topic for other in self._ends}
         names = (self._node.executable, f"{self._node.executable}_new")
@@ -197,19 +196,19 @@ class _Chooser:
         writer = next(writers)
         return replace(
             link,
-            notes=(f"nothing reads it yet: `{rival.topic}` is published by `{writer}`",),
+            notes=(f"nothing subscribes to it yet: `{writer}` publishes `{rival.topic}`",),
             switch=Switch(place=rival.span, reader=rival.owner, writer=writer),
         )
 
     def _parents(self, rival: TopicEnd | None) -> tuple[str, str]:
-        """What topics of the node's own start with: in the graph, and as the config writes it."""
+        """The prefix of new topics: in the graph, and as written in the config."""
         real, written = self._beside(rival)
         parents = real.rpartition("/")[0], written.rpartition("/")[0]
         is_whole = parents[1].count("${") == parents[1].count("}")
         return parents if is_whole else (parents[0], parents[0])
 
     def _beside(self, rival: TopicEnd | None) -> tuple[str, str]:
-        """The topic whose neighbour one of the node's own is to be."""
+        """The topic next to which a new topic is placed."""
         if rival is not None:
             return rival.topic, _written(rival)
         if self.near is not None:
@@ -246,7 +245,7 @@ class _Chooser:
         shown = [f"`{topic}` ({types.get(topic, 'type not written')})" for topic in topics]
         more = f" and {len(shown) - 6} more" if len(shown) > 6 else ""
         if not shown:
-            return f"nothing at all is {verb} there"
+            return f"no topic is {verb} there"
         return f"{verb}: {', '.join(shown[:6])}{more}; make the node for one of these types"
 
 
@@ -258,7 +257,7 @@ def _first_by_topic(ends: Iterable[TopicEnd]) -> dict[str, TopicEnd]:
 
 
 def _role(component: str) -> str:
-    """`ctrl` of `pub_ctrl` and of `sub_ctrl`."""
+    """The role of a component: `ctrl` for `pub_ctrl` and `sub_ctrl`."""
     return component.removeprefix("pub_").removeprefix("sub_")
 
 
@@ -267,7 +266,7 @@ def _is_set_to(setting: Spanned[str] | None, word: str) -> bool:
 
 
 def _written(end: TopicEnd) -> str:
-    """The topic with the variables that the user wrote in it."""
+    """The topic as written, with the user's variables."""
     raw = end.span.text.strip("\"'")
     is_whole = raw.startswith(("/", "${")) and raw.count("${") == raw.count("}")
     return raw if "${" in raw and is_whole else end.topic
@@ -275,7 +274,7 @@ def _written(end: TopicEnd) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tick:
-    """A timer of the new node, and where its period is from."""
+    """A timer of the new node, and the source of its period."""
 
     component: str
     period_s: float
@@ -294,7 +293,7 @@ class Wired:
 def wire_node(new_node: NewNode, stack: Stack, replaced: Node | None = None) -> Wired | Rejected:
     """Choose a topic for every end and a period for every timer.
 
-    The node that is `replaced` leaves its topics to the new one, where the types fit.
+    The new node takes over the topics of the node that it replaces, if the types fit.
     """
     chooser = _Chooser(new_node, stack, replaced)
     links: list[Link] = []
@@ -320,7 +319,7 @@ def _tick(
     replaced: Node | None,
     links: Iterable[Link],
 ) -> Tick:
-    """The period of the neighbour's timer, else of what the node receives, else the usual one."""
+    """The period of the neighbour's timer, otherwise that of an input, otherwise the usual one."""
     name = identity_of(timer)
     neighbours = stack.section(new_node.section)
     for node in (replaced, *neighbours) if replaced else neighbours:
@@ -331,17 +330,19 @@ def _tick(
     received = {link.topic for link in links if link.end.direction == "subscribes"}
     for end in stack_ends(stack):
         if end.direction == "publishes" and end.topic in received and end.rate_hz:
-            origin = f"as often as `{end.topic}` comes"
+            origin = f"at the rate of `{end.topic}`"
             return Tick(component=name, period_s=round(1 / end.rate_hz, 9), origin=origin)
     usual = timer["timer_period_sec"]
-    assert isinstance(usual, int | float)  # the entry is one of our own
-    return Tick(component=name, period_s=usual, origin="the usual rate, no neighbour has one")
+    assert isinstance(usual, int | float)  # the entry comes from our own template
+    return Tick(
+        component=name, period_s=usual, origin="the usual rate, because no neighbour has one"
+    )
 
 
 def _entry(
     new_node: NewNode, links: Mapping[NewEnd, Link], ticks: Iterable[Tick], stack: Stack
 ) -> dict[str, object]:
-    """The entry in the order of its keys, with a `name` where the neighbours have names."""
+    """The entry with its keys in the usual order, and a `name` if its neighbours have names."""
     by_component = {(link.end.direction, link.end.component): link for link in links.values()}
     periods = {tick.component: tick.period_s for tick in ticks}
     is_named = any(node.name for node in stack.section(new_node.section))
@@ -371,10 +372,10 @@ def _with_topic(component: Mapping[str, object], link: Link) -> dict[str, object
 
 
 def matching_types(new_node: NewNode, stack: Stack, replaced: Node | None) -> Mapping[str, str]:
-    """Component -> full type, for ends whose own type the stack has no use for.
+    """Component -> full type, for ends whose default type does not fit the stack.
 
-    What the node that is `replaced` had counts first; else what the block before publishes, and
-    what commands a robot.
+    Uses the types of the node being replaced, otherwise those that the preceding section publishes
+    and those that command a robot.
     """
     types: dict[str, str] = {}
     for end in new_node.ends:
@@ -387,7 +388,7 @@ def matching_types(new_node: NewNode, stack: Stack, replaced: Node | None) -> Ma
 
 
 def _partners(end: NewEnd, section: str, stack: Stack, replaced: Node | None) -> Iterable[TopicEnd]:
-    """The ends that one of the new_node's cannot do without."""
+    """The ends to which one of the new node's ends must connect."""
     is_subscriber = end.direction == "subscribes"
     if not is_subscriber and section != "control":
         return ()

@@ -1,8 +1,7 @@
-"""Apply the safe fixes of a config's findings to its texts, and verify by compiling again.
+"""Apply the safe fixes of a config's findings to its texts, and verify them by compiling again.
 
-A config's path and the compiler's options in; new texts of its files out, and what was done.
-Writes no file. A fix stays only if the config has no more errors with it and, if it is one of
-style, the same plan.
+Returns new texts of the config's files and the findings that were fixed. Writes no file. A fix is
+kept only if the config has no additional errors with it and, for style fixes, the same plan.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -20,28 +19,28 @@ __all__ = ["Fixed", "fix_config", "plan_without_places"]
 
 _OF_READING = ("OBK0", "OBK1")
 _MOST_ROUNDS = 20
-"""A fix may uncover another finding with a fix; this is the limit of such rounds."""
+"""Maximum number of rounds; a fix may uncover another finding with a fix."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fixed:
-    """What became of a config."""
+    """The result of fixing a config."""
 
     before: Outcome
     after: Outcome
     done: tuple[Diagnostic, ...] = ()
-    """The findings that were fixed, each with its place in the text as it was just before."""
+    """The fixed findings, each with its location in the text just before its fix."""
     refused: tuple[Diagnostic, ...] = ()
     """Findings whose fix added errors or changed the meaning, and was rolled back."""
     outside: tuple[Diagnostic, ...] = ()
-    """Those in files that may not be edited."""
+    """Findings in files that may not be edited."""
     files: tuple[tuple[SourceFile, str], ...] = ()
-    """Every file that changes: as it was, and its new text."""
+    """Every changed file: the old source and the new text."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _State:
-    """The texts so far, and the result of compiling them."""
+    """The current texts, and the result of compiling them."""
 
     outcome: Outcome
     texts: dict[Path, str] = field(default_factory=dict)
@@ -68,7 +67,7 @@ def fix_config(path: str, options: Options, may_edit: Callable[[Path], bool]) ->
 
 
 class _Fixer:
-    """Keeps what was tried, so that nothing is tried twice."""
+    """Remembers which fixes were tried, so that none is tried twice."""
 
     def __init__(self, path: str, options: Options, may_edit: Callable[[Path], bool]) -> None:
         self.done: list[Diagnostic] = []
@@ -79,7 +78,7 @@ class _Fixer:
         self._may_edit = may_edit
 
     def round(self, state: _State) -> _State | None:
-        """One step: all fixes at once if they hold, else the first that does; None at the end."""
+        """Apply all fixes at once, otherwise the first one that works; None at the end."""
         chosen = self._choose(state.outcome)
         if not chosen:
             return None
@@ -100,7 +99,7 @@ class _Fixer:
         return (f for f in outcome.diagnostics if f.fix and not self._is_editable(f))
 
     def _choose(self, outcome: Outcome) -> list[Diagnostic]:
-        """Fixes that do not touch each other; what is only style waits for the rest."""
+        """Fixes that do not overlap; style fixes come after all others."""
         refused = {(f.code, f.message) for f in self.refused}
         able = [
             f
@@ -130,7 +129,7 @@ class _Fixer:
         """The texts with these fixes; None if they are worse than before."""
         edits = dict.fromkeys(edit for finding in chosen for edit in finding.fix)
         texts = dict(state.texts)
-        by_file: dict[Path, list[Edit]] = {}  # one may be included by several paths
+        by_file: dict[Path, list[Edit]] = {}  # a file may be included by several paths
         for edit in edits:
             by_file.setdefault(self._real(edit.span.path), []).append(edit)
         for real, of_file in by_file.items():
@@ -157,7 +156,7 @@ def _errors(outcome: Outcome) -> int:
 
 
 def plan_without_places(outcome: Outcome) -> Plan | None:
-    """The config's plan without its places; None if the config cannot be read as a whole."""
+    """The config's plan without locations; None if the config cannot be read completely."""
     is_read = not any(
         finding.severity == "error" and finding.code.startswith(_OF_READING)
         for finding in outcome.diagnostics

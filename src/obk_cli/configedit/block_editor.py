@@ -1,8 +1,8 @@
 """Edit a config's text in block style: add a node to a section, or replace one.
 
-Pure: a text with its tree and the node's entry in; edits out, or why the text cannot be edited.
-Flow style (braces, brackets), anchors on a single node and keys written with `?` are rejected.
-Nothing but a replaced node is rewritten; the new lines have the layout of those around them.
+Pure: returns edits, or why the text cannot be edited. Flow style (braces, brackets), anchors on a
+single node and keys written with `?` are rejected. Only a replaced node is rewritten; new lines
+follow the layout of the lines around them.
 """
 
 import json
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 _SECTION_ORDER = ("control", "estimation", "sensing", "robot", "viz", "joystick")
-"""The order in which configs have their sections."""
+"""The usual order of sections in a config."""
 _DASH = re.compile(r" *-(?= |$)")
 _ANCHOR = re.compile(r"[ \t]*&")
 _FLOW_LIST = re.compile(r"(?:[&!]\S*\s+)*\[")
@@ -49,18 +49,18 @@ class Style:
 
     line_end: str = "\n"
     step: int = 2
-    """From a key to the keys of the mapping below it."""
+    """Indentation of keys relative to the parent key."""
     section_dash: int = 2
-    """From a section to the dashes of its nodes."""
+    """Indentation of a section's dashes relative to the section."""
     dash: int = 2
-    """From a key within a node to the dashes of its list."""
+    """Indentation of a list's dashes relative to its key within a node."""
     gap: int = 1
-    """Spaces behind a dash."""
+    """Spaces after a dash."""
     naming: Literal["ros_parameter", "key"] = "key"
 
 
 def _style_of(source: SourceFile, tree: TreeMap, section: str) -> Style:
-    """The layout of a text, as its nodes of `section` have it if there are any."""
+    """The layout of a text, taken from its nodes of `section` if it has any."""
     sections = sorted(_sections(tree), key=lambda entry: entry.key != section)
     nodes = [node for entry in sections for node in _maps(entry.value)]
     lists = [e for node in nodes for e in node if e.key in COMPONENT_LISTS]
@@ -131,32 +131,32 @@ def _uses_parameters(components: list[TreeMap]) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InsertionPoint:
-    """Where a node is to stand."""
+    """Where to insert a node."""
 
     tree: TreeMap
-    """The whole text."""
+    """The tree of the whole text."""
     section: str
     device: Entry | None = None
-    """The block that holds the section; None for sections at the top level."""
+    """The block that contains the section; None for sections at the top level."""
     new_device: str | None = None
-    """The device whose block is to be made for it."""
+    """The device whose block must be created for it."""
     style: Style
 
     @property
     def holder(self) -> TreeMap:
-        """The mapping that has, or is to have, the section."""
+        """The mapping that contains, or will contain, the section."""
         value = self.device.value if self.device else self.tree
-        assert isinstance(value, TreeMap)  # a device block is one
+        assert isinstance(value, TreeMap)  # a device block is a mapping
         return value
 
     @property
     def entry(self) -> Entry | None:
-        """The section, if it is there."""
+        """The section; None if it does not exist."""
         return None if self.new_device else self.holder.get(self.section)
 
 
 def place_of(tree: TreeMap, stack: Stack, section: str, device: str) -> InsertionPoint:
-    """The place of a section on a device; its block is made where the config has blocks."""
+    """The place of a section on a device; creates a block if the config has device blocks."""
     blocks = {entry.key: entry for entry in devices_of(tree)}
     has_levels = device not in blocks and not sections_of(tree) and _has_blocks(stack)
     return InsertionPoint(
@@ -169,39 +169,38 @@ def place_of(tree: TreeMap, stack: Stack, section: str, device: str) -> Insertio
 
 
 def index_of(place: InsertionPoint, old: Node) -> int | Rejected:
-    """Which item of the section the node that makes room is."""
+    """The index of the node to replace within its section."""
     value = place.entry.value if place.entry else None
     items = value.items if isinstance(value, TreeList) else (value,)
     for index, item in enumerate(items):
         if isinstance(item, TreeMap) and item.span.holds(old.span):
             return index
     return Rejected(
-        sentence=f"`{old.full_name}` does not stand in `{place.tree.span.path}` itself but at "
-        f"{old.span}",
-        help="replace it there by hand, or write it out in the config that is named",
+        sentence=f"`{old.full_name}` is not defined in `{place.tree.span.path}` but at {old.span}",
+        help="replace it there by hand, or move it into this config",
     )
 
 
 def _has_blocks(stack: Stack) -> bool:
-    """Whether a config has device blocks, in this text or in those that it includes."""
+    """Whether a config has device blocks, in this text or in its includes."""
     trees = (parse_source(source).tree for source in {node.span.source for node in stack.nodes})
     return any(isinstance(tree, TreeMap) and devices_of(tree) for tree in trees)
 
 
 def insert_node(place: InsertionPoint, node: Mapping[str, object]) -> tuple[Edit, ...] | Rejected:
-    """The node as the last one of its section."""
+    """Insert the node as the last one of its section."""
     return _Inserter(place, node).insert()
 
 
 def replace_node(
     place: InsertionPoint, index: int, node: Mapping[str, object]
 ) -> tuple[Edit, ...] | Rejected:
-    """The node where the section's node of that index stands now."""
+    """Replace the section's node with this index."""
     return _Inserter(place, node).replace(index)
 
 
 def snippet_of(place: InsertionPoint, node: Mapping[str, object]) -> str:
-    """The node as an item of its section, for the user to paste."""
+    """The node as a list item of its section, for the user to paste."""
     return "\n".join(_list_lines(node, place.style, 0))
 
 
@@ -235,10 +234,10 @@ class _Inserter:
 
     def replace(self, index: int) -> tuple[Edit, ...] | Rejected:
         entry = self._place.entry
-        assert entry is not None  # it holds the node
+        assert entry is not None  # it contains the node
         items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)
         old, at = items[index], self._offsets
-        assert isinstance(old, TreeMap)  # a node is one
+        assert isinstance(old, TreeMap)  # a node is a mapping
         start = at.start(old.span)
         if is_flow(old):
             return self._rejected(f"the node to replace ({old.span}) is in braces")
@@ -259,12 +258,12 @@ class _Inserter:
         )
 
     def _reason_to_reject(self, entry: Entry) -> str | None:
-        """Why a section that exists cannot be edited."""
+        """Why an existing section cannot be edited."""
         value, at = entry.value, self._offsets
         if not self._is_here(entry):
             return f"is an alias of {value.span}"
         if self._colon(entry) is None:
-            return "has no colon behind its key"
+            return "has no colon after its key"
         if isinstance(value, TreeList) and _is_flow_list(value) and value.items:
             return "is a list in brackets"
         if isinstance(value, TreeMap) and is_flow(value):
@@ -276,13 +275,13 @@ class _Inserter:
         return None
 
     def _is_here(self, entry: Entry) -> bool:
-        """Whether key and value stand in the holder itself, the value behind the key."""
+        """Whether key and value are written in the holder itself, the value after the key."""
         key, value = entry.key_span, entry.value.span
         is_behind = (value.line, value.column) >= (key.end_line, key.end_column)
         return self._place.holder.span.holds(key) and is_behind
 
     def _colon(self, entry: Entry) -> int | None:
-        """The offset behind the colon of a key, None for a key that is written with `?`."""
+        """The offset after the colon of a key; None for a key written with `?`."""
         colon = _COLON.match(self._source.text, self._offsets.end(entry.key_span))
         return colon.end() if colon else None
 
@@ -306,7 +305,7 @@ class _Inserter:
         return _list_lines(self._node, self._style, indent)
 
     def _into_mapping(self, entry: Entry) -> Iterator[Edit]:
-        """The one node becomes the first of a list; its lines stay where they are if they can."""
+        """Turn a single node into the first item of a list, keeping its lines if possible."""
         at = self._offsets
         header, last = entry.key_span.line, self._regions.last_line_of(entry)
         first = next(n for n in range(header + 1, last + 1) if self._has_content(n))
@@ -323,7 +322,7 @@ class _Inserter:
         yield self._below(last, self._item(dash))
 
     def _instead_of_value(self, entry: Entry, value: TreeScalar | TreeList) -> Iterator[Edit]:
-        """A block list below a key that had `[]`, `null` or nothing."""
+        """Write a block list below a key whose value was `[]`, `null` or empty."""
         at = self._offsets
         colon = self._colon(entry) or 0
         if at.end(value.span) > at.start(value.span):
@@ -359,7 +358,7 @@ class _Inserter:
         return [*lines, *self._item(column + self._style.section_dash)]
 
     def _above(self, entry: Entry, lines: list[str]) -> Edit:
-        """Lines above a key and the comments right above it, not above the head of the file."""
+        """Insert lines above a key and its comments, but below a comment that heads the file."""
         number = entry.key_span.line
         while number > 1 and _is_comment(self._source.line(number - 1)):
             number -= 1
@@ -371,7 +370,7 @@ class _Inserter:
         )
 
     def _below(self, number: int, lines: list[str]) -> Edit:
-        """Lines below a line; a last line without an end stays the one without."""
+        """Insert lines below a line; a file without a final line end stays that way."""
         at, end = self._offsets.at(number + 1), self._style.line_end
         if number < len(self._source.lines):
             return self._offsets.insert(at, "".join(f"{line}{end}" for line in lines))
@@ -388,14 +387,14 @@ class _Inserter:
         return not _is_blank(line) and not _is_comment(line)
 
     def _is_blank_above(self, number: int) -> bool:
-        """Whether a blank line stands above a line and the comments right above it."""
+        """Whether a blank line precedes a line and the comments directly above it."""
         while number > 1 and _is_comment(self._source.line(number - 1)):
             number -= 1
         return number > 1 and _is_blank(self._source.line(number - 1))
 
 
 def named_as(style: Style, entry: Mapping[str, object]) -> dict[str, object]:
-    """The entry with its components named by `key` or by `ros_parameter`, as the style is."""
+    """The entry with its components named by `key` or `ros_parameter`, depending on the style."""
     return {
         key: [_renamed(item, style) for item in value]
         if key in COMPONENT_LISTS and isinstance(value, list)
@@ -405,7 +404,7 @@ def named_as(style: Style, entry: Mapping[str, object]) -> dict[str, object]:
 
 
 def _list_lines(entry: Mapping[str, object], style: Style, indent: int) -> list[str]:
-    """The entry as an item of a block list whose dash is at `indent`."""
+    """The entry as a list item in block style, with its dash at `indent`."""
     first, *rest = _block_lines(entry, style)
     margin, body = " " * indent, " " * (1 + style.gap)
     return [f"{margin}-{' ' * style.gap}{first}", *(f"{margin}{body}{line}" for line in rest)]
@@ -417,7 +416,7 @@ def _block_lines(entry: Mapping[str, object], style: Style) -> list[str]:
 
 
 def inline_text(value: object) -> str:
-    """A value on one line, as within braces."""
+    """A value on one line, as in flow style."""
     if isinstance(value, Mapping):
         inside = (f"{key}: {inline_text(item)}" for key, item in value.items())
         return f"{{{', '.join(inside)}}}"
@@ -470,24 +469,24 @@ def _scalar(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Regions:
-    """The stretches of one text, in lines from 1."""
+    """The regions of a text, in lines from 1."""
 
     source: SourceFile
     tree: TreeMap
 
     def limit_of(self, entry: Entry) -> int:
-        """The first line that is not the entry's any more: of the next key, or past the end."""
+        """The first line after the entry: that of the next key, or past the end."""
         line, column = entry.key_span.line, entry.key_span.column
         later = (s.line for s in _keys(self.tree) if s.line > line and s.column <= column)
         return min(later, default=self.end)
 
     def last_line_of(self, entry: Entry) -> int:
-        """The last line of an entry with the comments that are deeper than its key."""
+        """The last line of an entry, including comments indented more than its key."""
         first = entry.key_span.line
         return self.last_line(first, self.limit_of(entry), entry.key_span.column - 1)
 
     def last_line(self, first: int, limit: int, indent: int) -> int:
-        """The last line from `first` on with content, or with a comment deeper than `indent`."""
+        """The last line from `first` on with content or a comment indented more than `indent`."""
         last = first
         for number in range(first + 1, limit):
             line = self.source.line(number)
@@ -497,7 +496,7 @@ class _Regions:
 
     @property
     def end(self) -> int:
-        """The line past the document: of a marker that ends it, or past the text."""
+        """The line after the document: an end marker, or past the text."""
         marked = (
             number
             for number in range(self.tree.span.line, len(self.source.lines) + 1)
@@ -507,17 +506,17 @@ class _Regions:
 
 
 def _is_blank(line: str) -> bool:
-    """Whether a line holds nothing."""
+    """Whether a line is empty."""
     return not line.strip()
 
 
 def _is_comment(line: str) -> bool:
-    """Whether a line holds a comment alone."""
+    """Whether a line contains only a comment."""
     return line.lstrip().startswith("#")
 
 
 def _keys(tree: Tree) -> Iterator[Span]:
-    """The keys of every block mapping."""
+    """The keys of all block mappings."""
     if isinstance(tree, TreeMap) and not is_flow(tree):
         for entry in tree:
             yield entry.key_span
@@ -528,6 +527,6 @@ def _keys(tree: Tree) -> Iterator[Span]:
 
 
 def _own_sections(holder: TreeMap) -> list[Entry]:
-    """The sections that are written in the mapping itself, in the order of the text."""
+    """The sections written in the mapping itself, in text order."""
     own = (e for e in holder if e.key in _SECTION_ORDER and holder.span.holds(e.key_span))
     return sorted(own, key=lambda entry: (entry.key_span.line, entry.key_span.column))

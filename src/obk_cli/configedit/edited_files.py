@@ -1,4 +1,4 @@
-"""Files that a command edits: read once, written whole, shown as a difference."""
+"""Files that a command edits: read once, replaced as a whole, shown as a diff."""
 
 import codecs
 import difflib
@@ -19,7 +19,7 @@ __all__ = ["EditedFile", "open_for_edit", "print_bytes", "report_diff", "write_e
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EditedFile:
-    """A file to be edited; its byte order mark is kept."""
+    """A file to edit; its byte order mark is kept."""
 
     source: SourceFile
     data: bytes
@@ -32,7 +32,7 @@ class EditedFile:
 
 
 def open_for_edit(path: str) -> EditedFile | Diagnostic:
-    """A config by its path; `-` is the standard input.
+    """Open a config by its path; `-` is standard input.
 
     Raises:
         CommandFailedError: the file cannot be read.
@@ -46,7 +46,7 @@ def open_for_edit(path: str) -> EditedFile | Diagnostic:
 
 
 def write_edited(file: EditedFile, text: str) -> None:
-    """Replace the file, unless it was changed since it was read.
+    """Replace the file, unless it has changed since it was read.
 
     Raises:
         CommandFailedError: the file has changed or cannot be written.
@@ -54,14 +54,14 @@ def write_edited(file: EditedFile, text: str) -> None:
     path = Path(file.source.path)
     try:
         if path.read_bytes() != file.data:
-            raise CommandFailedError(f"`{path}` has changed meanwhile, nothing is written")
+            raise CommandFailedError(f"`{path}` changed during the edit; nothing was written")
         write_bytes(path, file.bytes_of(text))
     except OSError as error:
         raise unwritable(path, error) from error
 
 
 def print_bytes(data: bytes) -> None:
-    """Bytes to the standard output as they are: line ends are the file's own."""
+    """Write bytes to standard output unchanged, with the file's own line ends."""
     sys.stdout.flush()
     sys.stdout.buffer.write(data)
     sys.stdout.buffer.flush()
@@ -72,7 +72,7 @@ _COLOURS = {"+": "32", "-": "31", "@": "36"}
 
 
 def report_diff(source: SourceFile, text: str, *, colour: bool) -> str:
-    """The diff from a source to its new text, empty where they are equal."""
+    """The diff from a source to its new text; empty if they are equal."""
     old, new = _LINE.findall(source.text), _LINE.findall(text)
     path = source.path.lstrip("/")
     lines = difflib.unified_diff(old, new, f"a/{path}", f"b/{path}")

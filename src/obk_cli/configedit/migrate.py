@@ -1,8 +1,8 @@
-"""Migrate a config's text from one spelling to the other, and verify that its meaning stays.
+"""Migrate a config's text from one syntax to the other, and verify that its meaning is unchanged.
 
-Pure: a source in; the new text, what stays and why, or the faults of a text that is no config out.
-Included files are not followed. A component keeps its name if the other spelling would not mean the
-same to every node: a different `key` beside it, a name without `_setting`, an anchor.
+Pure: returns the new text and what could not be migrated, or the faults of an invalid text. Does
+not follow includes. A component keeps its name if the other syntax would not mean the same to every
+node: because of a different `key` beside it, a name without `_setting`, or an anchor.
 """
 
 import re
@@ -40,15 +40,15 @@ _BLOCK_STYLE = "write it in block style, one key on each line, then migrate"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Migrated:
-    """What became of a text."""
+    """The result of migrating a text."""
 
     source: SourceFile
     text: str
-    """The text in the other spelling; the old one where it has faults."""
+    """The migrated text; the old text if there are faults."""
     kept: tuple[Diagnostic, ...] = ()
-    """What stays as it was, and why."""
+    """What was not migrated, and why."""
     faults: tuple[Diagnostic, ...] = ()
-    """Why nothing could be rewritten."""
+    """Why nothing could be migrated."""
 
     @property
     def is_changed(self) -> bool:
@@ -57,7 +57,7 @@ class Migrated:
 
 
 def migrate_source(source: SourceFile, to: Spelling) -> Migrated:
-    """Rewrite a text into a spelling; a text that is in it already stays byte for byte."""
+    """Rewrite a text in a syntax; a text already in that syntax is returned unchanged."""
     parsed = parse_source(source)
     tree = parsed.tree
     if parsed.diagnostics:
@@ -69,7 +69,7 @@ def migrate_source(source: SourceFile, to: Spelling) -> Migrated:
     stays = [step for step in steps if isinstance(step, Diagnostic)]
     text = _verified(source, tree, edits)
     if text is None:
-        message = "the file stays as it is: its anchors or its layout tie the places together"
+        message = "the file cannot be migrated because of its anchors or its layout"
         help = "write the anchors out and one key on each line, then migrate"
         stays = [_kept(message, tree.span, help)]
     return Migrated(source=source, text=text or source.text, kept=in_order(stays))
@@ -78,8 +78,9 @@ def migrate_source(source: SourceFile, to: Spelling) -> Migrated:
 def _not_a_config(tree: Tree | None, source: SourceFile) -> Diagnostic:
     if tree is None:
         return found("OBK114", "the file is empty, not a config", Span.at(source, 1, 1))
-    what = "no section of a config" if isinstance(tree, TreeMap) else f"{kind_of(tree)}, no config"
-    return found("OBK114", f"the file holds {what}", tree.span)
+    is_map = isinstance(tree, TreeMap)
+    what = "no section of a config" if is_map else f"{kind_of(tree)}, not a config"
+    return found("OBK114", f"the file contains {what}", tree.span)
 
 
 def _steps(tree: TreeMap, to: Spelling, offsets: Offsets) -> Iterator[Edit | Diagnostic]:
@@ -98,7 +99,7 @@ def _not_followed(include: Entry) -> Iterator[Diagnostic]:
 
 
 def _verified(source: SourceFile, tree: TreeMap, edits: list[Edit]) -> str | None:
-    """The new text if it reads back to the same meaning."""
+    """The new text, if it parses to the same meaning."""
     try:
         text = apply_edits(source, edits)
     except ValueError:
@@ -112,35 +113,34 @@ def _verified(source: SourceFile, tree: TreeMap, edits: list[Edit]) -> str | Non
 def _rename_component(
     component: TreeMap, to: Spelling, offsets: Offsets
 ) -> Iterator[Edit | Diagnostic]:
-    """The edits that name a component in that spelling, or why it keeps its name."""
+    """The edits that name a component in that syntax, or why it keeps its name."""
     old, new = component.get(_OLD_NAME[to]), component.get(_NEW_NAME[to])
     name = text_of(old)
     if old is None or name is None or (to == "seed" and new is not None):
         return
     reason = _reason_to_keep(name, old, to, offsets)
     if reason is not None:
-        yield _kept(f"`{old.key}: {name}` stays: {reason}", old.value.span)
+        yield _kept(f"`{old.key}: {name}` is kept: {reason}", old.value.span)
     elif new is None:
         yield from _renamed(old, name, to)
     elif component_identity(text_of(new) or "") == component_identity(name):
         yield from remove_entry(component, old)
     else:
         yield _kept(
-            f"`{old.key}: {name}` stays: the `key` beside it is another name, and nodes may look "
-            "for either",
+            f"`{old.key}: {name}` is kept: the `key` next to it differs, and nodes may use either",
             old.value.span,
         )
 
 
 def _reason_to_keep(name: str, entry: Entry, to: Spelling, offsets: Offsets) -> str | None:
     if "${" in name:
-        return "what it comes to is known only with its variables"
+        return "its value depends on variables"
     if to == "key" and (not name.endswith(SETTING_SUFFIX) or name == SETTING_SUFFIX):
-        return f"a `key` stands for a parameter that ends in `{SETTING_SUFFIX}`"
+        return f"a `key` replaces only parameters that end in `{SETTING_SUFFIX}`"
     value = entry.value.span
     between = offsets.source.text[offsets.end(entry.key_span) : offsets.start(value)]
     if re.fullmatch(r"[ \t]*:\s*", between) is None or value.text[:1] in ("&", "!"):
-        return "it stands in several places, by an anchor"
+        return "an anchor repeats it elsewhere"
     if not respell(value, name, name):
         return "it is written with escapes or over several lines"
     return None
@@ -154,24 +154,24 @@ def _renamed(entry: Entry, name: str, to: Spelling) -> Iterator[Edit]:
 
 
 def _lift_device(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic]:
-    """Sections at the top level; nothing where they stand there already."""
+    """Move sections to the top level; no edits if they are already there."""
     devices, sections = devices_of(tree), sections_of(tree)
     if not devices:
         return
     device, *others = devices
-    assert isinstance(device.value, TreeMap)  # `devices_of` asked
+    assert isinstance(device.value, TreeMap)  # checked by `devices_of`
     reason = _reason_to_keep_level(tree, device.value, offsets, device)
     if others:
-        message = "the device blocks stay: sections at the top level are one device, there are "
-        yield _kept(f"{message}{len(devices)}", others[0].key_span)
+        message = "the device blocks are kept: the top level can hold one device, not"
+        yield _kept(f"{message} {len(devices)}", others[0].key_span)
     elif sections:
-        yield _kept(f"section `{sections[0].key}` stands beside a device", sections[0].key_span)
+        yield _kept(f"section `{sections[0].key}` is outside the device", sections[0].key_span)
     elif device.key != ONE_DEVICE:
-        message = f"the device block stays: sections at the top level are the device `{ONE_DEVICE}`"
+        message = f"the device block is kept: the top level is the device `{ONE_DEVICE}`"
         yield _kept(message, device.key_span)
     elif reason is not None:
         help = _BLOCK_STYLE if reason == _IN_BRACES else None
-        yield _kept(f"the device block stays: {reason}", device.key_span, help)
+        yield _kept(f"the device block is kept: {reason}", device.key_span, help)
     else:
         yield from _lift_lines(tree, device, offsets)
 
@@ -180,16 +180,16 @@ def _reason_to_keep_level(
     tree: TreeMap, block: TreeMap, offsets: Offsets, device: Entry
 ) -> str | None:
     if tree.get("include") is not None:
-        return "an included file would have to change its level at the same moment"
+        return "an included file would have to change its level as well"
     start, end = offsets.end(device.key_span), offsets.start(block.span)
     if end < start or _PLAIN_COLON.fullmatch(offsets.source.text[start:end]) is None:
-        return "it is written by an anchor or with `?`"
+        return "it is written with an anchor or with `?`"
     if block.span.text[:1] in ("&", "!"):
         return "it has an anchor or a tag"
     if is_flow(tree) or is_flow(block):
         return _IN_BRACES
     taken = {entry.key for entry in tree} & {entry.key for entry in block}
-    return f"`{min(taken)}` stands outside it too" if taken else None
+    return f"`{min(taken)}` also occurs outside it" if taken else None
 
 
 def _lift_lines(tree: TreeMap, device: Entry, offsets: Offsets) -> Iterator[Edit]:
@@ -197,7 +197,7 @@ def _lift_lines(tree: TreeMap, device: Entry, offsets: Offsets) -> Iterator[Edit
     start = offsets.start(device.key_span)
     behind = _BEHIND_COLON.match(text, offsets.end(device.key_span))
     assert isinstance(device.value, TreeMap)
-    assert behind is not None  # a block mapping starts on a line of its own
+    assert behind is not None  # a block mapping starts on its own line
     if behind[1]:
         yield offsets.edit(start, behind.end())
     else:
@@ -212,7 +212,7 @@ def _lift_lines(tree: TreeMap, device: Entry, offsets: Offsets) -> Iterator[Edit
 
 
 def _nest_sections(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic]:
-    """The sections inside a device block; nothing where they are in one already."""
+    """Move the sections into a device block; no edits if they are in one already."""
     sections = sections_of(tree)
     if not sections:
         return
@@ -220,15 +220,15 @@ def _nest_sections(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnosti
     first, last = tree.entries.index(sections[0]), tree.entries.index(sections[-1])
     between = [entry for entry in tree.entries[first:last] if entry not in sections]
     if devices := devices_of(tree):
-        yield _kept(f"device `{devices[0].key}` stands beside sections", devices[0].key_span)
+        yield _kept(f"the sections are outside the device `{devices[0].key}`", devices[0].key_span)
     elif include is not None:
-        message = "the sections stay at the top level: an included file would have to change at "
-        yield _kept(f"{message}the same moment", include.key_span)
+        message = "the sections are kept at the top level: an included file would have to change "
+        yield _kept(f"{message}as well", include.key_span)
     elif between:
-        message = f"the sections stay at the top level: `{between[0].key}` stands between them"
-        yield _kept(message, between[0].key_span, "move it in front of the sections")
+        message = f"the sections are kept at the top level: `{between[0].key}` is between them"
+        yield _kept(message, between[0].key_span, "move it above the sections")
     elif is_flow(tree):
-        message = f"the sections stay at the top level: {_IN_BRACES}"
+        message = f"the sections are kept at the top level: {_IN_BRACES}"
         yield _kept(message, sections[0].key_span, _BLOCK_STYLE)
     else:
         yield from _nest_lines(tree, sections, offsets)
@@ -249,13 +249,13 @@ def _nest_lines(tree: TreeMap, sections: tuple[Entry, ...], offsets: Offsets) ->
 
 
 def _depth(sections: tuple[Entry, ...]) -> int:
-    """How far this file indents: its own smallest step, else the usual one."""
+    """Indentation of this file: its own smallest step, otherwise the usual one."""
     steps = (section.value.span.column - section.key_span.column for section in sections)
     return min((step for step in steps if step > 0), default=_USUAL_INDENT)
 
 
 def _end_line(tree: TreeMap, entry: Entry, offsets: Offsets) -> int:
-    """The line after the last one of an entry of the top level, comments behind it counted in."""
+    """The line after the last one of a top-level entry, including comments after it."""
     line = entry.key_span.line
     later = [other.key_span.line for other in tree if other.key_span.line > line]
     end = min(later, default=len(offsets.source.lines) + 1)
@@ -268,5 +268,5 @@ def _is_content(line: str) -> bool:
 
 
 def _kept(message: str, span: Span, help: str | None = None) -> Diagnostic:
-    """A finding about something that cannot be rewritten; no fault of the config."""
+    """A finding about something that cannot be migrated; the config itself is fine."""
     return Diagnostic(code="migrate", severity="info", message=message, span=span, help=help)

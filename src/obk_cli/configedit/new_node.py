@@ -1,6 +1,6 @@
-"""The node to add to a config, as the values of its entry.
+"""The node to add to a config: its section, ends and timers, from the YAML of its entry.
 
-Pure: the YAML of one entry, as `obk new` prints it, in; its section, ends and timers out.
+Pure; `obk new` prints such entries.
 """
 
 from collections.abc import Mapping
@@ -33,22 +33,22 @@ END_LISTS: Mapping[str, Direction] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewEnd:
-    """A publisher or subscriber that wants a topic."""
+    """A publisher or subscriber that needs a topic."""
 
     direction: Direction
     component: str
     """`pub_ctrl`"""
     msg_type: str
-    """In full."""
+    """Full name."""
     spelling: str
-    """The type as the entry writes it."""
+    """The type as written in the entry."""
     leaf: str
-    """The last part of the topic that the entry proposes."""
+    """The last part of the topic that the entry suggests."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewNode:
-    """A node that is in no config yet."""
+    """A node that is not in a config yet."""
 
     section: str
     entry: Mapping[str, object]
@@ -60,7 +60,7 @@ class NewNode:
 
     @property
     def executable(self) -> str:
-        """Its executable, which is what it goes by."""
+        """Its executable, by which messages refer to it."""
         return str(self.entry["executable"])
 
     @property
@@ -74,17 +74,17 @@ class NewNode:
 
 
 def read_new_node(section: str, snippet: str) -> NewNode:
-    """The node of a piece of config that holds one entry of a section's list.
+    """Parse a piece of config with one entry of a section's list.
 
     Raises:
-        ValueError: the text is no list of one mapping with `pkg` and `executable`.
+        ValueError: the text is not a list of one mapping with `pkg` and `executable`.
     """
     tree = parse_source(SourceFile.of("<new node>", snippet)).tree
     entries = plain_value(tree) if isinstance(tree, TreeList) else None
     if not isinstance(entries, list) or len(entries) != 1 or not isinstance(entries[0], dict):
-        raise ValueError("a new node is a list of one mapping")
+        raise ValueError("expected a list of one mapping")
     if not {"pkg", "executable"} <= entries[0].keys():
-        raise ValueError("a new node has a `pkg` and an `executable`")
+        raise ValueError("expected `pkg` and `executable`")
     return NewNode(section=section, entry=entries[0])
 
 
@@ -95,7 +95,7 @@ def components(entry: Mapping[str, object], key: str) -> list[dict[str, object]]
 
 
 def identity_of(component: Mapping[str, object]) -> str:
-    """Which component of the code is meant."""
+    """The component of the code that it refers to."""
     return component_identity(str(component.get("ros_parameter") or component.get("key")))
 
 
@@ -112,13 +112,13 @@ def _end(direction: Direction, component: Mapping[str, object]) -> NewEnd:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rejected:
-    """Why a node cannot be added, and what to do; nothing has been changed."""
+    """Why a node cannot be added, and how to proceed; nothing was changed."""
 
     sentence: str
     help: str
     component: str | None = None
-    """The component of the new node that nothing fits, `sub_sensor`."""
+    """The component of the new node for which nothing fits, `sub_sensor`."""
     findings: tuple[Diagnostic, ...] = ()
-    """The config's own faults, or those that it would have with the node."""
+    """The config's own errors, or those that the node would cause."""
     snippet: str = ""
     """The new node as YAML to paste, if its entry is known but the text cannot be edited."""

@@ -1,6 +1,6 @@
-"""What adding a node did to a config: the result, as lines of text and as plain values.
+"""Report the result of adding a node to a config, as lines of text and as plain values.
 
-Pure: edits and the stack before and after in; sentences and values out.
+Pure.
 """
 
 import re
@@ -20,23 +20,23 @@ __all__ = ["AddedNode", "added_lines", "added_values", "moved", "notes_of"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddedNode:
-    """A config with a node more, or with one in the place of another."""
+    """A config with a new or replaced node."""
 
     source: SourceFile
-    """The text as it was."""
+    """The old text."""
     text: str
     node_name: str
     """The node's full name in the ROS graph."""
     links: tuple[Link, ...]
     ticks: tuple[Tick, ...]
     notes: tuple[str, ...]
-    """What else has changed, or should be known, as sentences."""
+    """Other changes and remarks, as sentences."""
     before: tuple[Diagnostic, ...]
-    """The findings of the config as it was."""
+    """The findings of the old config."""
 
 
 def added_lines(added: AddedNode, *, is_done: bool = True) -> tuple[str, ...]:
-    """The node, a line for each of its ends and timers, and what else there is to know."""
+    """The node, one line for each of its ends and timers, and notes."""
     verb = "added to" if is_done else "would be added to"
     width = max((len(name) for name in _names(added)), default=0)
     lines = [f"`{added.node_name}` {verb} {added.source.path}:"]
@@ -52,7 +52,7 @@ def added_lines(added: AddedNode, *, is_done: bool = True) -> tuple[str, ...]:
 
 
 def added_values(added: AddedNode) -> dict[str, object]:
-    """The same for programs."""
+    """The same as plain values."""
     return {
         "config": added.source.path,
         "node": added.node_name,
@@ -91,8 +91,8 @@ def _link_notes(link: Link) -> Iterator[str]:
     yield from link.notes
     if link.switch is not None:
         yield (
-            f"to switch over write it at {link.switch.place}, where `{link.switch.reader}` "
-            f"listens, or let the new node replace `{link.switch.writer}`"
+            f"to switch over, write it at {link.switch.place}, the topic of "
+            f"`{link.switch.reader}`, or let the new node replace `{link.switch.writer}`"
         )
 
 
@@ -104,12 +104,12 @@ def notes_of(
     node: Node,
     old: Node | None,
 ) -> tuple[str, ...]:
-    """The sentences about `node`, which `after` has and `before` has not."""
+    """Sentences about the changes between `before` and `after`, which has the new `node`."""
     return tuple(_notes(place, edits, before, after, node, old))
 
 
 def moved(link: Link, source: SourceFile, edits: Iterable[Edit]) -> Link:
-    """The link, the place to switch over as it is in the new text."""
+    """The link, with the location for switching over updated to the new text."""
     if link.switch is None or link.switch.place.path != source.path:
         return link
     old = link.switch.place
@@ -137,27 +137,27 @@ def _notes(
     others = {n.span.path: n for n in before.section(section) if n.span.path != source.path}
     for path, other in others.items():
         yield (
-            f"`{section}` has nodes in {path} too (line {other.span.line}); the new one is "
+            f"`{section}` also has nodes in {path} (line {other.span.line}); the new one is "
             f"added to {source.path}"
         )
     if place.entry is None and not others:
         yield f"section `{section}` is new"
     elif old is None and place.entry and isinstance(place.entry.value, TreeMap):
-        yield f"section `{section}` was one node and is a list now"
+        yield f"section `{section}` was a single node and is now a list"
     kept = [n for n in after.section(section) if n is not node]
     for one, now in zip((n for n in before.section(section) if n is not old), kept, strict=True):
         if one.full_name != now.full_name:
             yield (
-                f"`{one.full_name}` on {one.device} is `{now.full_name}` now: nodes without a "
-                "`name` are counted"
+                f"`{one.full_name}` on {one.device} is now `{now.full_name}`: nodes without a "
+                "`name` are numbered"
             )
 
 
 def _comments_within(source: SourceFile, edits: Iterable[Edit]) -> str:
-    """The note about comments that go with the lines of a node."""
+    """The note about comments that are removed together with the lines of a node."""
     offsets = Offsets.of(source)
     removed = (source.text[offsets.start(e.span) : offsets.end(e.span)] for e in edits)
     count = sum(len(re.findall(r"(?:^|\s)#", text)) for text in removed)
     if not count:
         return ""
-    return f", whose lines had {count} comment{'s that are' if count > 1 else ' that is'} gone too"
+    return f", and {count} comment{'s were' if count > 1 else ' was'} removed with its lines"

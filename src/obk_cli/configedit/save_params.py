@@ -1,7 +1,7 @@
-"""Write parameter values into a config: comments and layout stay, nothing else changes meaning.
+"""Write parameter values into a config; comments and layout are kept, no other value changes.
 
-A config's path and the values of its nodes in; new texts of its files out. Each edit is proven by
-compiling the result: the plan differs from before in these parameters alone. Writes no file.
+Returns new texts of the config's files. Each edit is verified by compiling the result: the plan may
+differ only in these parameters. Writes no file.
 """
 
 from collections.abc import Callable, Container, Iterator, Mapping
@@ -29,32 +29,32 @@ Values = Mapping[str, Mapping[str, ParameterValue]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SavedParameter:
-    """One value that the config gets, or cannot get."""
+    """A value that is, or cannot be, written to the config."""
 
     node: str
     """Full name."""
     name: str
     before: ParameterValue | None
-    """None: the config has none."""
+    """None: the config does not set it."""
     after: ParameterValue
     place: Span
     fault: str = ""
-    """Why it cannot be written; empty if it is."""
+    """Why it cannot be written; empty if it can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SavedParameters:
-    """What became of a config."""
+    """The result of saving parameters."""
 
     findings: tuple[Diagnostic, ...] = ()
-    """Errors of the config as it is; nothing is written then."""
+    """Errors of the current config; nothing is written then."""
     parameters: tuple[SavedParameter, ...] = ()
     files: tuple[tuple[SourceFile, str], ...] = ()
-    """Every file that changes: as it was, and its new text."""
+    """Every changed file: the old source and the new text."""
 
 
 def save_parameters(path: str, options: Options, values: Values) -> SavedParameters:
-    """Write values into the config at a path, those that differ from its own."""
+    """Write the values that differ from those of the config at this path."""
     outcome = compile_config(path, options)
     plan = plan_without_places(outcome)
     if outcome.config is None or plan is None:
@@ -63,7 +63,7 @@ def save_parameters(path: str, options: Options, values: Values) -> SavedParamet
     tried: dict[tuple[str, str], SavedParameter] = {}
     originals: dict[Path, SourceFile] = {}
     texts: dict[Path, str] = {}
-    # One by one: each edit has its place in the text with the ones before it.
+    # One by one, because each edit is located in the text with the previous ones applied.
     while (change := _next_change(outcome, values, tried)) is not None:
         one, edit = change
         key = (one.node, one.name)
@@ -131,7 +131,7 @@ def _reason_to_reject(parameter: ConfigParameter) -> str:
 
 
 def _added(node: Node, name: str, value: ParameterValue) -> Edit | None:
-    """A new line below the node's last parameter, or `params:` below its executable."""
+    """Insert a new line below the node's last parameter, or `params:` below its executable."""
     source = node.span.source
     tree = _map_at(parse_source(source).tree, node.span)
     if tree is None or is_flow(tree) or not tree.entries:
@@ -177,9 +177,9 @@ def _plain(value: ParameterValue) -> object:
 
 
 def _reader(options: Options, texts: Mapping[Path, str]) -> Callable[[str], bytes | str]:
-    def read(asked: str) -> bytes | str:
-        text = texts.get((options.working_folder / asked).resolve())
-        return options.read(asked) if text is None else text.encode("utf-8")
+    def read(path: str) -> bytes | str:
+        text = texts.get((options.working_folder / path).resolve())
+        return options.read(path) if text is None else text.encode("utf-8")
 
     return read
 

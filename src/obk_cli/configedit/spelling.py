@@ -1,7 +1,7 @@
-"""Which parts of a config the two spellings write differently: the levels, the components.
+"""The parts of a config that the two syntaxes write differently: levels and components.
 
-A tree in; its devices, sections and components out, with the values that both spellings share.
-Judges nothing: that is for the checks.
+Returns devices, sections and components of a tree, with the values that both syntaxes
+share. Reports no errors; the checks do.
 """
 
 from collections.abc import Iterable, Iterator
@@ -28,22 +28,22 @@ Spelling = Literal["key", "seed"]
 
 
 def is_config(tree: TreeMap) -> bool:
-    """Whether there is anything of a config in a mapping."""
+    """Whether a mapping contains anything of a config."""
     return bool(devices_of(tree)) or any(entry.key in RESERVED_KEYS for entry in tree)
 
 
 def devices_of(tree: TreeMap) -> tuple[Entry, ...]:
-    """The device blocks, each of which holds a mapping."""
+    """The device blocks, each of which contains a mapping."""
     return tuple(entry for entry in tree if is_device(entry))
 
 
 def sections_of(tree: TreeMap) -> tuple[Entry, ...]:
-    """The sections that stand in this mapping itself."""
+    """The sections directly in this mapping."""
     return tuple(entry for entry in tree if entry.key in SECTION_KEYS)
 
 
 def components_of(tree: TreeMap) -> Iterator[TreeMap]:
-    """Every publisher, subscriber and timer of every node, in either spelling."""
+    """Every publisher, subscriber and timer of every node, in either syntax."""
     for holder in (tree, *(device.value for device in devices_of(tree))):
         for section in sections_of(holder) if isinstance(holder, TreeMap) else ():
             for node in _nodes(section):
@@ -68,14 +68,14 @@ def _maps(tree: Tree) -> Iterator[TreeMap]:
 
 
 def text_of(entry: Entry | None) -> str | None:
-    """The text that a key holds."""
+    """The text of a key's value."""
     if entry is None or not isinstance(entry.value, TreeScalar):
         return None
     return entry.value.value if isinstance(entry.value.value, str) else None
 
 
 def meaning(tree: TreeMap) -> str:
-    """The meaning of a config, independent of its spelling: equal for both spellings of a key."""
+    """The meaning of a config, which is the same in both syntaxes."""
     components = {id(component) for component in components_of(tree)}
     devices = devices_of(tree)
     if not devices and sections_of(tree):
@@ -100,7 +100,7 @@ def _meaning(tree: Tree, components: set[int]) -> str:
 
 
 def _component_names(tree: TreeMap, fields: dict[str, str]) -> dict[str, str]:
-    """What the two names of a component come to, if they are one name."""
+    """The name that both names of a component stand for, if they agree."""
     parameter, key = text_of(tree.get("ros_parameter")), text_of(tree.get("key"))
     names = {name for name in (parameter, key) if name is not None}
     identities = {component_identity(name) for name in names}

@@ -1,1 +1,1 @@
-"""Findings with their places, the edits that fix them, and the rules."""
+"""Findings with their locations, the edits that fix them, and the rules."""

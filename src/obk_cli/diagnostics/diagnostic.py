@@ -1,4 +1,4 @@
-"""Findings in the user's text, as values: collected, never raised."""
+"""Findings in the user's text as values, which are collected and never raised."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _MOST_OF_ONE_RULE = 1_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Related:
-    """Another place that a finding is about."""
+    """Another location that a finding refers to."""
 
     message: str
     span: Span
@@ -48,7 +48,7 @@ def found(
     severity: Severity | None = None,
     fix: Iterable[Edit] = (),
 ) -> Diagnostic:
-    """A finding with the severity of its rule, unless another is given."""
+    """Create a finding, with the severity of its rule unless another is given."""
     return Diagnostic(
         code=code,
         severity=severity or rule_of(code).severity,
@@ -61,7 +61,7 @@ def found(
 
 
 def in_order(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Findings in reading order, the same finding once."""
+    """Findings in reading order, without duplicates."""
     unique = dict.fromkeys(diagnostics)
     return tuple(
         sorted(unique, key=lambda d: (d.span.path, d.span.line, d.span.column, d.code, d.message))
@@ -71,7 +71,7 @@ def in_order(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 def counted(
     diagnostics: Iterable[Diagnostic], *, most: int = _MOST_OF_ONE_RULE
 ) -> tuple[Diagnostic, ...]:
-    """The first findings of every rule; one line counts the rest of each."""
+    """The first findings of every rule; one line counts the rest of each rule."""
     by_code: dict[str, list[Diagnostic]] = {}
     kept: list[Diagnostic] = []
     for diagnostic in diagnostics:
@@ -83,12 +83,12 @@ def counted(
         rest = same[most:]
         severity = worst(rest)
         if severity:
-            message = f"and {len(rest):,} more of this rule; the first of them is here"
+            message = f"and {len(rest):,} more findings of this rule, the first of them here"
             kept.append(found(code, message, rest[0].span, severity=severity))
     return tuple(kept)
 
 
 def worst(diagnostics: Iterable[Diagnostic]) -> Severity | None:
-    """The worst severity among the findings, None where there are none."""
+    """The worst severity among the findings; None if there are no findings."""
     present = {diagnostic.severity for diagnostic in diagnostics}
     return next((severity for severity in _WORST_FIRST if severity in present), None)

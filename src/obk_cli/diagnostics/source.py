@@ -1,6 +1,7 @@
-"""The user's text and places in it.
+"""The user's text and locations in it.
 
-Lines and columns count from 1, columns in characters. Imports nothing of ours, reads no file.
+Lines and columns count from 1; columns are in characters. Imports no other module of obk and reads
+no file.
 """
 
 import re
@@ -16,12 +17,12 @@ __all__ = [
 ]
 
 LONGEST_FILE_BYTES = 10 * 1024 * 1024
-"""More text than any config has."""
+"""Size limit; no config is longer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceFile:
-    """One text, by the path under which the user knows it."""
+    """A text, with the path under which the user knows it."""
 
     path: str
     text: str = field(repr=False)
@@ -29,18 +30,18 @@ class SourceFile:
 
     @classmethod
     def of(cls, path: str, text: str) -> "SourceFile":
-        """A source whose lines are cut at LF, CRLF or CR, as YAML does."""
+        """Create a source; lines end with LF, CRLF or CR, as in YAML."""
         lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
         return cls(path=path, text=text, lines=tuple(lines))
 
     def line(self, number: int) -> str:
-        """The line of that number, empty past the end."""
+        """The line with this number; empty past the end."""
         return self.lines[number - 1] if 0 < number <= len(self.lines) else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A stretch of a source, its end exclusive."""
+    """A part of a source; its end is exclusive."""
 
     source: SourceFile
     line: int
@@ -50,7 +51,7 @@ class Span:
 
     @classmethod
     def at(cls, source: SourceFile, line: int, column: int, length: int = 1) -> "Span":
-        """A stretch within one line."""
+        """Create a span within one line."""
         return cls(source, line, column, line, column + length)
 
     @property
@@ -60,18 +61,18 @@ class Span:
 
     @property
     def text(self) -> str:
-        """What stands there, cut to its first line."""
+        """The text of the span, up to the end of its first line."""
         return self.source.line(self.line)[self.column - 1 : self.first_line_end - 1]
 
     @property
     def first_line_end(self) -> int:
-        """Where the stretch ends on its first line: a column, exclusive."""
+        """The column at which the span ends on its first line, exclusive."""
         if self.end_line == self.line:
             return self.end_column
         return max(len(self.source.line(self.line).rstrip()) + 1, self.column + 1)
 
     def holds(self, other: "Span") -> bool:
-        """Whether another stretch starts in this one, in the same text."""
+        """Whether another span of the same text starts within this one."""
         start, end = (self.line, self.column), (self.end_line, self.end_column)
         return self.source == other.source and start <= (other.line, other.column) < end
 
@@ -80,15 +81,15 @@ class Span:
 
 
 def indent_of(line: str) -> int:
-    """The spaces that a line starts with."""
+    """Number of spaces at the start of a line."""
     return len(line) - len(line.lstrip(" "))
 
 
 def line_end_of(text: str) -> str:
-    """How the first line of a text ends; LF where there is only one."""
+    """Line end of the first line of a text; LF if there is only one line."""
     first = re.search(r"\r\n|\r|\n", text)
     return first[0] if first else "\n"
 
 
 COMMAND_LINE = "<command line>"
-"""The path of values that `--set` gave."""
+"""Path of values given with `--set`."""

@@ -1,1 +1,1 @@
-"""Checks of this machine for `obk doctor`: a module a subject, with facts, probe and judge."""
+"""Checks for `obk doctor`; each module has the facts, probe and judge of a subject."""

@@ -65,7 +65,7 @@ class Answer:
     check: str
     findings: tuple[Finding, ...]
     seconds: float
-    """How long it took [s]."""
+    """Duration [s]."""
 
 
 def examine(
@@ -77,18 +77,18 @@ def examine(
     """Run all checks at once.
 
     Args:
-        checks: the checks to run.
-        timeout_s: how long each may take [s].
+        checks: the checks to run, in parallel.
+        timeout_s: limit for each check [s].
         on_pending: called at the start and after each answer with the checks still running.
 
     Returns:
         An answer for each check, in their order.
     """
     answered: queue.Queue[Answer] = queue.Queue()
-    begin = monotonic_s()
+    start = monotonic_s()
     for check in checks:
         run = threading.Thread(
-            # A check that hangs must not keep the process from ending.
+            # A daemon thread: a check that hangs must not keep the process from exiting.
             target=lambda check=check: answered.put(_answer(check)),
             name=check.name,
             daemon=True,
@@ -98,7 +98,7 @@ def examine(
     while len(answers) < len(checks):
         on_pending(tuple(check.name for check in checks if check.name not in answers))
         try:
-            answer = answered.get(timeout=max(0.0, begin + timeout_s - monotonic_s()))
+            answer = answered.get(timeout=max(0.0, start + timeout_s - monotonic_s()))
         except queue.Empty:
             break
         answers[answer.check] = answer
@@ -106,9 +106,9 @@ def examine(
 
 
 def _answer(check: Check) -> Answer:
-    begin = monotonic_s()
+    start = monotonic_s()
     findings = tuple(_found(check))
-    return Answer(check=check.name, findings=findings, seconds=monotonic_s() - begin)
+    return Answer(check=check.name, findings=findings, seconds=monotonic_s() - start)
 
 
 def _found(check: Check) -> Iterable[Finding]:
@@ -116,7 +116,7 @@ def _found(check: Check) -> Iterable[Finding]:
         return tuple(check.find())
     except ObkError as fault:
         return (error(fault.message, fault.help or f"obk doctor {check.name}"),)
-    except Exception as fault:  # the findings of the others still count
+    except Exception as fault:  # the other checks still count
         sentence = f"the check itself failed: {type(fault).__name__}: {fault}"
         return (warning(sentence, f"obk doctor {check.name} --format json    # to report it"),)
 

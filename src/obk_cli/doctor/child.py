@@ -19,15 +19,15 @@ class Trial:
     end: Literal["done", "failed", "crashed", "timed out"]
     stdout: str
     last_error: str
-    """The last line of its standard error, empty where there is none."""
+    """The last line of its standard error; empty if there is none."""
     signal: str = ""
-    """The signal that ended it when it crashed."""
+    """The signal that killed it, if it crashed."""
     seconds: float
-    """How long it took [s]."""
+    """Duration [s]."""
 
     @property
     def outcome(self) -> str:
-        """How it ended, as a predicate that follows its name."""
+        """How it ended, as a predicate for a sentence with its name."""
         match self.end:
             case "done":
                 return "worked"
@@ -40,21 +40,21 @@ class Trial:
 
 
 def child_command(program: str, *arguments: str) -> tuple[str, ...]:
-    """Command of a program in `child_programs`; modules in the working folder shadow no others."""
+    """The command for a program in `child_programs`; ignores modules in the working folder."""
     return (sys.executable, "-P", "-m", "obk_cli.doctor.child_programs", program, *arguments)
 
 
 def try_program(
     command: Sequence[str], *, timeout_s: float, variables: Mapping[str, str] | None = None
 ) -> Trial:
-    """Run a program to its end, or kill it.
+    """Run a program until it ends, or kill it at the timeout.
 
     Args:
         command: the program and its arguments.
-        timeout_s: how long it may take [s].
-        variables: all of its environment; None: that of this process.
+        timeout_s: time limit [s].
+        variables: its complete environment; None: that of this process.
     """
-    begin = time.monotonic()
+    start = time.monotonic()
     try:
         ended = subprocess.run(
             command,
@@ -71,7 +71,7 @@ def try_program(
         return Trial(end="timed out", stdout=stdout, last_error="", seconds=timeout_s)
     except OSError as fault:
         return Trial(end="failed", stdout="", last_error=str(fault), seconds=0.0)
-    seconds = time.monotonic() - begin
+    seconds = time.monotonic() - start
     last_error = _last_line(ended.stderr)
     if ended.returncode < 0:
         name = signal.Signals(-ended.returncode).name
@@ -87,7 +87,7 @@ def try_program(
 
 
 def json_output(trial: Trial) -> dict[str, Any]:
-    """Merge the JSON objects that a program printed, one a line; skip what libraries print."""
+    """Merge the JSON objects that a program printed, one per line; ignore other output."""
     merged: dict[str, Any] = {}
     for line in trial.stdout.splitlines():
         if line.startswith("{"):

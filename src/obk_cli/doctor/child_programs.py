@@ -1,9 +1,9 @@
-"""Programs that checks of `obk doctor` run as children, because a library may crash or hang them.
+"""Programs that checks of `obk doctor` run as children, because a library may crash or hang.
 
-Run as `python -P -m obk_cli.doctor.child_programs PROGRAM ARGUMENTS...`; prints JSON objects:
-`interfaces PACKAGE...` loads the compiled part of message packages; `draw` steps and draws a tiny
-scene with the back end of MUJOCO_GL; `call PARENT` publishes until it is answered and measures
-round trips; `answer PARENT` answers until SIGTERM. The last two end when the process PARENT, which
+Run as `python -P -m obk_cli.doctor.child_programs PROGRAM ARGUMENTS...`; prints JSON objects.
+`interfaces PACKAGE...` loads the compiled part of message packages. `draw` steps and draws a tiny
+scene with the back end in MUJOCO_GL. `call PARENT` publishes until it gets an answer, and measures
+round trips. `answer PARENT` answers until SIGTERM. The last two end when the process PARENT, which
 started them, has ended.
 """
 
@@ -37,7 +37,7 @@ SCENE: Final = """
 
 
 def load_error(package: str) -> str:
-    """Why a package's messages cannot be used, empty if they can."""
+    """Why a package's messages cannot be used; empty if they can."""
     try:
         importlib.import_module(f"{package}.{package}_s__rosidl_typesupport_c")
     except ImportError as error:
@@ -46,7 +46,7 @@ def load_error(package: str) -> str:
 
 
 def _draw() -> None:
-    """Print one object a step, so that the first is reported even if OpenGL kills the process."""
+    """Print one object per step, so that the first is reported even if OpenGL kills the process."""
     import mujoco
 
     signal.alarm(DRAW_S)
@@ -102,7 +102,7 @@ def _call(node: "Node", parent: int) -> dict[str, Any]:
 
     calling = node.create_publisher(Int64, "doctor_call", 10)
     node.create_subscription(Int64, "doctor_answer", receive, 10)
-    begin = time.monotonic()
+    start = time.monotonic()
     number = 0
     while not received:
         if os.getppid() != parent:
@@ -110,7 +110,7 @@ def _call(node: "Node", parent: int) -> dict[str, Any]:
         number += 1
         calling.publish(Int64(data=number))
         rclpy.spin_once(node, timeout_sec=REPEAT_S)
-    first_s = time.monotonic() - begin
+    first_s = time.monotonic() - start
     trips = []
     for _ in range(ROUNDS):
         number += 1

@@ -26,7 +26,7 @@ Fact = str | int | float | bool | None | tuple[str, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One sentence about the machine."""
+    """A statement about the machine."""
 
     severity: Severity
     """`error`: stacks do not run; `warning`: a feature does not work; `note`: information."""
@@ -34,26 +34,26 @@ class Finding:
     fix: str = ""
     """The fix: a command to copy or an instruction; empty if none is needed."""
     facts: Mapping[str, Fact] = field(default_factory=dict)
-    """What was measured."""
+    """Measured values."""
 
 
 def ok(message: str, **facts: Fact) -> Finding:
-    """All is well."""
+    """Report that a check passed."""
     return Finding(severity="ok", message=message, facts=facts)
 
 
 def note(message: str, fix: str = "", **facts: Fact) -> Finding:
-    """Nothing is broken; information only."""
+    """Report information; nothing is broken."""
     return Finding(severity="note", message=message, fix=fix, facts=facts)
 
 
 def warning(message: str, fix: str, **facts: Fact) -> Finding:
-    """A feature does not work."""
+    """Report that a feature does not work."""
     return Finding(severity="warning", message=message, fix=fix, facts=facts)
 
 
 def error(message: str, fix: str, **facts: Fact) -> Finding:
-    """Stacks do not run."""
+    """Report that stacks cannot run."""
     return Finding(severity="error", message=message, fix=fix, facts=facts)
 
 
@@ -62,7 +62,7 @@ GIB: Final = 1024**3
 
 
 def bytes_text(count: int) -> str:
-    """Such as `64 MiB` or `1.5 GiB`."""
+    """Format a size, such as `64 MiB` or `1.5 GiB`."""
     if count < GIB:
         return f"{count / MIB:.0f} MiB"
     return f"{count / GIB:.1f} GiB"

@@ -31,13 +31,13 @@ class PythonFacts:
     is_virtual: bool
     """Whether it is in a virtual or a conda environment."""
     obk_version: str | None
-    """Of the installed distribution, None where obk runs without being installed."""
+    """Version of the installed distribution; None if obk runs without being installed."""
     obk_folder: str
-    """Where obk's own modules lie."""
+    """The folder of obk's own modules."""
 
 
 def judge_python(facts: PythonFacts) -> Iterator[Finding]:
-    """The interpreter and its environment."""
+    """Report the interpreter and its environment."""
     text = ".".join(map(str, facts.version))
     measured: dict[str, Fact] = {
         "version": text,
@@ -75,7 +75,7 @@ def judge_python(facts: PythonFacts) -> Iterator[Finding]:
 
 
 def probe_python() -> PythonFacts:
-    """Version, place, and whether it is an environment of its own."""
+    """Find version and folder, and whether it is a separate environment."""
     is_conda = Path(sys.prefix, "conda-meta").is_dir()
     return PythonFacts(
         version=(sys.version_info.major, sys.version_info.minor, sys.version_info.micro),
@@ -93,30 +93,30 @@ _OF_PYTHON: Final = re.compile(r"/python(?P<version>\d\.\d+)(?:/|$)")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathFacts:
-    """What the search paths of the shell lead to."""
+    """The installations on the shell's search paths."""
 
     obk_programs: tuple[str, ...]
-    """Every `obk` on PATH, each file once, first come first."""
+    """Every `obk` on PATH, each file once, in search order."""
     this_obk: str | None
-    """The `obk` beside this Python, None where there is none."""
+    """The `obk` next to this Python; None if there is none."""
     ros2_program: str | None
     distribution: str | None
-    """The ROS distribution that stacks run with."""
+    """The ROS distribution that stacks use."""
     python_path: tuple[str, ...]
     """PYTHONPATH."""
     python_path_with_rclpy: tuple[str, ...]
-    """Those of its entries that hold an rclpy."""
+    """The entries of PYTHONPATH that contain rclpy."""
     has_wheels: bool
     python_version: str
     """Such as `3.11`."""
     conda_prefix: str | None
     prefix: str
     libraries_with_rcl: tuple[str, ...]
-    """Entries of LD_LIBRARY_PATH, those of this environment aside, that hold a ROS 2."""
+    """Entries of LD_LIBRARY_PATH outside this environment that contain ROS 2."""
 
 
 def judge_paths(facts: PathFacts) -> Iterator[Finding]:
-    """Which of several installations the shell finds."""
+    """Report which of several installations the shell uses."""
     found = [*_judge_obk(facts), *_judge_ros2(facts), *_judge_python_path(facts), *_conda(facts)]
     if facts.has_wheels and facts.libraries_with_rcl:
         listed = ":".join(facts.libraries_with_rcl)
@@ -181,8 +181,8 @@ def _judge_python_path(facts: PathFacts) -> Iterator[Finding]:
 def _conda(facts: PathFacts) -> Iterator[Finding]:
     if facts.conda_prefix and facts.conda_prefix != facts.prefix:
         yield note(
-            f"the conda environment {facts.conda_prefix} is active and obk runs in {facts.prefix}: "
-            "their libraries may conflict",
+            f"the conda environment {facts.conda_prefix} is active, but obk runs in "
+            f"{facts.prefix}: their libraries may conflict",
             "conda deactivate",
             conda=facts.conda_prefix,
         )
@@ -210,7 +210,7 @@ def probe_paths(environment: Mapping[str, str]) -> PathFacts:
 
 
 def _programs(name: str, environment: Mapping[str, str]) -> Iterator[str]:
-    """The programs of a name on PATH; links to one place count once, under their first name."""
+    """The programs with this name on PATH; links to one file count once, under their first name."""
     seen: set[Path] = set()
     for folder in _entries(environment, "PATH"):
         program = Path(folder, name)

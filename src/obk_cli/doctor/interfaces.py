@@ -32,14 +32,14 @@ class InterfaceFacts:
     """The compiled messages of this environment."""
 
     version: str | None
-    """Of the distribution obelisk-interfaces; None: they come from elsewhere."""
+    """Version of the distribution obelisk-interfaces; None if the messages come from elsewhere."""
     faults: Mapping[str, str]
     """Package -> why its compiled part cannot be loaded."""
     loaded: tuple[str, ...]
     stale: tuple[str, ...]
     """Definitions in this checkout that changed since they were compiled."""
     has_sources: bool
-    """Whether obk runs from a checkout that has the definitions."""
+    """Whether obk runs from a checkout with the definitions."""
 
 
 def judge_interfaces(facts: InterfaceFacts) -> Iterator[Finding]:
@@ -80,7 +80,7 @@ def _stale(sources: Path, share: Path) -> Iterator[str]:
     for package in OBELISK_MESSAGES:
         installed = share / package
         if not installed.is_dir():
-            continue  # it comes from a ROS 2 that is sourced
+            continue  # it comes from a sourced ROS 2
         for source in sorted((sources / package).glob("*/*.[ms][sr][gv]")):
             name = source.relative_to(sources)
             copy = share / name
@@ -90,17 +90,17 @@ def _stale(sources: Path, share: Path) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompilerFacts:
-    """A line that includes Python.h, compiled in C and C++ and linked."""
+    """The result of compiling and linking a line that includes Python.h, in C and C++."""
 
     commands: tuple[str, ...]
-    """The compilers, C first; empty where one is missing."""
+    """The compilers, C first; empty if one is missing."""
     fault: str
-    """Why it failed, with a known fix in brackets; empty: it worked."""
+    """Why it failed, with a known fix in brackets; empty if it worked."""
     fix: str = ""
 
 
 def judge_compiler(facts: CompilerFacts) -> Iterator[Finding]:
-    """Whether `obk build` can work."""
+    """Report whether `obk build` can work."""
     if facts.fault:
         yield warning(
             f"message packages cannot be built: {facts.fault}",
@@ -129,13 +129,13 @@ def probe_compiler() -> CompilerFacts:
 
 
 def _fix() -> str:
-    """Unset the compilers that the user chose; empty if the user chose none."""
+    """A command that unsets the compilers chosen by the user; empty if there are none."""
     chosen = [name for name in ("CC", "CXX") if os.environ.get(name)]
     return f"unset {' '.join(chosen)}" if chosen else ""
 
 
 def _fault(tools: Toolchain, folder: Path) -> str:
-    """The error of a compiler or the linker, empty if there was none."""
+    """The error of a compiler or the linker; empty if there was none."""
     flags = ("-fPIC", *(f"-I{include}" for include in tools.includes))
     objects = []
     for suffix, text in SOURCES.items():

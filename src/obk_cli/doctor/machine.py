@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 LEAST_SHARED_BYTES: Final = 64 * MIB
-"""A node takes about half a MiB, a camera's images many."""
+"""A node needs about half a MiB, camera images much more."""
 MANY_FILES: Final = 500
 GROW: Final = (
     "sudo mount -o remount,size=512M /dev/shm    # a container: docker run --shm-size=512m"
@@ -49,19 +49,19 @@ class SharedMemoryFacts:
     """The folder /dev/shm."""
 
     total_bytes: int | None
-    """None: there is no such folder."""
+    """None: the folder does not exist."""
     free_bytes: int
     fault: str
-    """Why a file cannot be made there; empty: it can."""
+    """Why no file can be created there; empty if one can."""
     dds_files: int
-    """Files of Fast DDS in it, of all users."""
+    """Number of files of Fast DDS in it, of all users."""
 
 
 def judge_shared_memory(facts: SharedMemoryFacts) -> Iterator[Finding]:
-    """Whether processes can exchange messages through it."""
+    """Report whether processes can exchange messages through it."""
     if facts.total_bytes is None:
         yield warning(
-            "no folder /dev/shm: messages take the slower network stack",
+            "no folder /dev/shm: messages use the slower network stack",
             "sudo mount -t tmpfs -o size=512M tmpfs /dev/shm",
         )
         return
@@ -90,7 +90,7 @@ SHARED_MEMORY: Final = Path("/dev/shm")  # noqa: S108 - where DDS has it
 
 
 def probe_shared_memory(folder: Path = SHARED_MEMORY) -> SharedMemoryFacts:
-    """Measure the room in /dev/shm."""
+    """Measure the free space in /dev/shm."""
     if not folder.is_dir():
         return SharedMemoryFacts(total_bytes=None, free_bytes=0, fault="", dds_files=0)
     space = os.statvfs(folder)
@@ -109,34 +109,32 @@ class TransportFacts:
     is_on: bool
     """Whether the user has left it on."""
     folder: str
-    """Where runs, and so their sockets, are."""
+    """The folder of runs, which contains their sockets."""
     fault: str
-    """Why a publisher cannot reach a subscription there; empty: it can."""
+    """Why a publisher cannot reach a subscription there; empty if it can."""
 
 
 def judge_transport(facts: TransportFacts) -> Iterator[Finding]:
-    """Whether nodes of a run exchange messages without DDS."""
+    """Report whether the nodes of a run exchange messages without DDS."""
     if not facts.is_on:
         yield ok(
-            "messages between processes go through DDS "
-            f"({LOCAL_TRANSPORT_VARIABLE}={LOCAL_TRANSPORT_OFF})"
+            f"messages between processes use DDS ({LOCAL_TRANSPORT_VARIABLE}={LOCAL_TRANSPORT_OFF})"
         )
     elif facts.fault:
         yield warning(
-            f"no sockets in {facts.folder}: {facts.fault}; all messages between processes go "
-            "through DDS",
+            f"no sockets in {facts.folder}: {facts.fault}; all messages between processes use DDS",
             "export OBK_HOME=/a/folder/on/a/local/disk",
             folder=facts.folder,
         )
     else:
-        yield ok("processes of a run exchange messages by local sockets", folder=facts.folder)
+        yield ok("processes of a run exchange messages through local sockets", folder=facts.folder)
 
 
 def probe_transport(environment: Mapping[str, str]) -> TransportFacts:
-    """Connect two sockets as a publisher and a subscription of a run do.
+    """Connect two sockets in the same way as a publisher and a subscription of a run.
 
     Raises:
-        CommandFailedError: there is no place for runs.
+        CommandFailedError: no folder for runs is available.
     """
     runs = runs_folder(environment)
     place = next(folder for folder in (runs, *runs.parents) if folder.is_dir())
@@ -157,7 +155,7 @@ def _socket_fault(place: Path) -> str:
     except OSError as fault:
         return explain_os_error(fault)
     if connection is None:
-        return "a connection is refused"
+        return "the connection was refused"
     connection.close()
     return ""
 
@@ -171,18 +169,18 @@ class FolderFacts:
     """One folder that obk writes to."""
 
     purpose: str
-    """What is kept there."""
+    """The contents of the folder."""
     folder: str | None
-    """None: the user has no place for it."""
+    """None: no folder is available to the user."""
     fault: str
-    """Why nothing can be written there; empty: it can."""
+    """Why nothing can be written there; empty if it can."""
     free_bytes: int
     mover: str
-    """The variable that puts the folder elsewhere."""
+    """The variable that moves the folder elsewhere."""
 
 
 def judge_folders(folders: tuple[FolderFacts, ...]) -> Iterator[Finding]:
-    """Each folder that obk writes to."""
+    """Report each folder that obk writes to."""
     for facts in folders:
         move = f"export {facts.mover}=/a/folder/with/room"
         measured: dict[str, Fact] = {"folder": facts.folder, "free_bytes": facts.free_bytes}
@@ -229,7 +227,7 @@ def _folder_facts(purpose: str, folder: Path | None, mover: str) -> FolderFacts:
 
 
 def _write_fault(folder: Path) -> str:
-    """Why no file can be written into a folder, empty if one can; it is gone again."""
+    """Why no file can be written into a folder; empty if it can. The test file is removed."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b"obk doctor")
@@ -247,19 +245,19 @@ FEWEST_CPUS: Final = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RealtimeFacts:
-    """What the kernel grants this user."""
+    """The kernel's limits for this user."""
 
     highest_priority: int
     """RLIMIT_RTPRIO; -1 for unlimited."""
     got_priority: bool
-    """Whether a thread really got the lowest real-time priority."""
+    """Whether a thread actually got the lowest real-time priority."""
     locked_bytes: int
     """RLIMIT_MEMLOCK; -1 for unlimited."""
     user: str
 
 
 def judge_realtime(facts: RealtimeFacts) -> Iterator[Finding]:
-    """Whether loops can come before everything else that runs."""
+    """Report whether control loops can take priority over other programs."""
     limits: dict[str, Fact] = {
         "rtprio": facts.highest_priority,
         "memlock_bytes": facts.locked_bytes,
@@ -292,21 +290,21 @@ class CpuFacts:
     """The processors and the clock."""
 
     usable: int
-    """Processors that this process may run on."""
+    """Processors that this process may use."""
     quota: float | None
-    """How many a container allows at once, None for no such limit."""
+    """A container's limit on processors in use; None if there is none."""
     load: float
-    """Processes that wanted to run in the last minute, on average."""
+    """Average number of processes that wanted to run in the last minute."""
     governors: Mapping[str, int]
-    """Frequency governor -> how many processors have it; empty if the kernel reports none."""
+    """Frequency governor -> number of processors that use it; empty if the kernel reports none."""
     clock: str
-    """The kernel's clock source, empty if it reports none."""
+    """The kernel's clock source; empty if it reports none."""
     clock_read_ns: float
-    """What reading the clock takes [ns]."""
+    """Duration of reading the clock [ns]."""
 
 
 def judge_cpu(facts: CpuFacts) -> Iterator[Finding]:
-    """Whether loops are on time."""
+    """Report whether control loops can be on time."""
     count = facts.usable if facts.quota is None else min(facts.usable, facts.quota)
     processors = f"{count:g} processor{'' if count == 1 else 's'}"
     measured: dict[str, Fact] = {"usable": facts.usable, "quota": facts.quota, "load": facts.load}
@@ -333,7 +331,7 @@ def _judge_governors(facts: CpuFacts) -> Iterator[Finding]:
     if saving:
         listed = ", ".join(f"{name} on {count}" for name, count in saving.items())
         yield note(
-            f"processors slow down between ticks (frequency governor {listed})",
+            f"the frequency governor slows processors down between ticks ({listed})",
             "sudo cpupower frequency-set -g performance",
             governors=tuple(facts.governors),
         )
@@ -344,7 +342,7 @@ def _judge_clock(facts: CpuFacts) -> Iterator[Finding]:
     measured: dict[str, Fact] = {"clock": facts.clock, "read_ns": round(facts.clock_read_ns)}
     if is_quick and facts.clock_read_ns < SLOW_READ_NS:
         name = f"clock {facts.clock}" if facts.clock else "the clock"
-        yield ok(f"{name} is read in {facts.clock_read_ns:.0f} ns", **measured)
+        yield ok(f"{name} takes {facts.clock_read_ns:.0f} ns to read", **measured)
         return
     yield note(
         f"the clock {facts.clock} takes {facts.clock_read_ns:.0f} ns to read; loops read it often",
@@ -360,7 +358,7 @@ LOWEST_PRIORITY: Final = 1
 
 
 def probe_realtime() -> RealtimeFacts:
-    """What the kernel grants this user; to be called in a thread that nothing else needs."""
+    """Find the kernel's limits for this user; call it in a thread that is not needed afterwards."""
     return RealtimeFacts(
         highest_priority=resource.getrlimit(resource.RLIMIT_RTPRIO)[0],
         got_priority=_got_priority(),
@@ -370,7 +368,7 @@ def probe_realtime() -> RealtimeFacts:
 
 
 def _got_priority() -> bool:
-    """Whether this thread gets a real-time priority; afterwards it is as it was."""
+    """Whether this thread gets a real-time priority, which is reset afterwards."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
     except PermissionError:
@@ -380,7 +378,7 @@ def _got_priority() -> bool:
 
 
 def probe_cpu(system: Path = SYSTEM, quota: Path = QUOTA) -> CpuFacts:
-    """Processors and clock, from files of the kernel."""
+    """Read processors and clock from files of the kernel."""
     governors = Counter(map(_text, system.glob("cpu/cpu*/cpufreq/scaling_governor")))
     return CpuFacts(
         usable=len(os.sched_getaffinity(0)),
@@ -399,10 +397,10 @@ def _quota(text: str) -> float | None:
 
 
 def _clock_read_ns() -> float:
-    begin = time.perf_counter_ns()
+    start = time.perf_counter_ns()
     for _ in range(READS):
         time.monotonic()
-    return (time.perf_counter_ns() - begin) / READS
+    return (time.perf_counter_ns() - start) / READS
 
 
 def _text(path: Path) -> str:

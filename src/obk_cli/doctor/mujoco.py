@@ -35,29 +35,29 @@ _INSTALL: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawingTrial:
-    """A tiny scene, stepped and drawn off-screen in a process of its own."""
+    """A tiny scene, stepped and drawn off-screen in its own process."""
 
     trial: Trial
     has_stepped: bool
     has_drawn: bool
     """Whether the picture has more than one colour."""
     renderer: str = ""
-    """What drew it, as OpenGL reports it."""
+    """The renderer that OpenGL reports."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MujocoFacts:
-    """MuJoCo and what became of every back end."""
+    """MuJoCo, and the result of every back end."""
 
     version: str | None
     chosen: str
-    """MUJOCO_GL as the user has it, empty where it is not set."""
+    """The user's MUJOCO_GL; empty if not set."""
     has_display: bool
     back_ends: Mapping[str, DrawingTrial]
 
 
 def judge_mujoco(facts: MujocoFacts) -> Iterator[Finding]:
-    """Whether robots can be simulated, and cameras with them."""
+    """Report whether robots and their cameras can be simulated."""
     if facts.version is None:
         yield warning(
             "MuJoCo is not installed: no simulation, and models are not checked",
@@ -90,7 +90,7 @@ def _judge_back_end(
     sentence = f"MUJOCO_GL={name} {result}"
     if name == facts.chosen:
         return warning(
-            f"{sentence}; and it is the selected back end",
+            f"{sentence}; this back end is selected",
             f"export MUJOCO_GL={drawing[0]}" if drawing else _INSTALL[name],
             back_end=name,
         )
@@ -141,14 +141,14 @@ class DisplayFacts:
     """What DISPLAY and WAYLAND_DISPLAY name, and whether a server answers there."""
 
     names: tuple[str, ...]
-    """Such as `DISPLAY=:0`; empty where neither is set."""
+    """Such as `DISPLAY=:0`; empty if neither is set."""
     fault: str
-    """Why the first of them does not answer; empty: it does, or there is none."""
+    """Why the first of them does not answer; empty if it does, or if none is set."""
     is_ssh: bool
 
 
 def judge_display(facts: DisplayFacts) -> Iterator[Finding]:
-    """Whether a window can be opened."""
+    """Report whether a window can be opened."""
     if not facts.names:
         fix = "ssh -X ..." if facts.is_ssh else "export MUJOCO_GL=egl"
         yield note("no display is set: stacks run without windows", fix)
@@ -167,7 +167,7 @@ _X_FIRST_PORT: Final = 6000
 
 
 def probe_display() -> DisplayFacts:
-    """Connect to it."""
+    """Connect to the display."""
     named = [(name, value) for name in VARIABLES if (value := os.environ.get(name))]
     faults = [_wayland_fault(v) if n == VARIABLES[0] else _x_fault(v) for n, v in named]
     return DisplayFacts(

@@ -28,26 +28,26 @@ __all__ = [
 ]
 
 
-LOOPBACK_CURE: Final = "sudo ip link set lo up multicast on && sudo ip route add 224.0.0.0/4 dev lo"
+LOOPBACK_FIX: Final = "sudo ip link set lo up multicast on && sudo ip route add 224.0.0.0/4 dev lo"
 SLOW_S: Final = 3.0
-"""Discovery that takes longer missed the first announcements [s]."""
+"""If discovery takes longer, it missed the first announcements [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MulticastFacts:
-    """Whether a datagram sent to a multicast group comes back, by interface."""
+    """Whether a datagram sent to a multicast group arrives, by interface."""
 
     group: str
     loopback_fault: str
-    """Why it did not arrive over the loopback interface; empty: it did."""
+    """Why it did not arrive over the loopback interface; empty if it did."""
     network_fault: str
-    """The same over the interface that the system chooses."""
+    """The same for the interface that the system chooses."""
     unicast_fault: str
-    """The same without a group, to 127.0.0.1."""
+    """The same for 127.0.0.1, without a group."""
 
 
 def judge_multicast(facts: MulticastFacts) -> Iterator[Finding]:
-    """Report which ways of UDP work."""
+    """Report which kinds of UDP traffic work."""
     if facts.unicast_fault:
         yield error(
             f"UDP datagrams to 127.0.0.1 do not arrive: {facts.unicast_fault}",
@@ -57,7 +57,7 @@ def judge_multicast(facts: MulticastFacts) -> Iterator[Finding]:
     if facts.loopback_fault:
         yield warning(
             f"multicast to {facts.group} over loopback does not arrive: {facts.loopback_fault}",
-            LOOPBACK_CURE,
+            LOOPBACK_FIX,
         )
     if facts.network_fault:
         yield note(
@@ -73,23 +73,23 @@ def judge_multicast(facts: MulticastFacts) -> Iterator[Finding]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscoveryFacts:
-    """What two ROS processes measured of each other."""
+    """Measurements of two ROS processes."""
 
     trial: Trial | None
     """How the calling process ended; None: rclpy is not installed."""
     domain: int
     """The free ROS domain that the test used."""
     range: str = ""
-    """ROS_AUTOMATIC_DISCOVERY_RANGE as stacks get it."""
+    """ROS_AUTOMATIC_DISCOVERY_RANGE as set for stacks."""
     rmw: str = ""
     first_answer_s: float | None = None
-    """From the first call to the first answer, the other process's start included [s]."""
+    """From the first call to the first answer, including the start of the other process [s]."""
     round_trip_ms: float | None = None
     """Median [ms]."""
 
 
 def judge_discovery(facts: DiscoveryFacts) -> Iterator[Finding]:
-    """Report whether nodes of two processes find each other."""
+    """Report whether the nodes of two processes discover each other."""
     if facts.trial is None:
         yield note("skipped: rclpy is not installed")
     elif facts.first_answer_s is None and facts.trial.end == "timed out":
@@ -144,7 +144,7 @@ PAYLOAD: Final = b"obk doctor"
 
 
 def probe_multicast() -> MulticastFacts:
-    """Send datagrams to an address, and to a group by each way."""
+    """Send datagrams to an address, and to a group over each interface."""
     return MulticastFacts(
         group=GROUP,
         loopback_fault=_multicast_fault(LOOPBACK),
@@ -154,7 +154,7 @@ def probe_multicast() -> MulticastFacts:
 
 
 def _multicast_fault(interface: str) -> str:
-    """Why a datagram to the group does not come back over an interface; empty: it does."""
+    """Why a datagram to the group does not arrive over an interface; empty if it does."""
     address = socket.inet_aton(interface)
     try:
         with _udp() as receiver, _udp() as sender:
@@ -198,7 +198,7 @@ def _reason(fault: OSError) -> str:
 
 
 CALL_S: Final = 20.0
-"""Limit for the calling process, its start included; on an idle machine it takes 1 s [s]."""
+"""Limit for the calling process, including its start; about 1 s on an idle machine [s]."""
 KILL_S: Final = 2.0
 
 

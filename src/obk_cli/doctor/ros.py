@@ -36,7 +36,7 @@ NOTE_FIXES: Final = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF": "unset ROS_AUTOMATIC_DISCOVERY_RANGE",
     "ROS ": "export ROS_LOG_DIR=/tmp/ros-logs",
 }
-"""First words of one of obk's notes about the environment -> the fix."""
+"""Prefix of one of obk's notes about the environment -> the fix."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,22 +44,22 @@ class RosFacts:
     """The ROS 2 that this Python would use."""
 
     rclpy_folder: str | None
-    """Where `import rclpy` finds it; None: nowhere."""
+    """Folder from which `import rclpy` loads it; None if it is not found."""
     rclpy_version: str | None
     wheels_distribution: str | None
-    """The ROS distribution that the wheels are of; None: no wheels are installed."""
+    """ROS distribution of the wheels; None if no wheels are installed."""
     ros_distro: str | None
-    """ROS_DISTRO as the shell has it."""
+    """The shell's ROS_DISTRO."""
     machine: str
     """The processor's architecture, such as `x86_64`."""
     sourceable: tuple[str, ...]
     """`setup.sh` files of ROS 2 below /opt/ros."""
     unlike_pins: Mapping[str, tuple[str, str]]
-    """Distribution -> (installed, pinned) version, of those of the ROS wheels that differ."""
+    """Distribution -> (installed, pinned) version, for ROS wheels that differ."""
 
 
 def judge_ros(facts: RosFacts) -> Iterator[Finding]:
-    """Report which ROS 2 is used, and versions that do not match."""
+    """Report which ROS 2 is used, and version mismatches."""
     if facts.rclpy_folder is None:
         yield _missing(facts)
         return
@@ -89,7 +89,8 @@ def judge_ros(facts: RosFacts) -> Iterator[Finding]:
         pairs = facts.unlike_pins.items()
         listed = ", ".join(f"{name} {is_} instead of {pin}" for name, (is_, pin) in pairs)
         yield warning(
-            f"ROS wheels in other versions than obk requires: {listed}", install_command("ros")
+            f"versions of ROS wheels differ from those that obk requires: {listed}",
+            install_command("ros"),
         )
 
 
@@ -112,15 +113,15 @@ class RmwFacts:
 
     installed: tuple[str, ...]
     asked_for: str | None
-    """RMW_IMPLEMENTATION as the user has it."""
+    """The user's RMW_IMPLEMENTATION."""
     used: str
     domain: int | None
     """None: ROS_DOMAIN_ID is not a domain."""
     domain_fault: str
     range: str
-    """ROS_AUTOMATIC_DISCOVERY_RANGE as stacks get it."""
+    """ROS_AUTOMATIC_DISCOVERY_RANGE as set for stacks."""
     notes: tuple[str, ...]
-    """What obk changes for its processes."""
+    """Changes that obk makes for its processes."""
 
 
 def judge_rmw(facts: RmwFacts) -> Iterator[Finding]:
@@ -139,7 +140,7 @@ def judge_rmw(facts: RmwFacts) -> Iterator[Finding]:
         range=facts.range,
     )
     for sentence in facts.notes:
-        fixes = (fix for begin, fix in NOTE_FIXES.items() if sentence.startswith(begin))
+        fixes = (fix for prefix, fix in NOTE_FIXES.items() if sentence.startswith(prefix))
         yield warning(sentence, next(fixes, "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"))
     if facts.asked_for not in (None, "", "rmw_fastrtps_cpp") and facts.asked_for == facts.used:
         yield note(f"obk is tested with rmw_fastrtps_cpp, not with {facts.used}")
@@ -149,17 +150,17 @@ SOURCEABLE: Final = Path("/opt/ros")
 _PIN: Final = re.compile(r"(?P<name>ros-[\w-]+)(?:\[\w+\])?==(?P<version>[\w.]+)")
 _RMW: Final = re.compile(r"lib(?P<name>rmw_[a-z_]+(?:_cpp|_c))\.so")
 _PARTS: Final = ("rmw_fastrtps_shared_cpp",)
-"""Libraries that are named like a middleware but are part of one."""
+"""Libraries that are named like a middleware but are only part of one."""
 
 
 def find_rclpy() -> Path | None:
-    """The folder of the rclpy that would be imported."""
+    """The folder from which rclpy would be imported."""
     spec = importlib.util.find_spec("rclpy")
     return Path(spec.origin).parent if spec and spec.origin else None
 
 
 def wheels_distribution() -> str | None:
-    """The ROS distribution of the installed wheels; None: no wheels are installed."""
+    """The ROS distribution of the installed wheels; None if no wheels are installed."""
     wheels = distributions_like(r"ros_[a-z]+_rclpy")
     return next((name.split("_")[1] for name in wheels), None)
 
@@ -181,7 +182,7 @@ def probe_ros() -> RosFacts:
 
 
 def _unlike_pins() -> Iterator[tuple[str, tuple[str, str]]]:
-    """The ROS wheels whose version differs from the one that obk pins."""
+    """ROS wheels whose version differs from the one that obk pins."""
     try:
         required = importlib.metadata.requires("obelisk-cli") or []
     except importlib.metadata.PackageNotFoundError:

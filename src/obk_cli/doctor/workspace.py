@@ -33,20 +33,20 @@ class WorkspaceFacts:
     """The workspace around the working folder."""
 
     folder: str | None
-    """None: the working folder is in none."""
+    """None: the working folder is not in a workspace."""
     packages: tuple[str, ...]
     broken: tuple[str, ...]
     """`package.xml` files without a name."""
     doubled: tuple[str, ...]
-    """Names that more than one folder claims."""
+    """Names that more than one folder uses."""
     unbuilt: tuple[str, ...]
-    """Message packages that are not built, or changed since."""
+    """Message packages that are not built, or changed since the last build."""
     fault: str = ""
-    """Why the message packages cannot be examined; empty: they can."""
+    """Why the message packages cannot be examined; empty if they can."""
 
 
 def judge_workspace(facts: WorkspaceFacts) -> Iterator[Finding]:
-    """The workspace, its packages, and its message packages."""
+    """Report the workspace, its packages, and its message packages."""
     if facts.folder is None:
         yield note("the working folder is not in a workspace", "obk init my_robot")
         return
@@ -76,7 +76,7 @@ _NAME: Final = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
 
 
 def probe_workspace(working_folder: Path, environment: Mapping[str, str]) -> WorkspaceFacts:
-    """Look through the sources of the workspace that a folder is in."""
+    """Examine the sources of the workspace that contains a folder."""
     workspace = find_workspace(working_folder)
     manifests = [folder / "package.xml" for folder in package_folders(workspace)]
     if not manifests:
@@ -106,7 +106,7 @@ class RunningStack:
     name: str
     domain: int
     pid: int
-    """Of its launcher."""
+    """Process ID of its launcher."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,11 +115,11 @@ class StackFacts:
 
     running: tuple[RunningStack, ...]
     orphans: tuple[str, ...]
-    """Processes whose launcher is gone: number and command."""
+    """Process ID and command of processes whose launcher has exited."""
 
 
 def judge_stacks(facts: StackFacts) -> Iterator[Finding]:
-    """Stacks that run and processes that should not."""
+    """Report running stacks, and processes that should have ended."""
     for stack in facts.running:
         yield note(
             f"stack `{stack.name}` is running in ROS domain {stack.domain} (launcher {stack.pid})",
@@ -136,7 +136,7 @@ def judge_stacks(facts: StackFacts) -> Iterator[Finding]:
             orphans=facts.orphans,
         )
     if not facts.running and not facts.orphans:
-        yield ok("no stack is running and no process is left over")
+        yield ok("no stack is running, and no process is left over")
 
 
 def probe_stacks(environment: Mapping[str, str]) -> StackFacts:

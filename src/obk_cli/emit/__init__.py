@@ -1,1 +1,1 @@
-"""A plan as text: parameters, launch file, pictures, JSON. The same plan gives the same bytes."""
+"""A plan as text: parameters, launch file, pictures, JSON. Equal plans give equal bytes."""

@@ -18,11 +18,11 @@ __all__ = ["FORMS", "Form"]
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """One back end."""
+    """An output format."""
 
     emit: Callable[[Plan], str]
     ending: str
-    """How its files end, `.params.yaml`."""
+    """File extension, such as `.params.yaml`."""
 
 
 FORMS: Final[Mapping[str, Form]] = MappingProxyType(

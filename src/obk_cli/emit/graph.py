@@ -1,6 +1,6 @@
-"""The graph that every picture shows: nodes, topics and what is known of each.
+"""The graph that all pictures show: the nodes, the topics, and their properties.
 
-Nodes are in bring-up order, topics in the order in which the nodes name them.
+Nodes are in bring-up order, topics in the order in which the nodes refer to them.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,10 +19,10 @@ __all__ = ["SECTION_COLOURS", "Colour", "Graph", "GraphNode", "GraphTopic", "gra
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Colour:
-    """A pair that belongs together."""
+    """A light and a dark shade of one colour."""
 
     light: str
-    """For areas that carry text."""
+    """For areas with text."""
     dark: str
     """For lines and headings, legible on white and on `light`."""
 
@@ -50,11 +50,11 @@ class GraphNode:
     package: str
     executable: str
     model: str | None
-    """Path of the MuJoCo model that stands in for the robot."""
+    """Path of the MuJoCo model that replaces the robot."""
 
     @property
     def title(self) -> str:
-        """The name without the slash that every name in the root namespace has."""
+        """The name, without the leading slash of names in the root namespace."""
         return printable(self.name if self.name.count("/") > 1 else self.name.lstrip("/"))
 
     @property
@@ -66,7 +66,7 @@ class GraphNode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphTopic:
-    """A topic, and which nodes are at its ends, by full name."""
+    """A topic, and the full names of the nodes at its ends."""
 
     name: str
     msg_type: str | None
@@ -74,11 +74,11 @@ class GraphTopic:
     publishers: tuple[str, ...]
     subscribers: tuple[str, ...]
     sensor_groups: tuple[PlannedSensorGroup, ...]
-    """What the simulator publishes on it."""
+    """The sensor groups that the simulator publishes on it."""
 
     @property
     def title(self) -> str:
-        """The name, fit to be shown."""
+        """The name with non-printable characters replaced."""
         return printable(self.name)
 
     @property
@@ -89,7 +89,7 @@ class GraphTopic:
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """A line for each kind of sensor: `jointpos hip_sensor +11`, `lidar_scan rays`."""
+        """One line per kind of sensor: `jointpos hip_sensor +11`, `lidar_scan rays`."""
         return tuple(
             printable(line) for group in self.sensor_groups for line in _sensor_lines(group)
         )
@@ -97,7 +97,7 @@ class GraphTopic:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Graph:
-    """A stack as a picture shows it."""
+    """A stack as shown in a picture."""
 
     name: str
     nodes: tuple[GraphNode, ...]
@@ -109,7 +109,7 @@ class Graph:
         return tuple(dict.fromkeys(node.device for node in self.nodes))
 
     def topics_within(self, device: str | None) -> tuple[GraphTopic, ...]:
-        """The topics that stay on one device; None: those that join devices."""
+        """The topics within one device; None: the topics between devices."""
         devices = {node.name: node.device for node in self.nodes}
         ends = [{devices[n] for n in (*t.publishers, *t.subscribers)} for t in self.topics]
         return tuple(
@@ -120,7 +120,7 @@ class Graph:
 
     @property
     def title(self) -> str:
-        """The stack's name and how much is in it."""
+        """The stack's name and the number of its nodes and topics."""
         nodes, topics = with_number(len(self.nodes), "node"), with_number(len(self.topics), "topic")
         return printable(f"{self.name}: {nodes}, {topics}")
 

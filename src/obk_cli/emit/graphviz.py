@@ -1,11 +1,11 @@
-"""The graph in the DOT language of Graphviz, and drawn by it as SVG or PNG.
+"""The graph in the DOT language of Graphviz, and rendered as SVG or PNG.
 
-Boxes have a minimum size for a font in which all letters have one width. The layout then does not
-depend on the fonts of a machine. Source: https://graphviz.org/doc/info/lang.html
+Boxes have a minimum size for a monospace font, so the layout does not depend on the machine's
+fonts. Source: https://graphviz.org/doc/info/lang.html
 
-In SVG every box is a `<g>` with the item's full name as `data-node` or `data-topic`, and with its
-section or `topic` as a class. A live picture has an empty `text.live` in each for what a page
-measures. Only pictures need the extra `graph`.
+In an SVG every box is a `<g>` with the item's full name as `data-node` or `data-topic`, and with
+its section or `topic` as a class. Each box of a live picture has an empty `text.live`, which a page
+fills with measured values. Only pictures need the extra `graph`.
 """
 
 import os
@@ -27,15 +27,15 @@ __all__ = ["FONT_SIZE", "draw", "emit_dot", "emit_png", "emit_svg"]
 
 FONT_SIZE: Final = 11
 _LETTER: Final = 0.64
-"""Width of a letter as part of the font size; a little more than common fonts take."""
+"""Width of a letter relative to the font size; slightly more than in common fonts."""
 _LINE: Final = 1.2
-"""Height of a line as part of the font size, as Graphviz has it."""
+"""Height of a line relative to the font size, as in Graphviz."""
 _PADDING: Final = 12
 _LONGEST: Final = 44
-"""Columns of a line that are shown."""
+"""Maximum number of columns shown of a line."""
 _PER_INCH: Final = 72
 
-# In a quoted text Graphviz reads `\` sequences and HTML's entities.
+# Graphviz interprets `\` sequences and HTML entities in quoted text.
 _ESCAPES = str.maketrans({"\\": "\\\\", '"': '\\"', "&": "&amp;"})
 _FONT: Final = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace"
 _NAMESPACE: Final = ' xmlns="http://www.w3.org/2000/svg"'
@@ -43,9 +43,9 @@ _SPARE_LINE: Final = "1000 of 1000 Hz stale"
 """As long as the longest text that a page fills in."""
 _LINE_PX: Final = _LINE * FONT_SIZE
 _BASELINE: Final = 0.35
-"""From the middle of a line to its baseline, as part of the font size."""
-# Graphviz is C, and prints warnings about fonts: both stay in a process of their own. Boxes have
-# the sizes of the DOT text, whatever the fonts of the machine.
+"""From the middle of a line to its baseline, relative to the font size."""
+# Graphviz is written in C and prints warnings about fonts, so it runs in its own process. Boxes
+# have the sizes of the DOT text, whatever the fonts of the machine.
 _PROGRAM: Final = """
 import sys, pygraphviz
 graph = pygraphviz.AGraph(string=sys.stdin.buffer.read().decode())
@@ -56,17 +56,17 @@ sys.stdout.buffer.write(graph.draw(format=sys.argv[1], prog="dot"))
 _NO_FONTS: Final = "<fontconfig></fontconfig>\n"
 _DRAW_S: Final = 60.0
 _DPI: Final = {"svg": 72, "png": 144}
-"""A point of an SVG is a pixel; a PNG is for screens with twice as many."""
+"""A point of an SVG is one pixel; a PNG has twice the resolution."""
 _FONT_FOLDERS: Final = ("/usr/share/fonts", "/usr/local/share/fonts", "~/.local/share/fonts")
 _FONT_ENDINGS: Final = (".ttf", ".otf", ".ttc", ".pfb")
 
 
 def emit_dot(graph: Graph, *, spare_line: str = "") -> str:
-    """The text of the graph.
+    """The graph as DOT text.
 
     Args:
         graph: the stack.
-        spare_line: a last line for every box, to be replaced later; empty: none.
+        spare_line: a last line for every box, to be replaced later; empty for none.
     """
     return "".join(f"{line}\n" for line in _lines(graph, spare_line))
 
@@ -139,7 +139,7 @@ def _text(lines: Iterable[str]) -> str:
 
 
 def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
-    """The text of the picture.
+    """The graph as SVG text.
 
     Args:
         graph: the stack.
@@ -149,7 +149,7 @@ def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
         CommandFailedError: the extra `graph` is not installed, or Graphviz failed.
     """
     drawn = draw(emit_dot(graph, spare_line=_SPARE_LINE if is_live else ""), "svg").decode()
-    # Without a namespace the tree has plain names, in and out.
+    # Without a namespace, tag names stay plain when the tree is parsed and written.
     root = ElementTree.fromstring(drawn.replace(_NAMESPACE, "", 1))
     items: dict[str, GraphNode | GraphTopic] = {}
     items |= {f"node{i}": node for i, node in enumerate(graph.nodes)}
@@ -183,7 +183,7 @@ def _set_head(root: ElementTree.Element, graph: Graph) -> None:
 
 
 def _finish_box(group: ElementTree.Element, item: GraphNode | GraphTopic, *, is_live: bool) -> None:
-    """Name the item of a box, style its lines, and clear the line that a page fills."""
+    """Add the item's name to a box, style its lines, and clear the line that a page fills."""
     group.set("data-node" if isinstance(item, GraphNode) else "data-topic", printable(item.name))
     group.findall("title")[0].text = _tooltip(item)
     title, *lines = group.findall("text")
@@ -204,7 +204,7 @@ def _finish_box(group: ElementTree.Element, item: GraphNode | GraphTopic, *, is_
 
 
 def _align_left(cluster: ElementTree.Element) -> None:
-    """Put a frame's heading at its left edge, wherever the fonts of the machine had it."""
+    """Move a frame's heading to its left edge, independently of the machine's fonts."""
     left, *_ = _bounds(cluster)
     for text in cluster.findall("text"):
         text.set("text-anchor", "start")
@@ -240,7 +240,7 @@ def emit_png(graph: Graph) -> bytes:
     """The graph as a PNG, with the fonts of this machine.
 
     Raises:
-        CommandFailedError: the extra `graph` is not installed, there is no font, or Graphviz
+        CommandFailedError: the extra `graph` is not installed, no font is installed, or Graphviz
             failed.
     """
     folders = [Path(folder).expanduser() for folder in _FONT_FOLDERS]
@@ -254,7 +254,7 @@ def emit_png(graph: Graph) -> bytes:
 
 
 def draw(dot: str, form: Literal["svg", "png"]) -> bytes:
-    """The picture of a DOT text; an SVG has the same layout on every machine.
+    """Render a DOT text; an SVG has the same layout on every machine.
 
     Raises:
         CommandFailedError: the extra `graph` is not installed, or Graphviz failed.
@@ -263,7 +263,7 @@ def draw(dot: str, form: Literal["svg", "png"]) -> bytes:
     environment = dict(os.environ)
     try:
         with tempfile.TemporaryDirectory(prefix="obk-graph-") as folder:
-            if form == "svg":  # its text is drawn by the viewer
+            if form == "svg":  # the viewer draws the text
                 fonts = Path(folder, "fonts.conf")
                 fonts.write_text(_NO_FONTS, encoding="utf-8")
                 environment["FONTCONFIG_FILE"] = str(fonts)

@@ -18,14 +18,14 @@ __all__ = ["emit_graph_json", "emit_plan"]
 def emit_plan(plan: Plan) -> str:
     """The text of a plan: `name`, `processes` in the order of the config, `external_topics`."""
     values = asdict(plan).items()
-    # The key of the JSON is older than the field, and stable.
+    # The JSON key is older than the field's name, and must stay.
     return _json_text({"processes" if key == "nodes" else key: value for key, value in values})
 
 
 def emit_graph_json(graph: Graph) -> str:
-    """The text: `name`, `devices`, `nodes`, `topics`, and `edges` from node to topic to node."""
+    """The graph: `name`, `devices`, `nodes`, `topics`, and `edges` from node to topic to node."""
     topics = [asdict(topic) for topic in graph.topics]
-    for topic in topics:  # the edges have them
+    for topic in topics:  # `edges` holds the ends of topics
         del topic["publishers"], topic["subscribers"]
     return _json_text(
         {
@@ -50,9 +50,9 @@ _SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def _json_text(value: object) -> str:
-    """Format a JSON document; numbers that JSON lacks become strings as in YAML, `.inf`."""
+    """Format a JSON document; numbers that JSON lacks become strings as in YAML, such as `.inf`."""
     text = json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False)
-    # Half of a pair is no character of UTF-8, but JSON can name it.
+    # UTF-8 cannot encode an unpaired surrogate, but JSON can escape it.
     return _SURROGATE.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 

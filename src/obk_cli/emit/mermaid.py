@@ -1,4 +1,4 @@
-"""The graph as a Mermaid flow chart, which many pages and editors draw.
+"""The graph as a Mermaid flow chart, which many web pages and editors render.
 
 Source: https://mermaid.js.org/syntax/flowchart.html
 """
@@ -17,7 +17,7 @@ _ENTITIES = str.maketrans(
 
 
 def emit_mermaid(graph: Graph) -> str:
-    """The text of the flow chart."""
+    """The graph as a flow chart."""
     return "".join(f"{line}\n" for line in _lines(graph))
 
 

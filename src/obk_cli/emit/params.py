@@ -1,6 +1,6 @@
-"""ROS 2 parameter files, as `--params-file` takes them.
+"""ROS 2 parameter files for `--params-file`.
 
-Text is always in double quotes, so that the ROS parser never takes `on` or `1e3` for anything else.
+Text is always in double quotes, so that the ROS parser never reads `on` or `1e3` as another type.
 """
 
 import json
@@ -20,7 +20,7 @@ _UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]
 
 
 def emit_params(nodes: "Iterable[PlannedNode]") -> str:
-    """The text of one parameter file for these nodes, keyed by the nodes' full names."""
+    """One parameter file for these nodes, keyed by their full names."""
     return "".join(emit_node_params(node.full_name, node.parameters) for node in nodes)
 
 
@@ -30,7 +30,7 @@ def emit_node_params(full_name: str, parameters: Mapping[str, ParameterValue]) -
 
 
 def params_file_name(node: "PlannedNode") -> str:
-    """A file name of the node's own, `obelisk_control_0.yaml`."""
+    """The file name for a node's parameters, such as `obelisk_control_0.yaml`."""
     return f"{node.full_name.strip('/').replace('/', '.')}.yaml"
 
 
@@ -44,7 +44,7 @@ def _node_lines(full_name: str, parameters: Mapping[str, ParameterValue]) -> Ite
 
 
 def emit_value(value: ParameterValue) -> str:
-    """A value as parameter files have it."""
+    """A value in the syntax of parameter files."""
     if isinstance(value, tuple):
         return f"[{', '.join(emit_value(item) for item in value)}]"
     if isinstance(value, str):

@@ -1,7 +1,7 @@
 """The graph drawn with box characters, for a terminal.
 
-Nodes are listed from top to bottom, each with the topics it subscribes to and publishes; every
-topic that joins nodes is a rail on their right.
+Nodes are listed from top to bottom, each with the topics that it subscribes to and publishes. Each
+topic that connects nodes is a rail on their right.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,26 +13,26 @@ from obk_cli.terminal import columns_of, printable, shortened
 __all__ = ["emit_terminal"]
 
 _NARROWEST = 44
-"""Columns inside a node's box, however many rails there are."""
+"""Minimum number of columns inside a node's box, however many rails there are."""
 _RIGHT = 30
-"""Columns that the right part of a line has in any case."""
+"""Minimum number of columns for the right part of a line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Row:
-    """A line: what stands in the box and, where a topic leaves or enters it, the topic."""
+    """A line: the text in the box and, if a topic leaves or enters it, the topic."""
 
     left: str = ""
     right: str = ""
     frame: str = "side"
-    """`side`, `top`, `bottom`, or `none` outside of any box."""
+    """`side`, `top`, `bottom`, or `none` outside boxes."""
     topic: str = ""
     is_subscribed: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Rail:
-    """Where a topic's rail runs: its place from the left, its first and its last row."""
+    """The position of a topic's rail: column, first row and last row."""
 
     place: int
     first: int
@@ -40,7 +40,7 @@ class _Rail:
 
 
 def emit_terminal(graph: Graph, width: int = 80) -> str:
-    """The text of the drawing; it is wider than `width` only if the rails leave no room."""
+    """The drawing as text; wider than `width` only if the rails leave no room."""
     rows = [row for device in graph.devices for row in _device_rows(graph, device)]
     rails = _rails(rows)
     places = 1 + max((rail.place for rail in rails.values()), default=0)
@@ -82,7 +82,7 @@ def _topic_row(topic: GraphTopic, mark: str, *, is_subscribed: bool) -> _Row:
 
 
 def _rails(rows: Sequence[_Row]) -> Mapping[str, _Rail]:
-    """A rail for each topic with more than one end, the shorter the nearer to the boxes."""
+    """A rail for each topic with more than one end; shorter ones are nearer to the boxes."""
     ends: dict[str, list[int]] = {}
     for i, row in enumerate(rows):
         if row.topic:
@@ -125,7 +125,7 @@ def _box_part(row: _Row, inside: int) -> str:
 
 
 def _filled(left: str, right: str, width: int) -> str:
-    """The left text, room, and the right text; the left one is shortened first."""
+    """The left text, padding, and the right text; the left one is shortened first."""
     right = shortened(right, max(_RIGHT, width - columns_of(left) - 2))
     room = width - columns_of(right) - (2 if right else 0)
     left = shortened(left, room)

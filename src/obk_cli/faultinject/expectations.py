@@ -1,4 +1,4 @@
-"""What the rules of a stack require after a fault: the cases and their expectations. Pure."""
+"""The cases of a rehearsal, and what the rules of a stack require after each fault. Pure."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ Fault = Literal["delay", "freeze", "kill"]
 Reaction = Literal["stop", "restart", "go on", "nothing"]
 
 FAULTS: Final[tuple[Fault, ...]] = ("delay", "freeze", "kill")
-"""The mildest first: it leaves the most of a stack."""
+"""The mildest first, because it leaves most of a stack intact."""
 _REACTIONS: Final[dict[OnCrash, Reaction]] = {
     "stop": "stop",
     "restart": "restart",
@@ -33,28 +33,28 @@ _REACTIONS: Final[dict[OnCrash, Reaction]] = {
 _SUMMARIES: Final[dict[Reaction, str]] = {
     "stop": "stack down, exit 1",
     "restart": "restarted, all active",
-    "go on": "the others run on",
+    "go on": "other nodes keep running",
     "nothing": "no reaction",
 }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Allowances:
-    """How long a launcher may take [s]."""
+    """Time limits for a launcher's reactions [s]."""
 
     end_noticed_s: float = 0.1
-    """Until it reports that a process has ended."""
+    """Until the launcher reports the end of a process."""
     hang_noticed_s: float = 2.0
-    """Until it reports that a node hangs, or responds again."""
+    """Until the launcher reports that a node hangs, or responds again."""
     down_s: float = 10.0
-    """From the fault until the launcher has ended."""
+    """From the fault until the launcher has exited."""
     back_s: float = 10.0
-    """From the fault until restarted nodes are in their former state."""
+    """From the fault until restarted nodes are back in their former state."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expectation:
-    """The required reaction, and by when."""
+    """The required reaction and its time limits."""
 
     reaction: Reaction
     noticed_s: float
@@ -71,13 +71,13 @@ class Expectation:
 def expectation_of(
     unit: Unit, fault: Fault, on_crash: OnCrash, allowances: Allowances | None = None
 ) -> Expectation:
-    """What the rules require after a fault.
+    """The reaction that the rules require after a fault.
 
     Args:
-        unit: the process that the fault is injected into.
+        unit: the process into which the fault is injected.
         fault: the fault.
         on_crash: the launch's rule, for nodes that do not set one.
-        allowances: how long the launcher may take.
+        allowances: time limits for the launcher.
     """
     times = allowances or Allowances()
     reaction = _REACTIONS[rule_of(unit.nodes, on_crash)]
@@ -100,7 +100,7 @@ class Case:
     """A fault in a process of a stack."""
 
     unit: Unit
-    """The process that the fault is injected into."""
+    """The process into which the fault is injected."""
     fault: Fault
     expectation: Expectation
 
@@ -120,14 +120,14 @@ def make_cases(
     nodes: Collection[str] = (),
     allowances: Allowances | None = None,
 ) -> tuple[Case, ...]:
-    """The cases, in bring-up order of the processes; those that share a launch stand together.
+    """The cases, in bring-up order of the processes; cases that can share a launch are adjacent.
 
     Args:
         units: the stack's processes.
         faults: the faults to inject.
         on_crash: the launch's rule.
-        nodes: full names of the nodes whose processes are chosen; none: all.
-        allowances: how long the launcher may take.
+        nodes: full names of the nodes whose processes are tested; empty: all.
+        allowances: time limits for the launcher.
     """
     chosen = [unit for unit in units if not nodes or not set(nodes).isdisjoint(unit.node_names)]
     chosen.sort(key=lambda unit: min(TIERS.index(node.section) for node in unit.nodes))

@@ -1,4 +1,4 @@
-"""One `obk launch` of a rehearsal: start it, collect its events, ask for its status, end it.
+"""One `obk launch` of a rehearsal: start it, collect its events, query its status, end it.
 
 The launcher never outlives this process.
 """
@@ -19,9 +19,9 @@ from obk_cli.runs.registry import live_folders
 __all__ = ["LaunchedStack"]
 
 LEFT_S: Final = 7.0
-"""How long nodes may take to end after their launcher: the warden's limit, and more [s]."""
+"""Limit for nodes to end after their launcher; above the warden's limit [s]."""
 OVER_S: Final = 1.0
-"""How long the last output may take after the end of the process [s]."""
+"""Limit for the last output to arrive after the end of the process [s]."""
 POLL_S: Final = 0.05
 ANSWER_S: Final = 10.0
 """Limit for a reply over the control socket; its speed is not part of a verdict [s]."""
@@ -52,29 +52,29 @@ class LaunchedStack:
 
     @property
     def events(self) -> tuple[TimedEvent, ...]:
-        """What it has reported so far."""
+        """The events that it has reported so far."""
         with self._changed:
             return tuple(self._events)
 
     @property
     def other_output(self) -> tuple[str, ...]:
-        """The lines of its output that are no events."""
+        """The output lines that are not events."""
         with self._changed:
             return tuple(self._other_output)
 
     @property
     def exit_code(self) -> int | None:
-        """None: it is running."""
+        """None while it is running."""
         return self._child.exit_code
 
     @property
     def over_s(self) -> float | None:
-        """When its output ended [s since 1970]; None: not yet."""
+        """When its output ended [s since 1970]; None while it has not."""
         return self._over_s
 
     @property
     def run(self) -> Path | None:
-        """The run's folder, once it is claimed."""
+        """The run's folder; None until it is created."""
         if self._run is None:
             live = live_folders(self._parent)
             self._run = next((f for f, run in live.items() if run.pid == self._child.pid), None)
@@ -83,11 +83,11 @@ class LaunchedStack:
     def wait_until(
         self, holds: Callable[[tuple[TimedEvent, ...]], bool], timeout_s: float, *, since: int = 0
     ) -> bool:
-        """Wait until a condition on its events holds or it ends; whether the condition holds.
+        """Wait until a condition on its events holds or it ends; return whether it holds.
 
         Args:
             holds: the condition, evaluated after each event.
-            timeout_s: how long to wait at most.
+            timeout_s: maximum wait [s].
             since: how many of the first events to skip.
         """
         end = monotonic_s() + timeout_s
@@ -99,7 +99,7 @@ class LaunchedStack:
             return is_so or holds(tuple(self._events[since:]))
 
     def wait_for_end(self, timeout_s: float) -> int | None:
-        """Wait for its end; returns the exit code, None if it has not ended in time."""
+        """Wait for its end; return the exit code, or None if it has not ended in time."""
         code = self._child.wait(timeout_s)
         if code is not None:
             with self._changed:
@@ -107,16 +107,16 @@ class LaunchedStack:
         return code
 
     def outcome(self, timeout_s: float) -> int | None:
-        """The exit code, awaited if its output has ended; None: it is running."""
-        # The kernel closes the output of a process some time before it reports its end.
+        """The exit code, waited for if its output has ended; None while it is running."""
+        # The kernel closes a process's output some time before it reports its end.
         return self.exit_code if self._over_s is None else self.wait_for_end(timeout_s)
 
     def status(self) -> StackStatus | None:
-        """The status that it reports; None: no reply."""
+        """The status that it reports; None if it does not reply."""
         return None if self.run is None else ask_status(self.run, ANSWER_S)
 
     def end(self, timeout_s: float) -> int | None:
-        """Interrupt it and wait; returns the exit code, None if it had to be killed."""
+        """Interrupt it and wait; return the exit code, or None if it had to be killed."""
         if self.exit_code is None:
             self._child.signal(signal.SIGINT)
         code = self.wait_for_end(timeout_s)
@@ -124,7 +124,7 @@ class LaunchedStack:
         return code
 
     def clear_up(self) -> tuple[str, ...]:
-        """End processes that outlived the launcher; returns their commands."""
+        """End processes that outlived the launcher; return their commands."""
         if self._run is None:
             return ()
         end = monotonic_s() + LEFT_S

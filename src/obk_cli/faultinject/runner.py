@@ -41,13 +41,13 @@ __all__ = [
 ]
 
 UP_S: Final = 60.0
-"""How long a bring-up may take; the launcher's own limits are shorter [s]."""
+"""Limit for a bring-up; the launcher's own limits are shorter [s]."""
 END_S: Final = 20.0
-"""How long a clean shutdown may take [s]."""
+"""Limit for a clean shutdown [s]."""
 DELAY_S: Final = 1.0
-"""Shorter than what a launcher treats as a hang [s]."""
+"""Shorter than the launcher's limit for a hang [s]."""
 QUIET_S: Final = 1.5
-"""How long a stack is watched after its reaction, or when none is expected [s]."""
+"""How long to watch a stack after its reaction, or if none is expected [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +59,7 @@ class LaunchSettings:
     environment: Mapping[str, str]
     """The complete environment of the launcher."""
     runs: Path
-    """The folder in which that launcher creates its run folder."""
+    """The folder in which the launcher creates its run folder."""
 
 
 def run_cases(
@@ -67,10 +67,10 @@ def run_cases(
     settings: LaunchSettings,
     on_case: Callable[[Case], None] = lambda _: None,
 ) -> tuple[Verdict, ...]:
-    """Run cases, one after another.
+    """Run cases one after another.
 
     Args:
-        cases: what is done to the stack, ideally those that leave it complete first.
+        cases: ordered so that those that leave the stack complete come first, if possible.
         settings: how the stack is launched.
         on_case: called before each case.
     """
@@ -138,7 +138,7 @@ class _Session:
         )
 
     def clear(self) -> tuple[str, ...]:
-        """End the launcher; returns what went wrong."""
+        """End the launcher; return what went wrong."""
         if self._stack is None:
             return ()
         stack, self._stack = self._stack, None
@@ -162,7 +162,7 @@ def _start_faults(stack: LaunchedStack) -> tuple[str, ...]:
 
 
 def _inject(case: Case, pid: int, stack: LaunchedStack, count: int) -> float:
-    """Inject the fault and wait for the reaction; returns the time of the fault [s since 1970]."""
+    """Inject the fault and wait for the reaction; return the time of the fault [s since 1970]."""
     injected_s = wall_s()
     (kill if case.fault == "kill" else freeze)(pid)
     try:
@@ -198,10 +198,10 @@ def refuse_running(runs: Path, name: str) -> None:
 
     Args:
         runs: the folder of all runs.
-        name: the config's.
+        name: the config's name.
 
     Raises:
-        CommandFailedError: it is running.
+        CommandFailedError: the stack is running.
     """
     other = next((run for run in live_folders(runs).values() if run.name == name), None)
     if other is not None:
@@ -213,7 +213,7 @@ def refuse_running(runs: Path, name: str) -> None:
 
 
 KEPT: Final = 10
-"""Rehearsals whose logs are kept."""
+"""Number of rehearsals whose logs are kept."""
 
 
 def make_rehearsal_folder(parent: Path, name: str) -> Path:
@@ -223,10 +223,10 @@ def make_rehearsal_folder(parent: Path, name: str) -> Path:
 
     Args:
         parent: the folder of all rehearsals.
-        name: the config's.
+        name: the config's name.
 
     Raises:
-        CommandFailedError: it cannot be created.
+        CommandFailedError: the folder cannot be created.
     """
     try:
         home = make_run_folder(parent, name, local_time())
@@ -241,20 +241,20 @@ def make_rehearsal_folder(parent: Path, name: str) -> Path:
 
 
 def kill(pid: int) -> None:
-    """End a process as the kernel does when memory runs out; not those that it started."""
+    """Kill a process as the kernel does when memory runs out, but not its children."""
     with suppress(psutil.Error):
         psutil.Process(pid).kill()
 
 
 def freeze(pid: int) -> None:
-    """Stop a process and all that it started: a program behind a script freezes with it."""
+    """Stop a process and its descendants, so that a program behind a script freezes with it."""
     for process in _family(pid):
         with suppress(psutil.Error):
             process.suspend()
 
 
 def thaw(pid: int) -> None:
-    """Resume a frozen process and all that it started."""
+    """Resume a frozen process and its descendants."""
     for process in _family(pid):
         with suppress(psutil.Error):
             process.resume()

@@ -38,7 +38,7 @@ _EVENTS: Final[Mapping[str, Any]] = OUTPUT_EVENTS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimedEvent:
-    """An event, and when the launcher reported it."""
+    """An event and the time at which the launcher reported it."""
 
     time_s: float
     """[s since 1970]"""
@@ -47,21 +47,21 @@ class TimedEvent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """All that was observed of one case."""
+    """Everything that was observed of one case."""
 
     injected_s: float
     """When the fault was injected [s since 1970]."""
     run: Path
-    """The launch's run folder."""
+    """The run folder of the launch."""
     before: StackStatus
     events: tuple[TimedEvent, ...]
-    """From the fault on."""
+    """Events since the fault."""
     after: StackStatus | None
-    """None: the launcher does not respond, or has ended."""
+    """None: the launcher does not respond, or has exited."""
     exit_code: int | None
-    """The launcher's; None: it is running."""
+    """The launcher's exit code; None while it is running."""
     ended_s: float | None = None
-    """When the launcher's end was seen [s since 1970]."""
+    """When the launcher was seen to have ended [s since 1970]."""
     left: tuple[str, ...] = ()
     """Commands of the processes that outlived their launcher."""
 
@@ -84,19 +84,19 @@ REACTIONS = (Hung, ProcessEnded, ProcessStarted, Restarting, GoesOnWithout, Fail
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """How a case went."""
+    """The result of a case."""
 
     case: Case
     seen: str
-    """The reaction in a few words, in those of the expectation if they apply."""
+    """The reaction in a few words, the same as in the expectation if they match."""
     noticed_s: float | None = None
-    """From the fault until the launcher reported it [s]; None: it did not."""
+    """From the fault until the launcher reported it [s]; None if it did not."""
     settled_s: float | None = None
-    """From the fault until the stack was back, down, or known to go on [s]."""
+    """From the fault until the stack was back, down, or known to continue [s]."""
     faults: tuple[str, ...] = ()
-    """What is not as expected."""
+    """Deviations from the expectation."""
     run: Path | None = None
-    """The folder of the run; None: nothing could be started."""
+    """The folder of the run; None if nothing could be started."""
 
     @property
     def is_right(self) -> bool:
@@ -122,7 +122,7 @@ def has_concluded(case: Case, events: tuple[TimedEvent, ...]) -> bool:
 
 
 def incompleteness(status: StackStatus | None) -> Iterator[str]:
-    """What keeps a stack from being complete and active."""
+    """The reasons why a stack is not complete and active."""
     if status is None:
         yield "the launcher does not respond"
         return
@@ -181,7 +181,7 @@ def _seen(observation: Observation) -> str:
     if any(isinstance(event, Restarting) for event in events):
         return "restarting, not restarted"
     if any(isinstance(event, GoesOnWithout) for event in events):
-        return "the others run on"
+        return "other nodes keep running"
     names = sorted({type(event).__name__ for event in events if isinstance(event, REACTIONS)})
     return f"reported only: {', '.join(names)}" if names else "no reaction"
 
@@ -258,9 +258,9 @@ def _not_without(case: Case, observation: Observation) -> Iterator[str]:
 
 
 def _not_as_before(case: Case, observation: Observation, *, is_lost: bool) -> Iterator[str]:
-    """What changed in the stack, apart from the nodes that the fault was injected into."""
+    """Changes in the stack, apart from the nodes into which the fault was injected."""
     if observation.exit_code is not None:
-        yield "the stack went down"
+        yield "the stack shut down"
         return
     lost = tuple(f"{name}: " for name in case.unit.node_names) if is_lost else ()
     yield from (fault for fault in incompleteness(observation.after) if not fault.startswith(lost))

@@ -1,6 +1,6 @@
 """Write the parameters of running nodes into their config: find the edit, show it, write it.
 
-The same for `obk param save` and `obk web`.
+Used by `obk param save` and `obk web`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,15 +25,15 @@ __all__ = ["ConfigUpdate", "find_update", "write_update"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConfigUpdate:
-    """What the parameters of running nodes change in their config; nothing is written yet."""
+    """The changes of running nodes' parameters to their config; nothing is written yet."""
 
     config: str
     findings: tuple[Diagnostic, ...]
-    """Errors of the config as it is; nothing can be written then."""
+    """Errors of the current config; nothing can be written then."""
     parameters: tuple[SavedParameter, ...]
-    """Those that differ, also those that cannot be written."""
+    """Parameters that differ, including those that cannot be written."""
     files: tuple[tuple[EditedFile, str], ...]
-    """Every file that changes, with its new text."""
+    """Every changed file, with its new text."""
     missing_nodes: tuple[str, ...]
     """Full names of the config's nodes that are not running."""
 
@@ -42,7 +42,7 @@ class ConfigUpdate:
         return "".join(report_diff(file.source, text, colour=colour) for file, text in self.files)
 
     def changes(self) -> Iterator[str]:
-        """A sentence for each value that is written, with its place."""
+        """A sentence for each value that is written, with its location."""
         for one in self.parameters:
             if not one.fault:
                 yield f"{one.place.path}:{one.place.line}: {_change(one)}"
@@ -60,10 +60,10 @@ def find_update(
     """Compare a config with its running nodes.
 
     Args:
-        config: its path.
-        options: how it is compiled.
+        config: the path of the config.
+        options: how to compile it.
         target: where its nodes run.
-        timeout_s: for each answer of a node [s].
+        timeout_s: limit for each answer of a node [s].
 
     Raises:
         CommandFailedError: none of its nodes is running, one does not answer, or a file cannot be
@@ -89,7 +89,7 @@ def write_update(update: ConfigUpdate) -> None:
     """Write the files.
 
     Raises:
-        CommandFailedError: a file was changed meanwhile, or cannot be written.
+        CommandFailedError: a file has changed since it was read, or cannot be written.
     """
     for file, text in update.files:
         write_edited(file, text)

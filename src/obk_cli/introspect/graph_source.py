@@ -1,7 +1,7 @@
-"""Where a ROS graph is read from: the launcher of a stack on this host, else a participant.
+"""Read a ROS graph from the launcher of a stack on this host, otherwise with a participant.
 
-The launcher knows the whole graph and answers in some ms; a participant has to load ROS and to
-discover all nodes first.
+The launcher knows the whole graph and answers within milliseconds; a participant has to load ROS
+and discover all nodes first.
 """
 
 import threading
@@ -63,14 +63,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 POLL_S: Final = 0.05
-"""Between two questions while something is waited for [s]."""
+"""Polling period of a wait [s]."""
 MARGIN_S: Final = 3.0
-"""For the way to the launcher and back, beside what a node may take [s]."""
+"""Time for communication with the launcher, in addition to the node's own limit [s]."""
 NOTHING: Final = NodeEnds(publishes={}, subscribes={}, services={})
 
 
 def ask_launcher(folders: Collection[Path]) -> "LauncherGraph | None":
-    """The graph as reported by the first of these runs' launchers that answers; None: none does."""
+    """The graph reported by the first launcher of these runs that answers; None if none does."""
     for folder in folders:
         known = _graph(folder)
         if known is not None:
@@ -79,14 +79,14 @@ def ask_launcher(folders: Collection[Path]) -> "LauncherGraph | None":
 
 
 class LauncherGraph:
-    """The graph as a launcher reports it."""
+    """The graph as reported by a launcher."""
 
     def __init__(self, folder: Path, known: KnownGraph) -> None:
-        """Start with what the launcher knows now.
+        """Start with what the launcher currently knows.
 
         Args:
-            folder: the run's.
-            known: by its launcher.
+            folder: the folder of the run.
+            known: the graph that its launcher knows.
         """
         self._folder = folder
         self._known = known
@@ -113,7 +113,7 @@ class LauncherGraph:
         return self._known.nodes.get(node, NOTHING).services
 
     def topic(self, name: str) -> TopicInfo:
-        """A topic with its ends."""
+        """A topic with its publishers and subscriptions."""
         return self._known.graph.topic(name)
 
     def graph(self) -> GraphSnapshot:
@@ -121,15 +121,15 @@ class LauncherGraph:
         return self._known.graph
 
     def settle(self, expected: Collection[str], _quiet_s: float, timeout_s: float) -> bool:
-        """Wait until the expected nodes are there; see `RosParticipant.settle`."""
+        """Wait until the expected nodes exist; see `RosParticipant.settle`."""
         required = frozenset(expected)
         return bool(self.wait_for(lambda: required <= set(self.nodes()) or None, timeout_s))
 
     def rest(self, seconds: float) -> None:
-        """Return at once: the launcher has discovered the other nodes long ago."""
+        """Return at once, because the launcher has already discovered the other nodes."""
 
     def wait_for(self, probe: Callable[[], T | None], timeout_s: float) -> T | None:
-        """Poll a probe until it finds something; None: nothing in time."""
+        """Poll a probe until it returns a result; None if it does not in time."""
         end = time.monotonic() + timeout_s
         while (found := probe()) is None and time.monotonic() < end:
             time.sleep(POLL_S)
@@ -137,38 +137,38 @@ class LauncherGraph:
         return found
 
     def parameters(self, node: str, timeout_s: float) -> "LauncherParameters":
-        """The parameters of a node; each answer has this deadline [s]."""
+        """The parameters of a node, with this time limit for each answer [s]."""
         return LauncherParameters(self._folder, node, timeout_s)
 
 
 class LauncherParameters:
-    """The parameters of one node, read by its launcher; used like `NodeParameters`."""
+    """The parameters of one node, read by its launcher; same interface as `NodeParameters`."""
 
     def __init__(self, folder: Path, node: str, timeout_s: float) -> None:
-        """Ask nothing yet.
+        """Prepare; queries follow on demand.
 
         Args:
-            folder: the run's.
+            folder: the folder of the run.
             node: full name.
-            timeout_s: for each answer [s].
+            timeout_s: limit for each answer [s].
         """
         self._folder = folder
         self._node = node
         self._timeout_s = timeout_s
 
     def names(self) -> tuple[str, ...]:
-        """The names of all.
+        """The names of all parameters.
 
         Raises:
-            CommandFailedError: the node gives no answer.
+            CommandFailedError: the node does not answer.
         """
         return self._ask(NamesReply, do="names").names
 
     def values(self, names: Sequence[str]) -> Mapping[str, NodeParameter]:
-        """The values of these; `not set` if the node has none of that name.
+        """The values of these parameters; `not set` if the node does not have one.
 
         Raises:
-            CommandFailedError: the node gives no answer.
+            CommandFailedError: the node does not answer.
         """
         values = self._ask(ValuesReply, do="values", names=tuple(names)).values
         if len(values) != len(names):
@@ -178,19 +178,19 @@ class LauncherParameters:
         return {name: parameter_of(one) for name, one in zip(names, values, strict=True)}
 
     def describe(self, names: Sequence[str]) -> Mapping[str, ParameterDescription]:
-        """What the node reports about these; nothing about names that it does not have.
+        """Descriptions of these parameters; names that the node does not have are omitted.
 
         Raises:
-            CommandFailedError: the node gives no answer.
+            CommandFailedError: the node does not answer.
         """
         found = self._ask(DescriptionsReply, do="describe", names=tuple(names)).descriptions
         return {one.name: description_of(one) for one in found}
 
     def set(self, name: str, parameter: NodeParameter) -> SetAnswer:
-        """Set one.
+        """Set a parameter.
 
         Raises:
-            CommandFailedError: the node gives no answer.
+            CommandFailedError: the node does not answer.
         """
         wire = wire_parameter(parameter)
         reply = self._ask(SetReply, do="set", name=name, parameter=wire)
@@ -202,10 +202,10 @@ class LauncherParameters:
 
 
 def _ask(folder: Path, question: Question, kind: type[T], wait_s: float) -> T:
-    """The launcher's reply to a question.
+    """The launcher's reply to a query.
 
     Raises:
-        CommandFailedError: it gives none, or reports why it cannot.
+        CommandFailedError: it does not reply, or reports a failure.
     """
     answer = ask_graph(folder, encode(question), wait_s)
     if answer is None:
@@ -225,7 +225,7 @@ def _graph(folder: Path) -> KnownGraph | None:
 
 
 GraphSource = Union[LauncherGraph, "RosParticipant"]
-"""A graph that is looked at."""
+"""A graph to observe."""
 Parameters = Union[LauncherParameters, "NodeParameters"]
 """The parameters of one node."""
 
@@ -237,12 +237,12 @@ def open_graph(
     """Open the graph of a target.
 
     Args:
-        target: where to look.
-        node: as a user names it; a launcher answers for the nodes of its stack only. None: of none.
-        asks_nodes: whether nodes will be asked for their parameters.
+        target: the ROS domain and its runs.
+        node: as a user names it; a launcher answers only for nodes of its stack. None: no node.
+        asks_nodes: whether parameters of nodes will be queried.
 
     Raises:
-        CommandFailedError: no launcher answers, and there is no rclpy, or it does not start.
+        CommandFailedError: no launcher answers, and rclpy is missing or does not start.
     """
     is_ours = node is None or len(matching_names(node, target.nodes)) == 1
     launcher_graph = ask_launcher(target.runs) if is_ours else None
@@ -258,12 +258,12 @@ def open_graph(
 
 
 def parameters_of(source: GraphSource, node: str, timeout_s: float) -> Parameters:
-    """The parameters of a node.
+    """Open the parameters of a node.
 
     Args:
-        source: where the node was seen.
+        source: the graph in which the node was found.
         node: full name.
-        timeout_s: for each answer [s].
+        timeout_s: limit for each answer [s].
     """
     if isinstance(source, LauncherGraph):
         return source.parameters(node, timeout_s)
@@ -274,24 +274,24 @@ def parameters_of(source: GraphSource, node: str, timeout_s: float) -> Parameter
 
 
 LONGEST_S: Final = 60.0
-"""How long a node may take to answer [s]."""
+"""Maximum time limit for a node's answer [s]."""
 
 Reply = GraphReply | NamesReply | ValuesReply | DescriptionsReply | SetReply | FailedReply
 
 
 class GraphService:
-    """Answers questions about the graph and parameters as one node sees them."""
+    """Answers queries about the graph and parameters, as seen by one node."""
 
     def __init__(self, participant: RosParticipant) -> None:
-        """Serve questions.
+        """Serve queries.
 
         Args:
-            participant: the node's.
+            participant: the participant of the node.
         """
         self._participant = participant
 
     def ask(self, question: bytes, reply: Callable[[bytes], None]) -> threading.Thread:
-        """Answer a question; `reply` is called once, from the thread that is returned."""
+        """Answer a query; `reply` is called once, from the returned thread."""
 
         def answer() -> None:
             result: Reply
@@ -299,7 +299,7 @@ class GraphService:
                 result = self._answer(question)
             except (CommandFailedError, MisuseError) as error:
                 result = FailedReply(failed=error.message, help=error.help)
-            except Exception as error:  # of a node that is being shut down
+            except Exception as error:  # the node may be shutting down
                 result = FailedReply(failed=f"the launcher cannot answer: {error}")
             reply(encode(result))
 
@@ -309,13 +309,13 @@ class GraphService:
 
     def _answer(self, question: bytes) -> Reply:
         try:
-            asked = cast(Question, decode(question, Question))
+            query = cast(Question, decode(question, Question))
         except ValueError as error:
             raise CommandFailedError(f"invalid request: {error}") from error
-        if isinstance(asked, GraphQuestion):
+        if isinstance(query, GraphQuestion):
             return graph_reply(self._graph())
-        wait_s = min(asked.timeout_s, LONGEST_S)
-        return _of_parameters(NodeParameters(self._participant, asked.node, wait_s), asked)
+        wait_s = min(query.timeout_s, LONGEST_S)
+        return _of_parameters(NodeParameters(self._participant, query.node, wait_s), query)
 
     def _graph(self) -> KnownGraph:
         participant = self._participant
@@ -328,20 +328,20 @@ class GraphService:
         return KnownGraph(graph=participant.graph(), nodes=nodes)
 
 
-def _of_parameters(parameters: NodeParameters, asked: ParameterQuestion) -> Reply:
-    match asked.do:
+def _of_parameters(parameters: NodeParameters, query: ParameterQuestion) -> Reply:
+    match query.do:
         case "names":
             return NamesReply(names=parameters.names())
         case "values":
-            values = parameters.values(asked.names).values()
+            values = parameters.values(query.names).values()
             return ValuesReply(values=tuple(map(wire_parameter, values)))
         case "describe":
-            found = parameters.describe(asked.names)
+            found = parameters.describe(query.names)
             return DescriptionsReply(
                 descriptions=tuple(wire_description(name, one) for name, one in found.items())
             )
         case "set":
-            if asked.parameter is None:
+            if query.parameter is None:
                 raise CommandFailedError("invalid request: it has no `parameter`")
-            answer = parameters.set(asked.name, parameter_of(asked.parameter))
+            answer = parameters.set(query.name, parameter_of(query.parameter))
             return SetReply(successful=answer.successful, reason=answer.reason)

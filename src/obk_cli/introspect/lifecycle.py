@@ -1,6 +1,6 @@
 """States and transitions of nodes: from the launchers of this host, otherwise over ROS.
 
-ROS is loaded only if no launcher here can answer, so that an answer does not take longer.
+ROS is loaded only if no launcher on this host can answer, because loading it takes long.
 """
 
 from collections.abc import Mapping
@@ -33,27 +33,27 @@ if TYPE_CHECKING:
 __all__ = ["LifecycleRequest", "change_states", "node_states", "possible_transitions"]
 
 LAUNCHES_OWN_S: Final = 60.0
-"""The assumed limit of a launch: a client does not know it [s]."""
+"""Assumed transition limit of a launch, which a client does not know [s]."""
 MARGIN_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LifecycleRequest:
-    """What a user wants to know about, or change."""
+    """The nodes to query or change."""
 
     names: tuple[str, ...] = ()
-    """Nodes, full or in short, or sections; none: all."""
+    """Nodes (full or short names) or sections; empty: all."""
     run: str | None = None
-    """A config's name or a run folder's; None: whatever runs in the ROS domain."""
+    """Name of a config or run folder; None: any stack in the ROS domain."""
     timeout_s: float | None = None
-    """For one node's answer or transition [s]; None: the launch's own."""
+    """Limit for one node's answer or transition [s]; None: as launched."""
 
 
 def node_states(environment: RosEnvironment, request: LifecycleRequest) -> Mapping[str, str]:
-    """The states of nodes by full name, `no answer` where a node gives none.
+    """The states of nodes by full name; `no answer` for nodes that do not answer.
 
     Raises:
-        CommandFailedError: there is no such run or node, or no ROS.
+        CommandFailedError: no such run or node exists, or ROS is missing.
     """
     runs = _runs(environment, request)
     known = node_statuses(live_stacks(runs), request.names) if runs else None
@@ -70,8 +70,9 @@ def change_states(
     """Take nodes through a transition.
 
     Raises:
-        CommandFailedError: there is no such run or node, its launcher does not answer, or no ROS.
-        MisuseError: nodes of more than one stack may be meant.
+        CommandFailedError: no such run or node exists, its launcher does not answer, or ROS is
+            missing.
+        MisuseError: the names match nodes of several stacks.
     """
     runs = _runs(environment, request)
     choice = select_stack(live_stacks(runs), request.names)
@@ -83,7 +84,7 @@ def change_states(
 
 
 def possible_transitions(state: str) -> tuple[str, ...]:
-    """The transitions that a node can be asked for in a state."""
+    """The transitions that a node allows in a state."""
     return tuple(t.name for t in TRANSITIONS.values() if state in t.starts)
 
 
@@ -98,7 +99,7 @@ def _state(node: NodeStatus) -> str:
 def _ask_launcher(choice: NodeSelection, transition: str, timeout_s: float | None) -> ChangeAnswer:
     stack = choice.stack
     tiers = len({node.section for node in stack.life_cycle_nodes})
-    # There and back, tier by tier.
+    # Up and down, for every tier.
     wait_s = 2 * tiers * (timeout_s or LAUNCHES_OWN_S) + MARGIN_S
     answer = ask_change(stack.folder, transition, choice.nodes, timeout_s=timeout_s, wait_s=wait_s)
     if answer is None:
@@ -114,7 +115,7 @@ def _nodes(runs: Mapping[Path, Run]) -> tuple[str, ...]:
 
 
 def _if_none(environment: RosEnvironment) -> str:
-    """What to do when there is nothing in this ROS domain."""
+    """What the user can do if this ROS domain is empty."""
     live = live_runs(runs_folder(environment.variables))
     domains = sorted({run.domain for run in live} - {environment.domain})
     if domains:
@@ -127,43 +128,43 @@ def _if_none(environment: RosEnvironment) -> str:
 
 
 DISCOVERY_S: Final = 3.0
-"""At least for nodes that are known to run [s]."""
+"""Minimum discovery time for nodes that are known to run [s]."""
 NOTHING_S: Final = 2.0
-"""After which there is nothing [s]."""
+"""Time after which the domain counts as empty [s]."""
 QUIET_S: Final = 1.0
-"""After the last one that was found; of a stack, half of the nodes would be a wrong answer [s]."""
+"""Wait after the last discovered node, because half of a stack would be a wrong answer [s]."""
 ANSWER_S: Final = 2.0
-"""For a node's state, unless set [s]."""
+"""Default limit for a node's state [s]."""
 TRANSITION_S: Final = 10.0
-"""For one node's transition, unless set [s]."""
+"""Default limit for one node's transition [s]."""
 UP: Final = ("configure", "activate")
 NODE_NAME: Final = "obk_lifecycle"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Search:
-    """Which nodes are looked for in the graph."""
+    """The nodes to find in the graph."""
 
     names: tuple[str, ...]
-    """As a user gives them; none: all of a stack."""
+    """As given by the user; empty: all nodes of a stack."""
     expected: tuple[str, ...] = ()
-    """Full names of nodes that are known to run."""
+    """Full names of nodes that are known to be running."""
     if_none: str
-    """What to do when there are no nodes at all."""
+    """What the user can do if no node is found."""
 
 
 def _states_in_graph(
     environment: RosEnvironment, search: _Search, timeout_s: float | None
 ) -> Mapping[str, str]:
-    """The states of nodes by full name, `no answer` where a node gives none.
+    """The states of nodes by full name; `no answer` for nodes that do not answer.
 
     Args:
-        environment: of ROS.
-        search: which nodes.
-        timeout_s: for those that are known to run, and for each node's answer [s]; None: not set.
+        environment: the ROS environment.
+        search: the nodes.
+        timeout_s: limit for discovering known nodes, and for each answer [s]; None: defaults.
 
     Raises:
-        CommandFailedError: there is no such node, or no ROS.
+        CommandFailedError: no such node exists, or ROS is missing.
     """
     from obk_cli.ros.lifecycle_client import open_lifecycle_client
 
@@ -175,19 +176,19 @@ def _states_in_graph(
 def _change_in_graph(
     environment: RosEnvironment, transition: str, search: _Search, timeout_s: float | None
 ) -> ChangeAnswer:
-    """Take nodes to a transition's goal one after another; ends at the first that stays away.
+    """Take nodes to a transition's goal one after another; stop at the first that fails.
 
-    Up goes the robot first, down the controllers. A node that is there already is left alone.
+    Upwards the robot goes first, downwards the controllers. Nodes in the goal state are skipped.
 
     Args:
-        environment: of ROS.
+        environment: the ROS environment.
         transition: `activate`, ...
-        search: which nodes.
-        timeout_s: for those that are known to run, and for each node's answer and transition [s];
-            None: not set.
+        search: the nodes.
+        timeout_s: limit for discovering known nodes, and for each answer and transition [s]; None:
+            defaults.
 
     Raises:
-        CommandFailedError: there is no such node, or no ROS.
+        CommandFailedError: no such node exists, or ROS is missing.
     """
     members: list[Member] = []
     from obk_cli.ros.lifecycle_client import open_lifecycle_client
@@ -206,12 +207,12 @@ def _change_in_graph(
 def _choose(
     ros: "LifecycleClient", environment: RosEnvironment, search: _Search, timeout_s: float | None
 ) -> tuple[str, ...]:
-    """The nodes meant, in tier order, once they are in the graph."""
+    """The selected nodes in tier order, once they are in the graph."""
     awaited = search.expected or tuple(name for name in search.names if name.startswith("/"))
     is_any = bool(awaited) or bool(ros.find((), NOTHING_S, 0.0))
     find_s = max(DISCOVERY_S, timeout_s or 0.0) if awaited else DISCOVERY_S
     seen = ros.find(awaited, find_s, QUIET_S) if is_any else ()
-    # A node of a live run that is not found is there nevertheless: it does not answer.
+    # A node of a live run that is not found still exists; it just does not answer.
     found = tuple(dict.fromkeys((*seen, *search.expected)))
     if not found:
         raise CommandFailedError(
@@ -223,7 +224,7 @@ def _choose(
     for name in search.names:
         if not select_nodes(name, found):
             raise CommandFailedError(
-                f"there is no life-cycle node `{name}` in the ROS domain {environment.domain}",
+                f"no life-cycle node `{name}` in the ROS domain {environment.domain}",
                 help=did_you_mean(name, found),
             )
     return in_tier_order({node for name in search.names for node in select_nodes(name, found)})
@@ -234,7 +235,7 @@ def _ros_state(ros: "LifecycleClient", node: str, timeout_s: float | None) -> st
 
 
 def _taken(ros: "LifecycleClient", transition: str, node: str, timeout_s: float | None) -> Member:
-    """Ask a node for a transition, unless it is there already."""
+    """Request a transition of a node, unless it is already in the goal state."""
     table = TRANSITIONS[transition]
     wait_s = timeout_s or TRANSITION_S
     before = _ros_state(ros, node, timeout_s)
@@ -248,7 +249,7 @@ def _taken(ros: "LifecycleClient", transition: str, node: str, timeout_s: float 
         result, fault = "timed out", f"no answer to `{transition}` within {wait_s:g} s"
     elif before not in table.starts:
         starts = " or ".join(sorted(table.starts))
-        fault = f"`{transition}` is possible in state {starts}, but the node is {before}"
+        fault = f"`{transition}` requires state {starts}, but the node is {before}"
     else:
         fault = f"`{transition}` failed: {answer.fault or 'the node gave no reason'}"
     return Member(node=node, result=result, state=_ros_state(ros, node, timeout_s), fault=fault)

@@ -1,4 +1,4 @@
-"""Messages as text: whole, by field, as a table of rates."""
+"""Format messages as text: whole, by field, or as a table."""
 
 import csv
 import io
@@ -14,9 +14,9 @@ from obk_cli.terminal import escaped
 __all__ = ["MOST_ITEMS", "MOST_LETTERS", "MessageFormatter", "csv_row", "json_line", "message_text"]
 
 MOST_ITEMS: Final = 12
-"""Of an array, for a person."""
+"""Maximum number of array elements shown in text."""
 MOST_LETTERS: Final = 200
-"""Of a text, for a person."""
+"""Maximum number of characters of a string shown in text."""
 
 
 def message_text(value: Plain, *, is_whole: bool) -> Iterator[str]:
@@ -24,7 +24,7 @@ def message_text(value: Plain, *, is_whole: bool) -> Iterator[str]:
 
     Args:
         value: plain data.
-        is_whole: whether long arrays and texts are shown to their end.
+        is_whole: whether long arrays and strings are shown in full.
     """
     if isinstance(value, dict):
         yield from _fields(value, is_whole) if value else ("{}",)
@@ -35,14 +35,14 @@ def message_text(value: Plain, *, is_whole: bool) -> Iterator[str]:
 
 
 def csv_row(values: Iterable[Plain]) -> str:
-    """One row of single values, without its line break; what is None is empty."""
+    """One CSV row without its line break; None is an empty cell."""
     line = io.StringIO()
     csv.writer(line, lineterminator="").writerow([_cell(value) for value in values])
     return line.getvalue()
 
 
 def json_line(value: Plain) -> str:
-    """The value on one line; numbers that JSON has not are the texts `nan`, `inf`, `-inf`."""
+    """The value on one line; numbers that JSON lacks are the strings `nan`, `inf`, `-inf`."""
     try:
         return json.dumps(value, allow_nan=False)
     except ValueError:
@@ -102,7 +102,7 @@ def _finite(value: Plain) -> Plain:
 
 
 class MessageFormatter:
-    """Gives the lines for each message."""
+    """Formats the lines of each message."""
 
     def __init__(
         self,
@@ -112,13 +112,13 @@ class MessageFormatter:
         is_whole: bool,
         warn: Callable[[str], None],
     ) -> None:
-        """Begin before the first message.
+        """Prepare for the first message.
 
         Args:
-            selections: the fields that are wanted; none: all.
+            selections: the fields to show; empty: all.
             format: `text`, `json` or `csv`.
-            is_whole: whether long arrays are shown to their end in text.
-            warn: takes a sentence when something is odd.
+            is_whole: whether long arrays are shown in full in text.
+            warn: receives warnings.
         """
         self._selections = selections
         self._format = format
@@ -128,7 +128,7 @@ class MessageFormatter:
         self._has_warned = False
 
     def lines(self, message: Any) -> Iterator[str]:
-        """What is shown of a message."""
+        """The lines shown for a message."""
         if not self._selections:
             value = plain_data(message)
             yield from self._lines({"": value} if not isinstance(value, dict) else value, value)
@@ -151,7 +151,7 @@ class MessageFormatter:
                 yield "---"
 
     def _rows(self, values: dict[str, Plain]) -> Iterator[str]:
-        """A row has the columns of the first one, so that each matches its name."""
+        """A row with the columns of the first one, so that each value matches its header."""
         cells = {
             name: cell for field, value in values.items() for name, cell in columns(value, field)
         }
@@ -165,6 +165,6 @@ class MessageFormatter:
             self._has_warned = True
             self._warn(
                 f"a message has {len(more)} more columns than the first one, starting with "
-                f"`{more[0]}`; they are left out (use JSON to get them)"
+                f"`{more[0]}`; they are omitted (use JSON to see them)"
             )
         yield csv_row(cells.get(name) for name in self._columns)

@@ -40,7 +40,7 @@ GET_STATE: Final = "lifecycle_msgs/srv/GetState"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeInfo:
-    """What is known of a node."""
+    """Information about a node."""
 
     node: str
     """Full name."""
@@ -49,29 +49,29 @@ class NodeInfo:
     subscribes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     services: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     parameters: int | None = None
-    """How many; None: no answer."""
+    """Number of parameters; None if the node does not answer."""
     state: str | None = None
-    """Of its life cycle; None: it has none, or does not answer."""
+    """Life-cycle state; None if it has none, or does not answer."""
     status: NodeStatus | None = None
-    """What its launcher reports, if that runs on this host."""
+    """The status from its launcher, if that runs on this host."""
     run: str | None = None
     """The run folder's name."""
 
 
 def known_nodes(target: GraphTarget) -> Mapping[str, NodeStatus]:
-    """What the launchers of this host report about their nodes, by full name."""
-    asked = (ask_status(folder) for folder in target.runs)
-    return {node.node: node for status in asked if status for node in status.nodes}
+    """Status of nodes by full name, as reported by the launchers of this host."""
+    statuses = (ask_status(folder) for folder in target.runs)
+    return {node.node: node for status in statuses if status for node in status.nodes}
 
 
 def inspect_node(source: GraphSource, target: GraphTarget, node: str, timeout_s: float) -> NodeInfo:
-    """Ask for all that is known of a node; one that does not answer is shown too.
+    """Collect everything known about a node, even if it does not answer.
 
     Args:
         source: the graph.
-        target: whose launchers are asked.
+        target: the runs whose launchers are queried.
         node: full name.
-        timeout_s: for each answer of the node [s].
+        timeout_s: limit for each answer of the node [s].
     """
     publishes, subscribes = source.topics_of(node)
     services = source.services_of(node)
@@ -97,7 +97,7 @@ def _state(source: GraphSource, node: str, timeout_s: float) -> str | None:
     from obk_cli.ros.services import ServiceClient
     from obk_cli.ros.types import find_type
 
-    if not isinstance(source, RosParticipant):  # the launcher has reported all that it knows
+    if not isinstance(source, RosParticipant):  # the launcher has already reported its nodes
         return None
     kind = find_type(GET_STATE)
     try:
@@ -120,7 +120,7 @@ UNNAMED = "(a node without a known name)"
 
 
 def topics_text(graph: GraphSnapshot) -> Iterator[str]:
-    """A line for each topic: name, type, how many ends."""
+    """A line for each topic: name, type, number of publishers and subscriptions."""
     rows = [
         (
             topic.name,
@@ -134,7 +134,7 @@ def topics_text(graph: GraphSnapshot) -> Iterator[str]:
 
 
 def topics_data(graph: GraphSnapshot) -> list[dict[str, Any]]:
-    """The topics, with how many ends each has."""
+    """The topics, with the number of publishers and subscriptions."""
     return [
         {
             "topic": topic.name,
@@ -152,11 +152,11 @@ def services_text(services: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
 
 
 def topic_text(topic: TopicInfo, sockets: Set[str] | None = None) -> Iterator[str]:
-    """The lines on one topic: type, ends with their quality of service, ends that do not fit.
+    """The lines about one topic: type, ends with their QoS, incompatible ends.
 
     Args:
-        topic: as discovered.
-        sockets: see `ends_that_need_dds`; None: no run is known, the way of messages is not shown.
+        topic: the discovered topic.
+        sockets: see `ends_that_need_dds`; None if no run is known: the transport is not shown.
     """
     yield plain(f"{topic.name}: {', '.join(topic.msg_types) or 'no type'}")
     for title, ends in (("publishers", topic.publishers), ("subscriptions", topic.subscriptions)):
@@ -171,7 +171,7 @@ def topic_text(topic: TopicInfo, sockets: Set[str] | None = None) -> Iterator[st
 
 
 def topic_data(topic: TopicInfo, sockets: Set[str] | None = None) -> dict[str, Any]:
-    """One topic with its ends; the arguments are those of `topic_text`."""
+    """One topic with its ends; arguments as for `topic_text`."""
     return {
         "topic": topic.name,
         "types": list(topic.msg_types),
@@ -184,7 +184,7 @@ def topic_data(topic: TopicInfo, sockets: Set[str] | None = None) -> dict[str, A
 
 def _row(end: End) -> tuple[str, ...]:
     qos = end.qos
-    # The depth of a queue is not announced over the network: zero stands for that.
+    # Queue depths are not announced over the network; they are reported as zero.
     depth = f" {qos.depth}" if qos.depth else ""
     history = f"{qos.history}{depth}" if qos.history != "unknown" else ""
     words = (qos.reliability, qos.durability, history, *_times(end))
@@ -233,12 +233,12 @@ def nodes_data(nodes: Iterable[str], known: Mapping[str, NodeStatus]) -> list[di
 
 
 def node_text(seen: NodeInfo) -> Iterator[str]:
-    """The lines on one node."""
+    """The lines about one node."""
     yield plain(f"{seen.node}{f': {seen.state}' if seen.state else ''}")
     if seen.status is not None:
         yield f"  run {plain(seen.run or '')}, {status_text(seen.status)}"
-    asked = f"{seen.node}/list_parameters" in seen.services
-    unknown = "no answer" if asked else "not reported"
+    has_parameters = f"{seen.node}/list_parameters" in seen.services
+    unknown = "no answer" if has_parameters else "not reported"
     yield f"  parameters: {unknown if seen.parameters is None else seen.parameters}"
     own = special_services(seen.services)
     for title, names in (

@@ -1,4 +1,4 @@
-"""Questions about a ROS graph to a launcher, and its answers: JSON, checked against these types."""
+"""Queries of a launcher about the ROS graph, and its replies: JSON, checked against these types."""
 
 import math
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ Scalar = bool | int | float | str
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeEnds:
-    """What a node has."""
+    """The publishers, subscriptions and services of a node."""
 
     publishes: Types
     subscribes: Types
@@ -54,7 +54,7 @@ class NodeEnds:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownGraph:
-    """A graph, and what each of its nodes has."""
+    """A graph, and the ends of each of its nodes."""
 
     graph: GraphSnapshot
     nodes: Mapping[str, NodeEnds]
@@ -62,7 +62,7 @@ class KnownGraph:
 
 
 class WireParameter(msgspec.Struct, frozen=True, kw_only=True):
-    """A parameter; `inf` and `nan`, which JSON does not have, are texts."""
+    """A parameter; `inf` and `nan`, which JSON lacks, are strings."""
 
     kind: str
     """One of `KINDS`."""
@@ -70,7 +70,7 @@ class WireParameter(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GraphQuestion(msgspec.Struct, frozen=True, kw_only=True, tag_field="about", tag="graph"):
-    """Ask for the whole graph."""
+    """Query for the whole graph."""
 
 
 class ParameterQuestion(
@@ -81,19 +81,19 @@ class ParameterQuestion(
     tag_field="about",
     tag="parameters",
 ):
-    """Ask for a node's parameters, or set one."""
+    """Query for a node's parameters, or request to set one."""
 
     node: str
     """Full name."""
     timeout_s: Annotated[float, msgspec.Meta(gt=0.0)]
-    """For each answer of the node [s]."""
+    """Limit for each answer of the node [s]."""
     do: Literal["names", "values", "describe", "set"]
     names: tuple[str, ...] = ()
-    """Of `values` and `describe`."""
+    """For `values` and `describe`."""
     name: str = ""
-    """Of `set`."""
+    """For `set`."""
     parameter: WireParameter | None = None
-    """Of `set`."""
+    """For `set`."""
 
 
 Question = GraphQuestion | ParameterQuestion
@@ -127,13 +127,13 @@ class NamesReply(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ValuesReply(msgspec.Struct, frozen=True, kw_only=True):
-    """The values of the parameters that were asked for, in the same order."""
+    """The values of the requested parameters, in the same order."""
 
     values: tuple[WireParameter, ...]
 
 
 class WireDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What a node reports about a parameter."""
+    """A node's description of a parameter."""
 
     name: str
     kind: str
@@ -148,7 +148,7 @@ class WireDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=T
 
 
 class DescriptionsReply(msgspec.Struct, frozen=True, kw_only=True):
-    """What a node reports about the parameters that were asked for and that it has."""
+    """A node's descriptions of the requested parameters that it has."""
 
     descriptions: tuple[WireDescription, ...]
 
@@ -161,21 +161,21 @@ class SetReply(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FailedReply(msgspec.Struct, frozen=True, kw_only=True):
-    """Why there is no answer."""
+    """Why a query failed."""
 
     failed: str
     help: str | None = None
 
 
 def decode_reply(data: bytes | msgspec.Raw, kind: type[T]) -> T:
-    """A launcher's reply.
+    """Decode a launcher's reply.
 
     Args:
         data: JSON.
-        kind: the reply that the question asks for.
+        kind: the expected type of reply.
 
     Raises:
-        CommandFailedError: the launcher reports a failure, or gives no such reply.
+        CommandFailedError: the launcher reports a failure, or sends another type of reply.
     """
     try:
         return cast(T, decode(data, kind))
@@ -186,13 +186,13 @@ def decode_reply(data: bytes | msgspec.Raw, kind: type[T]) -> T:
     except ValueError:
         raise CommandFailedError(
             f"the launcher of the stack sent an invalid answer: {fault}",
-            help="it may be another version of obk: stop the stack and launch it with this one",
+            help="it may run another version of obk: stop the stack and launch it with this one",
         ) from fault
     raise CommandFailedError(failed.failed, help=failed.help)
 
 
 def graph_reply(known: KnownGraph) -> GraphReply:
-    """A graph as a reply."""
+    """Convert a graph to a reply."""
     graph = known.graph
     return GraphReply(
         nodes=graph.nodes,
@@ -211,7 +211,7 @@ def graph_reply(known: KnownGraph) -> GraphReply:
 
 
 def graph_of(reply: GraphReply) -> KnownGraph:
-    """The graph in a reply."""
+    """Convert a reply to a graph."""
     return KnownGraph(
         graph=GraphSnapshot(
             nodes=reply.nodes, topics=reply.topics, services=_types(reply.services)
@@ -228,7 +228,7 @@ def graph_of(reply: GraphReply) -> KnownGraph:
 
 
 def wire_parameter(parameter: NodeParameter) -> WireParameter:
-    """A parameter for the wire."""
+    """Convert a parameter to its wire format."""
     value: Any = parameter.value
     if parameter.kind == "double":
         value = _double(value)
@@ -238,10 +238,10 @@ def wire_parameter(parameter: NodeParameter) -> WireParameter:
 
 
 def parameter_of(wire: WireParameter) -> NodeParameter:
-    """The parameter that came over the wire.
+    """Convert a parameter from its wire format.
 
     Raises:
-        CommandFailedError: there is no such type, or the value is of another one.
+        CommandFailedError: the type is unknown, or the value does not match it.
     """
     value: Any = wire.value
     try:
@@ -252,13 +252,13 @@ def parameter_of(wire: WireParameter) -> NodeParameter:
         elif wire.kind == "double_array":
             value = tuple(map(float, value))
     except (TypeError, ValueError):
-        fault = f"the value of a parameter is not of the type {wire.kind}"
+        fault = f"the value of a parameter does not have the type {wire.kind}"
         raise CommandFailedError(fault) from None
     return NodeParameter(kind=wire.kind, value=value)
 
 
 def wire_description(name: str, description: ParameterDescription) -> WireDescription:
-    """A description for the wire."""
+    """Convert a description to its wire format."""
     notes = description.notes
     return WireDescription(
         name=name,
@@ -274,7 +274,7 @@ def wire_description(name: str, description: ParameterDescription) -> WireDescri
 
 
 def description_of(wire: WireDescription) -> ParameterDescription:
-    """The description that came over the wire."""
+    """Convert a description from its wire format."""
     is_whole = wire.kind == "integer"
     least, most = (
         int(limit) if is_whole and limit is not None else limit for limit in (wire.least, wire.most)

@@ -1,4 +1,4 @@
-"""Check what `obk topic pub` publishes: topic, type, subscribers, and that it moves no robot."""
+"""Check what `obk topic pub` publishes: topic, type, subscribers, and that no robot moves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,31 +29,31 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Publication:
-    """What the user wants to publish."""
+    """A publication requested by the user."""
 
     topic: str
     """Full name, or the end of one."""
     msg_type: str | None
-    """Full, `pkg/msg/Name`; None: the one that the topic has."""
+    """Full, `pkg/msg/Name`; None: the topic's type."""
     message: object
-    """Of YAML; not checked yet."""
+    """Parsed YAML, not checked yet."""
     subscribers: int
-    """How many are waited for."""
+    """Number of subscribers to wait for."""
     timeout_s: float
-    """How long for the topic, and for its subscribers [s]."""
+    """Limit for finding the topic and its subscribers [s]."""
     may_move: bool
-    """Whether on a topic that moves a robot, too."""
+    """Whether topics that move a robot are allowed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Published:
-    """What was published."""
+    """The result of publishing."""
 
     topic: str
     """Full name."""
     count: int
     is_confirmed: bool
-    """Whether all reliable subscriptions have the last message."""
+    """Whether all reliable subscriptions have received the last message."""
 
 
 def topic_to_publish(
@@ -62,8 +62,8 @@ def topic_to_publish(
     """The topic and its full type; a new one needs a full name and a type.
 
     Raises:
-        CommandFailedError: there is none of that name, or it has another type.
-        MisuseError: a new one's name is none.
+        CommandFailedError: no such topic exists, or it has another type.
+        MisuseError: the name of a new topic is invalid.
     """
     name, msg_type, timeout_s = publication.topic, publication.msg_type, publication.timeout_s
     if msg_type is None or not name.startswith("/"):
@@ -72,7 +72,7 @@ def topic_to_publish(
     else:
         if fault := topic_name_fault(name):
             raise MisuseError(f"`{name}` is not a topic name: {fault}")
-        # Who listens is to be known, for the sake of robots.
+        # The subscribers must be known, because they may be robots.
         source.settle(target.nodes, 0.5, timeout_s if target.nodes else 0.5)
         seen = source.topic(name)
     _require_type(seen, msg_type)
@@ -90,13 +90,13 @@ def wait_for_subscribers(
 
     Args:
         source: the graph.
-        name: full, of the topic.
-        msg_type: full, of what is published.
-        publication: what is wanted.
+        name: full name of the topic.
+        msg_type: full type of the messages.
+        publication: the requested publication.
         count: returns the number of subscriptions.
 
     Raises:
-        CommandFailedError: they do not come in time, or all that are there want another type.
+        CommandFailedError: too few appear in time, or all existing ones have another type.
     """
 
     def are_there() -> bool | None:
@@ -117,7 +117,7 @@ def refuse_robot_commands(topic: TopicInfo, target: GraphTarget) -> None:
     """Reject a publication on a topic that a robot subscribes to.
 
     Raises:
-        CommandFailedError: one does.
+        CommandFailedError: a robot subscribes to the topic.
     """
     if robots := robots_commanded_by(topic, target.plans):
         raise CommandFailedError(
@@ -131,7 +131,7 @@ def _require_type(topic: TopicInfo, msg_type: str) -> None:
     others = [end.msg_type for end in topic.subscriptions if end.msg_type != msg_type]
     if others and len(others) == len(topic.subscriptions):
         raise CommandFailedError(
-            f"{topic.name} is of the type {others[0]}, not {msg_type}",
+            f"{topic.name} has the type {others[0]}, not {msg_type}",
             help="no subscription would receive the messages",
         )
 
@@ -140,8 +140,8 @@ def robots_commanded_by(topic: TopicInfo, plans: Iterable[Plan]) -> tuple[str, .
     """Full names of the robots that subscribe to a topic.
 
     Args:
-        topic: with its ends.
-        plans: of the stacks that are known to run.
+        topic: the topic with its ends.
+        plans: the plans of stacks that are known to be running.
     """
     planned = (
         node.full_name
@@ -149,6 +149,6 @@ def robots_commanded_by(topic: TopicInfo, plans: Iterable[Plan]) -> tuple[str, .
         for node in plan.nodes
         if node.section == "robot" and any(end.topic == topic.name for end in node.subscribes)
     )
-    # A stack of another host is known by its nodes' names only.
+    # Only the nodes' names are known of a stack on another host.
     named = (end.node for end in topic.subscriptions if "/obelisk_robot_" in end.node)
     return tuple(dict.fromkeys((*planned, *named)))

@@ -1,7 +1,7 @@
 """Find the topic, node or service that a name means in a ROS graph.
 
-A name may be full or the end of one; of a node, also its section. A run's plan helps to find it
-early.
+A name may be full or the end of a full name; a node may also be given by its section. The plan of a
+run helps to find names early.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -33,15 +33,15 @@ Kind = Literal["topic", "node", "service"]
 
 
 def absolute(name: str) -> str:
-    """The name with a slash before it."""
+    """The name with a leading slash."""
     return name if name.startswith("/") else f"/{name}"
 
 
 def matching_names(name: str, known: Iterable[str]) -> tuple[str, ...]:
-    """The known full names that a name may stand for.
+    """The known full names that a name may refer to.
 
-    The very one, else those that end in it: `est` for `/obelisk/dummy/est`, `control_0` for
-    `/obelisk_control_0`.
+    The name itself, otherwise those that end with it: `est` for `/obelisk/dummy/est`, `control_0`
+    for `/obelisk_control_0`.
     """
     every = tuple(dict.fromkeys(known))
     if absolute(name) in every:
@@ -52,7 +52,7 @@ def matching_names(name: str, known: Iterable[str]) -> tuple[str, ...]:
 
 
 def matching_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
-    """The known nodes that a name may stand for, or those of the section of that name."""
+    """The known nodes that a name may refer to, or those of the section with this name."""
     every = tuple(known)
     return matching_names(name, every) or tuple(one for one in every if section_of(one) == name)
 
@@ -61,13 +61,13 @@ def resolve_one(kind: Kind, name: str, known: Collection[str], domain: int) -> s
     """The one full name that is meant.
 
     Args:
-        kind: what it is the name of.
-        name: as a user gives it.
-        known: full names that are there.
-        domain: the ROS domain in which they are.
+        kind: the kind of thing it names.
+        name: as given by the user.
+        known: existing full names.
+        domain: the ROS domain.
 
     Raises:
-        CommandFailedError: there is none, or there are several.
+        CommandFailedError: no name matches, or several do.
     """
     fitting = _matching(kind)(name, known)
     if len(fitting) > 1:
@@ -76,7 +76,7 @@ def resolve_one(kind: Kind, name: str, known: Collection[str], domain: int) -> s
         )
     if not fitting:
         raise CommandFailedError(
-            f"there is no {kind} `{name}` in the ROS domain {domain}",
+            f"no {kind} `{name}` in the ROS domain {domain}",
             help=_near(name, sorted(known)),
         )
     return fitting[0]
@@ -87,7 +87,7 @@ def _matching(kind: Kind) -> Callable[[str, Iterable[str]], tuple[str, ...]]:
 
 
 def _near(name: str, known: Collection[str]) -> str | None:
-    """What may be meant, by whole names or by their last parts; else what there is."""
+    """A hint with similar names, compared whole or by last part; otherwise the existing names."""
     tails = {full.rpartition("/")[2].removeprefix("obelisk_"): full for full in known}
     near = [] if name.startswith("/") else [tails[tail] for tail in near_names(name, tails)]
     if near and not near_names(name, known):
@@ -96,9 +96,9 @@ def _near(name: str, known: Collection[str]) -> str | None:
 
 
 OTHER_NODES_QUIET_S: Final = 1.0
-"""Without a change, the graph is complete if no nodes are expected [s]."""
+"""Time without a change after which the graph is complete, if no nodes are expected [s]."""
 FOREIGN_NODES_S: Final = 3.3
-"""Within which also nodes that announce themselves every 3 s have done so [s]."""
+"""Time to discover nodes that announce themselves every 3 s [s]."""
 
 
 def settle(
@@ -108,12 +108,12 @@ def settle(
 
     Args:
         source: the graph.
-        target: whose nodes are known to run.
-        timeout_s: how long to wait for these, or where there are none for any [s].
-        wait_s: since the start, for nodes not started by obk [s].
+        target: knows which nodes are running.
+        timeout_s: limit for these nodes or, if none are known, for any node [s].
+        wait_s: minimum wait since the start, for nodes not started by obk [s].
 
     Raises:
-        CommandFailedError: there is no node at all.
+        CommandFailedError: no node was found.
     """
     if wait_s is not None:
         source.rest(wait_s)
@@ -129,17 +129,17 @@ def find_topic(
     *,
     is_published: bool = True,
 ) -> TopicInfo:
-    """A topic that some node has.
+    """Find a topic that some node has.
 
     Args:
         source: the graph.
-        target: where it is looked for.
-        name: full, or the end of a name.
-        timeout_s: how long to wait for it [s].
-        is_published: whether a publisher is waited for.
+        target: the ROS domain and its runs.
+        name: full name, or the end of one.
+        timeout_s: limit for finding it [s].
+        is_published: whether to wait for a publisher.
 
     Raises:
-        CommandFailedError: there is none of that name, or there are several.
+        CommandFailedError: no name matches, or several do.
     """
 
     def is_there(full: str) -> bool:
@@ -154,10 +154,10 @@ def find_topic(
 
 
 def find_node(source: "GraphSource", target: "GraphTarget", name: str, timeout_s: float) -> str:
-    """The full name of a node.
+    """Find the full name of a node.
 
     Raises:
-        CommandFailedError: there is none of that name, or there are several.
+        CommandFailedError: no name matches, or several do.
     """
     return _find(
         source,
@@ -172,10 +172,10 @@ def find_node(source: "GraphSource", target: "GraphTarget", name: str, timeout_s
 
 
 def find_service(source: "GraphSource", target: "GraphTarget", name: str, timeout_s: float) -> str:
-    """The full name of a service.
+    """Find the full name of a service.
 
     Raises:
-        CommandFailedError: there is none of that name, or there are several.
+        CommandFailedError: no name matches, or several do.
     """
     return _find(
         source,
@@ -190,10 +190,10 @@ def find_service(source: "GraphSource", target: "GraphTarget", name: str, timeou
 
 
 def the_type(kind: Kind, name: str, types: Collection[str]) -> str:
-    """The one type of a topic or service.
+    """The only type of a topic or service.
 
     Raises:
-        CommandFailedError: no node has one, or nodes have different ones.
+        CommandFailedError: no node has a type for it, or the types differ.
     """
     if len(types) != 1:
         listed = " and ".join(types) or "none"
@@ -223,7 +223,7 @@ def _find(
         settle(source, target, timeout_s)
         likely = matching(name, there())
     if not likely:
-        # The nodes that are known to run were waited for; it may be one that is not.
+        # The known nodes were waited for already; it may belong to another node.
         source.rest(min(target.no_nodes_s, FOREIGN_NODES_S))
         likely = matching(name, there())
     if len(likely) == 1:

@@ -1,4 +1,4 @@
-"""The ROS domain that a command observes, and the stacks of this host that run in it."""
+"""The ROS domain that a command observes, and the running stacks of this host in it."""
 
 from collections.abc import Iterable, Mapping, Set
 from contextlib import suppress
@@ -24,7 +24,7 @@ __all__ = ["NO_NODES_S", "GraphTarget", "find_message_types", "target_of", "with
 
 DOMAIN: Final = "ROS_DOMAIN_ID"
 NO_NODES_S: Final = 1.0
-"""After which no node is running; discovery of nodes started by obk takes less [s]."""
+"""Time after which the domain counts as empty; obk's nodes are discovered sooner [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,7 @@ class GraphTarget:
     runs: Mapping[Path, Run]
     """Folder -> live run of this host in the domain, newest first."""
     no_nodes_s: float
-    """In which some node has to be found where none is known to run [s]."""
+    """Limit for finding any node if no run is known [s]."""
 
     @property
     def domain(self) -> int:
@@ -44,16 +44,16 @@ class GraphTarget:
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Full names of the nodes that are known to run."""
+        """Full names of the nodes that are known to be running."""
         return tuple(node for run in self.runs.values() for node in run.all_nodes)
 
     @property
     def topics(self) -> Mapping[str, str | None]:
-        """The topics of the runs' plans, with their types as far as the plans have them."""
+        """The topics of the runs' plans, with their types if the plans contain them."""
         return {name: kind for folder in self.runs for name, kind in topics_of_run(folder).items()}
 
     def modules(self, topics: Iterable[str]) -> tuple[str, ...]:
-        """The Python modules of these topics' types, as far as the plans have them."""
+        """The Python modules of these topics' types, if the plans contain them."""
         planned = self.topics
         names = (name for topic in topics for name in matching_names(topic, planned))
         types = (kind for name in names if (kind := planned[name]))
@@ -62,21 +62,21 @@ class GraphTarget:
 
     @property
     def plans(self) -> tuple[Plan, ...]:
-        """The configs of the runs as compiled."""
+        """The plans of the runs."""
         return tuple(plan_of_run(folder) for folder in self.runs)
 
     @property
     def sockets(self) -> Set[str] | None:
-        """GIDs of the subscriptions that have a socket in the runs; None without a run."""
+        """GIDs of the subscriptions with a socket in the runs; None without a run."""
         found: set[str] = set()
         for folder in self.runs:
-            with suppress(OSError):  # its local transport is off, or it has just ended
+            with suppress(OSError):  # its local transport is disabled, or it has just ended
                 gids = SocketFolder(str(folder / SOCKETS_FOLDER)).depths()
                 found.update(gid.hex() for gid in gids)
         return found if self.runs else None
 
     def no_nodes_error(self) -> CommandFailedError:
-        """The error that no node was found in the domain."""
+        """The error for a domain in which no node was found."""
         if self.runs:
             names = ", ".join(sorted({run.name for run in self.runs.values()}))
             return CommandFailedError(
@@ -99,13 +99,13 @@ class GraphTarget:
 def target_of(
     environment: RosEnvironment, domain: int | None, no_nodes_s: float = NO_NODES_S
 ) -> GraphTarget:
-    """Where to look.
+    """Find the ROS domain and its runs.
 
     Args:
-        environment: of ROS, as the user has it.
-        domain: as the user names it; None: that of ROS_DOMAIN_ID, else that of the stacks of this
-            host where all are in one, else 0.
-        no_nodes_s: timeout to find any node if none is known to run [s].
+        environment: the user's ROS environment.
+        domain: given by the user; None: ROS_DOMAIN_ID, otherwise the domain of this host's stacks
+            if all are in the same one, otherwise 0.
+        no_nodes_s: limit for finding any node if none is known to be running [s].
     """
     variables = environment.variables
     live = live_folders(runs_folder(variables))
@@ -119,7 +119,7 @@ def target_of(
 
 
 def _tapping(environment: RosEnvironment, folders: Iterable[Path]) -> RosEnvironment:
-    """The environment in which subscriptions are taps of the newest of these runs."""
+    """The environment in which subscriptions become taps of the newest of these runs."""
     variables = environment.variables
     folder = next(iter(folders), None)
     if folder is None or variables.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF:
@@ -131,11 +131,11 @@ def _tapping(environment: RosEnvironment, folders: Iterable[Path]) -> RosEnviron
 
 
 def with_run_types(environment: RosEnvironment, run_folder: Path | None) -> RosEnvironment:
-    """The environment in which message types of the workspace are found, here too.
+    """The environment with the message types of the workspaces, which this process finds as well.
 
-    The workspace is that of the run's config, as its launcher was called, and the one around here.
+    The workspaces are that of the run's config, relative to its launcher, and the current one.
     """
-    # Slow to import; the nodes of a running stack are found without.
+    # Slow to import, and not needed to find the nodes of a running stack.
     from obk_cli.workspace.overlay import import_from, overlay_prefixes, with_overlays
     from obk_cli.workspace.package_index import PackageIndex
 

@@ -1,6 +1,6 @@
-"""Set parameters of running nodes and report what happened; list those that can be tuned.
+"""Set parameters of running nodes and report the result; list tunable parameters.
 
-The same for `obk param`, `obk monitor` and `obk web`.
+Used by `obk param`, `obk monitor` and `obk web`.
 """
 
 import time
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["ChangedParameter", "TunableParameter", "set_parameter", "tunable", "value_text"]
 
 EFFECT_S: Final = 1.0
-"""How long a change may wait for callbacks of the node that are running [s]."""
+"""Limit for a change to take effect while callbacks of the node are running [s]."""
 ASK_AGAIN_S: Final = 0.02
 UNKNOWN: Final = ParameterDescription(kind=NOT_SET)
 
@@ -44,14 +44,14 @@ class TunableParameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangedParameter:
-    """What became of a request to set a parameter that the node accepted."""
+    """The result of setting a parameter, after the node accepted it."""
 
     name: str
     before: NodeParameter
     after: NodeParameter
     unit: str
     effect: str
-    """When the value takes effect, in the node's words; empty if the node does not say."""
+    """When the value takes effect, as the node reports it; empty if it does not."""
 
     def __str__(self) -> str:
         """One sentence: "kp changed from 20.0 to 25.0 N m/rad, in effect"."""
@@ -66,7 +66,7 @@ class ChangedParameter:
 
 
 def value_text(parameter: NodeParameter) -> str:
-    """A value as a person writes it."""
+    """A value in the notation of a person."""
     return NOT_SET if parameter.value is None else plain(emit_value(parameter.value))
 
 
@@ -74,7 +74,7 @@ def tunable(parameters: "Parameters") -> tuple[TunableParameter, ...]:
     """The parameters that a node declares with `Parameter`, in its order.
 
     Raises:
-        CommandFailedError: the node gives no answer.
+        CommandFailedError: the node does not answer.
     """
     described: Mapping[str, ParameterDescription] = {
         name: one
@@ -89,17 +89,17 @@ def tunable(parameters: "Parameters") -> tuple[TunableParameter, ...]:
 
 
 def set_parameter(parameters: "Parameters", node: str, name: str, text: str) -> ChangedParameter:
-    """Set one, and wait a moment for it to take effect.
+    """Set a parameter, and wait briefly for it to take effect.
 
     Args:
-        parameters: of the node.
+        parameters: the parameters of the node.
         node: full name.
-        name: of the parameter.
-        text: the value, as in a parameter file of ROS.
+        name: name of the parameter.
+        text: the value, as in a ROS parameter file.
 
     Raises:
-        MisuseError: the text is no value that a parameter can have.
-        CommandFailedError: the node rejects the value, or gives no answer.
+        MisuseError: the text is not a valid parameter value.
+        CommandFailedError: the node rejects the value, or does not answer.
     """
     given = parse_parameter(text)
     before = parameters.values((name,))[name]
@@ -126,7 +126,7 @@ def set_parameter(parameters: "Parameters", node: str, name: str, text: str) -> 
 
 
 def _set(parameters: "Parameters", name: str, value: NodeParameter) -> SetAnswer:
-    """Set one; while its node is busy, set it again, which only asks whether it has effect."""
+    """Set a parameter; if the node is busy, set it again to find out whether it took effect."""
     answer = parameters.set(name, value)
     end_s = time.monotonic() + EFFECT_S
     while answer.is_waiting and time.monotonic() < end_s:

@@ -1,1 +1,1 @@
-"""Bringing a plan's nodes up in order, watching them, and bringing them down."""
+"""Bring up, supervise and shut down the nodes of a plan."""

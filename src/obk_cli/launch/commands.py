@@ -1,7 +1,7 @@
-"""How the processes of a plan are started: commands, environments, parameter files, clock page.
+"""Build the commands, environments, parameter files and clock page with which processes start.
 
-Starts nothing. Nodes in one process run in the run-time library's host program, known here by its
-name and its file only.
+Starts nothing. Nodes in one process run in the run-time library's host program, of which this
+module knows only the name and file.
 """
 
 import fcntl
@@ -55,18 +55,18 @@ __all__ = [
 ]
 
 _CONSOLE_FORMAT: Final = "[{severity}] [{time}] [{name}]: {message}"
-"""As RCUTILS_CONSOLE_OUTPUT_FORMAT takes it; rcutils' own, which a user may have changed."""
+"""Value of RCUTILS_CONSOLE_OUTPUT_FORMAT: the default of rcutils, which a user may have changed."""
 
 HOST: Final = "obelisk_py.core.composition"
 FILE: Final = "composed.json"
 
 Executables = Mapping[str, Command]
-"""Full name of a node -> how its program is started."""
+"""Full name of a node -> command that starts its program."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Node:
-    """One node on its way to a command."""
+    """A node whose command is being built."""
 
     planned: PlannedNode
     command: Command
@@ -74,10 +74,10 @@ class _Node:
 
 
 def find_executables(nodes: Iterable[PlannedNode], packages: PackageIndex) -> Executables:
-    """The programs of nodes.
+    """Find the programs of nodes.
 
     Raises:
-        CommandFailedError: one is missing, or cannot be started from where it is.
+        CommandFailedError: a program is missing, or cannot be started from its folder.
     """
     return {node.full_name: _executable(node, packages) for node in nodes}
 
@@ -95,13 +95,13 @@ def unit_commands(
     folder: Path,
     environment: Mapping[str, str],
 ) -> Mapping[str, NodeCommand]:
-    """The command of each process, by the unit's name.
+    """The command of each process, by the name of its unit.
 
     Args:
         units: the processes.
         executables: the nodes' programs.
-        folder: takes the parameter files, `params/<node>.yaml`.
-        environment: of all of them.
+        folder: where to write the parameter files, `params/<node>.yaml`.
+        environment: the environment that all processes have in common.
 
     Raises:
         OSError: a file cannot be written.
@@ -131,7 +131,7 @@ def _executable(node: PlannedNode, packages: PackageIndex) -> Command:
             raise CommandFailedError(message, help=found.looked)
         raise CommandFailedError(
             f"{node.origin}: package `{node.package}` has no executable `{node.executable}`",
-            help=did_you_mean(node.executable, found.available) or "it has none at all",
+            help=did_you_mean(node.executable, found.available) or "it has no executables",
         )
     for folder in found.python_path:
         if os.pathsep in str(folder):
@@ -160,7 +160,7 @@ def _alone(node: _Node, environment: Mapping[str, str]) -> NodeCommand:
 
 
 def _in_python(command: Command) -> tuple[str, ...]:
-    """A program as this Python runs it; empty if it does not."""
+    """The arguments with which this Python runs a program; empty if it cannot."""
     if not command.is_of_this_python:
         return ()
     if command.function is not None or command.module is None:
@@ -206,13 +206,13 @@ def _environment(node: _Node, variables: Mapping[str, str]) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComposedNode:
-    """A node that is to share a process."""
+    """A node that shares a process."""
 
     node: str
-    """Its full name, `/ns/name`."""
+    """The node's full name, `/ns/name`."""
     command: Command
     ros_arguments: tuple[str, ...]
-    """`--ros-args ...`, as a process of its own would be given."""
+    """`--ros-args ...`, as for a process of its own."""
 
 
 def is_composable(node: PlannedNode, command: Command) -> bool:
@@ -227,18 +227,18 @@ def is_composable(node: PlannedNode, command: Command) -> bool:
 def composed_command(
     nodes: Sequence[ComposedNode], folder: Path, environment: Mapping[str, str]
 ) -> NodeCommand:
-    """The command of the process in which all these nodes run.
+    """The command of the process that runs all these nodes.
 
     Args:
-        nodes: in the order of bring-up; when the process is asked to end, the last goes first.
-        folder: takes the file that lists them.
-        environment: of a process without nodes.
+        nodes: in the order of bring-up; at shutdown, the process destroys the last one first.
+        folder: where to write the file that lists the nodes.
+        environment: the environment without the nodes' own variables.
 
     Raises:
         OSError: the file cannot be written.
     """
     path = folder / FILE
-    # It holds parameters, which other users may not read.
+    # The file holds parameters, which other users must not read.
     listing = json.dumps({"nodes": [_entry(node) for node in nodes]}, indent=2)
     write_text(path, listing, mode=STATE_MODE)
     return NodeCommand(
@@ -281,18 +281,18 @@ def gate_variables(folder: Path | None) -> Mapping[str, str]:
 def early_units(
     units: Iterable[Unit], executables: Executables, gated: Set[tuple[str, str]]
 ) -> tuple[Unit, ...]:
-    """The processes that are known to wait at the gate before they make a node, simulators first.
+    """The processes that are known to wait at the gate before they create a node.
 
-    A simulator has the most to load until then.
+    Simulators come first, because they have the most to load before that.
 
     Args:
         units: the processes.
         executables: the nodes' programs.
-        gated: package and executable of those whose node the run-time library makes.
+        gated: package and executable of the programs that wait at the gate.
     """
 
     def waits(node: PlannedNode) -> bool:
-        # The library of another Python may know of no gate.
+        # The library of another Python may not support the gate.
         is_own = is_composable(node, executables[node.full_name])
         return is_own and (node.package, node.executable) in gated
 
@@ -304,9 +304,9 @@ def early_units(
 def held_at_gate(
     folder: Path | None, units: Iterable[Unit], processes: WardenProcesses
 ) -> Iterator[None]:
-    """Start processes; while entered they make no node, nor afterwards if the run is refused.
+    """Start processes; while entered, they create no node. If the run is rejected, they never do.
 
-    If the run's folder takes no gate, nothing is started early.
+    If the run's folder cannot hold a gate, nothing is started early.
     """
     with ExitStack() as gate:
         if folder is not None and _is_closed(folder, gate):
@@ -334,10 +334,10 @@ def gate_path(folder: Path) -> Path:
 
 @contextmanager
 def closed_gate(folder: Path) -> Iterator[None]:
-    """While entered, no program of the run that waits at its gate makes a node.
+    """While entered, programs of the run that wait at its gate create no node.
 
     Raises:
-        OSError: the folder takes no file.
+        OSError: the folder is not writable.
     """
     gate = os.open(gate_path(folder), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
@@ -351,10 +351,10 @@ def closed_gate(folder: Path) -> Iterator[None]:
 def socket_folder(
     folder: Path | None, environment: Mapping[str, str]
 ) -> Iterator[Mapping[str, str]]:
-    """The variable that names a new folder for the sockets of a run; removed when left.
+    """The variable that names a new folder for the sockets of a run; removed on exit.
 
-    None is named if the user has turned the local transport off, or if the run has no folder: all
-    messages between processes then go through DDS.
+    The mapping is empty if the user has turned the local transport off, or if the run has no
+    folder. All messages between processes then use DDS.
     """
     if folder is None or environment.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF:
         yield {LOCAL_TRANSPORT_VARIABLE: LOCAL_TRANSPORT_OFF}
@@ -375,16 +375,16 @@ def socket_folder(
 def with_clock_page(
     plan: Plan, units: Sequence[Unit], commands: Mapping[str, NodeCommand]
 ) -> Iterator[tuple[Mapping[str, NodeCommand], ClockDescriptors | None]]:
-    """The commands of the units with a clock page, if our simulator runs here as the only clock.
+    """Add a clock page to the units' commands, if our simulator runs here as the only clock.
 
-    Otherwise processes use `/clock`, and the commands stay as they are. The page is a memfd, and
-    each process has an eventfd that wakes it; all of them are inherited. Nothing has a name in a
-    folder, so nothing is left behind, however the launch ends. The launcher has the last place.
+    Otherwise processes use `/clock`, and the commands are unchanged. The page is a memfd, and an
+    eventfd wakes each process; processes inherit all of them. None of them has a name in the file
+    system, so nothing is left behind however the launch ends. The launcher has the last place.
 
     Args:
         plan: the whole stack.
-        units: the processes that run here.
-        commands: how they are started, by the name of the unit.
+        units: the processes to run here.
+        commands: their commands, by the name of the unit.
     """
     if not is_only_clock(plan, [node for unit in units for node in unit.nodes]):
         yield commands, None

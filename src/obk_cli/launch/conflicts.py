@@ -1,9 +1,10 @@
-"""What else runs in the ROS domain: nodes with the same names, publishers, other message types.
+"""Find conflicts in the ROS domain: nodes with the same names, publishers, other message types.
 
-A stack starts only if no other node has its names or moves its robot. Nodes that obk started are
-found at once; others announce themselves every 3 s only. So a simulated robot starts after a short
-check, which goes on in a thread, and a real one waits for the whole of it. A node that starts to
-publish during that time with `obk topic pub --allow-foreign` is allowed.
+A stack starts only if no other node uses its names or publishes commands to its robot. Nodes
+started by obk are found at once; others announce themselves only every 3 s. A simulated robot
+therefore starts after a short check, which continues in a thread; a hardware robot waits for the
+whole check. A node that starts publishing during that time with `obk topic pub --allow-foreign` is
+allowed.
 """
 
 import threading
@@ -33,29 +34,30 @@ __all__ = [
 PUBLISHERS_PERIOD_S: Final = 0.1
 TYPES_PERIOD_S: Final = 1.0
 NAMING_CHECKS: Final = 4
-"""The check by which an endpoint is reported without its node's name, which DDS sends after it."""
+"""Number of checks after which an endpoint is reported without its node's name, which DDS sends
+later."""
 
 
 def refuse_taken_names(names: tuple[str, ...], ros: RosNodes, domain: int) -> None:
-    """Look for nodes of these full names: started on another host, or without obk.
+    """Reject a launch if nodes with these full names exist, on another host or without obk.
 
     Raises:
-        CommandFailedError: there are some.
+        CommandFailedError: at least one such node exists.
     """
     taken = ros.taken(names, OWN_DISCOVERY_S)
     if taken:
         raise CommandFailedError(
-            f"in the ROS domain {domain} there is already {', '.join(taken)}",
-            help="stop what runs there or use another ROS_DOMAIN_ID; "
+            f"already in use in the ROS domain {domain}: {', '.join(taken)}",
+            help="stop these nodes or use another ROS_DOMAIN_ID; "
             "`obk lifecycle get` shows the nodes",
         )
 
 
 def refuse_unknown_publishers(plan: Plan, ros: RosNodes, domain: int) -> None:
-    """Look for publishers on the topics that move the robot.
+    """Reject a launch if another node publishes on the topics that move the robot.
 
     Raises:
-        CommandFailedError: there is one that is none of the plan's nodes.
+        CommandFailedError: a publisher is not a node of the plan.
     """
     wait_s = FOREIGN_DISCOVERY_S if has_hardware(plan) else OWN_DISCOVERY_S
     unknown = ros.foreign_publishers(control_topics(plan), _names(plan), wait_s)
@@ -70,15 +72,15 @@ def refuse_unknown_publishers(plan: Plan, ros: RosNodes, domain: int) -> None:
 def watching_publishers(
     plan: Plan, ros: RosNodes, on_event: Callable[[InputEvent], None]
 ) -> AbstractContextManager[None]:
-    """While entered, report an unknown publisher on the robot's topics that is found late."""
+    """While entered, report an unknown publisher on the robot's topics that is discovered late."""
     begin_s = since_boot_s()
-    # A command that has ended is in the graph a little longer.
+    # A command that has ended stays in the graph a little longer.
     allowed: set[str] = set()
 
     def is_unknown(node: str) -> bool:
         if is_allowed_publisher(node, begin_s):
             allowed.add(node)
-        # One without a name may be a node of ours that has just started.
+        # A node without a name may be a node of ours that has just started.
         return node != UNNAMED and node not in allowed
 
     def check(is_over: threading.Event) -> None:
@@ -94,7 +96,7 @@ def watching_publishers(
 
 
 def control_topics(plan: Plan) -> tuple[str, ...]:
-    """The topics that the robots of a plan subscribe to, and nodes outside do not publish."""
+    """The topics that the plan's robots subscribe to, without `external_topics`."""
     robots = (node for node in plan.nodes if node.section == "robot")
     topics = dict.fromkeys(end.topic for robot in robots for end in robot.subscribes)
     return tuple(topic for topic in topics if topic not in plan.external_topics)
@@ -112,10 +114,10 @@ def _names(plan: Plan) -> tuple[str, ...]:
 def watching_types(
     plan: Plan, graph: RosGraph, note: Callable[[str], None]
 ) -> AbstractContextManager[None]:
-    """While entered, report once each other type on a topic of the plan, and its nodes.
+    """While entered, report each conflicting type on a topic of the plan once, with its nodes.
 
-    DDS connects endpoints of one type only and reports no others: the messages of a node that
-    publishes a `String` on a robot's control topic arrive nowhere.
+    DDS connects endpoints of one type only and does not report mismatches: if a node publishes a
+    `String` on a robot's control topic, its messages arrive nowhere.
     """
     expected = _types_of(plan)
 
@@ -136,7 +138,7 @@ def watching_types(
 
 
 def _types_of(plan: Plan) -> Mapping[str, str]:
-    """Topic -> full type; topics whose type only the code knows are left out."""
+    """Topic -> full type; topics whose type only the code defines are omitted."""
     ends = (end for node in plan.nodes for end in (*node.publishes, *node.subscribes))
     return {end.topic: end.msg_type for end in ends if end.msg_type is not None}
 

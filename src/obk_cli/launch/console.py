@@ -1,8 +1,8 @@
 """The console of a launch: log files and a screen, with a status area on a terminal, or JSON.
 
-`Output` takes events and lines. `Screen` writes in a thread of its own and never waits: if the
-output is read slowly, a bounded number of lines is kept, and what comes beyond that is counted and
-left out, like lines that a full disk does not take.
+`Output` receives events and lines. `Screen` writes in its own thread and never blocks its callers.
+If the output is read slowly, the screen keeps a bounded number of lines, and drops and counts the
+rest. Lines that a full disk rejects are dropped in the same way.
 """
 
 import errno
@@ -45,10 +45,10 @@ _CHAINED: Final = (
 
 
 class NodeLines:
-    """Takes lines one after another and gives the node that wrote each."""
+    """Finds the node that wrote each line of a stream."""
 
     def __init__(self, nodes: Iterable[str]) -> None:
-        """Know the nodes by their full names, `/ns/name`."""
+        """Start with the nodes' full names, `/ns/name`."""
         self._by_logger: Mapping[str, str] = {
             node.strip("/").replace("/", "."): node for node in nodes
         }
@@ -57,10 +57,10 @@ class NodeLines:
         self._in_traceback = False
 
     def owner(self, line: str) -> str | None:
-        """The node that wrote the next line of the stream, None where it is the process itself.
+        """The node that wrote the next line of the stream; None: the process itself.
 
-        A line that names no logger belongs to the node before it if it is indented, blank, or part
-        of a traceback.
+        A line without a logger's name belongs to the previous node if it is indented, blank, or
+        part of a traceback.
         """
         text = _COLOUR.sub("", line)
         if logged := _LOGGED.match(text):
@@ -70,7 +70,7 @@ class NodeLines:
         elif text == _TRACEBACK:
             self._in_traceback = True
         elif self._in_traceback and not _is_continued(text):
-            # The exception itself, which ends its traceback.
+            # The exception itself, the last line of its traceback.
             self._in_traceback = False
         elif not _is_continued(text):
             self._begin(None)
@@ -81,7 +81,7 @@ class NodeLines:
         self._in_traceback = False
 
     def _of_logger(self, name: str) -> str | None:
-        """The node of a logger: its own, or else the nearest one up of which it is a child."""
+        """The node of a logger: the logger's own, otherwise that of its nearest ancestor."""
         while name and name not in self._by_logger:
             name = name.rpartition(".")[0]
         return self._by_logger.get(name)
@@ -92,16 +92,16 @@ def _is_continued(text: str) -> bool:
 
 
 Draw = Callable[[int, int], Sequence[str]]
-"""Columns and rows of the terminal -> lines that fit; colours allowed, nothing else."""
+"""Columns and rows of the terminal -> lines that fit; they may contain colours, no other codes."""
 
 ROOM: Final = 2000
-"""Lines that may wait."""
+"""Maximum number of waiting lines."""
 END_S: Final = 1.0
-"""How long the last lines may take at the end [s]."""
+"""Limit for writing the last lines at the end [s]."""
 REFRESH_S: Final = 0.5
-"""How long a footer stays as it is while there are no lines [s]."""
+"""Refresh interval of a footer while no lines are written [s]."""
 PAUSE_S: Final = 0.05
-"""Between two writes above a footer, which each draw it again [s]."""
+"""Minimum time between two writes above a footer, each of which redraws it [s]."""
 NO_LOGS: Final = "no log files from here on"
 _NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _USUAL_SIZE: Final = os.terminal_size((80, 24))
@@ -115,21 +115,21 @@ def takes_footer(fd: int, term: str) -> bool:
 class Footer:
     """A status area at the bottom of a terminal, with the cursor in the line below it.
 
-    Takes lines, gives the text that puts them above it; never writes itself. Uses nothing that
-    would outlast a killed process: no hidden cursor, no second screen, no scroll region.
+    Returns the text that prints lines above it; never writes itself. Uses nothing that would
+    outlast a killed process: no hidden cursor, no alternate screen, no scroll region.
     """
 
     def __init__(self, fd: int, draw: Draw) -> None:
-        """Ask `draw` for the lines with every text, for the size that `fd` has by then."""
+        """Call `draw` for the lines on every update, with the size that `fd` then has."""
         self._fd = fd
         self._draw = draw
         self._shown: tuple[str, ...] = ()
 
     def below(self, log: str) -> str:
-        """The text to write so that `log`, whole lines, comes above; empty: nothing changed.
+        """The text that prints `log`, whole lines, above the footer; empty if nothing changed.
 
         Raises:
-            OSError: the terminal is gone.
+            OSError: the terminal no longer exists.
         """
         size = self._terminal_size()
         lines = tuple(self._draw(*size))[: max(0, size.lines - 1)]
@@ -140,7 +140,7 @@ class Footer:
         return erased + log + "".join(f"{line}\n" for line in lines)
 
     def removed(self) -> str:
-        """The text to write so that nothing is left of it."""
+        """The text that removes the footer."""
         erased = self._erased(self._terminal_size().columns)
         self._shown = ()
         return erased
@@ -150,7 +150,7 @@ class Footer:
         return size if size.columns and size.lines else _USUAL_SIZE
 
     def _erased(self, columns: int) -> str:
-        """Back to where the area begins; a terminal made narrower since has wrapped the lines."""
+        """The sequence back to the area's start; a narrower terminal has wrapped its lines."""
         from rich.text import Text  # slow, and not needed without a terminal
 
         cells = (Text.from_ansi(line).cell_len for line in self._shown)
@@ -163,30 +163,30 @@ def _left_out_line(count: int) -> str:
 
 
 class Screen:
-    """A descriptor that lines are written to."""
+    """Writes lines to a descriptor."""
 
     def __init__(
         self, fd: int, room: int = ROOM, left_out: Callable[[int], str] = _left_out_line
     ) -> None:
-        """Make a screen.
+        """Start the writing thread.
 
         Args:
-            fd: where to write; stays open.
-            room: how many lines may wait.
-            left_out: gives the line that reports how many were left out.
+            fd: where to write; not closed.
+            room: maximum number of waiting lines.
+            left_out: returns the line that reports the number of dropped lines.
         """
         self._fd = fd
         self._room = room
         self._left_out_line = left_out
         self._waiting: list[str | int] = []
-        """Lines, and in their place how many were left out."""
+        """Waiting lines; a number stands for that many dropped lines."""
         self._left_out = 0
         self._footer: Footer | None = None
         self._ending = threading.Event()
         self._is_closed = False
         self._on_closed: Callable[[], None] = lambda: None
         self._changed = threading.Condition()
-        # Not through sys.stdout: a lock that this thread holds there would stop Python from ending.
+        # Not through sys.stdout: a lock held by this thread would keep Python from exiting.
         self._writer = threading.Thread(target=self._write_all, name="screen", daemon=True)
         self._writer.start()
 
@@ -199,7 +199,7 @@ class Screen:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Write what waits, as far as it is read soon, and remove the footer."""
+        """Write the waiting lines, as far as they are read soon, and remove the footer."""
         with self._changed:
             self._ending.set()
             self._changed.notify()
@@ -214,17 +214,17 @@ class Screen:
         call()
 
     def set_footer(self, draw: Draw) -> None:
-        """Keep a status area below the lines from now on; only for one that `takes_footer`.
+        """Keep a status area below the lines from now on; requires `takes_footer`.
 
         Args:
-            draw: gives its lines for a terminal's size; called in the writing thread, often.
+            draw: returns its lines for a terminal's size; called often, in the writing thread.
         """
         with self._changed:
             self._footer = Footer(self._fd, draw)
             self._changed.notify()
 
     def put(self, line: str, *, may_drop: bool = False) -> None:
-        """Write a line later; one that may be dropped is, while too many wait."""
+        """Write a line later; a droppable line is dropped while too many wait."""
         with self._changed:
             if self._is_closed:
                 return
@@ -271,11 +271,11 @@ class Screen:
         while data:
             try:
                 data = data[os.write(self._fd, data) :]
-            except BlockingIOError:  # a program on the same terminal has made it so
+            except BlockingIOError:  # another program has made the terminal non-blocking
                 select.select([], [self._fd], [])
 
     def _taken(self) -> list[str | int] | None:
-        """All that waits, once there is something or the footer is due; None at the end."""
+        """Wait for lines or the footer's next update, and take all lines; None at the end."""
         with self._changed:
             footer = self._footer
             self._changed.wait_for(
@@ -296,21 +296,21 @@ class Formatter(Protocol):
         """The lines for an event."""
 
     def line(self, node: str, text: str) -> Iterable[str]:
-        """The lines for one of a node's output; called from several threads."""
+        """The lines for a line of a node's output; called from several threads."""
 
     def note(self, text: str) -> Iterable[str]:
         """The lines for a message of the launcher itself."""
 
 
 class Output:
-    """Takes events and the output of processes; writes them to the log files and the screen."""
+    """Writes events and the output of processes to the log files and the screen."""
 
     def __init__(
         self, run_folder: Path | None, screen: Screen, formatter: Formatter, units: Iterable[Unit]
     ) -> None:
-        """Write below a folder, None: to no files, and to a screen."""
+        """Write to log files in a folder, if it is not None, and to a screen."""
         self._screen = screen
-        # So that nothing comes after the last event.
+        # Ensures that nothing follows the last event.
         self._lock = threading.RLock()
         self._formatter = formatter
         self._writers = {unit.name: NodeLines(unit.node_names) for unit in units}
@@ -339,7 +339,7 @@ class Output:
                 self._screen.put(text)
 
     def line(self, line: OutputLine) -> None:
-        """Write a line of a process; one of no node, the recorder's, is a message of our own."""
+        """Write a line of a process; the recorder is no node, so its lines are our own messages."""
         writers = self._writers.get(line.process)
         if writers is None:
             self.journal.line(line.process, line.text)
@@ -359,7 +359,7 @@ class Output:
             self._screen.put(line)
 
     def unwritable(self, error: OSError) -> None:
-        """Report that log files cannot be written any more."""
+        """Report that log files can no longer be written."""
         self.note(f"warning: {NO_LOGS}: {error}")
 
 
@@ -375,7 +375,7 @@ class Console:
         quiet: bool,
         takes_status: bool,
     ) -> None:
-        """Show JSON if it is given, otherwise lines for a person."""
+        """Use a JSON format if one is given, otherwise text."""
         self.screen = screen
         self._json = json
         self._colour = colour
@@ -383,14 +383,14 @@ class Console:
         self._takes_status = takes_status
 
     def formatter(self, plan: Plan, units: Iterable[Unit], *, leads: bool) -> Formatter:
-        """The formatter for a run; starts a status area if the screen takes one."""
+        """The formatter for a run; also starts a status area if the screen supports one."""
         if self._json is not None:
             return self._json
         names = (node.full_name for node in plan.nodes)
         report = LaunchReport(names, colour=self._colour, quiet=self._quiet)
         if not self._takes_status:
             return report
-        # Slow, and not needed without a terminal.
+        # Slow to import, and not needed without a terminal.
         from obk_cli.launch.status import LiveReport, opening_status
 
         opening = opening_status(plan, units, leads=leads)
@@ -403,13 +403,13 @@ class Console:
 def open_console(
     fd: int, *, as_json: bool, colour: bool, quiet: bool, terminal: str
 ) -> Iterator[Console]:
-    """A console on a descriptor.
+    """Open a console on a descriptor.
 
     Args:
         fd: where to write.
-        as_json: one JSON object a line.
+        as_json: one JSON object per line.
         colour: whether lines may be coloured.
-        quiet: leave the nodes' output out.
+        quiet: hide the nodes' output.
         terminal: the variable TERM.
     """
     json = JsonReport(wall_s, quiet=quiet) if as_json else None

@@ -1,8 +1,8 @@
 """The launcher's end of a run's control socket: answers other terminals on this host.
 
-Takes one request a connection, in the form of `launch.wire`, and hands it to the supervisor's
-inbox. Serves in a thread of its own: a client that stalls delays no other, and a malformed request
-gets an error. Only this user, and root, get answers.
+Takes one request per connection, in the format of `launch.wire`, and passes it to the supervisor's
+inbox. Serves in its own thread: a stalled client delays no other, and a malformed request gets an
+error. Only this user and root get answers.
 """
 
 import asyncio
@@ -39,18 +39,18 @@ from obk_cli.runs.protocol import (
 __all__ = ["AskGraph", "serve_control"]
 
 AskGraph = Callable[[bytes, Callable[[bytes], None]], object]
-"""Takes a question about the ROS graph and what is to be called with the answer, from a thread."""
+"""Takes a query about the ROS graph and a callback, called with the answer from a thread."""
 
 READ_S: Final = 2.0
-"""How long a request may take to come [s]."""
+"""Limit for receiving a request [s]."""
 SEND_S: Final = 2.0
-"""How long a client may take to read the answer [s]."""
+"""Limit for a client to read the answer [s]."""
 STATUS_S: Final = 5.0
-"""How long the supervisor may take to report the stack's status [s]."""
+"""Limit for the supervisor to report the stack's status [s]."""
 GRAPH_S: Final = 30.0
-"""How long a question about the ROS graph may take, beyond the time limits that it sets [s]."""
+"""Limit for a query about the ROS graph, in addition to the time limits in the query [s]."""
 END_S: Final = 0.5
-"""How long the last answers may take at the end [s]."""
+"""Limit for sending the last answers at the end [s]."""
 MOST_CONNECTIONS: Final = 32
 _CREDENTIALS: Final = struct.Struct("3i")
 """Process, user and group of the other end; socket(7), SO_PEERCRED."""
@@ -60,21 +60,21 @@ _CREDENTIALS: Final = struct.Struct("3i")
 def serve_control(
     folder: Path, put: Callable[[InputEvent], None], ask_graph: AskGraph | None = None
 ) -> Iterator[None]:
-    """While entered, put the requests that come to a run folder's socket into an inbox.
+    """While entered, put the requests that arrive at a run folder's socket into an inbox.
 
     Args:
-        folder: the run's; its path may be longer than a socket's address can be.
+        folder: the run's folder; its path may be too long for a socket address.
         put: takes `StatusRequested`, `ChangeRequested` and `StopRequested`, from a thread.
-        ask_graph: answers questions about the ROS graph; None: they are rejected.
+        ask_graph: answers queries about the ROS graph; None: they are rejected.
 
     Raises:
-        OSError: the socket cannot be made.
+        OSError: the socket cannot be created.
     """
     with ExitStack() as stack:
         folder_fd = os.open(folder, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
         stack.callback(os.close, folder_fd)
         listener = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
-        # Before it has a name: no other user can connect at any moment.
+        # Before the socket has a name, so that no other user can ever connect.
         os.fchmod(listener.fileno(), 0o600)
         listener.bind(f"/proc/self/fd/{folder_fd}/{CONTROL_SOCKET}")
         stack.callback(_remove, folder_fd)
@@ -86,7 +86,7 @@ def serve_control(
 
 
 def _remove(folder_fd: int) -> None:
-    with suppress(OSError):  # the folder may be gone
+    with suppress(OSError):  # the folder may no longer exist
         os.unlink(CONTROL_SOCKET, dir_fd=folder_fd)
 
 
@@ -109,7 +109,7 @@ class _Server:
         self._thread.start()
 
     def end(self) -> None:
-        """Give the last answers, close every connection, end the thread."""
+        """Send the last answers, close every connection, end the thread."""
         self._loop.call_soon_threadsafe(self._ending.set)
         self._thread.join()
 
@@ -123,7 +123,7 @@ class _Server:
         )
         await self._ending.wait()
         server.close()
-        # What the supervisor answers on its way out comes before this.
+        # Any answer that the supervisor gives while it ends comes before this one.
         for answer in self._waiting:
             _settle(answer, encode_line(Fault(error="the stack has ended")))
         if self._handlers:
@@ -131,32 +131,32 @@ class _Server:
 
     async def _handle(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
-        assert task is not None, "a connection is served by a task"
+        assert task is not None, "every connection is served by a task"
         self._handlers.add(task)
-        # So that `drain` waits until all is sent.
+        # Makes `drain` wait until everything is sent.
         writer.transport.set_write_buffer_limits(high=0)
         try:
             writer.write(await self._answer(reader, writer))
             async with asyncio.timeout(SEND_S):
                 await writer.drain()
         except (OSError, TimeoutError, asyncio.CancelledError):
-            return  # the client has left, or stalls
+            return  # the client has disconnected, or stalls
         finally:
             writer.transport.abort()
             self._handlers.discard(task)
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
         if len(self._handlers) > MOST_CONNECTIONS:
-            return encode_line(Fault(error=f"more than {MOST_CONNECTIONS} ask at the same moment"))
+            return encode_line(Fault(error=f"more than {MOST_CONNECTIONS} clients are connected"))
         if _user(writer) not in (os.getuid(), 0):
-            return encode_line(Fault(error="the stack is another user's"))
+            return encode_line(Fault(error="the stack belongs to another user"))
         try:
             async with asyncio.timeout(READ_S):
                 line = await reader.readline()
         except TimeoutError:
-            return encode_line(Fault(error=f"no request came within {READ_S:g} s"))
+            return encode_line(Fault(error=f"no request received within {READ_S:g} s"))
         except ValueError:
-            return encode_line(Fault(error=f"a request has at most {LONGEST_REQUEST} bytes"))
+            return encode_line(Fault(error=f"a request may have at most {LONGEST_REQUEST} bytes"))
         match decode_request(line):
             case StatusRequest():
                 return await self._status()
@@ -177,7 +177,7 @@ class _Server:
             async with asyncio.timeout(STATUS_S):
                 return await answer
         except TimeoutError:
-            return encode_line(Fault(error=f"the launcher has not answered for {STATUS_S:g} s"))
+            return encode_line(Fault(error=f"the launcher did not answer within {STATUS_S:g} s"))
 
     async def _change(self, request: ChangeRequest) -> bytes:
         answer = self._awaited()
@@ -194,7 +194,7 @@ class _Server:
     async def _answer_on_graph(self, question: msgspec.Raw) -> bytes:
         if self._ask_graph is None:
             return encode_line(
-                Fault(error="the launcher does not answer questions about the ROS graph")
+                Fault(error="the launcher does not answer queries about the ROS graph")
             )
         answer = self._awaited()
 
@@ -207,7 +207,7 @@ class _Server:
             async with asyncio.timeout(wait_s):
                 return await answer
         except TimeoutError:
-            return encode_line(Fault(error=f"the launcher has not answered for {wait_s:g} s"))
+            return encode_line(Fault(error=f"the launcher did not answer within {wait_s:g} s"))
 
     def _awaited(self) -> "asyncio.Future[bytes]":
         answer: asyncio.Future[bytes] = self._loop.create_future()
@@ -224,7 +224,7 @@ class _Server:
         return reply
 
     def _settle_from_a_thread(self, answer: "asyncio.Future[bytes]", line: bytes) -> None:
-        with suppress(RuntimeError):  # the loop has ended, and the client got an answer
+        with suppress(RuntimeError):  # the loop has ended, and the client has an answer
             self._loop.call_soon_threadsafe(_settle, answer, line)
 
 
@@ -238,7 +238,7 @@ class _Timed(msgspec.Struct, frozen=True):
 
 
 def _given_s(question: bytes | msgspec.Raw) -> float:
-    """How long a question gives a node to answer [s]."""
+    """How long a query waits for a node's answer [s]."""
     try:
         timed: _Timed = decode(question, _Timed)
     except ValueError:

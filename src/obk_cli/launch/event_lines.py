@@ -1,4 +1,4 @@
-"""The events of a run as lines of a terminal, as JSON, and as the log files of the run."""
+"""Format the events of a run for the terminal, as JSON, and for the run's log files."""
 
 import json
 import threading
@@ -53,11 +53,11 @@ _RED, _GREEN, _YELLOW, _BOLD, _DIM = "31", "32", "33", "1", "2"
 _NODE_COLOURS = ("36", "35", "34", "33", "32", "96", "95", "94")
 _MARKS = {
     "reached": ("ok", _GREEN),
-    "there already": ("there already", _GREEN),
+    "there already": ("already in that state", _GREEN),
     "refused": ("FAILED", _RED),
     "timed out": ("TIMED OUT", _RED),
     "gone": ("GONE", _RED),
-    "taken back": ("taken back", _YELLOW),
+    "taken back": ("rolled back", _YELLOW),
 }
 STEADY: Final = {
     "active": ACTIVE,
@@ -65,7 +65,7 @@ STEADY: Final = {
     "started": UNCONFIGURED,
     "following": UNCONFIGURED,
 }
-"""Phases in which the stack changes only on request, and the state in which each one starts."""
+"""Phases in which the stack changes only on request -> the stack's state when each one starts."""
 
 
 def event_record(event: OutputEvent, time_s: float) -> dict[str, object]:
@@ -73,43 +73,43 @@ def event_record(event: OutputEvent, time_s: float) -> dict[str, object]:
 
     Args:
         event: what happened.
-        time_s: when [s since 1970].
+        time_s: when it happened [s since 1970].
     """
     return {"time": time_s, "event": _NAMES[type(event)], **asdict(event)}
 
 
 def output_record(node: str, text: str, time_s: float) -> dict[str, object]:
-    """A line of a node's output in the same form."""
+    """A line of a node's output in the same format."""
     return {"time": time_s, "event": "Output", "node": node, "text": text}
 
 
 class Journal:
     """The files of a run folder: `events.jsonl`, `launch.log`, and a log for each node.
 
-    The first file that cannot be written is reported, and ends all writing; the run goes on.
+    On the first file that cannot be written, it reports the fault and stops; the run continues.
     """
 
     def __init__(self, folder: Path | None, on_fault: Callable[[OSError], None]) -> None:
-        """Write below a folder; None writes nothing. `on_fault` takes the first fault."""
+        """Write to a folder; None writes nothing. `on_fault` receives the first fault."""
         self._folder = folder
         self._on_fault = on_fault
         self._files: dict[str, IO[str]] = {}
         self._lock = threading.RLock()
 
     def event(self, event: OutputEvent, time_s: float) -> None:
-        """Note an event and when it happened [s since 1970]."""
+        """Write an event, which happened at `time_s` [s since 1970]."""
         self._write("events.jsonl", json.dumps(event_record(event, time_s)))
 
     def shown(self, text: str) -> None:
-        """Note a line that the user sees."""
+        """Write a line that the user sees."""
         self._write("launch.log", text)
 
     def line(self, node: str, text: str) -> None:
-        """Note a line of a node's output, or of a process that nodes share."""
+        """Write a line of a node's output, or of a process that nodes share."""
         self._write(f"{node.strip('/').replace('/', '.')}.log", text)
 
     def close(self) -> None:
-        """Close the files; nothing is written after that."""
+        """Close the files; later calls write nothing."""
         with self._lock:
             self._folder = None
             for file in self._files.values():
@@ -134,7 +134,7 @@ class Journal:
 
 
 def short_name(name: str) -> str:
-    """`/arm/obelisk_control_0` -> `arm/control_0`; also of a process that nodes share."""
+    """`/arm/obelisk_control_0` -> `arm/control_0`; also for a process that nodes share."""
     namespace, _, node = name.strip("/").rpartition("/")
     return f"{namespace}/{node.removeprefix('obelisk_')}".lstrip("/")
 
@@ -143,12 +143,12 @@ class LaunchReport:
     """Turns events and output into lines; may be called from several threads."""
 
     def __init__(self, nodes: Iterable[str], *, colour: bool, quiet: bool) -> None:
-        """Make a report.
+        """Create a report.
 
         Args:
             nodes: full names, for colours and column width.
             colour: whether to use escape codes.
-            quiet: leave the nodes' output out.
+            quiet: hide the nodes' output.
         """
         names = tuple(nodes)
         self._width = max((len(short_name(name)) for name in names), default=0)
@@ -156,24 +156,24 @@ class LaunchReport:
         self._colour = colour
         self._quiet = quiet
         self._known_state: str | None = None
-        """The stack's state as shown last, while it is steady; None: on its way up or down."""
+        """The stack's state last shown while steady; None: during bring-up or shutdown."""
 
     def line(self, node: str, text: str) -> Iterable[str]:
-        """A line of a node's output, or of a process that nodes share."""
+        """Format a line of a node's output, or of a process that nodes share."""
         if not self._quiet:
             colour = self._colours.get(node, _DIM)
             name = self._paint(colour, f"{short_name(node):<{self._width}} |")
             yield f"{name} {only_colour(text) if self._colour else plain(text)}"
 
     def note(self, text: str) -> Iterable[str]:
-        """A sentence of the launcher's own."""
+        """Format a message of the launcher."""
         yield plain(text)
 
     def event(self, event: OutputEvent) -> Iterable[str]:
-        """What happened."""
+        """Format an event."""
         match event:
             case Phase():
-                if event.name != "rolling back":  # after which the stack is where it was
+                if event.name != "rolling back":  # the phase afterwards is the one before
                     self._known_state = STEADY.get(event.name)
                 detail = f" ({plain(event.detail)})" if event.detail else ""
                 yield self._paint(_BOLD, f"[{event.seconds:6.2f} s] {event.name}{detail}")
@@ -193,7 +193,7 @@ class LaunchReport:
             case RatesUnreported():
                 yield self._paint(_YELLOW, f"  {short_name(event.node)}: {plain(event.how)}")
             case ActivationReported():
-                return  # of use to lock-step runs only
+                return  # useful to lock-step runs only
             case VideoReported():
                 return  # shown at the end of the run
             case _:
@@ -226,9 +226,9 @@ class LaunchReport:
             case Hung():
                 yield self._paint(_RED, f"  {name}: HUNG: no answer for {event.seconds:.1f} s")
             case AnswersAgain():
-                yield self._paint(_GREEN, f"  {name}: answers again")
+                yield self._paint(_GREEN, f"  {name}: answering again")
             case Evidence():
-                # The node's output, which is shown too, has the same lines.
+                # Without --quiet, the node's output has already shown these lines.
                 if self._quiet and event.lines:
                     yield f"  {name}: its last output:"
                     yield from (f"    {plain(line)}" for line in event.lines)
@@ -236,7 +236,7 @@ class LaunchReport:
                 assert_never(event)
 
     def _rate(self, event: RateBroken | RateKept | RateMoved) -> Iterator[str]:
-        """Only when it breaks and when it is kept again."""
+        """Report a rate when it breaks and when it recovers; not while it moves."""
         name = short_name(event.node)
         match event:
             case RateBroken():
@@ -251,12 +251,12 @@ class LaunchReport:
                 count = f"restart {event.attempt} of {event.attempts}"
                 return self._paint(_YELLOW, f"  {names}: {count} in {event.wait_s:.1f} s")
             case Restarted():
-                return self._paint(_GREEN, f"  {names}: back again")
+                return self._paint(_GREEN, f"  {names}: recovered")
             case GoesOnWithout():
-                return self._paint(_YELLOW, f"  the stack goes on without {names}")
+                return self._paint(_YELLOW, f"  the stack continues without {names}")
 
     def _stack_state(self, state: str) -> Iterator[str]:
-        """Only requested changes of a steady stack; phases report everything else."""
+        """Report only requested changes of a steady stack; phases report everything else."""
         if self._known_state not in (None, state):
             self._known_state = state
             yield f"  the stack: {state}"
@@ -269,10 +269,10 @@ class LaunchReport:
         if event.origin:
             yield f"  defined at {plain(event.origin)}"
         if event.consequences:
-            yield f"  {with_number(event.consequences, 'more failure')} after it"
+            yield f"  followed by {with_number(event.consequences, 'more failure')}"
 
     def _fault(self, fault: str) -> Iterable[str]:
-        """A node's own message; the traceback only if the node's output does not show it."""
+        """The node's own message; with its traceback only if the node's output is hidden."""
         lines = fault.splitlines()
         shown = lines if self._quiet else _without_traceback(lines)
         return (f"    {plain(line)}" for line in shown)
@@ -294,28 +294,28 @@ class JsonReport:
     """Turns events and output into lines; may be called from several threads."""
 
     def __init__(self, clock: Callable[[], float], *, quiet: bool) -> None:
-        """Make a report.
+        """Create a report.
 
         Args:
-            clock: the time of day [s since 1970].
-            quiet: leave the nodes' output out.
+            clock: returns the time [s since 1970].
+            quiet: hide the nodes' output.
         """
         self._clock = clock
         self._quiet = quiet
         self._is_over = False
 
     def event(self, event: OutputEvent) -> Iterable[str]:
-        """What happened."""
+        """Format an event."""
         yield from self._line(event_record(event, self._clock()))
         self._is_over = self._is_over or isinstance(event, Ended)
 
     def line(self, node: str, text: str) -> Iterable[str]:
-        """A line of a node's output."""
+        """Format a line of a node's output."""
         if not self._quiet:
             yield from self._line(output_record(node, text, self._clock()))
 
     def note(self, text: str) -> Iterable[str]:
-        """A sentence of the launcher's own."""
+        """Format a message of the launcher."""
         yield from self._line({"time": self._clock(), "event": "Note", "text": text})
 
     def left_out(self, count: int) -> str:

@@ -1,4 +1,4 @@
-"""The event loop of a run: the only place that waits for input events, and dispatches them."""
+"""The event loop of a run: the only place that waits for input events and dispatches them."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ __all__ = ["EventLoop", "Inbox", "Lifecycle", "Limits", "Processes", "RunContext
 
 
 class Inbox(Protocol):
-    """The input events in order; a `queue.SimpleQueue` is one."""
+    """The input events in order, such as a `queue.SimpleQueue`."""
 
     def get(self, *, timeout: float | None) -> InputEvent:
         """The next event; raises `queue.Empty` after `timeout` [s]."""
@@ -31,7 +31,7 @@ class Processes(Protocol):
         """Send a signal to a process and all of its children."""
 
     def dump_stack(self, process: str) -> None:
-        """Have a process that can write the stacks of its threads to its output."""
+        """Make a process write the stacks of its threads to its output, if it supports that."""
 
     def last_lines(self, process: str) -> tuple[str, ...]:
         """The last lines of a process's output."""
@@ -41,13 +41,13 @@ class Lifecycle(Protocol):
     """The interface to the nodes."""
 
     def watch(self, nodes: Iterable[str]) -> None:
-        """Watch these nodes, again for restarted ones; `Ready` follows."""
+        """Watch these nodes; call again for restarted ones. `Ready` follows."""
 
     def request(self, node: str, transition: str) -> None:
         """Request a transition of a node; `Answered` follows."""
 
     def publishes_diagnostics(self, node: str) -> bool:
-        """Whether a node publishes `/diagnostics`, so that it reports the rates that it has."""
+        """Whether a node publishes `/diagnostics`, and therefore reports its own rates."""
 
     def ask_state(self, node: str) -> None:
         """Ask a node for its state; `StateAnswered` follows."""
@@ -55,32 +55,32 @@ class Lifecycle(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """How long things may take [s]."""
+    """Time limits of a run [s]."""
 
     transition_s: float = 10.0
     start_s: float = 20.0
     grace_s: float = 3.0
-    """Between two signals, each harder than the one before."""
+    """Wait between two signals, each stronger than the one before."""
     down_s: float = 3.0
-    """For one transition on the way down."""
+    """Limit for one transition during shutdown."""
     answer_s: float = 2.0
-    """For the answer to a question."""
+    """Limit for the answer to a query."""
     hurry_s: float = 0.5
-    """Instead of `grace_s` after the second request to stop."""
+    """Replaces `grace_s` after the second request to stop."""
     hang_s: float = 1.3
-    """A node that has not answered for this long hangs; `inf`: never."""
+    """A node that has not answered for this time hangs; `inf`: never."""
     dump_s: float = 0.3
-    """For writing a stack dump."""
+    """Limit for writing a stack dump."""
     restarts: int = 5
-    """Allowed within `restart_window_s`; one more crash stops the stack."""
+    """Maximum number within `restart_window_s`; one more crash stops the stack."""
     restart_window_s: float = 30.0
 
 
 class EventLoop:
     """Waits on the inbox with deadlines.
 
-    Each part of a run waits in `wait`; so whatever happens meanwhile is dispatched, wherever the
-    run is. What follows from an event beyond that is left to the part that waits.
+    All parts of a run wait in `wait`, which dispatches every event that arrives meanwhile. The part
+    that waits decides what else follows from an event.
     """
 
     def __init__(
@@ -92,14 +92,14 @@ class EventLoop:
         dispatch: Callable[[InputEvent], None],
         check: Callable[[float], Hung | None],
     ) -> None:
-        """Make a loop.
+        """Create a loop.
 
         Args:
             inbox: holds the input events.
             clock: monotonic time [s].
-            heartbeat: knows when the next check is due.
-            dispatch: takes note of each event.
-            check: looks after the watched nodes at a time; gives the first one that hangs.
+            heartbeat: returns the time of the next check.
+            dispatch: handles each event.
+            check: checks the watched nodes at a time; returns the first one that hangs.
         """
         self.now = clock
         self._inbox = inbox
@@ -133,7 +133,7 @@ class EventLoop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunContext:
-    """What the parts of a run share; the supervisor makes it and owns everything in it."""
+    """State that the parts of a run share; the supervisor creates it and owns everything in it."""
 
     state: StackState
     run: RunState

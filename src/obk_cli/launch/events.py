@@ -1,8 +1,8 @@
-"""What happens during a run, as values, and how it is published.
+"""The input and output events of a run, and how they are published.
 
-Input events reach the supervisor through its inbox; output events are what it publishes: to the
-journal, the screen, the recorder, the state node. The names of output events stand in
-`events.jsonl` and in the JSON stream, so they are a promise (see `OUTPUT_EVENTS`).
+Input events reach the supervisor through its inbox. Output events are published to the journal, the
+screen, the recorder and the state node. Their names appear in `events.jsonl` and in the JSON
+stream, so they must not change (see `OUTPUT_EVENTS`).
 """
 
 import signal
@@ -65,12 +65,12 @@ class ChangeRequested:
     nodes: tuple[str, ...] = ()
     """Full names; empty: the whole stack."""
     timeout_s: float | None = None
-    """For each node's transition [s]; None: the launch's own."""
+    """Limit for each node's transition [s]; None: as launched."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatusRequested:
-    """A request for the state of the stack; answered at once, also during a transition."""
+    """A request for the state of the stack; answered at once, even during a transition."""
 
     reply: Callable[[StackStatus], None]
 
@@ -81,7 +81,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessStarted:
-    """A process runs; `process` is the name of its unit."""
+    """A process has started; `process` is the name of its unit."""
 
     process: str
     pid: int
@@ -89,18 +89,18 @@ class ProcessStarted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessEnded:
-    """A process has ended; `code` is negative for the signal that ended it."""
+    """A process has ended; a negative `code` is the number of the signal that ended it."""
 
     process: str
     code: int
     text: str = ""
-    """The reason if known: why it could not start, or its last output line; otherwise empty."""
+    """Why it could not start, or its last output line; empty if unknown."""
 
     @property
     def how(self) -> str:
-        """How it ended, as a sentence."""
+        """How the process ended, as a sentence."""
         if self.code < 0:
-            end = f"the process was ended by {_signal_name(-self.code)}"
+            end = f"the process was terminated by {_signal_name(-self.code)}"
         else:
             end = f"the process exited with code {self.code}"
         return f"{end}: {self.text}" if self.text else end
@@ -121,12 +121,12 @@ class Answered:
     transition: str
     success: bool
     fault: str
-    """The node's own account of the fault; otherwise empty."""
+    """The fault as the node reported it; otherwise empty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateAnswered:
-    """A node answered the question for its state."""
+    """A node answered a query for its state."""
 
     node: str
     state: str
@@ -134,12 +134,12 @@ class StateAnswered:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateSeen:
-    """A node reported a resting state; comes later than the answer, if at all."""
+    """A node reported a resting state; arrives after the transition's response, if at all."""
 
     node: str
     state: str
     transition: str = ""
-    """What led there, requested here or elsewhere; empty for the way out of error processing."""
+    """The transition that led there; empty after error processing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,7 +157,7 @@ class Failed:
     node: str
     fault: str
     transition: str = ""
-    """The one that failed, requested here or elsewhere; empty when the node failed by itself."""
+    """The transition that failed; empty if the node failed by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +178,7 @@ class ActivationReported:
     simulated_s: float
     """Simulated time [s]."""
     first_output_s: float | None = None
-    """When it published for the first time then; None: not in the second after it."""
+    """Simulated time of the first message; None: none within a second of activation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,7 +187,7 @@ class RejectionReported:
 
     node: str
     seconds: float
-    """0: it accepts them again [s]."""
+    """[s]; 0: it accepts commands again."""
     reason: str
     """Why the newest command was rejected."""
 
@@ -214,7 +214,7 @@ class StopRequested:
 
     reason: str
     is_urgent: bool = False
-    """Whether a further request means that it does not go fast enough."""
+    """Whether a repeated request forces a faster stop."""
 
 
 InputEvent = (
@@ -239,7 +239,7 @@ InputEvent = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransitionEnded:
-    """One node's part of a step, with the time that it took [s]."""
+    """A node's part of a transition has ended, after this time [s]."""
 
     node: str
     transition: str
@@ -250,7 +250,7 @@ class TransitionEnded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Phase:
-    """The stack as a whole reached a phase: `starting`, `ready`, `active`, `stopping`, ..."""
+    """The whole stack reached a phase: `starting`, `ready`, `active`, `stopping`, ..."""
 
     name: str
     seconds: float
@@ -260,14 +260,14 @@ class Phase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StackStateChanged:
-    """The state of the stack as a whole has changed: `inactive`, `activating`."""
+    """The state of the whole stack changed: `inactive`, `activating`."""
 
     state: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hung:
-    """A node's process runs, and the node has not answered for `seconds`."""
+    """A node has not answered for `seconds`, although its process is running."""
 
     node: str
     seconds: float
@@ -275,47 +275,47 @@ class Hung:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnswersAgain:
-    """A node that hung answers."""
+    """A node that hung is answering again."""
 
     node: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Restarting:
-    """Nodes that crashed are started again after a wait [s]."""
+    """Nodes that crashed will be restarted after a wait [s]."""
 
     nodes: tuple[str, ...]
     wait_s: float
     attempt: int
-    """From 1, within the window in which restarts are counted."""
+    """Counts from 1 within the restart window."""
     attempts: int
-    """How many there may be."""
+    """Maximum number of restarts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Restarted:
-    """Nodes that crashed are back where they were."""
+    """Nodes that crashed are back in their previous state."""
 
     nodes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoesOnWithout:
-    """Nodes are lost, and the stack runs on according to its rules."""
+    """Nodes are lost, and the stack continues without them, as its rules allow."""
 
     nodes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateBroken:
-    """An expected rate has been missed for 2 s, or is not reported any more."""
+    """An expected rate has been missed for 2 s, or is no longer reported."""
 
     node: str
     rate: Rate
     origin: str
-    """The place of the period in the config, `file:line:column`; empty where it has none."""
+    """Location of the period in the config, `file:line:column`; empty if it has none."""
     silent_s: float = 0.0
-    """How long the node has not reported [s]; 0: it has just done so."""
+    """How long the node has not reported [s]; 0: it is reporting."""
 
     @property
     def how(self) -> str:
@@ -326,35 +326,35 @@ class RateBroken:
             how += f"expected {rate.expected_hz:.4g} Hz"
         elif rate.late_p99_us:
             how = f"{rate} (p99 latency {rate.late_p99_us / 1e3:.3g} ms)"
-        else:  # its ticks are the simulator's, which are never late for it
+        else:  # the simulator triggers its ticks, so they are never late
             how = str(rate)
         return f"{how}; set at {self.origin}" if self.origin else how
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RatesUnreported:
-    """An active node does not report its rates, as nodes in C++ do not.
+    """An active node does not report its rates; C++ nodes never do.
 
-    The launcher measures those that a topic shows.
+    The launcher measures those that are visible on a topic.
     """
 
     node: str
     measured: tuple[str, ...]
     """Names of the rates that are measured on topics."""
     unknown: tuple[str, ...]
-    """Names of the others."""
+    """Names of the other rates."""
 
     @property
     def how(self) -> str:
-        """What is not known, as a sentence."""
+        """Which rates are unknown, as a sentence."""
         unknown = f"; not measured: {', '.join(self.unknown)}" if self.unknown else ""
         measured = f"; measured on its topics: {', '.join(self.measured)}" if self.measured else ""
-        return f"it does not report its rates{measured}{unknown}"
+        return f"does not report its rates{measured}{unknown}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateKept:
-    """A rate that was broken is as expected again."""
+    """A broken rate is as expected again."""
 
     node: str
     rate: Rate
@@ -362,7 +362,7 @@ class RateKept:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateMoved:
-    """A rate is off or broken and not what it was, or it is no longer off."""
+    """A rate that is off or broken has changed, or is no longer off."""
 
     node: str
     rate: Rate
@@ -370,7 +370,7 @@ class RateMoved:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WaitingFor:
-    """The bring-up waits for nodes of other devices, which are started elsewhere."""
+    """The bring-up waits for nodes of other devices, which other launches start."""
 
     devices: tuple[str, ...]
     nodes: tuple[str, ...]
@@ -378,7 +378,7 @@ class WaitingFor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """The last lines of a stuck node's process, its stack dump among them."""
+    """The last output lines of a stuck node's process, including its stack dump."""
 
     node: str
     lines: tuple[str, ...]
@@ -390,11 +390,11 @@ class Ended:
 
     exit_code: int
     cause: str
-    """The first cause of a failure; empty when all went well."""
+    """The first cause of a failure; empty if the run succeeded."""
     consequences: int = 0
-    """Further failures that came after the first."""
+    """Number of failures after the first."""
     origin: str = ""
-    """The place in the config, `file:line:column`, that made the node which failed first."""
+    """Location in the config, `file:line:column`, of the node that failed first."""
 
 
 OutputEvent = (
@@ -431,7 +431,7 @@ OUTPUT_EVENTS: Final[Mapping[str, type[OutputEvent]]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputLine:
-    """A line that a process wrote."""
+    """A line of a process's output."""
 
     process: str
     """The name of its unit."""
@@ -442,23 +442,23 @@ E = TypeVar("E")
 
 
 class EventBus(Generic[E]):
-    """Hands each event to all subscribers, in the order in which they subscribed."""
+    """Passes each event to all subscribers, in the order of their subscriptions."""
 
     def __init__(self) -> None:
         self._subscribers: list[Callable[[E], None]] = []
 
     def subscribe(self, subscriber: Callable[[E], None]) -> None:
-        """Call `subscriber` with each event, in the publishing thread; only before the first."""
+        """Call `subscriber` with each event, in the publishing thread. Call before publishing."""
         self._subscribers.append(subscriber)
 
     def publish(self, event: E) -> None:
-        """Hand an event to all subscribers."""
+        """Pass an event to all subscribers."""
         for subscriber in self._subscribers:
             subscriber(event)
 
 
 class EventPublisher:
-    """Publishes the output events of one run, and the stack's state as it changes with them."""
+    """Publishes the output events of one run, and the resulting changes of the stack's state."""
 
     def __init__(
         self,
@@ -466,12 +466,12 @@ class EventPublisher:
         clock: Callable[[], float],
         publish: Callable[[OutputEvent], None],
     ) -> None:
-        """Start the time of the run.
+        """Start the run's clock.
 
         Args:
-            state: of the stack.
+            state: the state of the stack.
             clock: monotonic time [s].
-            publish: takes the events.
+            publish: receives the events.
         """
         self._state = state
         self._clock = clock
@@ -481,7 +481,7 @@ class EventPublisher:
         self._published_state = ""
 
     def publish(self, event: OutputEvent) -> None:
-        """Publish an event, and the stack's state if it has changed with it."""
+        """Publish an event, then the stack's state if the event changed it."""
         self._publish(event)
         self.publish_state()
 
@@ -493,12 +493,12 @@ class EventPublisher:
             self._publish(StackStateChanged(state=state))
 
     def phase(self, name: str, detail: str = "") -> None:
-        """The stack reached a phase."""
+        """Publish that the stack reached a phase."""
         self._phase = name
         self.episode(name, detail)
 
     def episode(self, name: str, detail: str = "") -> None:
-        """Something happens after which the stack is in the same phase as before."""
+        """Publish an episode, after which the stack is in the same phase as before."""
         self.publish(Phase(name=name, seconds=self._clock() - self._begin, detail=detail))
 
     def in_transition(self, passes: str) -> None:
@@ -518,7 +518,7 @@ class EventPublisher:
 
 
 def _signal_name(number: int) -> str:
-    """`SIGINT`; those for real-time use have no name of their own."""
+    """`SIGINT`; most real-time signals have no name of their own."""
     try:
         return signal.Signals(number).name
     except ValueError:

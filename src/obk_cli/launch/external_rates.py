@@ -1,8 +1,8 @@
-"""Measure the rates of nodes that do not report them, on the topics that they publish.
+"""Measure rates of nodes that do not report them, on the topics that they publish.
 
-Nodes in C++ publish no `/diagnostics`. A controller publishes once in each period of its timer, so
-the topic's rate shows the timer's. Nothing is subscribed to before a node turns out not to report.
-The rates of nodes on simulated time are measured in it, by `/clock`: a slow simulation breaks none.
+C++ nodes publish no `/diagnostics`. A controller publishes once per period of its timer, so the
+topic's rate is that of the timer. Nothing is subscribed to until a node turns out not to report.
+For nodes on simulated time, rates are measured in it (by `/clock`): a slow simulation breaks none.
 """
 
 import threading
@@ -25,13 +25,13 @@ from obk_cli.ros.types import raw_type
 __all__ = ["ExternalRates", "external_rate"]
 
 REPORT_S: Final = 1.0
-"""Between two reports [s], as nodes report."""
+"""Time between two reports, as for nodes that report their own [s]."""
 WINDOW_S: Final = 2.0
-"""Over which a rate is measured [s]; one too low for as long is broken."""
+"""Measurement window; a rate that is too low for this long is broken [s]."""
 PERIODS: Final = 5
-"""That the window of a slow rate holds."""
+"""Minimum number of periods in the window of a slow rate."""
 TURN_S: Final = 0.02
-"""Between two polls of the subscriptions [s]."""
+"""Polling period of the subscriptions [s]."""
 NO_MESSAGES: Final = TopicRate(count=0, lost=None, seen=0, window_s=0.0)
 _US: Final = 1e6
 _S: Final = 1e-9
@@ -46,12 +46,12 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
         nodes: Iterable[PlannedNode],
         report: Callable[[RatesReported], None],
     ) -> None:
-        """Measure nothing yet.
+        """Prepare; rates are measured once `on_event` reports a node.
 
         Args:
             participant: subscribes to the topics.
             nodes: the nodes that run here.
-            report: takes the rates of a node, once a second, from the thread.
+            report: receives the rates of a node once per second, from the thread.
         """
         self._participant = participant
         self._nodes = {node.full_name: node for node in nodes}
@@ -106,7 +106,7 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
         meter.close()
 
     def _start_again(self, meter: RosMeter, nodes: Iterable[str]) -> dict[str, None]:
-        """Measure nodes on simulated time from now on, as it was set back; returns which."""
+        """Restart the measurement of nodes on simulated time, after it was reset; return them."""
         restarted = [node for node in nodes if is_on_simulated_time(self._nodes[node])]
         for node in restarted:
             subscribed = meter.rates().keys()
@@ -117,14 +117,14 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
         return dict.fromkeys(restarted)
 
     def _now_s(self, node: PlannedNode) -> float | None:
-        """The time in which a node keeps its rates [s]; None: not known yet."""
+        """The time base of a node's rates [s]; None: not known yet."""
         if not is_on_simulated_time(node):
             return monotonic_s()
         now_ns = self._clock.at(time.time_ns())
         return None if now_ns is None else now_ns * _S
 
     def _report_node(self, meter: RosMeter, node: PlannedNode, measured_s: float) -> None:
-        """Report the rates whose window has passed; without messages they are 0 Hz."""
+        """Report rates with a full window; without messages, a rate is 0 Hz."""
         self._subscribe(meter, node)
         seen = meter.rates()
         rates = tuple(
@@ -142,7 +142,7 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
             return None
 
     def _subscribe(self, meter: RosMeter, node: PlannedNode) -> None:
-        """Subscribe to the topics that are published by now."""
+        """Subscribe to the node's topics that exist by now."""
         subscribed = meter.rates().keys()
         for promise in node.promises:
             if promise.topic is None or promise.topic in subscribed:
@@ -167,14 +167,14 @@ def is_on_simulated_time(node: PlannedNode) -> bool:
 
 
 def window_s(promise: Promise) -> float:
-    """Return over how long a rate is measured, in the time of its node [s]."""
+    """Return the measurement window of a rate, in the time of its node [s]."""
     return max(WINDOW_S, PERIODS * promise.period_s)
 
 
 def external_rate(promise: Promise, seen: TopicRate) -> Rate:
-    """Return the rate that a topic shows; after a window of messages, or of none."""
+    """Return the rate measured on a topic; needs a full window, with or without messages."""
     measured_hz = seen.rate_hz or 0.0
-    if seen.age_s:  # as if the next message came right now
+    if seen.age_s:  # as if the next message arrived now
         measured_hz = min(measured_hz, max(1 / seen.age_s, 0.0))
     is_low = measured_hz < (1 - TOLERANCE) / promise.period_s
     return Rate(

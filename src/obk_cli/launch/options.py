@@ -1,6 +1,6 @@
-"""The options of a launch: which part of a plan, how far, how long, what follows from failures.
+"""The options of a launch: which part of a plan runs, how far, how long, and failure handling.
 
-Those that change the plan of a simulated robot, such as `--render`, are checked and applied here.
+Options that change the plan of a simulated robot, such as `--render`, are checked and applied here.
 """
 
 import os
@@ -43,7 +43,7 @@ class LaunchOptions:
     """The decisions of the user who launches a stack."""
 
     config: str
-    """The config's path, shown to other terminals."""
+    """The config's path, as shown to other terminals."""
     folder: Path
     """The working folder of the nodes."""
     share: Share
@@ -57,29 +57,29 @@ class LaunchOptions:
     on_crash: OnCrash = "stop"
     """For nodes whose config sets none."""
     is_composed: bool = False
-    """Whether the nodes that can share one process do."""
+    """Whether nodes that can share a process do so."""
     strict_rates: bool = False
-    """Whether the stack comes down for an expected rate that is broken."""
+    """Whether the stack stops if an expected rate is missed."""
     replaces: bool = False
-    """Whether conflicting launches are ended."""
+    """Whether conflicting launches are stopped."""
     allows_foreign: bool = False
-    """Whether nodes outside the stack may publish on the topics that move the robot."""
+    """Whether nodes outside the stack may publish on topics that move the robot."""
     recording: RecordRequest | None = None
-    """What is recorded; without topics and patterns those of the plan. None: nothing."""
+    """What to record, by default the plan's topics; None: nothing."""
     kept_runs: int = KEPT_RUNS
     gated_executables: frozenset[tuple[str, str]] = frozenset()
-    """Package and executable of programs whose node `spin_obelisk` makes, as far as is known."""
+    """Package and executable of programs known to create their node with `spin_obelisk`."""
 
 
 SIMULATOR: Final = "obelisk_sim_py"
-"""The package whose node runs in this very environment."""
+"""The package whose node runs in this Python environment."""
 
 
 def require_libraries(plan: Plan, share: Share) -> None:
-    """Make sure that ROS 2 can be loaded, and MuJoCo if our simulator is to run.
+    """Check that ROS 2 can be loaded, and MuJoCo if our simulator runs here.
 
     Raises:
-        CommandFailedError: one of them is not.
+        CommandFailedError: a library cannot be loaded.
     """
     require_ros()
     require_shared_memory()
@@ -90,13 +90,13 @@ def require_libraries(plan: Plan, share: Share) -> None:
 def with_simulator_parameters(
     plan: Plan, share: Share, parameters: Mapping[str, ParameterValue], option: str
 ) -> Plan:
-    """The plan with these parameters of every simulated robot that runs here.
+    """The plan with these parameters set for every simulated robot that runs here.
 
     Args:
-        plan: a whole stack.
-        share: what of it runs here.
-        parameters: they win over those of the config; none: the plan stays as it is.
-        option: what asks for them, for the message.
+        plan: the whole stack.
+        share: the part that runs here.
+        parameters: override those of the config; if empty, the plan is unchanged.
+        option: the option that needs them, for the message.
 
     Raises:
         MisuseError: no simulated robot runs here.
@@ -114,7 +114,7 @@ def with_simulator_parameters(
 
 
 def require_simulated_time(plan: Plan, share: Share, option: str) -> None:
-    """Make sure that a simulator which runs here sets the time of the stack.
+    """Check that a simulator which runs here sets the time of the stack.
 
     Raises:
         MisuseError: no simulated robot runs here, or the stack runs on the wall clock.
@@ -139,7 +139,7 @@ def _require_simulated_robots(plan: Plan, share: Share, option: str) -> tuple[Pl
     if not robots:
         where = f"on {', '.join(sorted(share.devices))}" if share.is_part else f"in `{plan.name}`"
         raise MisuseError(
-            f"`{option}`: there is no simulated robot {where}",
+            f"`{option}`: no simulated robot {where}",
             help="a robot is simulated if its node has a `sim` block and no `is_simulated: False`",
         )
     return robots
@@ -153,7 +153,7 @@ def simulated_robots(plan: Plan, share: Share) -> tuple[PlannedNode, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderArguments:
-    """The options of `obk launch --render` as given; None: not given."""
+    """The options of `obk launch --render`; None: not given."""
 
     path: Path | None
     camera: str | None
@@ -165,12 +165,12 @@ def with_render(plan: Plan, share: Share, arguments: RenderArguments) -> Plan:
     """The plan with parameters that make its simulated robot record a video.
 
     Args:
-        plan: a whole stack.
-        share: what of it runs here.
-        arguments: the options; without a file nothing is recorded.
+        plan: the whole stack.
+        share: the part that runs here.
+        arguments: the options; without a file, nothing is recorded.
 
     Raises:
-        MisuseError: no such video format or camera, or not exactly one robot to record.
+        MisuseError: unknown video format or camera, or not exactly one robot to record.
         CommandFailedError: the file cannot be written, or a library is missing.
     """
     if arguments.path is None:
@@ -208,7 +208,7 @@ def _require_render(arguments: RenderArguments) -> None:
     }
     for option, value in options.items():
         if value is not None:
-            raise MisuseError(f"`{option}` has an effect only with `--render FILE`")
+            raise MisuseError(f"`{option}` needs `--render FILE`")
 
 
 def _settings(path: Path, arguments: RenderArguments) -> VideoSettings:
@@ -231,7 +231,7 @@ def _check_camera(model: str, camera: str) -> None:
     if isinstance(read, ModelRead) and camera not in read.facts.cameras:
         raise MisuseError(
             f"`--render-camera {camera}`: {model} has no such camera",
-            help=did_you_mean(camera, read.facts.cameras) or "it has none with a name",
+            help=did_you_mean(camera, read.facts.cameras) or "it has no named cameras",
         )
 
 
@@ -239,4 +239,4 @@ def _check_output(path: Path) -> None:
     if not path.parent.is_dir():
         raise CommandFailedError(f"{path}: the folder {path.parent} does not exist")
     if os.path.lexists(path):
-        raise CommandFailedError(f"{path} already exists", help="name another file")
+        raise CommandFailedError(f"{path} already exists", help="choose another file")

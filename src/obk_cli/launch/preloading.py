@@ -1,8 +1,8 @@
-"""Which node processes the preload server forks, and how the server is started. Pure.
+"""Decide which node processes the preload server forks, and how the server starts. Pure.
 
-A forked process has the libraries that the server has imported, with the server's interpreter and
-environment. So only programs of this Python are forked, and only those whose environment differs
-from the server's in nothing that a library might read when it is imported.
+A forked process has the libraries that the server has imported, and the server's interpreter and
+environment. So only programs of this Python are forked, and only if their environment differs from
+the server's in no variable that a library might read on import.
 """
 
 import os
@@ -17,7 +17,7 @@ from obk_cli.process import preload
 __all__ = ["SWITCH", "Preload", "preload_for"]
 
 SWITCH: Final = "OBK_PRELOAD"
-"""The variable that turns preloading off by the value `off`."""
+"""Environment variable that disables preloading if set to `off`."""
 TYPE_SUPPORTS: Final = (
     "builtin_interfaces",
     "diagnostic_msgs",
@@ -32,10 +32,10 @@ TYPE_SUPPORTS: Final = (
     "std_srvs",
     "type_description_interfaces",
 )
-"""The message packages whose compiled part every node loads, or most of them."""
+"""Message packages whose compiled part most nodes load."""
 MODULES: Final = (
     "rclpy",
-    # Generators of code, which ROS loads with the first compiled message.
+    # Code generators, which ROS loads with the first compiled message.
     "rosidl_generator_py",
     "obelisk_py.core.control",
     "obelisk_py.core.estimation",
@@ -47,14 +47,14 @@ MODULES: Final = (
     "rcl_interfaces.srv",
     *(f"{package}.{package}_s__rosidl_typesupport_c" for package in TYPE_SUPPORTS),
 )
-"""What nearly every node imports; what is not installed is left out."""
+"""Modules that nearly every node imports; missing ones are skipped."""
 FEWEST: Final = 2
-"""A single process would start no sooner."""
+"""A single process would not start sooner."""
 OWN_PREFIX: Final = "OBK_"
-"""Of the variables that the run-time library reads when a node is made, and no one else."""
+"""Prefix of variables that only the run-time library reads, when a node is created."""
 PATH: Final = "PYTHONPATH"
 HOOKS: Final = ("COV", "LD_PRELOAD")
-"""Beginnings of variables by which something measures or replaces parts of each process from its
+"""Prefixes of variables through which tools measure or replace parts of a process from its
 start."""
 FORKABLE: Final = (("-P", "-c"), ("-P", "-m"))
 
@@ -64,22 +64,21 @@ class Preload:
     """The preload server of a run."""
 
     environment: Mapping[str, str]
-    """Of the server: what all processes have in common."""
+    """The server's environment: the variables that all processes have in common."""
 
     @property
     def arguments(self) -> tuple[str, ...]:
-        """How the server is started."""
+        """The command that starts the server."""
         return (sys.executable, "-P", str(Path(preload.__file__)), *MODULES)
 
     def forked(
         self, arguments: Sequence[str], environment: Mapping[str, str]
     ) -> Mapping[str, object] | None:
-        """What to request of the server for a process; None: it is started in the ordinary way.
+        """The request to fork a process; None: it is started in the ordinary way.
 
         Args:
-            arguments: of the program as this Python runs it, `python -P -m ...`; empty: it does
-                not.
-            environment: the process's.
+            arguments: of the program as run by this Python, `python -P -m ...`; empty if it is not.
+            environment: the process's environment.
         """
         if not _is_forkable(arguments) or self.environment.keys() - environment.keys():
             return None
@@ -94,7 +93,7 @@ class Preload:
         return {"arguments": arguments, "variables": variables, "path": path}
 
     def _added_path(self, environment: Mapping[str, str]) -> Sequence[str] | None:
-        """The folders in front of the server's PYTHONPATH; None: it is another path."""
+        """The folders in front of the server's PYTHONPATH; None if the rest differs."""
         own, theirs = (_folders(variables) for variables in (self.environment, environment))
         added = theirs[: len(theirs) - len(own)]
         return added if [*added, *own] == theirs else None
@@ -103,11 +102,11 @@ class Preload:
 def preload_for(
     programs: Collection[Sequence[str]], environment: Mapping[str, str]
 ) -> Preload | None:
-    """The preload server for a run; None: every process is started in the ordinary way.
+    """The preload server for a run; None: every process starts in the ordinary way.
 
     Args:
         programs: the arguments of each process, as for `Preload.forked`.
-        environment: what all processes have in common.
+        environment: the variables that all processes have in common.
     """
     is_off = environment.get(SWITCH) == "off"
     if is_off or any(name.startswith(HOOKS) for name in environment):

@@ -1,4 +1,4 @@
-"""Which nodes of a plan run here, and which of them share a process. Pure."""
+"""Decide which nodes of a plan run here, and which of them share a process. Pure."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class Share:
     is_part: bool
     """Whether other launches run the nodes of other devices."""
     leads: bool = True
-    """Whether this launch takes the nodes of all devices through their transitions."""
+    """Whether this launch runs the transitions of the nodes of all devices."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +28,7 @@ class Unit:
     """One process of the operating system and the nodes in it."""
 
     name: str
-    """The node's full name; of nodes in one process, the stack's name with `composed`."""
+    """The node's full name; for nodes in one process, the stack's name with `composed`."""
     nodes: tuple[PlannedNode, ...]
 
     @property
@@ -48,7 +48,7 @@ def share_of(plan: Plan, device: str | None, lead: str | None = None) -> Share:
     Args:
         plan: the whole stack.
         device: one of its devices; None: all of them run here.
-        lead: the device that leads; None: the first one with a controller, otherwise the first one.
+        lead: the device that leads; None: the first one with a controller, otherwise the first.
     """
     devices = devices_of(plan)
     if device is None or devices == (device,):
@@ -65,8 +65,8 @@ def units_of(
 
     Args:
         plan: the whole stack.
-        devices: those whose nodes run here.
-        together: full names of the nodes that share one process.
+        devices: the devices whose nodes run here.
+        together: full names of the nodes that share a process.
     """
     here = [node for node in plan.nodes if node.device in devices]
     shared = tuple(node for node in here if node.full_name in together)
@@ -76,10 +76,10 @@ def units_of(
 
 
 def rule_of(nodes: Iterable[PlannedNode], on_crash: OnCrash) -> OnCrash:
-    """The rule for a process that crashes: the strictest rule of its nodes.
+    """The rule for a process that crashes: the strictest of its nodes' rules.
 
     Args:
-        nodes: those in the process.
+        nodes: the nodes in the process.
         on_crash: for nodes whose config sets none.
     """
     return min((node.on_crash or on_crash for node in nodes), key=STRICTEST_FIRST.index)

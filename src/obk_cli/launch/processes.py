@@ -1,6 +1,6 @@
-"""Processes of nodes: started and signalled through the warden, their output read line by line.
+"""Start and signal node processes through the warden, and read their output line by line.
 
-This process adopts, and ends, what a killed warden leaves.
+If the warden is killed, this process adopts and kills the processes that it leaves.
 """
 
 import ctypes
@@ -32,18 +32,18 @@ from obk_cli.process import warden
 __all__ = ["NodeCommand", "ProcessControl", "ProcessEvent", "WardenProcesses"]
 
 LAST_WORDS_S = 1.0
-"""How long the rest of an ended process's output may take [s]."""
+"""Limit for reading the rest of an ended process's output [s]."""
 SEND_S = 2
-"""How long a request to the warden may take [s]."""
+"""Limit for sending a request to the warden [s]."""
 END_S = 2.0
-"""How long what is left may take at the end, each part of it [s]."""
+"""Limit for each step of the final cleanup [s]."""
 POLL_S = 0.01
 KEPT_LINES = 60
-"""Of each process's output, to show what it wrote last."""
+"""Number of output lines kept per process, to show the last ones."""
 LONGEST_LINE = 1 << 16
 """Output without line ends is cut into pieces of this size [characters]."""
 STACK_SIGNAL = signal.SIGUSR1
-"""On which the run-time library's processes write their stacks."""
+"""On this signal, processes of the run-time library write their stacks."""
 NO_WARDEN = "the process that watched over the nodes is gone"
 
 
@@ -57,13 +57,13 @@ class NodeCommand:
     arguments: tuple[str, ...]
     environment: Mapping[str, str]
     in_python: tuple[str, ...] = ()
-    """The same program as arguments of this Python, `python -P -m ...`; empty: it is another."""
+    """The same program as arguments of this Python, `python -P -m ...`; empty if it is another."""
     inherited: tuple[int, ...] = ()
     """Descriptors of the launcher that the process inherits, under the same numbers."""
 
 
 class WardenProcesses:
-    """Node processes that die with this one, whatever ends it."""
+    """Node processes that die with this one, however it ends."""
 
     def __init__(
         self,
@@ -78,12 +78,12 @@ class WardenProcesses:
         """Start the warden, and the preload server below it.
 
         Args:
-            commands: by the names of the units.
+            commands: by the name of the unit.
             folder: the processes' working folder.
-            marks: variables by which the warden is known as one of this launch.
-            on_event: takes the starts and ends, from a thread.
-            on_line: takes the lines of all output, from a thread for each process.
-            preload: the server that forks Python processes; None: there is none.
+            marks: variables that identify the warden as part of this launch.
+            on_event: receives starts and ends, from a thread.
+            on_line: receives output lines, from one thread per process.
+            preload: the server that forks Python processes; None: no server.
         """
         self._commands = commands
         self._folder = folder
@@ -95,15 +95,15 @@ class WardenProcesses:
         self._running: dict[str, int] = {}
         """Unit -> process id."""
         self._requested: set[str] = set()
-        """Units whose start was requested and whose end is not reported yet."""
+        """Units whose start was requested and whose end is not yet reported."""
         self._held_back: dict[str, list[ProcessEvent]] = {}
-        """Unit that was started early -> its events, until `start` is called for it."""
+        """Unit that was started early -> its events, held until `start` is called for it."""
         self._reporting = threading.Lock()
         self._has_ended = False
         self._before = {child.pid for child in psutil.Process().children()}
         _adopt_orphans(is_enabled=True)
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        # Not `settimeout`, which would hold for the listener's wait too.
+        # Not `settimeout`, which would also apply to the listener's wait.
         self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", SEND_S, 0))
         inherited = {fd for command in commands.values() for fd in command.inherited}
         with theirs:
@@ -131,7 +131,7 @@ class WardenProcesses:
         self.end()
 
     def end(self) -> None:
-        """End what still runs, and the warden; only the first call has an effect."""
+        """End the running processes and the warden; only the first call has an effect."""
         if self._has_ended:
             return
         self._has_ended = True
@@ -159,7 +159,7 @@ class WardenProcesses:
             self._start(unit)
 
     def start_early(self, unit: Unit) -> None:
-        """Start a process whose events are held back until `start`."""
+        """Start a process whose events are held until `start`."""
         self._held_back[unit.name] = []
         self._start(unit)
 
@@ -200,12 +200,12 @@ class WardenProcesses:
         self._pumps[unit.name] = pump
 
     def signal(self, process: str, number: int) -> None:
-        """Send a signal to a process and its children that share its group."""
-        # Without a warden there are no nodes: `_listen` has reported their ends.
+        """Send a signal to a process and its children in the same group."""
+        # Without a warden no nodes are running: `_listen` has reported their ends.
         self._send({"do": "signal", "node": process, "number": number})
 
     def dump_stack(self, process: str) -> None:
-        """Have a process write the stacks of its threads, if it handles the signal for it."""
+        """Make a process write the stacks of its threads, if it handles the signal for that."""
         pid = self._running.get(process)
         if pid is not None and _catches(pid, STACK_SIGNAL):
             with suppress(ProcessLookupError):
@@ -216,7 +216,7 @@ class WardenProcesses:
         return tuple(self._last_lines.get(process, ()))
 
     def _send(self, request: Mapping[str, object], *fds: int) -> bool:
-        """Hand a request to the warden; False when there is none, or none that receives."""
+        """Send a request to the warden; return False if it is gone or does not receive."""
         with os.fdopen(os.memfd_create("request"), "w+", encoding="utf-8") as file:
             json.dump(request, file)
             file.seek(0)
@@ -227,7 +227,7 @@ class WardenProcesses:
             return True
 
     def _end_orphans(self) -> None:
-        """Kill what this process inherited from a warden that did not end cleanly."""
+        """Kill the processes inherited from a warden that did not end cleanly."""
         deadline = time.monotonic() + END_S
         while time.monotonic() < deadline:
             children = psutil.Process().children()
@@ -251,15 +251,15 @@ class WardenProcesses:
                 self._requested.discard(node)
                 text = event["text"] or (self._last_words(node) if event["code"] > 0 else "")
                 self._report(ProcessEnded(process=node, code=event["code"], text=text))
-        # The nodes die with the warden, and nothing else would report it.
+        # The nodes die with the warden, and nothing else would report that.
         for node in sorted(self._requested):
             self._report_lost(node)
 
     def _report_lost(self, process: str) -> None:
-        """Report, once, that a process ended with the warden, or that none could start it."""
+        """Report, once, that a process ended with the warden or could not be started by it."""
         try:
             self._requested.remove(process)
-        except KeyError:  # reported by the other thread that noticed it
+        except KeyError:  # already reported by the other thread
             return
         code = -signal.SIGKILL if process in self._running else 127
         self._report(ProcessEnded(process=process, code=code, text=NO_WARDEN))
@@ -273,11 +273,11 @@ class WardenProcesses:
         self._on_event(event)
 
     def _last_words(self, node: str) -> str:
-        """The last line that a process wrote: of a Python program that died, its exception."""
+        """The last line of a process's output: for a crashed Python program, its exception."""
         pump = self._pumps.get(node)
         if pump is not None:
             pump.join(LAST_WORDS_S)
-        # A copy: children of the process may still write.
+        # A copy, because children of the process may still write.
         lines = [line for line in self.last_lines(node) if line.strip()]
         return lines[-1] if lines else ""
 
@@ -297,7 +297,7 @@ class WardenProcesses:
 
 
 def _catches(pid: int, number: int) -> bool:
-    """Whether a process has a handler for a signal; without one it would die of it.
+    """Whether a process has a handler for a signal; without one, the signal would kill it.
 
     Source: proc_pid_status(5), SigCgt.
     """
@@ -310,12 +310,12 @@ def _catches(pid: int, number: int) -> bool:
 
 
 def _adopt_orphans(*, is_enabled: bool) -> None:
-    """Whether this process becomes the parent of descendants whose own parent has ended."""
+    """Set whether this process becomes the parent of orphaned descendants."""
     ctypes.CDLL(None).prctl(warden.PR_SET_CHILD_SUBREAPER, int(is_enabled))
 
 
 LAST_LINES: Final = 20
-"""Of what a stuck node wrote before its stack dump, which may be longer than all of them."""
+"""Number of output lines shown before a stuck node's stack dump, which may itself be longer."""
 
 
 class ProcessControl:
@@ -324,34 +324,34 @@ class ProcessControl:
     def __init__(self, context: RunContext) -> None:
         self._context = context
         self._killed: set[str] = set()
-        """Units that were killed and whose end has not come yet."""
+        """Units that were killed and whose end is not yet reported."""
 
     def start(self, unit: str) -> None:
-        """Start a process; nothing is known of its nodes any more."""
+        """Start a process, and forget everything known about its nodes."""
         context, state = self._context, self._context.state
         state.process_requested(unit)
         context.pending.forget(state.units[unit].node_names)
         context.processes.start(state.units[unit])
 
     def kill(self, unit: str) -> None:
-        """End a process that nothing else helps with; its end is no crash."""
+        """Kill a process as a last resort; its end does not count as a crash."""
         if unit in self._context.state.running:
             self._killed.add(unit)
             self._context.processes.signal(unit, signal.SIGKILL)
 
     def was_killed(self, unit: str) -> bool:
-        """Whether a process that has ended was killed here."""
+        """Whether a process that has ended was killed by `kill`."""
         is_killed = unit in self._killed
         self._killed.discard(unit)
         return is_killed
 
     def end_all(self) -> None:
-        """End what still runs: SIGINT, SIGTERM, SIGKILL."""
+        """End all running processes: SIGINT, SIGTERM, SIGKILL."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             self._signal_all(number)
 
     def report_evidence(self, node: str) -> None:
-        """Publish what a stuck node's process wrote last, and where it is stuck."""
+        """Publish the last output of a stuck node's process, and its stack dump."""
         context = self._context
         unit = context.state.unit_of.get(node)
         if unit is None or context.run.force_quit:
@@ -365,27 +365,27 @@ class ProcessControl:
         context.publisher.publish(Evidence(node=node, lines=(*before[-LAST_LINES:], *dump)))
 
     def _signal_all(self, number: int) -> None:
-        """Send a signal to what still runs, and wait for the ends."""
+        """Send a signal to all running processes, and wait until they end."""
         context, state = self._context, self._context.state
         for unit in sorted(state.running):
-            # Before it is ready a node does not handle SIGINT yet, but Python does: with a
-            # traceback that is of no use.
+            # Before it is ready, a node does not handle SIGINT yet, but Python does, with a
+            # useless traceback.
             early = number == signal.SIGINT and state.is_early(unit)
             context.processes.signal(unit, signal.SIGTERM if early else number)
-        begin = context.loop.now()
+        start = context.loop.now()
         while state.running:
             is_short = context.run.force_quit and number != signal.SIGKILL
             grace_s = context.limits.hurry_s if is_short else context.limits.grace_s
-            if context.loop.wait(begin + grace_s) is None:
+            if context.loop.wait(start + grace_s) is None:
                 return
 
 
 def _newer_lines(before: Sequence[str], after: Sequence[str]) -> tuple[str, ...]:
-    """The lines that a process wrote since.
+    """The lines that a process wrote since then.
 
     Args:
-        before: the last lines then.
-        after: the last lines now; the oldest ones of those before may have fallen out.
+        before: the last lines at that time.
+        after: the last lines now; the oldest of `before` may have been dropped.
     """
     kept = next(n for n in range(len(before), -1, -1) if after[:n] == before[len(before) - n :])
     return tuple(after[kept:])

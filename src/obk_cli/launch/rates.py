@@ -1,7 +1,7 @@
-"""Turns the rates that nodes report into events. Pure.
+"""Turn the rates that nodes report into events. Pure.
 
-In: reports of nodes, a second apart, and the time. Out: events, one when a rate breaks and one when
-it is as expected again, and in between when it has moved.
+Each node reports once per second. An event follows when a rate breaks, when it recovers, and when
+it moves in between.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,9 +23,9 @@ from obk_cli.runs.lifecycle import ACTIVE
 __all__ = ["SILENT_S", "RateWatch"]
 
 SILENT_S: Final = 3.0
-"""Without a report after others; they come once a second, and one may be late [s]."""
+"""Time after the last report at which a rate counts as unreported; one report may be late [s]."""
 MOVED: Final = 0.05
-"""Of the expected rate; less is no news."""
+"""Minimum change that counts as moved, relative to the expected rate."""
 
 
 class RateWatch:
@@ -35,38 +35,38 @@ class RateWatch:
         self._state = state
         self._publishes_diagnostics = publishes_diagnostics
         self._received: dict[str, float] = {}
-        """When each active node reported last [s]."""
+        """Time of each active node's last report [s]."""
         self._waiting_since: dict[str, float] = {}
-        """Since when an active node has owed its first report [s]."""
+        """Since when an active node's first report is due [s]."""
         self._unreported: set[str] = set()
-        """Active nodes that do not report themselves."""
+        """Active nodes that do not report their own rates."""
         self._published: dict[tuple[str, str], Rate] = {}
-        """By node and name, the last published rates that are not as expected."""
+        """Node and name -> the last published rate that is not as expected."""
         self._by_silence: set[tuple[str, str]] = set()
-        """Of those the ones published as broken because nothing was reported."""
+        """Published rates that are broken because nothing was reported."""
 
     def received(self, report: RatesReported, now: float) -> Iterator[OutputEvent]:
-        """The news in a report; nodes that are not active, or not of this run, are ignored."""
+        """The events of a report; ignores nodes that are inactive or not part of this run."""
         node = report.node
         if self._state.states.get(node) != ACTIVE:
             return
         if not report.is_external:
             self._unreported.discard(node)
         elif node not in self._unreported:
-            return  # it reports itself by now
+            return  # the node now reports its own rates
         self._received[node] = now
         self._state.rates[node] = report.rates
         for rate in report.rates:
             yield from self._changes(node, rate)
 
     def silence(self, now: float) -> Iterator[OutputEvent]:
-        """The news of active nodes that have stopped reporting, or never began."""
+        """The events of active nodes that stopped reporting, or never started."""
         yield from self._unreported_rates(now)
         for node, received in list(self._received.items()):
             if self._state.states.get(node) != ACTIVE:
                 self._forget(node)
             elif node in self._state.hung or node in self._state.in_transition:
-                self._received[node] = now  # The heartbeat judges those.
+                self._received[node] = now  # the heartbeat handles hung nodes
             elif now - received > SILENT_S:
                 silent = tuple(
                     replace(rate, measured_hz=0.0, standing="broken")
@@ -105,7 +105,7 @@ class RateWatch:
         key = (node, rate.name)
         published = self._published.get(key)
         was_broken = published is not None and published.standing == "broken"
-        # A silence does not show what is wrong; the next report does.
+        # Silence does not show what is wrong; the next report does.
         was_silent = key in self._by_silence and not silent_s
         if was_silent:
             self._by_silence.discard(key)

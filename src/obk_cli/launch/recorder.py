@@ -1,7 +1,7 @@
-"""The recorder of a run: a process beside the nodes, started before them and ended after them.
+"""The recorder of a run: a process that starts before the nodes and ends after them.
 
-It is no part of the stack: if it fails, a warning is logged and the stack goes on. In: what to
-record. Out: `recording.mcap` in the run's folder.
+It is not part of the stack: if it fails, a warning is logged and the stack continues. It writes
+`recording.mcap` in the run's folder.
 """
 
 import signal
@@ -32,10 +32,10 @@ from obk_cli.runs.folder import topics_of_run
 
 __all__ = ["UNIT", "Recorder", "VideoReports"]
 
-BEGIN_S: Final = 5.0
-"""How long the nodes wait for the recorder [s]."""
+START_S: Final = 5.0
+"""Limit for the recorder to start; the nodes wait for it [s]."""
 END_S: Final = 5.0
-"""How long it may take for the last messages and the index [s]."""
+"""Limit for writing the last messages and the index [s]."""
 UNIT: Final = Unit(name="/recorder", nodes=())
 PROGRAM: Final = "obk_cli.record.recorder"
 
@@ -47,25 +47,25 @@ class Recorder:
         """Prepare a recording.
 
         Args:
-            request: what to record, without topics and patterns the plan's; None: nothing.
-            folder: the run's, with its description; None: there is none.
-            output: takes messages on the recording.
+            request: what to record, by default the plan's topics; None: nothing.
+            folder: the run's folder, with its description; None if it has none.
+            output: receives messages about the recording.
         """
         self._request = request
         self._folder = folder
         self._output = output
         self._processes: WardenProcesses | None = None
-        self._has_begun = threading.Event()
+        self._has_started = threading.Event()
         self._has_ended = threading.Event()
         self._has_command = False
         self._is_ending = False
 
     def commands(self, environment: Mapping[str, str]) -> Mapping[str, NodeCommand]:
-        """How the recorder is started, in this environment; empty if nothing is recorded."""
+        """The command of the recorder; empty if nothing is recorded."""
         if self._request is None:
             return {}
         if self._folder is None:
-            self._output.note("warning: nothing is recorded: there is no folder for it")
+            self._output.note("warning: nothing is recorded, because the run has no folder")
             return {}
         path = self._folder / "recording.json"
         try:
@@ -75,33 +75,33 @@ class Recorder:
             self._output.note(f"warning: nothing is recorded: {error}")
             return {}
         self._has_command = True
-        # -P: files in the working folder are no libraries.
+        # -P: files in the working folder must not shadow libraries.
         arguments = (sys.executable, "-P", "-m", PROGRAM, str(path))
         return {UNIT.name: NodeCommand(arguments=arguments, environment=environment)}
 
     def start(self, processes: WardenProcesses) -> None:
-        """Start the process if `commands` has given a command for it."""
+        """Start the process if `commands` returned a command for it."""
         if self._has_command:
             self._processes = processes
             processes.start(UNIT)
 
-    def wait_until_begun(self) -> None:
-        """Wait until the recorder has subscribed, or failed; the nodes come up after that."""
-        if self._processes is not None and not self._has_begun.wait(BEGIN_S):
-            self._output.note(f"warning: the recorder has not begun after {BEGIN_S:g} s")
+    def wait_until_started(self) -> None:
+        """Wait until the recorder has subscribed or failed; then the nodes are brought up."""
+        if self._processes is not None and not self._has_started.wait(START_S):
+            self._output.note(f"warning: the recorder did not start within {START_S:g} s")
 
     def on_process_event(self, event: ProcessEvent) -> None:
-        """Note the end of the recorder's process."""
+        """Record the end of the recorder's process."""
         if event.process == UNIT.name and isinstance(event, ProcessEnded):
             self._ended(event)
 
     def on_line(self, line: OutputLine) -> None:
-        """Note that the recording has begun."""
+        """Record that the recording has started."""
         if line.process == UNIT.name and line.text.startswith(BEGUN):
-            self._has_begun.set()
+            self._has_started.set()
 
     def on_event(self, event: OutputEvent) -> None:
-        """End the recording when the run has ended; `Ended` reaches later subscribers after it."""
+        """End the recording when the run ends, before later subscribers receive `Ended`."""
         if isinstance(event, Ended):
             self._end()
 
@@ -121,45 +121,45 @@ class Recorder:
             return
         self._processes.signal(UNIT.name, signal.SIGINT)
         if not self._has_ended.wait(END_S):
-            self._output.note(f"warning: the recorder does not end within {END_S:g} s")
+            self._output.note(f"warning: the recorder did not stop within {END_S:g} s")
 
     def _ended(self, end: ProcessEnded) -> None:
         self._has_ended.set()
-        self._has_begun.set()
+        self._has_started.set()
         if not self._is_ending or end.code:
-            self._output.note(f"warning: the recorder has ended: {end.how}; the stack goes on")
+            self._output.note(f"warning: the recorder stopped: {end.how}; the stack continues")
 
 
 _UNKNOWN: Final = "warning: the robot did not report how its video ended"
 
 
 class VideoReports:
-    """The videos that the robots of a run have reported; `on_event` subscribes to its events."""
+    """Reports the videos of a run's robots; `on_event` subscribes to the run's events."""
 
     def __init__(self, plan: Plan, share: Share, note: Callable[[str], None]) -> None:
         """Expect a video of each simulated robot that has the parameter `render`.
 
         Args:
-            plan: a whole stack.
-            share: what of it runs here.
+            plan: the whole stack.
+            share: the part that runs here.
             note: shows a line to the user.
         """
         robots = simulated_robots(plan, share)
         self._expected = [node for node in robots if node.parameters.get("render")]
         self._note = note
-        self._has_begun = False
+        self._has_started = False
         self._results: list[str] = []
 
     def on_event(self, event: OutputEvent) -> None:
-        """Collect what robots report, and show it when the run has ended."""
+        """Collect the robots' video reports, and show them when the run has ended."""
         match event:
             case VideoReported(video=video) if video.state == "recording":
-                self._has_begun = True
+                self._has_started = True
             case VideoReported(video=video):
                 self._results.append(str(video))
-            case Phase(name="active") if self._expected and not self._has_begun:
+            case Phase(name="active") if self._expected and not self._has_started:
                 names = list_names(node.full_name for node in self._expected)
-                self._note(f"warning: no video has begun, which `render` asks for of {names}")
-            case Ended() if self._has_begun:
+                self._note(f"warning: no video was started, although {names} has `render` set")
+            case Ended() if self._has_started:
                 for text in self._results or [_UNKNOWN]:
                     self._note(text)

@@ -1,6 +1,6 @@
-"""What follows from a crash: a restart with back-off within a budget, going on without, or the end.
+"""React to a crash: restart with back-off within a budget, continue without the node, or stop.
 
-The rule is `on_crash` of the node's config or of the launch.
+The rule is the `on_crash` of the node's config, otherwise of the launch.
 """
 
 from collections import defaultdict, deque
@@ -22,14 +22,14 @@ LONGEST_BACKOFF_S: Final = 5.0
 
 
 class _Budget:
-    """The restarts of one process: so many within any window of a length [s]."""
+    """The restarts of one process, limited within any window of a given length [s]."""
 
     def __init__(self, *, attempts: int, window_s: float) -> None:
         self._attempts = attempts
         self._window_s = window_s
         self._times: deque[float] = deque()
         self.count = 0
-        """Restarts over the whole run."""
+        """Number of restarts over the whole run."""
 
     @property
     def attempt(self) -> int:
@@ -43,7 +43,7 @@ class _Budget:
             now: monotonic time [s].
 
         Returns:
-            the back-off before it [s], doubled by each one in the window; None when the budget
+            the back-off before it [s], doubled by each restart in the window; None if the budget
             is spent.
         """
         while self._times and now - self._times[0] > self._window_s:
@@ -56,7 +56,7 @@ class _Budget:
 
 
 class RestartPolicy:
-    """Takes crashes, and handles them when the supervisor asks for it."""
+    """Collects crashes, and handles them when the supervisor calls it."""
 
     def __init__(
         self, context: RunContext, control: ProcessControl, runner: TransitionRunner
@@ -70,7 +70,7 @@ class RestartPolicy:
         )
 
     def crashed(self, node: str, kind: Literal["ended", "hung", "fault"], text: str) -> None:
-        """Note a crash of a node, or of a process; the rule `stop` brings the stack down."""
+        """Record a crash of a node or process; with the rule `stop`, the stack comes down."""
         state = self._context.state
         unit = state.unit_of.get(node, node)
         state.crashes.append(Crash(unit=unit, kind=kind, text=text, node=node))
@@ -78,12 +78,12 @@ class RestartPolicy:
             self._context.run.fail(text, node)
 
     def handle_crashes(self) -> None:
-        """Handle all crashes; then nodes are restored, or lost, or the stack comes down."""
+        """Handle all crashes: each node is restored or given up, or the stack comes down."""
         state, run = self._context.state, self._context.run
         while state.crashes and run.may_go_on:
             crash = state.crashes.popleft()
             if crash.unit not in state.units:
-                continue  # Of another device: the launch that started it restarts it.
+                continue  # on another device: the launch that started it restarts it
             if self._is_over(crash):
                 continue
             if crash.kind == "hung":
@@ -95,7 +95,7 @@ class RestartPolicy:
                 self._restart(crash)
 
     def _is_over(self, crash: Crash) -> bool:
-        """Whether it has passed by itself, or a later crash counts instead."""
+        """Whether it has resolved itself, or a later crash replaces it."""
         state = self._context.state
         if crash.kind == "hung":
             return state.hung.isdisjoint(state.units[crash.unit].node_names)
@@ -112,7 +112,7 @@ class RestartPolicy:
         self._context.publisher.publish(GoesOnWithout(nodes=nodes))
 
     def _restart(self, crash: Crash) -> None:
-        """Restart once; if that fails, another crash waits to be handled."""
+        """Restart once; a failure is recorded as another crash."""
         context, state = self._context, self._context.state
         is_fault = crash.kind == "fault"
         nodes = (crash.node,) if is_fault else state.units[crash.unit].node_names
@@ -152,7 +152,7 @@ class RestartPolicy:
             pass
 
     def _start(self, unit: str, nodes: Iterable[str]) -> bool:
-        """Start a process again and wait until its nodes are ready, or it ends; False: given up."""
+        """Restart a process and wait until its nodes are ready or it ends; False: it failed."""
         context, state = self._context, self._context.state
         if not self._wait_for_end(unit):
             return False
@@ -169,18 +169,18 @@ class RestartPolicy:
         return True
 
     def _wait_for_end(self, unit: str) -> bool:
-        """Wait for the end of a process that was killed; False: the stack comes down first."""
+        """Wait for a killed process to end; False: the stack comes down first."""
         context = self._context
         until = context.loop.now() + context.limits.grace_s
         while context.run.may_go_on and self._runs(unit):
             if context.loop.wait(until) is None:
-                context.run.fail(f"{unit}: the process is still there after SIGKILL")
+                context.run.fail(f"{unit}: the process is still running after SIGKILL")
         return context.run.may_go_on
 
     def _restore(self, unit: str, nodes: tuple[str, ...]) -> bool:
-        """Take nodes to the state last requested of them, tier by tier as at the bring-up.
+        """Take nodes to the state last requested for them, tier by tier as in the bring-up.
 
-        False: it did not work, and that is a crash of its own.
+        False: this failed, which counts as a crash of its own.
         """
         state = self._context.state
         if not self._runs(unit):
@@ -213,7 +213,7 @@ class RestartPolicy:
         return unit in self._context.state.running
 
     def _give_up(self, node: str, text: str) -> None:
-        """End this attempt."""
+        """Record the failed attempt as a crash."""
         state = self._context.state
         unit = state.unit_of[node]
         self._control.kill(unit)

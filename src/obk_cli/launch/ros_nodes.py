@@ -1,7 +1,7 @@
-"""The nodes of a stack over ROS: requests, and the input events that follow from what they report.
+"""The nodes of a stack over ROS: sends requests, and turns what nodes report into input events.
 
-A node that is watched once more runs in a new process. The one before may be in the graph for as
-long as its DDS lease lasts, so a node counts as ready when it answers a question asked since.
+A node that is watched again runs in a new process. The previous one may stay in the graph for the
+duration of its DDS lease, so a node counts as ready only when it answers a new query.
 """
 
 import threading
@@ -53,38 +53,38 @@ __all__ = [
 
 POLL_S: Final = 0.01
 SLOW_POLL_S: Final = 0.1
-"""Instead of `POLL_S` after `FAST_POLLING_S`: what is not up by then is started by hand [s]."""
+"""Replaces `POLL_S` after `FAST_POLLING_S`: nodes that start later are started by hand [s]."""
 FAST_POLLING_S: Final = 10.0
 ASK_AGAIN_S: Final = 0.1
-"""A question that reaches only a dead server is lost [s]."""
+"""Repeat interval: a query that reaches only a dead server is lost [s]."""
 ASK_AGAIN_FIRST_S: Final = 0.02
-"""So is one to a server that does not know the client yet: at first asked again sooner [s]."""
+"""First repeat interval: a server may not know the client yet [s]."""
 FAULT_S: Final = 1.0
-"""How long a node that failed may take to report its fault [s]."""
+"""Limit for a failed node to report its fault [s]."""
 DEPTH: Final = 100
-"""Each node of a large stack reports its rates once a second, and all may do so at once."""
+"""Queue depth: all nodes of a large stack may report their rates at the same time."""
 
 
 def open_ros_nodes(name: str, environment: RosEnvironment) -> AbstractContextManager["RosNodes"]:
-    """A ROS node of our own that talks to the nodes of a stack, spinning in a thread.
+    """Open a ROS node that communicates with the nodes of a stack, and spin it in a thread.
 
     Args:
         name: the node's name; the process id is added.
-        environment: put into effect for this process first.
+        environment: applied to this process first.
 
     Raises:
-        CommandFailedError: there is no rclpy, or it does not start.
+        CommandFailedError: rclpy is missing, or does not start.
     """
     return open_client(name, environment, RosNodes)
 
 
 class RosNodes(LifecycleClient):
-    """Sends requests without waiting; what follows is reported as events."""
+    """Sends requests without waiting; reports the results as events."""
 
     def __init__(
         self, name: str, context: Any, executor: Any, begin_s: float | None = None
     ) -> None:
-        """Make the node; see `LifecycleClient`."""
+        """Create the node; see `LifecycleClient`."""
         super().__init__(name, context, executor, begin_s)
         self._on_event: Callable[[InputEvent], None] = lambda _: None
         self._watch = NodeWatch(self._node, self._clients, self._report)
@@ -107,11 +107,11 @@ class RosNodes(LifecycleClient):
         subscribe_to_diagnostics(self._node, nodes, self._report)
 
     def prepare(self, nodes: Iterable[str]) -> None:
-        """Make what it takes to watch these nodes, which are to start."""
+        """Create the subscriptions and clients for these nodes before they start."""
         self._watch.prepare(nodes)
 
     def watch(self, nodes: Iterable[str]) -> None:
-        """Watch these nodes: `Ready` when their services answer, then what they report.
+        """Watch these nodes: report `Ready` when their services answer, then their events.
 
         A node that was watched before runs in a new process; `Ready` follows for that one.
         """
@@ -133,7 +133,7 @@ class RosNodes(LifecycleClient):
         self._clients.change_state(node, transition).add_done_callback(answer)
 
     def publishes_diagnostics(self, node: str) -> bool:
-        """Whether a node publishes `/diagnostics`, so that it reports the rates that it has."""
+        """Whether a node publishes `/diagnostics`, and therefore reports its own rates."""
         ends = self.participant().topic(DIAGNOSTICS_TOPIC).publishers
         return any(end.node == node for end in ends)
 
@@ -147,7 +147,7 @@ class RosNodes(LifecycleClient):
         self._clients.ask_state(node).add_done_callback(report)
 
     def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
-        """Those of the full names that other nodes have already; see `RosGraph.taken`."""
+        """The full names that other nodes already have; see `RosGraph.taken`."""
         return self.graph.taken(names, discovery_s)
 
     def foreign_publishers(
@@ -161,14 +161,14 @@ class RosNodes(LifecycleClient):
 
 
 def failed_transition(passed: str, fault: str) -> str:
-    """The transition that a fault belongs to; empty when the node failed by itself.
+    """The transition to which a fault belongs; empty if the node failed by itself.
 
     A node that fails by itself goes to error processing through `deactivate` or `cleanup`; then its
-    fault names a callback of another name.
+    fault names the callback of another transition.
 
     Args:
-        passed: the transition through which the node came to error processing.
-        fault: the node's own account, empty if it has none.
+        passed: the transition through which the node entered error processing.
+        fault: the fault as the node reported it; empty if it did not.
     """
     may_be_own = passed in ("deactivate", "cleanup") and fault != ""
     return "" if may_be_own and not fault.startswith(f"on_{passed}:") else passed
@@ -192,8 +192,8 @@ def event_of_transition(node: str, start: str, goal: str) -> StateSeen | Transit
 class NodeWatch:
     """Reports events of nodes, from the thread that spins.
 
-    Nodes that are not ready yet are looked for in a thread of its own: a timer would make the
-    executor look at all clients of a large stack each time, which takes longer than the look.
+    Waiting nodes are polled in a separate thread: a timer would make the executor examine all
+    clients of a large stack each time, which takes longer than the poll.
     """
 
     def __init__(
@@ -202,12 +202,12 @@ class NodeWatch:
         clients: NodeClients,
         on_event: Callable[[InputEvent], None],
     ) -> None:
-        """Watch no node yet.
+        """Start without nodes.
 
         Args:
-            node: of rclpy, that subscribes.
-            clients: of the nodes to come.
-            on_event: takes `Ready`, `TransitionStarted`, `StateSeen` and `Failed`.
+            node: the rclpy node that subscribes.
+            clients: of the nodes that will be watched.
+            on_event: receives `Ready`, `TransitionStarted`, `StateSeen` and `Failed`.
         """
         self._node = node
         self._clients = clients
@@ -218,10 +218,10 @@ class NodeWatch:
         self._begin = 0.0
         self._is_over = threading.Event()
         self._seeker: threading.Thread | None = None
-        """Looks for the waiting nodes; None: there are none."""
+        """Polls the waiting nodes; None if none wait."""
 
     def close(self) -> None:
-        """Look for no node any more; to be called before the node is destroyed."""
+        """Stop polling; call this before the node is destroyed."""
         with self._lock:
             self._is_over.set()
             seeker = self._seeker
@@ -229,7 +229,7 @@ class NodeWatch:
             seeker.join()
 
     def prepare(self, nodes: Iterable[str]) -> None:
-        """Make the subscriptions and clients of these nodes, which are to start."""
+        """Create the subscriptions and clients for these nodes before they start."""
         for name in nodes:
             self._subscribe(name)
             self._clients.open(name)
@@ -246,7 +246,7 @@ class NodeWatch:
                 self._seeker.start()
 
     def report_fault(self, node: str, report: Callable[[str], None]) -> None:
-        """Ask a node for its newest fault; `report` is called once, with "" without an answer."""
+        """Query a node's newest fault; `report` is called once, with "" if it does not answer."""
         if not self._clients.is_ready(node, "last_error"):
             report("")
             return
@@ -274,7 +274,7 @@ class NodeWatch:
             )
 
     def _seek(self) -> None:
-        """Ask the waiting nodes again and again, until there are none."""
+        """Query the waiting nodes repeatedly until all have answered."""
         pause_s = 0.0
         while not self._is_over.wait(pause_s):
             now = time.monotonic()
@@ -288,8 +288,8 @@ class NodeWatch:
 
     def _ask(self, waiting: Iterable[tuple[str, "_Wait"]], now: float) -> None:
         for name, wait in waiting:
-            if now - wait.asked > wait.pause_s and self._has_services(name):
-                wait.asked, wait.pause_s = now, min(2 * wait.pause_s, ASK_AGAIN_S)
+            if now - wait.queried > wait.pause_s and self._has_services(name):
+                wait.queried, wait.pause_s = now, min(2 * wait.pause_s, ASK_AGAIN_S)
                 self._clients.ask_state(name).add_done_callback(partial(self._ready, name, wait))
 
     def _has_services(self, name: str) -> bool:
@@ -315,13 +315,13 @@ class NodeWatch:
 
 
 class _Wait:
-    """Waiting for a node's first answer since it is watched."""
+    """A wait for a node's first answer since it is watched."""
 
     def __init__(self) -> None:
-        self.asked = 0.0
-        """When the node was last asked [s]."""
+        self.queried = 0.0
+        """When the node was last queried [s]."""
         self.pause_s = ASK_AGAIN_FIRST_S
-        """Until it is asked again [s]."""
+        """Time until the next query [s]."""
 
 
 def subscribe_to_diagnostics(
@@ -334,9 +334,9 @@ def subscribe_to_diagnostics(
     """Report rates, activations, rejections and videos of these nodes, from the spinning thread.
 
     Args:
-        node: of rclpy, that subscribes.
-        nodes: full names; what others report is ignored.
-        on_event: takes what they report.
+        node: the rclpy node that subscribes.
+        nodes: full names; reports of other nodes are ignored.
+        on_event: receives the reports.
     """
     from diagnostic_msgs.msg import DiagnosticArray
 

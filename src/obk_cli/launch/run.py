@@ -1,8 +1,8 @@
-"""Runs a plan on this machine until it ends by itself, by a signal or by a failure.
+"""Run a plan on this machine until it ends by itself, by a signal or by a failure.
 
 The library entry behind `obk launch`: joins the supervisor with processes, ROS and the console.
-Takes a plan, gives how the run ended. Runs on without log files if they cannot be written, and
-never waits for a slow reader of the screen.
+Takes a plan and returns how the run ended. Continues without log files if they cannot be written,
+and never waits for a slow reader of the screen.
 """
 
 import signal
@@ -75,14 +75,14 @@ def run_plan(
 
     Args:
         plan: what to run.
-        packages: where the executables are.
-        environment: of the ROS processes.
-        options: which part of it, how far, how long.
-        console: shows what happens; when its output is closed the stack is brought down.
+        packages: where the executables are found.
+        environment: the environment of the ROS processes.
+        options: which part of the plan runs, how far and how long.
+        console: shows events; if its output is closed, the stack is brought down.
 
     Raises:
-        CommandFailedError: an executable is missing, the stack or one of its nodes runs already,
-            another node moves the robot, ROS does not start, or no folder takes the parameters.
+        CommandFailedError: an executable is missing, the stack or one of its nodes is already
+            running, another node moves the robot, ROS does not start, or no folder is writable.
     """
     inbox, share = SimpleQueue[InputEvent](), options.share
     executables, units = _units(plan, packages, options)
@@ -106,7 +106,7 @@ def run_plan(
         recorder = Recorder(options.recording, lock.folder, output)
         videos = VideoReports(plan, share, output.note)
         programs = [command.in_python for command in commands.values()]
-        # Before ROS starts: its threads must not be in the warden's fork.
+        # Before ROS starts, so that its threads are not part of the warden's fork.
         processes = stack.enter_context(
             WardenProcesses(
                 commands={**commands, **recorder.commands(variables)},
@@ -121,7 +121,7 @@ def run_plan(
         gated = early_units(units, executables, options.gated_executables)
         with held_at_gate(lock.folder, gated, processes):
             ros = stack.enter_context(open_ros_nodes("obk_launch", environment))
-            # What follows takes place while discovery goes on.
+            # The following steps run while discovery continues.
             ros.report_to(inbox.put)
             _prepare_for(units, ros)
             _serve_others(lock.folder, ros, inbox, output, stack)
@@ -143,13 +143,13 @@ def run_plan(
             strict_rates=options.strict_rates,
             lead=None if share.leads else _state_node(plan),
         )
-        recorder.wait_until_begun()
+        recorder.wait_until_started()
         lock.ended = supervisor.run(options.until, options.duration_s)
         return lock.ended
 
 
 def _process_events(recorder: Recorder, inbox: "SimpleQueue[InputEvent]") -> EventBus[ProcessEvent]:
-    """Starts and ends of processes; the supervisor ignores those of the recorder."""
+    """The bus for starts and ends of processes; the supervisor ignores those of the recorder."""
     bus = EventBus[ProcessEvent]()
     bus.subscribe(recorder.on_process_event)
     bus.subscribe(inbox.put)
@@ -157,7 +157,7 @@ def _process_events(recorder: Recorder, inbox: "SimpleQueue[InputEvent]") -> Eve
 
 
 def _lines(output: Output, recorder: Recorder) -> EventBus[OutputLine]:
-    """The lines that processes write."""
+    """The bus for output lines of processes."""
     bus = EventBus[OutputLine]()
     bus.subscribe(output.line)
     bus.subscribe(recorder.on_line)
@@ -172,9 +172,9 @@ def _events(
     state_node: StateNode | None,
     output: Output,
 ) -> EventBus[OutputEvent]:
-    """What the supervisor publishes.
+    """The bus for events of the supervisor.
 
-    At the end the recording is closed and the videos are reported before the end itself is shown.
+    At the end, the recording is closed and the videos are reported before the end is shown.
     """
     bus = EventBus[OutputEvent]()
     bus.subscribe(recorder.on_event)
@@ -198,7 +198,7 @@ def _shown_by(node: StateNode) -> Callable[[OutputEvent], None]:
 def _units(
     plan: Plan, packages: PackageIndex, options: LaunchOptions
 ) -> tuple[Executables, tuple[Unit, ...]]:
-    """The programs of the nodes that run here, and the processes that they run in."""
+    """The programs of the nodes that run here, and the processes that run them."""
     here = [node for node in plan.nodes if node.device in options.share.devices]
     executables = find_executables(here, packages)
     together = composable(here, executables) if options.is_composed else frozenset[str]()
@@ -214,7 +214,7 @@ def _without_conflicts(
     options: LaunchOptions,
     inbox: "SimpleQueue[InputEvent]",
 ) -> Iterator[None]:
-    """Make sure that no other node has the stack's names, nor moves its robot."""
+    """Check that no other node uses the stack's names or moves its robot."""
     own = [_state_node(plan)] if options.share.leads else []
     names = (*own, *(name for unit in units for name in unit.node_names))
     refuse_taken_names(names, ros, environment.domain)
@@ -231,7 +231,7 @@ def _state_node(plan: Plan) -> str:
 
 
 def _prepare_for(units: tuple[Unit, ...], ros: RosNodes) -> None:
-    """Make what the nodes to come are asked and heard by."""
+    """Create the clients and subscriptions for the nodes before they start."""
     nodes = [node for unit in units for node in unit.nodes]
     ros.report_diagnostics(node.full_name for node in nodes)
     ros.prepare(node.full_name for node in nodes if node.has_lifecycle)
@@ -244,17 +244,17 @@ def _serve_others(
     output: Output,
     stack: ExitStack,
 ) -> None:
-    """Answer other terminals of this host; if that is not possible they ask the nodes."""
+    """Answer other terminals of this host; if that fails, they query the nodes instead."""
     if folder is None:
         return
-    # Not at the top: the nodes' processes start before this is loaded.
+    # Not at the top: this is loaded while the nodes' processes start.
     from obk_cli.introspect.graph_source import GraphService
     from obk_cli.launch.control_server import serve_control
 
     try:
         stack.enter_context(serve_control(folder, inbox.put, GraphService(ros.participant()).ask))
     except OSError as error:
-        output.note(f"warning: other terminals are not answered: {error}")
+        output.note(f"warning: other terminals cannot reach this launch: {error}")
 
 
 def _commands(
@@ -268,7 +268,7 @@ def _commands(
 ) -> tuple[Mapping[str, NodeCommand], Mapping[str, str]]:
     """The processes' commands, and the environment that they have in common.
 
-    If the run's folder takes no files, the commands are with those in another one.
+    If the run's folder is not writable, the files of the commands go into another folder.
     """
 
     def commands_in(folder: Path) -> tuple[Mapping[str, NodeCommand], Mapping[str, str]]:
@@ -299,7 +299,7 @@ def _requesting_end(
 
 def _requesting_stop(inbox: "SimpleQueue[InputEvent]") -> Callable[[signal.Signals], None]:
     def request(number: signal.Signals) -> None:
-        # A closing terminal sends SIGHUP more than once; that is no urgent request.
+        # A closing terminal sends SIGHUP more than once, which must not force the stop.
         inbox.put(StopRequested(reason=number.name, is_urgent=number != signal.SIGHUP))
 
     return request

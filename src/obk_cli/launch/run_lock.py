@@ -1,7 +1,7 @@
-"""The lock of a run: no two runs with the same nodes on one machine at a time.
+"""The lock of a run: a node name is used by only one run at a time on this machine.
 
-A run's folder is made under a file lock of its ROS domain before anything starts, and
-records at the end how the run ended.
+A run's folder is created under a file lock of its ROS domain before anything starts. At the end it
+records how the run ended.
 """
 
 import errno
@@ -43,24 +43,24 @@ if TYPE_CHECKING:
 __all__ = ["RunLock", "claim_run", "locked_run"]
 
 CLAIM_S: Final = 5.0
-"""How long another launch may hold the lock [s]."""
+"""Limit for another launch to hold the lock [s]."""
 MOST_REPLACED: Final = 20
-"""Launchers to end before giving up: something restarts them again and again."""
+"""Maximum number of launchers to stop; if there are more, something keeps restarting them."""
 POLL_S: Final = 0.01
 
 
 @dataclass(slots=True, kw_only=True)
 class RunLock:
-    """The names of a run's nodes on this machine, and its folder."""
+    """A run's node names on this machine, and its folder."""
 
     run: Run
     folder: Path | None
     fault: OSError | None = None
-    """Why there is no folder."""
+    """Why the run has no folder; None if it has one."""
     ended: Ended | None = None
 
     def report(self, output: "Output") -> None:
-        """Report where the logs are, or why there are none."""
+        """Report where the logs are, or why no logs are written."""
         if self.fault is not None:
             output.unwritable(self.fault)
         else:
@@ -71,10 +71,10 @@ class RunLock:
 def locked_run(
     plan: Plan, environment: RosEnvironment, options: LaunchOptions
 ) -> Iterator[RunLock]:
-    """While entered, this launch has its nodes' names on this machine.
+    """While entered, this launch owns its node names on this machine.
 
     Raises:
-        CommandFailedError: the stack or one of its nodes runs already.
+        CommandFailedError: the stack or one of its nodes is already running.
     """
     run = _run(plan, environment, options)
     try:
@@ -96,7 +96,7 @@ def locked_run(
         lock.ended = Ended(exit_code=error.exit_code, cause=error.message)
         raise
     finally:
-        # If it cannot be written, the end of the process shows that the run is over.
+        # If this cannot be written, the end of the process shows that the run is over.
         with suppress(OSError):
             ended = lock.ended
             exit_code, cause = (ended.exit_code, ended.cause) if ended else (None, "")
@@ -129,25 +129,25 @@ def claim_run(
     keep: int = KEPT_RUNS,
     replace_other: bool = False,
 ) -> Path:
-    """Make the folder of a new run and describe the run there; remove the oldest ones.
+    """Create and describe the folder of a new run; remove the oldest folders.
 
-    Of two launches at a time the first one gets the lock and the second one finds its run.
-    Launches of one config that each run another device of it, in one ROS domain, do not conflict.
+    If two launches start together, the first gets the lock and the second finds its run. Launches
+    of one config in one ROS domain do not conflict if each runs a different device of it.
 
     Args:
         parent: the folder of all runs.
-        run: what runs.
+        run: the new run.
         now: the time in the user's time zone.
-        made_from: what it was made from.
-        keep: how many runs stay, this one included; live ones always do.
-        replace_other: end the conflicting launches.
+        made_from: the sources of the run.
+        keep: how many runs to keep, including this one; running ones are always kept.
+        replace_other: stop conflicting launches.
 
     Raises:
-        CommandFailedError: a live run of the same ROS domain has the name or one of the nodes.
-        OSError: the folder cannot be written, or is another user's.
+        CommandFailedError: a running stack in the same ROS domain has the name or a node name.
+        OSError: the folder cannot be written, or belongs to another user.
     """
     if is_within_untrusted(parent):
-        raise PermissionError(errno.EPERM, "it is another user's", str(parent))
+        raise PermissionError(errno.EPERM, "it belongs to another user", str(parent))
     parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     claimed = replace(run, boot=boot_id())
     for _ in range(MOST_REPLACED):
@@ -155,21 +155,21 @@ def claim_run(
             conflicting = _first_conflicting(parent, run)
             if conflicting is None:
                 folder = _described_folder(parent, claimed, now, made_from)
-        # The rest may take longer than others wait for the lock.
+        # The rest may take longer than other launches wait for the lock.
         if conflicting is None:
             _remove_old(parent, keep)
             return folder
         if not replace_other:
             raise _refusal(run, conflicting[1])
         _end_launcher(*conflicting)
-    raise CommandFailedError(f"the stack `{run.name}` is started again and again from elsewhere")
+    raise CommandFailedError(f"another process keeps restarting the stack `{run.name}`")
 
 
 def _described_folder(parent: Path, run: Run, now: datetime, made_from: RunOrigin | None) -> Path:
-    """The folder of a run with its description; no folder is left if that cannot be written.
+    """Create a run's folder with its description; removed again if that cannot be written.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the description cannot be written.
     """
     folder = make_run_folder(parent, run.name, now)
     try:
@@ -199,7 +199,7 @@ def _common(run: Run, other: Run) -> list[str]:
 def _refusal(run: Run, other: Run) -> CommandFailedError:
     nodes = ", ".join(_common(run, other) or other.all_nodes)
     return CommandFailedError(
-        f"the stack `{other.name}` already runs in the ROS domain {other.domain} "
+        f"the stack `{other.name}` is already running in the ROS domain {other.domain} "
         f"(process {other.pid}, {nodes})",
         help="stop it or use another ROS_DOMAIN_ID",
     )
@@ -209,9 +209,9 @@ def _end_launcher(folder: Path, other: Run) -> None:
     end = end_launcher(folder, other, reason="replaced", timeout_s=STOP_S, may_kill=True)
     if end == "running":
         raise CommandFailedError(
-            f"the stack `{other.name}` in the ROS domain {other.domain} does not end "
+            f"the stack `{other.name}` in the ROS domain {other.domain} did not stop "
             f"(process {other.pid})",
-            help="the system holds on to that process; use another ROS_DOMAIN_ID",
+            help="the process cannot be killed; use another ROS_DOMAIN_ID",
         )
 
 
@@ -224,7 +224,7 @@ def _remove_old(parent: Path, keep: int) -> None:
 
 @contextmanager
 def _file_lock(path: Path) -> Iterator[None]:
-    """Wait for a file's lock, with a deadline; it is free again at the end, however that comes."""
+    """Wait for a file's lock, up to a limit; the lock is always released at the end."""
     deadline = time.monotonic() + CLAIM_S
     with path.open("w") as file:
         while True:
@@ -235,7 +235,7 @@ def _file_lock(path: Path) -> Iterator[None]:
                 if time.monotonic() > deadline:
                     raise CommandFailedError(
                         f"another process has held {path} for {CLAIM_S:g} s",
-                        help="end an `obk launch` that is stopped or hangs",
+                        help="end any `obk launch` that is suspended or hangs",
                     ) from None
                 time.sleep(POLL_S)
         yield

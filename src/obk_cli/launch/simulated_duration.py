@@ -1,6 +1,6 @@
-"""Count a number of simulated seconds on the clock page of a launch.
+"""Count simulated seconds on the clock page of a launch.
 
-The simulator wakes the launcher at the step that reaches the end, at any speed of the simulation.
+The simulator wakes the launcher at the step that reaches the end, at any simulation speed.
 """
 
 import mmap
@@ -24,11 +24,11 @@ __all__ = ["SimulatedDuration", "counting"]
 
 _NS_PER_S: Final = 1_000_000_000
 _UP: Final = ("active", "following")
-"""Phases from which on the simulation may run."""
+"""Phases after which the simulation may run."""
 
 
 class SimulatedDuration:
-    """Counts from the phase `active`; a reset of the simulation starts the count again."""
+    """Counts from the phase `active`; a reset of the simulation restarts the count."""
 
     def __init__(
         self, clock: ClockDescriptors, duration_s: float, on_over: Callable[[], None]
@@ -36,9 +36,9 @@ class SimulatedDuration:
         """Map the page.
 
         Args:
-            clock: the page, with a place and a wake descriptor that only this counter uses.
+            clock: the page, with a place and a wake descriptor used only by this counter.
             duration_s: how long to count [simulated s].
-            on_over: called once at the end, on a thread of its own.
+            on_over: called once at the end, in a separate thread.
         """
         size = clock_page_bytes(len(clock.wakes))
         self._words = memoryview(mmap.mmap(clock.page, size)).cast("q")
@@ -51,7 +51,7 @@ class SimulatedDuration:
         self._counter: threading.Thread | None = None
 
     def on_event(self, event: OutputEvent) -> None:
-        """Start to count when the stack is up."""
+        """Start counting when the stack is up."""
         if self._counter is None and isinstance(event, Phase) and event.name in _UP:
             self._start_count()
             self._counter = threading.Thread(target=self._count, name="sim duration", daemon=True)
@@ -87,7 +87,7 @@ class SimulatedDuration:
 def counting(
     clock: ClockDescriptors | None, duration_s: float | None, on_over: Callable[[], None]
 ) -> Iterator[Callable[[OutputEvent], None]]:
-    """Takes the events of a run, and counts; does nothing without a clock or a duration."""
+    """Yield a subscriber that counts; it does nothing without a clock or a duration."""
     if clock is None or duration_s is None:
         yield lambda _event: None
         return

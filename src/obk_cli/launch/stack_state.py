@@ -1,6 +1,6 @@
-"""Facts of a run: its nodes and processes, the failures so far. Decides and does nothing.
+"""Facts about a run: its nodes, its processes and the failures so far. Makes no decisions.
 
-`StackState` knows the nodes, `RunState` why and how fast the run is to end.
+`StackState` holds the nodes; `RunState` holds why and how fast the run is to end.
 """
 
 from collections import Counter, deque
@@ -18,21 +18,21 @@ from obk_cli.runs.protocol import NodeStatus
 __all__ = ["GONE", "Crash", "Failure", "RunState", "StackState"]
 
 GONE: Final = "gone"
-"""Instead of a state, for a node whose process has ended."""
+"""Shown in place of a state for a node whose process has ended."""
 ORDER: Final = (UNCONFIGURED, INACTIVE, ACTIVE)
 ONE_REQUEST_S: Final = 0.3
-"""Signals this close to the first one belong to it: `timeout` sends two, a closing terminal too."""
+"""Signals within this time are one request: `timeout` and closing terminals send several [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crash:
-    """Something that the rule `on_crash` applies to and that is not handled yet."""
+    """A crash to which the rule `on_crash` applies and that is not handled yet."""
 
     unit: str
     kind: Literal["ended", "hung", "fault"]
     text: str
     node: str
-    """The node at fault; of a process that ended or hangs, one of its nodes."""
+    """The node at fault; for a process that ended or hangs, one of its nodes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,17 +55,17 @@ class RunState:
 
     @property
     def may_go_on(self) -> bool:
-        """Whether there is no reason to come down."""
+        """Whether nothing requires the stack to come down."""
         return self._stop_reason is None and not self._failures
 
     @property
     def is_going_down(self) -> bool:
-        """Whether the stack is being brought down; ends of processes are expected then."""
+        """Whether the stack is being brought down; processes are expected to end then."""
         return self._is_going_down
 
     @property
     def force_quit(self) -> bool:
-        """Whether the stop was requested again, so that nothing is waited for."""
+        """Whether the stop was requested again, so that nothing waits any more."""
         return self._force_quit
 
     @property
@@ -80,12 +80,12 @@ class RunState:
 
     @property
     def stop_reason(self) -> str | None:
-        """Why the stack comes down without a failure; None: it need not."""
+        """Why the stack comes down without a failure; None if it does not."""
         return self._stop_reason
 
     @property
     def reason(self) -> str:
-        """Why the stack comes down; empty when nothing has ended the run."""
+        """Why the stack comes down; empty if nothing has ended the run."""
         return self._failures[0].text if self._failures else self._stop_reason or ""
 
     def fail(self, text: str, node: str | None = None) -> None:
@@ -93,11 +93,11 @@ class RunState:
         self._failures.append(Failure(text=text, node=node))
 
     def stop(self, reason: str) -> None:
-        """Bring the stack down without a failure; the first reason stays."""
+        """Bring the stack down without a failure; the first reason is kept."""
         self._stop_reason = self._stop_reason or reason
 
     def request_stop(self, reason: str, now: float, *, is_urgent: bool) -> None:
-        """Stop on request; a later urgent request, not one of a burst, forces it."""
+        """Stop on request; a later urgent request outside the same burst forces the stop."""
         if self._stopping_since is None:
             self._stopping_since = now
         elif is_urgent and now - self._stopping_since > ONE_REQUEST_S:
@@ -105,25 +105,25 @@ class RunState:
         self.stop(reason)
 
     def go_down(self, now: float) -> None:
-        """Begin to bring the stack down."""
+        """Start to bring the stack down."""
         self._is_going_down = True
         if self._stopping_since is None:
             self._stopping_since = now
 
 
 class StackState:
-    """The nodes of a plan, those of other devices too, and the processes that run here."""
+    """The nodes of a plan, including those of other devices, and the processes that run here."""
 
     def __init__(
         self, plan: Plan, units: Iterable[Unit], *, lead: str | None, on_crash: OnCrash
     ) -> None:
-        """Begin with nothing running.
+        """Start without running processes.
 
         Args:
             plan: the whole stack.
             units: the processes that run here.
-            lead: full name of the state node of the launch that takes the nodes through their
-                transitions; None: this launch does, those of other devices too.
+            lead: full name of the state node of the launch that runs the nodes' transitions; None:
+                this launch does, also for other devices.
             on_crash: for nodes whose config sets none.
         """
         self.plan: Final = plan
@@ -138,69 +138,69 @@ class StackState:
             for name, p in self.nodes.items()
             if p.has_lifecycle and (lead is None or name in self.unit_of)
         )
-        """The nodes that this launch takes through transitions."""
+        """The nodes whose transitions this launch runs."""
         self.pids: Final[dict[str, int]] = {}
         self.running: Final[set[str]] = set()
-        """Names of the units whose process runs, or was requested."""
+        """Names of the units whose process is running or was requested."""
         self.ready: Final[set[str]] = set()
         self.states: Final[dict[str, str]] = {}
         self.requested: Final[dict[str, str]] = {}
-        """The state that was last requested of a node: to it a node that crashed is restored."""
+        """The last state requested of a node, to which it is restored after a crash."""
         self.lost: Final[set[str]] = set()
-        """Nodes that crashed and that the stack goes on without."""
+        """Nodes that crashed and without which the stack continues."""
         self.failed: Final[set[str]] = set()
-        """Nodes that failed by themselves and were left like that."""
+        """Nodes that failed by themselves and were left in that state."""
         self.hung: Final[set[str]] = set()
         self.in_transition: Final[set[str]] = set()
-        """Nodes with a requested transition that have not answered yet."""
+        """Nodes that have not yet answered a requested transition."""
         self.rates: Final[dict[str, tuple[Rate, ...]]] = {}
         """The last reported rates of active nodes."""
         self.restarts: Final[Counter[str]] = Counter()
         self.crashes: Final[deque[Crash]] = deque()
-        """Those that are not handled yet."""
+        """Crashes that are not handled yet."""
         self.moving = ""
         """The state shown for the whole stack during a transition; empty: that of its nodes."""
         self._on_crash: OnCrash = on_crash
 
     def is_local(self, node: str) -> bool:
-        """Whether a node's process is one of this launch."""
+        """Whether this launch runs a node's process."""
         return node in self.unit_of
 
     def is_present(self, node: str) -> bool:
-        """Whether requests to a node make sense."""
+        """Whether a node can take requests."""
         if not self.is_local(node):
             return node not in self.lost
         return self.unit_of[node] in self.running
 
     def is_early(self, unit: str) -> bool:
-        """Whether a process's nodes do not handle signals in their own way yet."""
+        """Whether a process's nodes do not handle signals themselves yet."""
         names = self.with_lifecycle.intersection(self.units[unit].node_names)
         return not names <= self.ready
 
     def local_nodes(self) -> frozenset[str]:
-        """The nodes with a life cycle whose processes are of this launch."""
+        """The nodes with a life cycle whose processes this launch runs."""
         return frozenset(node for node in self.with_lifecycle if self.is_local(node))
 
     def remote_nodes(self) -> frozenset[str]:
-        """The nodes with a life cycle whose processes are of other launches."""
+        """The nodes with a life cycle whose processes other launches run."""
         return frozenset(
             name for name, p in self.nodes.items() if p.has_lifecycle and not self.is_local(name)
         )
 
     def missing(self, nodes: Collection[str]) -> frozenset[str]:
-        """Those of the nodes that are still to come up."""
+        """The nodes that have yet to come up."""
         return frozenset(nodes) - self.ready - self.lost
 
     def counted(self) -> frozenset[str]:
-        """The nodes with a life cycle that make up the stack's state."""
+        """The nodes with a life cycle that determine the stack's state."""
         present = {n for n in self.with_lifecycle - self.lost if not self._hangs_ignored(n)}
         failed = {n for n in self.failed & present if self.states.get(n) == UNCONFIGURED}
-        # If the others are no further, nothing keeps it from coming along.
+        # If no other node is further, nothing keeps it from coming along.
         is_behind = any(self.states.get(n) != UNCONFIGURED for n in present - failed)
         return frozenset(present - failed if is_behind else present)
 
     def _hangs_ignored(self, node: str) -> bool:
-        """Whether the stack goes on without a node until that answers again."""
+        """Whether the stack continues without a hung node until it answers again."""
         return node in self.hung and self.on_crash(self.unit_of.get(node, node)) == "ignore"
 
     def on_crash(self, unit: str) -> OnCrash:
@@ -208,11 +208,11 @@ class StackState:
         return rule_of(self.members(unit), self._on_crash)
 
     def members(self, unit: str) -> tuple[PlannedNode, ...]:
-        """The nodes in a process; a node of another device by its own name."""
+        """The nodes in a process; for a node of another device, by its own name."""
         return self.units[unit].nodes if unit in self.units else (self.nodes[unit],)
 
     def process_requested(self, unit: str) -> None:
-        """Forget the nodes of a process that is about to start."""
+        """Forget everything known about the nodes of a process that is about to start."""
         self.running.add(unit)
         names = self.units[unit].node_names
         self.ready.difference_update(names)
@@ -221,7 +221,7 @@ class StackState:
             self.states.pop(node, None)
 
     def process_ended(self, unit: str) -> None:
-        """Note that a process has ended, and its nodes with it."""
+        """Record that a process and its nodes have ended."""
         self.running.discard(unit)
         self.pids.pop(unit, None)
         for node in self.units[unit].node_names:
@@ -241,20 +241,20 @@ class StackState:
         return next((name for name in names if name in last_words), unit)
 
     def origin_of_rate(self, node: str, name: str) -> str:
-        """The place of an expected period, `file:line:column`; empty if the config has none."""
+        """Location of an expected period, `file:line:column`; empty if the config has none."""
         places = (p.origin for p in self.nodes[node].promises if p.name == name)
         return str(next(places, ""))
 
     def is_resting(self, node: str) -> bool:
-        """Whether a node is known to be in no transition."""
+        """Whether a node is known not to be in a transition."""
         return self.states.get(node) in RESTING
 
     def are_all(self, nodes: Collection[str], state: str) -> bool:
-        """Whether there are nodes, and all of them are in a state."""
+        """Whether `nodes` is not empty and all are in a state."""
         return bool(nodes) and all(self.states.get(node) == state for node in nodes)
 
     def summary(self) -> str:
-        """The furthest state that every node has reached, or the transition under way."""
+        """The furthest state that every node has reached, or the current transition."""
         if self.moving:
             return self.moving
         counted = self.counted()
@@ -265,7 +265,7 @@ class StackState:
         return ORDER[min(ranks, default=0)]
 
     def status(self) -> tuple[NodeStatus, ...]:
-        """Every node, in the order of the plan."""
+        """The status of every node, in the order of the plan."""
         return tuple(self._status(node) for node in self.plan.nodes)
 
     def _status(self, node: PlannedNode) -> NodeStatus:

@@ -1,7 +1,7 @@
-"""The stack as one life-cycle node in the ROS graph, `/dummy`, for any ROS 2 client.
+"""The stack as one life-cycle node in the ROS graph, such as `/dummy`, for any ROS 2 client.
 
 Its services turn requests into `ChangeRequested` and answers into responses; `show` sets its state.
-It rejects only what the present state does not allow, and changes nothing itself.
+It rejects only requests that the current state does not allow, and changes nothing itself.
 """
 
 import re
@@ -31,7 +31,7 @@ DEPTH: Final = 10
 
 
 def state_node_name(config_name: str) -> str:
-    """A config's name as ROS takes it for a node: `my stack` -> `my_stack`, `2d` -> `_2d`."""
+    """Turn a config's name into a valid node name: `my stack` -> `my_stack`, `2d` -> `_2d`."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", config_name)[:200] or "_"
     return name if node_name_fault(name) is None else f"_{name}"
 
@@ -40,16 +40,16 @@ def rejection(state: str, label: str, number: int) -> str:
     """Why a state does not allow a request."""
     possible = ", ".join(edge.label for edge in edges_from(state))
     if not possible:
-        when = "has come up" if state == UNKNOWN else f"is through with `{state}`"
+        when = "has come up" if state == UNKNOWN else f"has finished `{state}`"
         possible = "none" if state == "finalized" else f"none before the stack {when}"
     return (
-        f"refused the transition `{label or number}` in the state `{state}`; "
-        f"possible here: {possible}"
+        f"the transition `{label or number}` is not allowed in the state `{state}`; "
+        f"possible now: {possible}"
     )
 
 
 class StateNode:
-    """Hosts the services of a life-cycle node; any ROS 2 client moves and reads the stack by it."""
+    """Hosts the services of a life-cycle node, through which ROS 2 clients control the stack."""
 
     def __init__(
         self,
@@ -58,13 +58,13 @@ class StateNode:
         on_request: Callable[[InputEvent], None],
         log: Callable[[str], None] | None = None,
     ) -> None:
-        """Make the node; it ends with `ros`.
+        """Create the node; it ends with `ros`.
 
         Args:
-            ros: spins it.
-            name: of the stack; see `state_node_name`.
-            on_request: takes `ChangeRequested`; the response goes out when that is answered.
-            log: takes a line on each rejected request; None: the node's own log.
+            ros: spins the node.
+            name: name of the stack; see `state_node_name`.
+            on_request: receives `ChangeRequested`; the response is sent when that is answered.
+            log: receives a line on each rejected request; None: the node's own log.
         """
         from lifecycle_msgs.msg import TransitionEvent
 
@@ -99,7 +99,7 @@ class StateNode:
         from std_srvs.srv import Trigger
 
         create = self._node.create_service
-        # In this order, which is that of rclpy and rclcpp: see `NodeClients.open`.
+        # The same order as in rclpy and rclcpp: see `NodeClients.open`.
         change = create(ChangeState, "~/change_state", self._on_change)
         _answer_later(change, _change_response)
         create(GetState, "~/get_state", self._on_state)
@@ -149,10 +149,10 @@ class StateNode:
 
 
 def _answer_later(service: Any, make_response: Callable[[ChangeAnswer], Any]) -> None:
-    """Let a service's callback give a `Future`; the response goes out once that is done.
+    """Let a service's callback return a `Future`; the response is sent once that is done.
 
-    A callback that awaits would keep rclpy's executors running in circles until it is done, and the
-    node's other services from answering.
+    A callback that awaits would keep rclpy's executors busy until it is done, and block the node's
+    other services.
     """
     send = service.send_response
 
@@ -160,7 +160,7 @@ def _answer_later(service: Any, make_response: Callable[[ChangeAnswer], Any]) ->
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
         def respond(done: "Future[ChangeAnswer]") -> None:
-            # The client may be gone by now, and at the end so is the node.
+            # The client may be gone by now; at the end, so is the node.
             with suppress(rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError):
                 send(make_response(done.result()), header)
 

@@ -1,4 +1,4 @@
-"""The status area of a launch: what it shows of each node, drawn at the bottom of the terminal."""
+"""The status area of a launch: the state of each node, drawn at the bottom of the terminal."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -43,12 +43,12 @@ UNKNOWN: Final = "unknown"
 
 
 def opening_status(plan: Plan, units: Iterable[Unit], *, leads: bool = True) -> StackStatus:
-    """A stack before its start.
+    """The status of a stack before it starts.
 
     Args:
         plan: the whole stack.
-        units: the processes that will run here.
-        leads: whether the nodes of other devices are taken through transitions from here too.
+            units: the processes that will run here.
+        leads: whether this launch also runs the transitions of other devices' nodes.
     """
     here: Mapping[str, str] = {node: unit.name for unit in units for node in unit.node_names}
     nodes = tuple(
@@ -73,7 +73,7 @@ def with_event(status: StackStatus, event: OutputEvent) -> StackStatus:
     """The status after an event."""
     match event:
         case Phase(name="rolling back"):
-            return status  # an episode, after which the stack is where it was
+            return status  # an episode: the phase afterwards is the one before
         case Phase():
             status = structs.replace(status, phase=event.name, seconds=event.seconds)
         case StackStateChanged():
@@ -84,7 +84,7 @@ def with_event(status: StackStatus, event: OutputEvent) -> StackStatus:
 
 
 def _with_rates(node: NodeStatus, event: OutputEvent) -> NodeStatus:
-    """A node after an event; it has the rates that are not kept, while it is active."""
+    """A node's status after an event; while active, it includes rates that are not as expected."""
     after = _node_after(node, event)
     return replace(after, rates=()) if after.rates and after.state != ACTIVE else after
 
@@ -132,7 +132,7 @@ def _state_after(event: TransitionEnded, before: str) -> str:
 
 
 class LiveReport:
-    """A `LaunchReport` that also knows the status; may be called from several threads."""
+    """A `LaunchReport` that also tracks the status; may be called from several threads."""
 
     def __init__(
         self,
@@ -142,10 +142,10 @@ class LiveReport:
         clock: Callable[[], float],
         colour: bool,
     ) -> None:
-        """Make a report.
+        """Create a report.
 
         Args:
-            report: words the lines.
+            report: formats the lines.
             opening: the status before the start.
             clock: monotonic time [s].
             colour: whether the area is coloured.
@@ -156,17 +156,17 @@ class LiveReport:
         self._begin_s = clock()
         self._colour = colour
         self._drawn: tuple[object, list[str]] = (None, [])
-        """What the area was drawn of last, and its lines."""
+        """What the area was last drawn from, and its lines."""
         self.line = report.line
         self.note = report.note
 
     def event(self, event: OutputEvent) -> Iterable[str]:
-        """What happened."""
+        """Format an event."""
         self._status = with_event(self._status, event)
         return self._report.event(event)
 
     def draw(self, width: int, height: int) -> list[str]:
-        """The status area for a terminal of this many columns and rows; for one thread only."""
+        """The status area for a terminal of this size; call it from one thread only."""
         seconds = int(self._clock() - self._begin_s)
         picture = (structs.replace(self._status, seconds=seconds), width, height)
         if self._drawn[0] != picture:
@@ -179,15 +179,15 @@ _STYLES: Final = {ACTIVE: "green", INACTIVE: "cyan", "running": "green", _RESTAR
 _GOING_DOWN: Final = ("stopping", "stopped")
 _BAR_CELLS: Final = 20
 _GAP: Final = 3
-"""Between two nodes [cells]."""
+"""Gap between two nodes [cells]."""
 
 
 def status_lines(status: StackStatus, width: int, height: int, *, colour: bool) -> list[str]:
     """The status for a terminal of this many columns and rows.
 
-    As many rows as the nodes need, at most a third; where they need more, they are summed up.
+    Uses as many rows as the nodes need, at most a third of the terminal; then it summarizes them.
     """
-    # One column stays free: what fills the last one is wrapped by the smallest resize.
+    # One column stays free, because even a small resize wraps a full last column.
     paper = _Paper(max(1, width - 1), colour)
     room = max(1, height // 3)
     head = paper.lines(_head(status))[:1]
@@ -220,7 +220,7 @@ class _Paper:
 
 
 def _head(status: StackStatus) -> Text:
-    """The stack's name, where it stands, since when, and what is out of order."""
+    """The stack's name, state, time since the launch, and problems."""
     state = (status.phase in ("ready", *STEADY) and status.state) or status.phase
     facts = [Text(status.name, "bold"), Text(state, _STYLES.get(state, "bold"))]
     if progress := _progress(status):
@@ -233,7 +233,7 @@ def _head(status: StackStatus) -> Text:
 
 
 def _progress(status: StackStatus) -> tuple[int, int, str] | None:
-    """Steps done and to do on the way up, and the present one in words; None: not on it."""
+    """Steps done and in total during bring-up, and the current one as text; None otherwise."""
     count = len(status.nodes)
     started = sum(node.pid is not None or node.state in RESTING for node in status.nodes)
     if status.phase == "starting":
@@ -260,7 +260,7 @@ def _troubles(nodes: Sequence[NodeStatus]) -> Iterator[Text]:
 
 
 def _node_rows(status: StackStatus, paper: _Paper, room: int) -> list[str]:
-    """Each node if there is room, else its tier, else a sum of all."""
+    """Each node if there is room, otherwise its tier, otherwise a summary of all."""
     entries = [_entry(node, status.phase) for node in status.nodes]
     rows = paper.lines(Columns(entries, padding=(0, _GAP), equal=True))
     if len(rows) <= room:
@@ -290,7 +290,7 @@ def _entry(node: NodeStatus, phase: str) -> Text:
 
 
 def _summed(name: str, nodes: Iterable[NodeStatus], phase: str) -> Text:
-    """`control  18 active  1 hangs: control_7`; names only where something is wrong."""
+    """`control  18 active  1 hangs: control_7`; names only nodes with problems."""
     line = Text(name)
     for word, count in Counter(map(_word, nodes)).most_common():
         style = _style(word, phase)

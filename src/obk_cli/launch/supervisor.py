@@ -1,7 +1,7 @@
 """Supervises one run of a plan: brings the stack up, watches it, brings it down.
 
-Owns the state of the run. Receives input events through one inbox, acts through two interfaces,
-publishes output events. Knows no ROS, no operating system and no terminal; the clock is passed in.
+Owns the state of the run. Receives input events through one inbox, acts through two interfaces and
+publishes output events. Knows no ROS, no operating system and no terminal; its clock is passed in.
 """
 
 import signal
@@ -55,7 +55,7 @@ __all__ = ["Supervisor"]
 EXIT_DONE: Final = 0
 EXIT_FAILED: Final = 1
 REMINDER_S: Final = 5.0
-"""Between two messages on the nodes that the bring-up waits for [s]."""
+"""Time between two messages about the nodes for which the bring-up waits [s]."""
 REACHED: Final[dict[Until, str]] = {
     "none": "started",
     "configured": "configured",
@@ -65,7 +65,7 @@ FROM_ELSEWHERE: Final = "every node was shut down from elsewhere"
 
 
 class Supervisor:
-    """One run of one plan, or of this machine's part of it."""
+    """One run of a plan, or of this machine's part of it."""
 
     def __init__(
         self,
@@ -82,21 +82,21 @@ class Supervisor:
         lead: str | None = None,
         strict_rates: bool = False,
     ) -> None:
-        """Make a supervisor; `run` does everything.
+        """Create a supervisor; `run` does everything.
 
         Args:
             plan: the whole stack.
-            units: the processes that run here; nodes that are in none run on other devices.
+            units: the processes that run here; nodes in none of them run on other devices.
             processes: starts and signals processes.
             lifecycle: requests transitions of nodes.
-            inbox: where both interfaces, signals and other terminals put their events.
+            inbox: receives the events of both interfaces, signals and other terminals.
             clock: monotonic time [s].
-            publish: takes what happens.
-            limits: deadlines.
+            publish: receives the output events.
+            limits: time limits.
             on_crash: for nodes whose config sets none.
-            lead: full name of the state node of the launch that takes the nodes through their
-                transitions; None: this one does, those of other devices too.
-            strict_rates: whether the stack comes down for an expected rate that is broken.
+            lead: full name of the state node of the launch that runs the nodes' transitions; None:
+                this launch does, also for other devices.
+            strict_rates: whether the stack stops if an expected rate is missed.
         """
         limits = limits or Limits()
         awake = AwakeClock(clock)
@@ -127,20 +127,20 @@ class Supervisor:
         self._rates = RateWatch(state, lifecycle.publishes_diagnostics)
         self._strict_rates = strict_rates
         self._rejections: dict[str, RejectionReported] = {}
-        """By node, the robots that reject all commands."""
+        """Node -> its last report, for robots that reject all commands."""
         self._changes: deque[ChangeRequested] = deque()
         """Changes that wait to be made."""
         self._busy_with = ""
-        """Why no change can be made now, as words after "the stack is"; empty: it can."""
+        """Why no change can be made now, as words after "the stack is"; empty if one can."""
 
     def run(self, until: Until = "active", duration_s: float | None = None) -> Ended:
         """Bring the stack up, watch it, bring it down.
 
         Args:
             until: how far the bring-up goes.
-            duration_s: how long the stack runs after the bring-up [s]; None: until asked to stop.
+            duration_s: how long the stack runs after the bring-up [s]; None: until a stop request.
         """
-        self._busy_with = "on its way up"
+        self._busy_with = "being brought up"
         if self._bring_up(until):
             self._keep_up(None if duration_s is None else self._context.loop.now() + duration_s)
             if self._run.may_go_on:
@@ -169,7 +169,7 @@ class Supervisor:
             origin=str(node.origin) if node else "",
         )
 
-    # --- on the way up ---
+    # --- bring-up ---
 
     def _bring_up(self, until: Until) -> bool:
         context, state = self._context, self._state
@@ -190,7 +190,7 @@ class Supervisor:
         return True
 
     def _wait_for_own(self) -> bool:
-        """Wait until every node of this machine is ready, or lost."""
+        """Wait until every node of this machine is ready or lost."""
         context, state = self._context, self._state
         deadline = context.loop.now() + context.limits.start_s
         while self._run.may_go_on and (late := state.missing(state.local_nodes())):
@@ -205,7 +205,7 @@ class Supervisor:
         return self._run.may_go_on
 
     def _wait_for_others(self) -> bool:
-        """Wait until every node of other devices is ready; users start them, so without limit."""
+        """Wait, without limit, until the nodes of other devices are ready; users start them."""
         context, state = self._context, self._state
         others = state.with_lifecycle - state.local_nodes()
         context.lifecycle.watch(others)
@@ -220,7 +220,7 @@ class Supervisor:
                 reminder = context.loop.now() + REMINDER_S
         silent = self._runner.learn_states(others) if self._run.may_go_on else frozenset()
         for node in sorted(silent):
-            self._run.fail(f"{node}: does not report its state", node)
+            self._run.fail(f"{node}: did not report its state", node)
         return self._run.may_go_on
 
     def _take_all_through(self, transition: Transition) -> bool:
@@ -230,7 +230,7 @@ class Supervisor:
             change = Change(transition=transition, nodes=self._state.counted(), limit_s=limit_s)
             answer = self._runner.run(change)
             if answer.success:
-                # One that got there may have died since.
+                # A node may have crashed after it got there.
                 self._restarts.handle_crashes()
                 return self._run.may_go_on
             culprits = [m for m in answer.members if m.is_culprit and m.result != "gone"]
@@ -249,13 +249,13 @@ class Supervisor:
         self._watch(node for node in state.with_lifecycle if state.is_present(node))
         if lead is not None:
             self._context.lifecycle.watch({lead})
-        idle = "" if lead is None else "led from another device"
+        idle = "" if lead is None else "controlled by the launch of another device"
         while self._run.may_go_on:
             if state.crashes:
-                self._busy_with = "bringing back a node that crashed"
+                self._busy_with = "restarting a node that crashed"
                 self._restarts.handle_crashes()
             elif self._changes:
-                self._busy_with = "in the middle of another change"
+                self._busy_with = "busy with another change"
                 change = self._changes.popleft()
                 change.reply(self._change(change))
             else:
@@ -268,14 +268,14 @@ class Supervisor:
         state = self._state
         unknown = sorted(set(requested.nodes) - state.with_lifecycle)
         if unknown:
-            why = f"no such node with a life cycle is driven here: {', '.join(unknown)}"
+            why = f"this launch controls no such life-cycle node: {', '.join(unknown)}"
             return ChangeAnswer(success=False, why=why)
         if requested.transition not in TRANSITIONS:
-            why = f"there is no transition `{requested.transition}`"
+            why = f"unknown transition `{requested.transition}`"
             return ChangeAnswer(success=False, why=why)
         lost = sorted(state.lost.intersection(requested.nodes))
         if lost:
-            why = f"crashed, and not brought back: {', '.join(lost)}"
+            why = f"crashed and not restarted: {', '.join(lost)}"
             return ChangeAnswer(success=False, why=why)
         answer = self._runner.run(
             Change(
@@ -288,7 +288,7 @@ class Supervisor:
             self._run.stop(FROM_ELSEWHERE)
         return answer
 
-    # --- on the way down ---
+    # --- shutdown ---
 
     def _bring_down(self) -> None:
         """Deactivate, clean up, shut down, controllers before the robot; then signals."""
@@ -308,14 +308,14 @@ class Supervisor:
                 self._control.kill(unit)
         self._control.end_all()
         for unit in sorted(state.running):
-            self._run.fail(f"{unit}: the process is still there after SIGKILL")
+            self._run.fail(f"{unit}: the process is still running after SIGKILL")
         context.publisher.in_transition(FINALIZED)
         context.publisher.phase("stopped")
 
     def _go_down(self) -> None:
-        """From here on ends are expected, no node is watched and no change is made."""
+        """From here on, processes may end, no node is watched and no change is made."""
         self._run.go_down(self._context.loop.now())
-        self._busy_with = "on its way down"
+        self._busy_with = "shutting down"
         self._context.heartbeat.clear()
         while self._changes:
             self._refuse(self._changes.popleft())
@@ -326,14 +326,14 @@ class Supervisor:
         Args:
             nodes: full names.
             busy: those that were in a transition when the stop was requested.
-            silent: those that do not answer, which takes more; nothing is requested of them.
+            silent: those that do not answer; they get signals instead of requests.
         """
         state, limits = self._state, self._context.limits
         present = {n for n in nodes if n in state.ready - silent and state.is_present(n)}
         for node in sorted(self._runner.learn_states(present)):
             silent.add(node)
             if node not in busy and not self._run.force_quit:
-                text = f"{node}: does not report its state within {limits.answer_s:g} s"
+                text = f"{node}: did not report its state within {limits.answer_s:g} s"
                 self._run.fail(text, node)
         for transition in way_down(ACTIVE):
             if self._run.force_quit:
@@ -343,7 +343,7 @@ class Supervisor:
                 for node in present - silent
                 if not state.is_resting(node) or state.states[node] in transition.starts
             ]
-            # Nodes in a transition get every request in turn; what they refuse is no failure.
+            # Nodes in a transition get every request in turn; a rejection is no failure.
             unsettled = {node for node in members if not state.is_resting(node)}
             for member in self._runner.request_all(transition, members, limits.down_s).values():
                 self._judge(transition, member, unsettled, silent)
@@ -360,11 +360,11 @@ class Supervisor:
     # --- between two events: hangs and rates ---
 
     def _watch(self, nodes: Iterable[str]) -> None:
-        """Expect signs of life of these nodes from now on."""
+        """Expect heartbeats of these nodes from now on."""
         self._context.heartbeat.watch(nodes, self._context.loop.now())
 
     def _check_nodes(self, now: float) -> Hung | None:
-        """Ask the watched nodes for signs of life; gives the first one that hangs."""
+        """Query the watched nodes for heartbeats; return the first one that hangs."""
         heartbeat = self._context.heartbeat
         hung = [self._hangs(node, seconds) for node, seconds in heartbeat.late(now)]
         for node in heartbeat.due(now):
@@ -373,7 +373,7 @@ class Supervisor:
         return next((event for event in hung if event is not None), None)
 
     def _hangs(self, node: str, seconds: float) -> Hung | None:
-        """Take note of a hang; None: it is known, and nothing follows from its going on."""
+        """Record a hang; None if it is known already and requires nothing more."""
         state = self._state
         hung = Hung(node=node, seconds=seconds)
         if node == state.lead:
@@ -387,18 +387,18 @@ class Supervisor:
         return hung
 
     def _give_up_if_overdue(self, hung: Hung) -> bool:
-        """Fail the run if a node that another launch is to restart is missing for too long."""
+        """Fail the run if a node that another launch should restart is missing for too long."""
         node, state = hung.node, self._state
         if state.is_local(node) or state.on_crash(node) != "restart":
             return False
         if hung.seconds <= self._context.limits.restart_window_s:
             return False
-        back = "and the launch of its device has not brought it back"
+        back = "and the launch of its device has not restarted it"
         self._run.fail(f"{node} has not answered for {hung.seconds:.0f} s, {back}", node)
         return True
 
     def _publish_rates(self, events: Iterable[OutputEvent]) -> None:
-        """Publish news of rates; if rates are strict, one that is broken ends the run."""
+        """Publish changes of rates; with strict rates, a broken one ends the run."""
         for event in events if not self._run.is_going_down else ():
             self._context.publisher.publish(event)
             if not self._strict_rates:
@@ -442,7 +442,7 @@ class Supervisor:
     def _reported(
         self, event: RatesReported | RejectionReported | ActivationReported | VideoReported
     ) -> None:
-        """A node reported on `/diagnostics`."""
+        """Handle a node's report on `/diagnostics`."""
         match event:
             case RatesReported():
                 self._publish_rates(self._rates.received(event, self._context.loop.now()))
@@ -454,7 +454,7 @@ class Supervisor:
                 self._context.publisher.publish(event)
 
     def _dispatch_request(self, event: InputEvent) -> None:
-        """Dispatch what comes from outside the stack."""
+        """Dispatch an event from outside the stack."""
         match event:
             case StopRequested(reason=reason, is_urgent=is_urgent):
                 self._run.request_stop(reason, self._context.loop.now(), is_urgent=is_urgent)
@@ -462,7 +462,7 @@ class Supervisor:
                 event.reply(self._context.publisher.status())
             case UnknownPublisherFound(topic=topic, node=node):
                 if not self._run.is_going_down:
-                    text = f"{node}, which is not of this stack, publishes on {topic} too"
+                    text = f"{node}, which is not part of this stack, also publishes on {topic}"
                     self._run.fail(text)
             case ChangeRequested() if self._busy_with:
                 self._refuse(event)
@@ -478,7 +478,7 @@ class Supervisor:
         state = self._state
         state.pids[event.process] = event.pid
         self._context.publisher.publish(event)
-        # Not before: a node of the same name might run that is not ours.
+        # Not earlier: a foreign node with the same name might be running.
         names = state.units[event.process].node_names
         self._context.lifecycle.watch(state.with_lifecycle.intersection(names))
 
@@ -487,7 +487,7 @@ class Supervisor:
         names = state.units[unit].node_names
         is_early = state.is_early(unit)
         has_lifecycle = state.with_lifecycle.issuperset(names)
-        # What is left of such a process is Python's end, which a busy machine may draw out.
+        # Only Python's exit is left of such a process, which may take long on a busy machine.
         is_over = has_lifecycle and state.are_all(names, FINALIZED)
         state.process_ended(unit)
         self._context.heartbeat.forget(names)
@@ -524,11 +524,11 @@ class Supervisor:
             state.hung.discard(node)
             self._context.publisher.publish(AnswersAgain(node=node))
             if node not in state.in_transition:
-                # It may run in a new process of another launch.
+                # It may run in a new process started by another launch.
                 state.states.pop(node, None)
 
     def _answered_late(self, answer: Answered) -> None:
-        """Of a request that timed out: the node is not to stay further up than requested."""
+        """Handle the answer to a timed-out request: undo it if the node is too far up."""
         context, state = self._context, self._state
         node, transition = answer.node, TRANSITIONS[answer.transition]
         requested_s = context.pending.pop_late(answer)
@@ -548,7 +548,7 @@ class Supervisor:
             )
 
     def _state_answered(self, node: str, answer: str) -> None:
-        """A node answered with its state; during a transition that is no news."""
+        """Handle a node's answer to a state query; ignored during a transition."""
         states = self._state.states
         if node == self._state.lead or node in self._state.in_transition:
             return
@@ -557,23 +557,23 @@ class Supervisor:
             self._context.publisher.publish_state()
 
     def _state_seen(self, event: StateSeen) -> None:
-        """A node's state changed: by a request made here, or from elsewhere."""
+        """Handle a node's change of state, requested here or elsewhere."""
         state, lead = self._state, self._state.lead
         if self._context.pending.pop(event) or self._run.is_going_down:
             return
         if state.is_present(event.node):
             state.states[event.node] = event.state
         if lead is not None and not self._context.heartbeat.watches(lead):
-            self._watch({lead})  # The lead moved the node, so it runs.
+            self._watch({lead})  # the lead moved the node, so it is running
         if event.transition:
             state.requested[event.node] = event.state
         self._context.publisher.publish(event)
-        # Without a transition it is the end of a failure, which is published by itself.
+        # Without a transition it is the end of a failure, which has its own event.
         if event.transition and state.are_all(state.local_nodes() - state.lost, FINALIZED):
             self._run.stop(FROM_ELSEWHERE)
 
     def _failed(self, event: Failed) -> None:
-        """A fault of the node's own is a crash; a transition's is its requester's to handle."""
+        """Handle a failure: a node's own is a crash; a transition's is up to its requester."""
         state = self._state
         if self._context.pending.pop(event) or self._run.is_going_down:
             return

@@ -1,4 +1,4 @@
-"""Takes a group of nodes through a transition, tier by tier; rolls back if one of them fails."""
+"""Take a group of nodes through a transition, tier by tier; roll back if one of them fails."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
@@ -19,9 +19,9 @@ class Change:
 
     transition: Transition
     nodes: frozenset[str]
-    """Full names; nodes in the goal state already are skipped."""
+    """Full names; nodes already in the goal state are skipped."""
     limit_s: float
-    """For each node [s]."""
+    """Limit for each node [s]."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -37,11 +37,11 @@ class _Progress:
 
 
 def reason(culprit: Member, transition: Transition, limit_s: float) -> str:
-    """Why a node's part of a transition failed, as a sentence that names it."""
+    """Why a node's part of a transition failed, as a sentence with the node's name."""
     how = {
         "refused": "failed",
-        "timed out": f"was not done within {limit_s:.1f} s",
-        "gone": "was cut short",
+        "timed out": f"did not finish within {limit_s:.1f} s",
+        "gone": "was interrupted",
     }
     first = f": {culprit.fault.splitlines()[0]}" if culprit.fault else ""
     return f"{culprit.node}: the transition `{transition.name}` {how[culprit.result]}{first}"
@@ -55,7 +55,7 @@ class TransitionRunner:
         self._control = control
 
     def run(self, change: Change) -> ChangeAnswer:
-        """Take nodes to a transition's goal; on failure those that got there are rolled back.
+        """Take nodes to a transition's goal; on failure, roll back those that reached it.
 
         Nothing is requested if a node is in a state that does not allow the transition.
         """
@@ -79,7 +79,7 @@ class TransitionRunner:
             why = reason(culprit, transition, change.limit_s)
             return ChangeAnswer(success=False, why=why, members=members)
         if not context.run.may_go_on:
-            why = f"the stack comes down: {context.run.stop_reason or context.run.reason}"
+            why = f"the stack is shutting down: {context.run.stop_reason or context.run.reason}"
             return ChangeAnswer(success=False, why=why, members=members)
         for member in members:
             context.state.requested[member.node] = transition.goal
@@ -90,17 +90,17 @@ class TransitionRunner:
     ) -> dict[str, Member]:
         """Request a transition of nodes at once and wait for every answer, at most `limit_s`.
 
-        Nodes that the caller need not wait for any more are left out of the result.
+        The result omits nodes for which the caller need not wait any more.
         """
         context, state = self._context, self._context.state
-        begin = context.loop.now()
-        # A hung one would do it whenever it wakes.
+        start = context.loop.now()
+        # A hung node would do it whenever it wakes up.
         waiting = {node for node in nodes if state.is_present(node) and node not in state.hung}
         members = {node: self._cut_short(node) for node in nodes if node not in waiting}
         for node in sorted(waiting):
             self._request(node, transition.name, limit_s)
         while (
-            waiting and not context.run.must_leave and (event := context.loop.wait(begin + limit_s))
+            waiting and not context.run.must_leave and (event := context.loop.wait(start + limit_s))
         ):
             if (
                 isinstance(event, Answered)
@@ -108,7 +108,7 @@ class TransitionRunner:
                 and event.transition == transition.name
             ):
                 waiting.discard(event.node)
-                members[event.node] = self._concluded(transition, event, begin)
+                members[event.node] = self._concluded(transition, event, start)
             for node in sorted(waiting):
                 if not state.is_present(node) or node in state.hung:
                     waiting.discard(node)
@@ -116,11 +116,11 @@ class TransitionRunner:
         if context.run.must_leave:
             return members
         for node in sorted(waiting):
-            members[node] = self._timed_out(node, transition, begin)
+            members[node] = self._timed_out(node, transition, start)
         return members
 
     def learn_states(self, nodes: Iterable[str]) -> frozenset[str]:
-        """Ask nodes for their states; gives those that do not answer in time."""
+        """Query nodes for their states; return those that do not answer in time."""
         context, state = self._context, self._context.state
         waiting = set(nodes)
         for node in sorted(waiting):
@@ -134,32 +134,32 @@ class TransitionRunner:
         return frozenset(waiting)
 
     def _request(self, node: str, transition: str, limit_s: float) -> None:
-        """Request a transition of a node, which may be busy with it for so long."""
+        """Request a transition of a node, which may be busy with it for this long [s]."""
         context = self._context
         context.heartbeat.received(node, context.loop.now(), limit_s)
         context.pending.add(node, transition)
         context.state.in_transition.add(node)
         context.lifecycle.request(node, transition)
 
-    def _concluded(self, transition: Transition, answer: Answered, begin: float) -> Member:
+    def _concluded(self, transition: Transition, answer: Answered, start: float) -> Member:
         result: Result = "reached" if answer.success else "refused"
         states = self._context.state.states
         if answer.success:
             states[answer.node] = transition.goal
-        self._publish(answer.node, transition, result, begin, answer.fault)
+        self._publish(answer.node, transition, result, start, answer.fault)
         state = states.get(answer.node, "")
         return Member(node=answer.node, result=result, state=state, fault=answer.fault)
 
-    def _timed_out(self, node: str, transition: Transition, begin: float) -> Member:
+    def _timed_out(self, node: str, transition: Transition, start: float) -> Member:
         state = self._context.state.states.get(node, "")
-        self._context.pending.time_out(node, transition.name, begin)
-        self._publish(node, transition, "timed out", begin)
+        self._context.pending.time_out(node, transition.name, start)
+        self._publish(node, transition, "timed out", start)
         self._control.report_evidence(node)
         return Member(node=node, result="timed out", state=state)
 
     def _cut_short(self, node: str) -> Member:
         state = self._context.state
-        why = "the node hangs" if node in state.hung else "the node is gone"
+        why = "the node hangs" if node in state.hung else "the node's process has ended"
         return Member(node=node, result="gone", state=state.states.get(node, ""), fault=why)
 
     def _publish(
@@ -167,17 +167,17 @@ class TransitionRunner:
         node: str,
         transition: Transition,
         result: Result,
-        begin: float | None = None,
+        start: float | None = None,
         fault: str = "",
     ) -> None:
-        """Publish a node's result; `begin` is None if nothing was requested of it."""
+        """Publish a node's result; `start` is None if nothing was requested of it."""
         context = self._context
         context.publisher.publish(
             TransitionEnded(
                 node=node,
                 transition=transition.name,
                 result=result,
-                seconds=0.0 if begin is None else context.loop.now() - begin,
+                seconds=0.0 if start is None else context.loop.now() - start,
                 fault=fault,
             )
         )
@@ -189,13 +189,13 @@ class TransitionRunner:
         return tuple(tier for tier in chosen if tier)
 
     def _obstacle(self, change: Change) -> str:
-        """Why the transition cannot begin; empty when it can."""
+        """Why the transition cannot start; empty if it can."""
         transition, states = change.transition, self._context.state.states
         for node in sorted(change.nodes):
             state = states.get(node, UNKNOWN)
             if state != transition.goal and state not in transition.starts:
                 starts = " or ".join(sorted(transition.starts))
-                return f"`{transition.name}` starts from {starts}, and {node} is {state}"
+                return f"`{transition.name}` requires {starts}, but {node} is {state}"
         return ""
 
     def _take_tier(self, change: Change, tier: tuple[str, ...], progress: _Progress) -> None:
@@ -214,7 +214,7 @@ class TransitionRunner:
         )
 
     def _roll_back(self, change: Change, progress: _Progress) -> None:
-        """Lead the nodes that reached the goal back to where they were."""
+        """Roll back the nodes that reached the goal."""
         if not change.transition.undo or not progress.reached:
             return
         context = self._context
@@ -222,7 +222,7 @@ class TransitionRunner:
         undo = TRANSITIONS[change.transition.undo]
         for tier in reversed(self._tiers(change)):
             if not context.run.may_go_on:
-                return  # Whatever comes up now would come down at once.
+                return  # anything that comes up now would come down at once
             nodes = [node for node in tier if node in progress.reached]
             for node, member in self.request_all(undo, nodes, change.limit_s).items():
                 back = replace(progress.members[node], state=member.state)
@@ -231,7 +231,7 @@ class TransitionRunner:
                 )
 
     def _learn_refused(self, progress: _Progress) -> None:
-        """Ask nodes that refused: error processing may have led them to another state."""
+        """Query nodes that refused: error processing may have led them to another state."""
         refused = [m.node for m in progress.members.values() if m.result == "refused"]
         self.learn_states(refused)
         for node in refused:

@@ -57,16 +57,16 @@ STATES: Final = {
     "deactivating": 14,
     "errorprocessing": 15,
 }
-"""Label -> number in ROS."""
+"""State label -> its number in ROS."""
 
 Until = Literal["none", "configured", "active"]
 UNTIL: Final[dict[Until, str]] = {"none": UNCONFIGURED, "configured": INACTIVE, "active": ACTIVE}
-"""How far a bring-up goes -> the state of the stack at its end."""
+"""How far a bring-up goes -> the stack's state at its end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edge:
-    """From one state to the next, as ROS clients know it."""
+    """A step from one state to the next, as ROS clients know it."""
 
     number: int
     label: str
@@ -85,7 +85,7 @@ def _edges() -> Iterator[Edge]:
 
 
 EDGES: Final = tuple(sorted(_edges(), key=lambda edge: edge.number))
-"""Those of a stack: what fails is rolled back, so error processing is not among them."""
+"""The edges of a stack. Failures are rolled back, so error processing is not among them."""
 
 PASSED: Final = {t.passes: t.name for t in TRANSITIONS.values()}
 """State of a node during a transition -> the transition."""
@@ -97,11 +97,11 @@ def edges_from(state: str) -> tuple[Edge, ...]:
 
 
 def find_edge(state: str, label: str, number: int) -> Edge | None:
-    """The edge that a request means in a state; None if the state does not allow it.
+    """The edge that a request names; None if the state does not allow it.
 
     Args:
         state: of the stack.
-        label: as requested, `activate`; if it is empty the number counts.
+        label: as requested, `activate`; if empty, `number` is used.
         number: as requested.
     """
     for edge in edges_from(state):
@@ -148,8 +148,8 @@ def tiers_down(plan: "Plan") -> tuple[tuple[str, ...], ...]:
 class PendingRequests:
     """The transitions requested here whose `transition_event` has not arrived yet.
 
-    A response and the event come on two ways, in either order; so an old event must not stand for
-    the newest state. The response counts; the event of the same transition is dropped.
+    A response and its event arrive on two ways, in either order, and an old event must not override
+    the newest state. So the response counts, and the event of the same transition is dropped.
     """
 
     def __init__(self) -> None:
@@ -157,16 +157,16 @@ class PendingRequests:
         self._timed_out: dict[tuple[str, str], float] = {}
 
     def add(self, node: str, transition: str) -> None:
-        """A transition is requested."""
+        """Record that a transition was requested."""
         self._expected[node, transition] += 1
         self._timed_out.pop((node, transition), None)
 
     def time_out(self, node: str, transition: str, requested_s: float) -> None:
-        """Stop waiting for the response to a request of that time; it may still come."""
+        """Stop waiting for the response to a request of that time; it may still arrive."""
         self._timed_out[node, transition] = requested_s
 
     def pop_late(self, answer: "Answered") -> float | None:
-        """When the request of a late response was made; None: it had not timed out."""
+        """When the request of a late response was sent; None: it had not timed out."""
         return self._timed_out.pop((answer.node, answer.transition), None)
 
     def forget(self, nodes: Collection[str]) -> None:
@@ -177,7 +177,7 @@ class PendingRequests:
             del self._timed_out[transition]
 
     def pop(self, event: "StateSeen | Failed") -> bool:
-        """Whether an event belongs to a request made here, which is pending no more then."""
+        """Whether an event belongs to a request made here; removes that request."""
         transition = (event.node, event.transition)
         if self._expected[transition] == 0:
             return False

@@ -1,1 +1,1 @@
-"""A running stack as one value, and the terminal that shows it."""
+"""A running stack as a value, and the terminal view of it."""

@@ -1,7 +1,7 @@
 """The live table of a running stack in a terminal, drawn by textual.
 
-A thread that follows the stack delivers views. Transitions that the user requests run in another
-thread, so the screen never waits.
+A thread that follows the stack delivers views. Transitions requested by the user run in another
+thread, so the screen never blocks.
 """
 
 import asyncio
@@ -37,7 +37,7 @@ from obk_cli.terminal import plain
 __all__ = ["Change", "MonitorApp", "Views", "run_monitor"]
 
 Change = Callable[[StackView, str, tuple[str, ...]], ChangeAnswer]
-"""Takes nodes, by full names, of a view's stack through a transition; without any the stack."""
+"""Takes nodes (full names) of a view's stack through a transition; no names: the whole stack."""
 
 VERBS: Final = {
     "a": ("activate",),
@@ -48,14 +48,14 @@ VERBS: Final = {
 }
 """Key -> transitions."""
 RESET: Final = "r"
-"""With the parameters on the screen this key is no transition."""
+"""While parameters are shown, this key does not trigger a transition."""
 MOVING: Final = "activate"
 SEARCHING: Final = "looking for a stack ..."
 WAITING: Final = "no stack is running; waiting for one (`obk launch`)"
 KEYS: Final = "a activate  d deactivate  r restart  p parameters  / filter  ? help  q quit"
 TUNING_KEYS: Final = "left, right change  Enter type a value  r reset  Esc back"
 READ_EVERY: Final = 3
-"""Views between two looks at parameters that others may have changed."""
+"""Number of views between two reads of the parameters, which others may have changed."""
 HELP: Final = (
     "up, down    select a node; `all nodes` is the stack",
     "a  c        activate, configure",
@@ -109,11 +109,11 @@ def run_monitor(follower: Views, change: Change, tuner: Tuner) -> None:
 
     Args:
         follower: delivers the views.
-        change: carries transitions out.
+        change: executes transitions.
         tuner: reads and sets parameters.
 
     Raises:
-        Exception: the follower raised it, or a transition raised one that is no ObkError.
+        Exception: raised by the follower, or by a transition, except for ObkError.
     """
     app = MonitorApp(follower, change, tuner)
     error = app.run()
@@ -155,11 +155,11 @@ class MonitorApp(App[Exception | None]):
     ]
 
     def __init__(self, follower: Views, change: Change, tuner: Tuner) -> None:
-        """Make the app; it follows nothing before it runs.
+        """Create the app; it follows nothing before it runs.
 
         Args:
             follower: delivers the views.
-            change: carries transitions out.
+            change: executes transitions.
             tuner: reads and sets parameters.
         """
         super().__init__()
@@ -167,16 +167,16 @@ class MonitorApp(App[Exception | None]):
         self._change = change
         self._tuner = tuner
         self._table: ParameterTable | None = None
-        """The parameters on the screen; None: they are not shown."""
+        """The parameters on the screen; None if they are not shown."""
         self._since_read = 0
-        """Views since the parameters were read."""
+        """Number of views since the parameters were read."""
         self._thread = threading.Thread(target=self._take_views, daemon=True)
         self._view: StackView | None = None
         self._has_received = False
         self._chosen = ""
-        """The full name of a node; empty: the stack."""
+        """The full name of the selected node; empty: the stack."""
         self._to_confirm: tuple[StackView, str, tuple[str, ...]] | None = None
-        """A stack, a key and nodes that wait for the user's confirmation."""
+        """The stack, key and nodes that wait for the user's confirmation."""
         self._is_busy = False
         self._part = ""
         self._shows_help = False
@@ -193,7 +193,7 @@ class MonitorApp(App[Exception | None]):
         yield Static(Text(KEYS), id="keys")
 
     def on_mount(self) -> None:
-        """Start to follow the stack."""
+        """Start following the stack."""
         for number in (signal.SIGTERM, signal.SIGHUP):
             asyncio.get_running_loop().add_signal_handler(number, self.exit)
         self.set_focus(None)
@@ -201,20 +201,20 @@ class MonitorApp(App[Exception | None]):
         self._thread.start()
 
     def on_resize(self) -> None:
-        """Draw for the new width."""
+        """Redraw for the new width."""
         self.call_after_refresh(self._draw)
 
     def stop_following(self) -> None:
-        """Wait until the following thread has left ROS."""
+        """Wait until the following thread has closed ROS."""
         self._follower.stop()
         self._thread.join()
 
     def on_view_received(self, message: ViewReceived) -> None:
-        """Show a view; the last view of a stack that has ended stays."""
+        """Show a view; the last view of an ended stack stays visible."""
         self._has_received = True
         is_ended = self._view is not None and self._view.has_ended
         if message.view is not None and (self._view is None or is_ended):
-            self._show_message("")  # of a time when nothing ran
+            self._show_message("")  # it was from a time when no stack was running
         if message.view is not None or not is_ended:
             self._view = message.view
         if self._view is None or self._chosen not in (node.node for node in self._view.nodes):
@@ -240,7 +240,7 @@ class MonitorApp(App[Exception | None]):
         self._show_message(message.text)
 
     def action_move(self, step: int) -> None:
-        """Choose the next or the last one."""
+        """Select the next or previous item."""
         if self._table is not None:
             self._table = self._table.moved(step)
             self._draw()
@@ -251,7 +251,7 @@ class MonitorApp(App[Exception | None]):
         self._draw()
 
     def action_ask(self, key: str) -> None:
-        """Ask the user to confirm transitions; with the parameters on the screen, `r` resets."""
+        """Ask the user to confirm transitions; while parameters are shown, `r` resets."""
         if self._table is not None:
             row = self._table.chosen
             if key == RESET and row is not None and row.initial is not None:
@@ -271,7 +271,7 @@ class MonitorApp(App[Exception | None]):
         self._show_message(f"{', '.join(VERBS[key])} {who}{moves}?  y / n")
 
     def action_tune(self) -> None:
-        """Show the parameters of the chosen node or of the stack, or the topics again."""
+        """Show the parameters of the selected node or of the stack, or show the topics again."""
         self._table = ParameterTable() if self._table is None else None
         self._shows_help = False
         self._show_message("")
@@ -280,14 +280,14 @@ class MonitorApp(App[Exception | None]):
         self._draw()
 
     def action_nudge(self, steps: int) -> None:
-        """Move the slider of the chosen parameter."""
+        """Move the slider of the selected parameter."""
         row = self._table.chosen if self._table is not None else None
         text = row.nudged(steps) if row is not None else None
         if row is not None and text is not None:
             self._set(row, text)
 
     def action_type_value(self) -> None:
-        """Let the user type a value of the chosen parameter."""
+        """Let the user type a value for the selected parameter."""
         row = self._table.chosen if self._table is not None else None
         if row is not None:
             box = self.query_one("#value", Input)
@@ -306,13 +306,13 @@ class MonitorApp(App[Exception | None]):
         ).start()
 
     def action_drop(self) -> None:
-        """Cancel the question."""
+        """Cancel the confirmation."""
         if self._to_confirm is not None:
             self._to_confirm = None
             self._show_message("")
 
     def action_leave(self) -> None:
-        """Close what is open: question, help, filter, selection of a node."""
+        """Close what is open: confirmation, help, filter, or selection of a node."""
         box = self.query_one("#filter", Input)
         if self.query_one("#value", Input).display:
             self._close_value()
@@ -334,7 +334,7 @@ class MonitorApp(App[Exception | None]):
         box.focus()
 
     def action_help(self) -> None:
-        """Show the keys in the place of topics and log, or these again."""
+        """Toggle between the keys and the panels of topics and log."""
         self._shows_help = not self._shows_help
         self._draw()
 
@@ -382,17 +382,17 @@ class MonitorApp(App[Exception | None]):
 
     def _set_parameter(self, view: StackView, row: ParameterRow, text: str) -> None:
         try:
-            said = str(self._tuner.set(view, row.node, row.parameter.name, text))
+            result = str(self._tuner.set(view, row.node, row.parameter.name, text))
         except ObkError as error:
-            said = f"{error.message}; {error.help}" if error.help else error.message
-        self._ask_nodes(view)  # first, because the next step starts from what it reads
-        self.post_message(ChangeProgress(said, is_done=True))
+            result = f"{error.message}; {error.help}" if error.help else error.message
+        self._ask_nodes(view)  # first, because the next step starts from these values
+        self.post_message(ChangeProgress(result, is_done=True))
 
     def _take_views(self) -> None:
         try:
             for view in self._follower.views():
                 self.post_message(ViewReceived(view))
-        except Exception as error:  # raised again where the screen is not in the way
+        except Exception as error:  # raised again after the screen is closed
             self.post_message(FollowFailed(error))
 
     def _carry_out(
@@ -406,7 +406,7 @@ class MonitorApp(App[Exception | None]):
                 fault = "" if answer.success else answer.why or "no reason given"
             except ObkError as error:
                 fault = f"{error.message}; {error.help}" if error.help else error.message
-            except Exception as error:  # raised again where the screen is not in the way
+            except Exception as error:  # raised again after the screen is closed
                 self.post_message(FollowFailed(error))
                 return
             if fault:
@@ -417,7 +417,7 @@ class MonitorApp(App[Exception | None]):
         self.post_message(ChangeProgress(f"{', '.join(transitions)} {who}: done", is_done=True))
 
     def _show_message(self, text: str) -> None:
-        # A node's own words may have more lines; the first one names the fault.
+        # A node's message may have several lines; the first one names the fault.
         self.query_one("#message", Static).update(Text(plain(text.partition("\n")[0])))
 
     def _draw(self) -> None:
@@ -449,7 +449,7 @@ class MonitorApp(App[Exception | None]):
             self.call_after_refresh(pane.scroll_to, y=max(0, table.cursor + 1 - pane.size.height))
 
     def _node_rows(self, view: StackView, width: int) -> list[TableLine]:
-        """The lines of nodes, with one for the whole stack, and the cursor."""
+        """The lines of the nodes, with one for the whole stack, and the cursor."""
         titles, *rows = node_lines(view, width)
         names = ["", *(node.node for node in view.nodes)]
         lines = [TableLine(text="all nodes"), *rows]

@@ -21,21 +21,21 @@ __all__ = [
 ]
 
 REALTIME_FACTOR: Final = "realtime_factor"
-"""The parameter: simulation time over wall time; 0: as fast as possible."""
+"""The parameter for simulation time over wall time; 0: as fast as possible."""
 
 AskFactor = Callable[[str], NodeParameter]
-"""Asks a node, by its full name, for the parameter; raises a CommandFailedError without answer."""
+"""Queries a node (full name) for the parameter; raises CommandFailedError without an answer."""
 
 
 class RealtimeFactors:
     """The real-time factors of the simulated robots of one stack."""
 
     def __init__(self, simulated: Collection[str], ask: AskFactor) -> None:
-        """Know no factor yet.
+        """Start without factors.
 
         Args:
             simulated: full names of the robots.
-            ask: asks one of them.
+            ask: queries one of them.
         """
         self._simulated = simulated
         self._ask = ask
@@ -47,12 +47,12 @@ class RealtimeFactors:
         return dict(self._known)
 
     def take_event(self, _received_ns: int, event: bytes) -> None:
-        """Take a serialized `ParameterEvent` of any node."""
+        """Process a serialized `ParameterEvent` of any node."""
         if REALTIME_FACTOR.encode() in event:
             self._known.clear()
 
     def query_missing(self, nodes: Iterable[NodeStatus]) -> None:
-        """Ask the configured robots whose factor is not known yet."""
+        """Query the configured robots whose factor is not known yet."""
         for node in nodes:
             is_configured = node.state in (INACTIVE, ACTIVE)
             if node.node in self._simulated and is_configured and node.node not in self._known:
@@ -62,7 +62,7 @@ class RealtimeFactors:
         try:
             value = self._ask(node).value
         except CommandFailedError:
-            return  # asked again by the next call
+            return  # the next call queries again
         if isinstance(value, int | float):
             self._known[node] = float(value)
 
@@ -70,9 +70,9 @@ class RealtimeFactors:
 NO_FACTORS: Final[Mapping[str, float]] = {}
 
 KEEPS_UP: Final = 0.98
-"""The share of its factor from which a simulation counts as fast enough."""
+"""Minimum share of its factor at which a simulation counts as fast enough."""
 _MEASURING: Final = ("robot", "sensing")
-"""Sections with which the way of data begins: a robot does not publish what it is commanded."""
+"""Sections at the start of the data flow; what a robot is commanded is not its source."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,13 +81,13 @@ class PlannedTopic:
 
     name: str
     msg_type: str | None
-    """Full; None: only the code knows it."""
+    """Full name; None if only the code knows it."""
     expected_hz: float | None
-    """The sum of its publishers' expected rates, in wall time; None: one of them has none."""
+    """Sum of its publishers' expected rates, in wall time; None if one of them has none."""
     publishers: tuple[str, ...]
     """Full names of nodes."""
     made_from: tuple[str, ...]
-    """Topics that its publishers subscribe to; none where these measure the world."""
+    """Topics that its publishers subscribe to; empty if they measure the world."""
 
 
 def planned_topics(
@@ -95,13 +95,13 @@ def planned_topics(
     factors: Mapping[str, float] = NO_FACTORS,
     measured: Mapping[str, float] = NO_FACTORS,
 ) -> tuple[PlannedTopic, ...]:
-    """The topics of a plan along the way of data: those made from nothing first.
+    """The topics of a plan in the order of the data flow: those without sources first.
 
     Args:
-        plan: a whole stack.
+        plan: the whole stack.
         factors: full name -> real-time factor of simulated robots, as far as known.
-        measured: the same as measured. A simulation that is too slow slows down all that follows
-            its time, which is one fault: that of its rate `steps`.
+        measured: the measured factors. A simulation that is too slow slows down all that follows
+            its time; this is one fault, that of its rate `steps`.
     """
     factors = {
         name: _reached(_factor_of(node, 0.0, factors), measured.get(name))
@@ -137,22 +137,22 @@ def planned_topics(
 
 
 def simulated_robots(plan: Plan) -> tuple[str, ...]:
-    """Full names of the robots of a plan that are simulated."""
+    """Full names of the simulated robots of a plan."""
     return tuple(node.full_name for node in plan.nodes if node.model)
 
 
 def _clock_factor(plan: Plan, factors: Mapping[str, float]) -> float:
-    """The speed of `/clock`; 0 if unknown: no robot is simulated, or several differ."""
+    """The speed of `/clock`; 0 if unknown: no simulated robot, or several that differ."""
     simulated = (node for node in plan.nodes if node.model)
     factors_found = {_factor_of(node, 0.0, factors) for node in simulated}
     return factors_found.pop() if len(factors_found) == 1 else 0.0
 
 
 def _factor_of(node: PlannedNode, clock: float, factors: Mapping[str, float]) -> float:
-    """How fast the time passes in which a node keeps its rates, over wall time; 0: not known."""
+    """How fast a node's time base runs, relative to wall time; 0 if unknown."""
     if node.model:
         planned = node.parameters.get(REALTIME_FACTOR, 1.0)
-        # A robot rejects what is no number; its factor is unknown then.
+        # A robot rejects values that are not numbers; its factor is unknown then.
         own = float(planned) if isinstance(planned, int | float) else 0.0
         return factors.get(node.full_name, own)
     return clock if node.parameters.get(USE_SIM_TIME) else 1.0
@@ -173,7 +173,7 @@ def _sum(rates: list[float | None]) -> float | None:
 
 
 def _depth(topic: str, sources: Mapping[str, Mapping[str, None]]) -> int:
-    """How many nodes data has passed when it is published there; a loop is gone through once."""
+    """Number of nodes that data passes before it reaches a topic; loops count once."""
     seen, layer, depth = {topic}, [topic], 0
     while layer := [up for one in layer for up in sources.get(one, ()) if up not in seen]:
         seen.update(layer)

@@ -1,4 +1,4 @@
-"""A running stack at one moment, as values: the same for a terminal, a page and a program."""
+"""A snapshot of a running stack as values, the same for a terminal, a page and a program."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ __all__ = ["MessageAge", "NodeView", "ProcessLoad", "StackView", "TopicView", "V
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessLoad:
-    """What a process uses of this machine."""
+    """A process's use of this machine."""
 
     cpu_percent: float
-    """Of one core."""
+    """Relative to one core."""
     memory_bytes: int
     """Resident."""
     uptime_s: float
@@ -35,13 +35,13 @@ class NodeView:
     pid: int | None
     """None: not running, or on another device."""
     shares_process: bool
-    """Whether other nodes run in its process, so that the load is that of all."""
+    """Whether other nodes run in its process; the load is then that of all of them."""
     load: ProcessLoad | None
     """None: not running, or on another host."""
     restarts: int
     hangs: bool
     promises: tuple[Promised, ...]
-    """The rates of its timers and sensors as it reported them last."""
+    """The rates of its timers and sensors as last reported."""
 
     @property
     def is_slow_simulation(self) -> bool:
@@ -51,12 +51,12 @@ class NodeView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageAge:
-    """Age of a topic's messages on arrival, by the stamps in their headers."""
+    """Age of a topic's messages when received, by the stamps in their headers."""
 
     p50_s: float
     p99_s: float
     is_carried: bool
-    """Whether the stamps are those of messages further up: then the age is that of the chain."""
+    """Whether the stamps come from upstream messages; the age is then that of the chain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,21 +67,21 @@ class TopicView:
     msg_type: str | None
     publishers: int
     subscriptions: int
-    """Without the subscription that measures."""
+    """Without the measuring subscription."""
     expected_hz: float | None
-    """What the config promises, at the speed that the simulation reaches; None: nothing."""
+    """Rate implied by the config, at the speed of the simulation; None if there is none."""
     rate: TopicRate | None
-    """As measured; None: not subscribed."""
+    """The measured rate; None if not subscribed."""
     age: MessageAge | None = None
-    """In the time of the stamps, wall or simulated; None: no stamps, or of another clock."""
+    """In the time base of the stamps, wall or simulated; None without stamps or a known clock."""
     is_expected: bool = True
-    """Whether the rate is due now: its publisher is active and was measured for a while."""
+    """Whether the rate is expected now: its publisher is active and was measured long enough."""
     made_from: tuple[str, ...] = ()
-    """Topics that its publishers subscribe to; none where these measure the world."""
+    """Topics that its publishers subscribe to; empty if they measure the world."""
 
     @property
     def is_off(self) -> bool:
-        """Whether it is more than a tenth off what is expected, while it is due."""
+        """Whether it differs by more than 10 % from the expected rate, while that is expected."""
         if self.expected_hz is None or self.rate is None or not self.is_expected:
             return False
         measured = self.rate.rate_hz or 0.0
@@ -93,32 +93,32 @@ class StackView:
     """One stack."""
 
     run: str
-    """The name of the run's folder; empty: nodes in the ROS graph, launched elsewhere."""
+    """Name of the run's folder; empty for nodes in the ROS graph that were launched elsewhere."""
     name: str
     domain: int
     state: str
-    """As `StackStatus.state`; empty where the launcher does not answer."""
+    """As `StackStatus.state`; empty if the launcher does not answer."""
     phase: str
     uptime_s: float
     realtime_factor: float | None
-    """Simulation time over wall time; None: nothing is simulated, or not reported yet."""
+    """Simulation time over wall time; None if nothing is simulated, or not reported yet."""
     nodes: tuple[NodeView, ...]
     topics: tuple[TopicView, ...]
     lines: tuple[str, ...]
-    """The last ones of the launcher's log, oldest first."""
+    """The last lines of the launcher's log, oldest first."""
     cost_percent: float
     """Processor use of the monitor itself, of one core [%]."""
     has_ended: bool = False
-    """Whether its launcher is gone, elsewhere its nodes: nothing will change any more."""
+    """Whether its launcher or, elsewhere, its nodes have exited, so that nothing will change."""
     cause: str = ""
-    """What went wrong first in a run that has ended; empty where nothing did."""
+    """The first failure in a run that has ended; empty if there was none."""
 
 
 class Views(Protocol):
-    """What a follower of a stack offers to a terminal or a page."""
+    """A follower of a stack, as used by the terminal and the page."""
 
     def views(self) -> Iterator[StackView | None]:
-        """A view each period, None while nothing runs."""
+        """Yield a view per period; None while no stack is running."""
         ...
 
     def stop(self) -> None:

@@ -36,7 +36,7 @@ __all__ = ["LocalObserver", "OwnCpuUse", "ProcessLoads", "RemoteObserver"]
 
 LINES: Final = 200
 ANSWER_S: Final = 0.2
-"""For a robot's reply; longer would delay the other nodes [s]."""
+"""Limit for a robot's reply; a longer one would delay the other nodes [s]."""
 
 
 class LocalObserver:
@@ -46,8 +46,8 @@ class LocalObserver:
         """Subscribe to the topics of the run's plan.
 
         Args:
-            folder: the run's.
-            run: its description.
+            folder: the folder of the run.
+            run: the description of the run.
             participant: a participant in its domain.
         """
         self._folder = folder
@@ -66,18 +66,18 @@ class LocalObserver:
             self._watch.watch_parameter_events(self._factors.take_event)
         self._cost = OwnCpuUse()
         self._last_nodes = tuple(_unreported(run))
-        """The nodes as the launcher reported them last."""
+        """The nodes as last reported by the launcher."""
 
     def turn(self) -> None:
-        """Count what has come; returns after 20 ms."""
+        """Count received messages; returns after 20 ms."""
         self._watch.turn()
 
     def turn_for(self, seconds: float) -> None:
-        """Count what comes for so long."""
+        """Count received messages for this time [s]."""
         self._watch.turn_for(seconds)
 
     def view(self) -> StackView:
-        """The stack as it is now."""
+        """The current state of the stack."""
         status = ask_status(self._folder)
         run = self._run if status else read_run(self._folder) or self._run
         if status is not None:
@@ -102,7 +102,7 @@ class LocalObserver:
         )
 
     def _update_expected_rates(self, status: StackStatus) -> None:
-        """Update the expected rates by the real-time factors of simulated robots."""
+        """Update the expected rates from the real-time factors of simulated robots."""
         if not self._simulated:
             return
         self._factors.query_missing(status.nodes)
@@ -130,7 +130,7 @@ def rtf_topic(robot: str) -> str:
 
 
 def _unreported(run: Run) -> Iterator[NodeStatus]:
-    """The nodes of a run whose launcher has not reported them yet."""
+    """The nodes of a run before its launcher has reported them."""
     for name in run.all_nodes:
         yield NodeStatus(
             node=name,
@@ -145,7 +145,7 @@ def _unreported(run: Run) -> Iterator[NodeStatus]:
 
 
 def _with_unknown_state(node: NodeStatus) -> NodeStatus:
-    """A node that the launcher does not report now; its process may still be running."""
+    """A node that the launcher does not report; its process may still be running."""
     return replace(node, state=UNKNOWN if node.state else "", hangs=False, rates=())
 
 
@@ -168,18 +168,18 @@ def _node(
 
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
 FIRST_ANSWER_S: Final = 1.0
-"""For a node's state, while its service is being found [s]."""
+"""Limit for a node's state while its service is being discovered [s]."""
 REMOTE_ANSWER_S: Final = 0.2
-"""For a node's state later on: others are not kept waiting [s]."""
+"""Limit for a node's state afterwards, so that it does not delay other nodes [s]."""
 OF_OBSERVERS: Final = f"/{OBSERVER_NODE}_"
 OF_EVERY_NODE: Final = ("/rosout", "/parameter_events", "/diagnostics")
 
 
 class RemoteObserver:
-    """Observes all nodes of a ROS domain; used like a `LocalObserver`."""
+    """Observes all nodes of a ROS domain; same interface as `LocalObserver`."""
 
     def __init__(self, participant: RosParticipant) -> None:
-        """Observe nothing yet.
+        """Start without nodes.
 
         Args:
             participant: a participant in the domain.
@@ -192,15 +192,15 @@ class RemoteObserver:
         self._cost = OwnCpuUse()
 
     def turn(self) -> None:
-        """Count what has come; returns after 20 ms."""
+        """Count received messages; returns after 20 ms."""
         self._watch.turn()
 
     def turn_for(self, seconds: float) -> None:
-        """Count what comes for so long."""
+        """Count received messages for this time [s]."""
         self._watch.turn_for(seconds)
 
     def view(self) -> StackView:
-        """The domain as it is now."""
+        """The current state of the domain."""
         self._watch_present_topics()
         names = in_tier_order(
             {name for name in self._participant.nodes() if not _is_observer(name)}
@@ -255,7 +255,7 @@ class RemoteObserver:
         )
 
     def _state(self, node: str) -> str:
-        """Its last reply; empty if it has no life cycle or never replied."""
+        """The node's last reported state; empty without a life cycle or a reply."""
         service = f"{node}/get_state"
         if GET_STATE not in self._participant.services_of(node).get(service, ()):
             return ""
@@ -283,15 +283,15 @@ _PERCENT: Final = 100.0
 
 
 class ProcessLoads:
-    """Measures processes again and again; each measurement is over the time since the last one."""
+    """Measures processes repeatedly, each time over the interval since the last measurement."""
 
     def __init__(self) -> None:
         self._known: dict[int, psutil.Process] = {}
 
     def measure(self, pids: Collection[int]) -> Mapping[int, ProcessLoad]:
-        """Load by process; processes that have ended are left out.
+        """Load by process; processes that have ended are omitted.
 
-        A process that was not measured before counts from its start.
+        The first measurement of a process covers the time since its start.
         """
         self._known = {pid: known for pid, known in self._known.items() if pid in pids}
         loads = {}

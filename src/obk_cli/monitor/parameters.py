@@ -1,4 +1,4 @@
-"""The tunable parameters of a running stack: read by its launcher, set by its users.
+"""The tunable parameters of a running stack, read and set through its launcher.
 
 `ParameterTable` is the panel of `obk monitor`: lines, cursor, next values. Pure.
 """
@@ -37,9 +37,9 @@ __all__ = [
 
 
 TIMEOUT_S: Final = 2.0
-"""For each answer of a node [s]."""
+"""Limit for each answer of a node [s]."""
 STEPS: Final = 100
-"""Steps of a slider from end to end."""
+"""Number of steps of a slider."""
 SLIDER: Final = 20
 """Width of a slider [columns]."""
 NONE: Final = "no tunable parameters: declare them with `Parameter`"
@@ -53,15 +53,15 @@ class Tuner(Protocol):
         ...
 
     def set(self, view: StackView, node: str, name: str, text: str) -> ChangedParameter:
-        """Set one."""
+        """Set a parameter."""
         ...
 
 
 class StackParameters:
-    """Asks the launcher of a stack on this host; other stacks have no tunable parameters here."""
+    """Queries the launcher of a stack on this host; other stacks show no tunable parameters."""
 
     def __init__(self, runs: Path) -> None:
-        """Ask nothing yet.
+        """Prepare; queries follow on demand.
 
         Args:
             runs: the folder of all runs.
@@ -69,7 +69,7 @@ class StackParameters:
         self._runs = runs
 
     def of(self, view: StackView) -> dict[str, tuple[TunableParameter, ...]]:
-        """The tunable parameters by the node's full name; nothing of nodes that do not answer."""
+        """The tunable parameters by the node's full name; nodes that do not answer are omitted."""
         found: dict[str, tuple[TunableParameter, ...]] = {}
         if not view.run or view.has_ended:
             return found
@@ -85,7 +85,7 @@ class StackParameters:
         return found
 
     def set(self, view: StackView, node: str, name: str, text: str) -> ChangedParameter:
-        """Set one.
+        """Set a parameter.
 
         Raises:
             ObkError: see `set_parameter`.
@@ -97,7 +97,7 @@ class StackParameters:
 
 
 def parameter_data(parameter: TunableParameter) -> dict[str, Any]:
-    """A parameter for a page; `initial` and `text` are values as a person writes them."""
+    """A parameter for a page; `initial` and `text` are in the notation of a person."""
     notes, kind = parameter.description.notes, parameter.value.kind
     is_number = kind in ("double", "integer")
     return {
@@ -117,12 +117,12 @@ def parameter_data(parameter: TunableParameter) -> dict[str, Any]:
 
 
 def field_text(value: NodeParameter) -> str:
-    """A value as `set_parameter` takes it back; a text stands without quotes."""
+    """A value in the form that `set_parameter` accepts; strings are not quoted."""
     return plain(str(value.value)) if value.kind == "string" else value_text(value)
 
 
 def initial_text(parameter: TunableParameter) -> str | None:
-    """The value of the config, or the default, as in `field_text`; None: unknown."""
+    """The value in the config, or the default, as in `field_text`; None if unknown."""
     initial = parameter.description.notes.initial
     if initial is None:
         return None
@@ -148,11 +148,11 @@ class ParameterRow:
 
     @property
     def initial(self) -> str | None:
-        """The value of the config, or the default; None: unknown."""
+        """The value in the config, or the default; None if unknown."""
         return initial_text(self.parameter)
 
     def nudged(self, steps: int) -> str | None:
-        """The value so many steps further; None if the parameter has no slider."""
+        """The value after this many steps; None if the parameter has no slider."""
         notes, value = self.parameter.description.notes, self.parameter.value.value
         if isinstance(value, bool):
             return str(steps > 0).lower()
@@ -172,7 +172,7 @@ class ParameterRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterTable:
-    """The parameters on the screen, and the one that is chosen."""
+    """The parameters on the screen, and the selected one."""
 
     rows: tuple[ParameterRow, ...] = ()
     cursor: int = 0
@@ -180,7 +180,7 @@ class ParameterTable:
     """Whether the nodes have answered."""
 
     def read(self, found: Mapping[str, tuple[TunableParameter, ...]]) -> "ParameterTable":
-        """The same table with new values; the cursor stays where it can."""
+        """The same table with new values; the cursor is kept if possible."""
         rows = tuple(
             ParameterRow(node=node, parameter=one)
             for node, parameters in found.items()
@@ -195,13 +195,13 @@ class ParameterTable:
 
     @property
     def chosen(self) -> ParameterRow | None:
-        """The row of the cursor; None without any."""
+        """The row of the cursor; None if there are no rows."""
         return self.rows[self.cursor] if self.rows else None
 
     def lines(self, width: int) -> list[TableLine]:
         """The lines of the panel."""
         if not self.rows:
-            return [TableLine(text=NONE if self.is_read else "asking the nodes ...", style="dim")]
+            return [TableLine(text=NONE if self.is_read else "reading parameters ...", style="dim")]
         cells = [_cells(row) for row in self.rows]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         lines = []
@@ -216,7 +216,7 @@ def _cells(row: ParameterRow) -> tuple[str, ...]:
     one, notes = row.parameter, row.parameter.description.notes
     is_changed = row.initial is not None and one.value.value != notes.initial
     changed = f"was {row.initial}" if is_changed else ""
-    when = "at the next configure" if notes.is_live is False else ""
+    when = "takes effect at the next configure" if notes.is_live is False else ""
     limits = notes.range or ", ".join(notes.choices)
     return (
         short_name(row.node),

@@ -1,7 +1,7 @@
-"""Follow a stack: one view after another until it ends, then the next stack that starts.
+"""Follow a stack: yield views until it ends, then continue with the next stack that starts.
 
-In: which stack. Out: a `StackView` each period, None while no stack is running. ROS is loaded with
-the first view, in the thread that requests it.
+Yields a `StackView` per period, or None while no stack is running. ROS is loaded for the first
+view, in the thread that requests it.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,9 +25,9 @@ from obk_cli.runs.registry import live_folders
 __all__ = ["StackFollower", "StackSelector"]
 
 QUIET_S: Final = 0.3
-"""Without a new node, discovery of another host counts as complete [s]."""
+"""Time without a new node after which discovery of another host is complete [s]."""
 SLICE_S: Final = 0.1
-"""Within which a follower stops [s]."""
+"""Limit for a follower to stop [s]."""
 
 
 class Observer(Protocol):
@@ -38,12 +38,12 @@ class Observer(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StackSelector:
-    """Which stack the user wants to follow."""
+    """The stack that the user wants to follow."""
 
     environment: RosEnvironment
-    """As found; following puts another one into effect."""
+    """The user's environment; following applies another one."""
     domain: int | None = None
-    """None: that of ROS_DOMAIN_ID, otherwise that of the stack."""
+    """None: ROS_DOMAIN_ID, otherwise that of the stack."""
     run: str | None = None
     """Name of a config or a run folder; None: any."""
 
@@ -67,10 +67,10 @@ class StackSelector:
         )
 
     def find_run(self, graph_target: GraphTarget) -> tuple[Path, Run] | None:
-        """The selected run in the domain; None: no launcher of this host runs it.
+        """The selected run in the domain; None if no launcher of this host runs it.
 
         Raises:
-            MisuseError: several stacks run there, and none was named.
+            MisuseError: several stacks are running there, and none was selected.
         """
         runs = [
             (folder, run) for folder, run in graph_target.runs.items() if self._matches(folder, run)
@@ -78,19 +78,20 @@ class StackSelector:
         names = sorted({run.name for _, run in runs})
         if len(names) > 1:
             raise MisuseError(
-                f"several stacks run in the ROS domain {graph_target.domain}: {', '.join(names)}",
+                f"several stacks are running in the ROS domain {graph_target.domain}: "
+                f"{', '.join(names)}",
                 help="choose one with `--run NAME`",
             )
-        # Two launchers of one config: its devices. The leading one knows all nodes.
+        # Two launchers of one config run its devices. The leading one knows all nodes.
         return max(runs, key=lambda one: one[1].leads, default=None)
 
     def change(self, view: StackView, verb: str, nodes: tuple[str, ...]) -> ChangeAnswer:
         """Take nodes of a view's stack through a transition.
 
         Args:
-            view: the stack as it was seen.
+            view: the stack as last seen.
             verb: `activate`, ...
-            nodes: full names; none: the whole stack.
+            nodes: full names; empty: the whole stack.
 
         Raises:
             ObkError: see `change_states`.
@@ -113,13 +114,13 @@ class StackFollower:
         period_s: float,
         on_turn: Callable[[RosParticipant], None] = lambda _: None,
     ) -> None:
-        """Follow nothing yet.
+        """Prepare; following starts with `views`.
 
         Args:
-            target: which stack.
-            with_types: makes the message types of a place's stacks known to this process.
-            period_s: between two views [s].
-            on_turn: called several times a second with the participant.
+            target: the stack to follow.
+            with_types: makes message types of the target's stacks known to this process.
+            period_s: time between two views [s].
+            on_turn: called several times per second with the participant.
         """
         self._target = target
         self._with_types = with_types
@@ -128,11 +129,11 @@ class StackFollower:
         self._stop = Event()
 
     def stop(self) -> None:
-        """End the views soon; from any thread."""
+        """End the views soon; may be called from any thread."""
         self._stop.set()
 
     def views(self) -> Iterator[StackView | None]:
-        """A view each period, None while nothing runs; without end unless it is stopped.
+        """Yield a view per period, or None while no stack is running, until stopped.
 
         Raises:
             CommandFailedError: ROS is missing.
@@ -159,7 +160,7 @@ class StackFollower:
                     return
 
     def _follow_graph(self, graph_target: GraphTarget) -> Iterator[StackView | None]:
-        """Views of nodes without a launcher on this host, until one starts."""
+        """Views of nodes without a launcher on this host, until a launcher starts."""
         with open_participant(self._with_types(graph_target).environment) as participant:
             participant.settle((), QUIET_S, self._period_s)
             observer = RemoteObserver(participant)

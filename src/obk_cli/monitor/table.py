@@ -1,7 +1,7 @@
-"""A running stack as lines for a terminal, or as an object for a program.
+"""Format a running stack as lines for a terminal, or as an object for a program.
 
-Takes a `StackView` and a width, gives lines that fit it: what matters least is left out first, so
-that nothing wraps. The live table and `obk monitor --once` show the same lines.
+The lines of a `StackView` fit a given width: the least important columns are omitted first, so that
+nothing wraps. The live table and `obk monitor --once` show the same lines.
 """
 
 import re
@@ -33,22 +33,22 @@ __all__ = [
 T = TypeVar("T")
 
 ONCE_LINES: Final = 8
-"""Of the log, where all is shown once."""
+"""Number of log lines if everything is shown once."""
 _GAP: Final = "  "
 LONGEST_WHOLE: Final = 30
-"""Of the names: longer ones are cut before a column is left out [cells]."""
+"""Longer names are shortened before a column is omitted [cells]."""
 _NARROWEST: Final = 12
-"""Of the column with names [cells]."""
+"""Minimum width of the column of names [cells]."""
 _WRONG: Final = "bold red"
 _TITLE: Final = "bold dim"
 _NOTHING: Final = "-"
 _ROS_PREFIX: Final = re.compile(r"(?<=\]) \[\d+\.\d+\] \[[^\]]*\]:(?= )")
-"""Time and logger: whose line it is stands before it."""
+"""Time and logger, which are redundant because the node's name precedes them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableLine:
-    """One line; its style is named as rich names styles."""
+    """One line; its style has a name that rich knows."""
 
     text: str
     style: str = ""
@@ -56,23 +56,23 @@ class TableLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Column(Generic[T]):
-    """One column after that of the names; always of the same width, so that nothing jumps."""
+    """A column after the names; its width is constant, so that nothing jumps."""
 
     title: str
     width: int
     rank: int
-    """The column of the highest rank is left out first."""
+    """The column with the highest rank is omitted first."""
     cell: Callable[[T], str]
     is_text: bool = False
 
     def aligned(self, text: str) -> str:
-        """The text in so many cells."""
+        """The text, aligned to the column's width."""
         cut = _fitted(text, self.width)
         return cut.ljust(self.width) if self.is_text else cut.rjust(self.width)
 
 
 def head_line(view: StackView, width: int) -> TableLine:
-    """The stack's name, where it stands, and what is out of order."""
+    """The stack's name, state and problems."""
     off = sum(topic.is_off for topic in view.topics)
     rtf = view.realtime_factor
     is_slow = any(node.is_slow_simulation for node in view.nodes)
@@ -101,7 +101,7 @@ def node_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
 
 
 def topic_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
-    """The titles, then a line for each topic; a topic that is off has `!` before its name."""
+    """The titles, then a line for each topic; `!` marks topics that are off."""
     space = _common_space([topic.topic for topic in view.topics])
     rows = [
         (
@@ -115,13 +115,13 @@ def topic_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
 
 
 def age_line(view: StackView, width: int) -> TableLine | None:
-    """How old the data is along its longest way; None where no node carries stamps on."""
+    """The age of data along its longest path; None if no node forwards stamps."""
     carried = [topic for topic in view.topics if topic.age and topic.age.is_carried]
     if not carried:
         return None
     topics = {topic.topic: topic for topic in view.topics}
     way = [carried[-1]]
-    # The stamps of a loop lead back to where the way has been.
+    # In a loop, stamps lead back to topics already on the path.
     while up := next(
         (
             topics[name]
@@ -138,7 +138,7 @@ def age_line(view: StackView, width: int) -> TableLine | None:
 
 
 def log_lines(view: StackView, width: int, part: str = "") -> tuple[TableLine, ...]:
-    """The last lines of the log that have this part in them, in whatever case."""
+    """The last lines of the log that contain this text, ignoring case."""
     shown = (_ROS_PREFIX.sub("", plain(line)).replace("\t", " ") for line in view.lines)
     return tuple(
         TableLine(text=_fitted(line, width), style=_log_style(line))
@@ -148,12 +148,12 @@ def log_lines(view: StackView, width: int, part: str = "") -> tuple[TableLine, .
 
 
 def monitor_text(view: StackView, width: int, *, colour: bool) -> str:
-    """All of it, once.
+    """The whole view as text.
 
     Args:
         view: the stack.
-        width: of the terminal [cells].
-        colour: whether the terminal shows colours.
+        width: width of the terminal [cells].
+        colour: whether the terminal supports colours.
     """
     age = age_line(view, width)
     blocks: list[Sequence[TableLine]] = [
@@ -169,7 +169,7 @@ def monitor_text(view: StackView, width: int, *, colour: bool) -> str:
 
 
 def monitor_data(view: StackView) -> dict[str, Any]:
-    """All of it for a program: the fields of `StackView`, and whether each topic is off."""
+    """The whole view as data: the fields of `StackView`, and whether each topic is off."""
     topics = [{**asdict(topic), "is_off": topic.is_off} for topic in view.topics]
     return {**asdict(view), "topics": topics}
 
@@ -328,7 +328,7 @@ def _needed(columns: Iterable[_Column[Any]]) -> int:
 
 
 def _common_space(topics: Sequence[str]) -> str:
-    """The namespace that all topics have, with the slash at its end; empty: there is none."""
+    """The common namespace of all topics, with a trailing slash; empty if there is none."""
     spaces = [topic.rpartition("/")[0].split("/") for topic in topics]
     common = list(_same(spaces)) if spaces else []
     return "/".join((*common, "")) if len(common) > 1 else ""
@@ -358,7 +358,7 @@ def _ms(seconds: float | None, digits: int = 2) -> str:
 
 
 def _fitted(text: str, width: int) -> str:
-    """The text without control characters, cut to the width."""
+    """The text without control characters, shortened to the width."""
     shown = plain(text)
     if cell_len(shown) <= width:
         return shown

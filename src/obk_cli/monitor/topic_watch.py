@@ -1,7 +1,7 @@
 """Measure the rates and ages of a stack's topics and compare them with its plan.
 
-In: the topics to measure, a participant. Out: a `TopicView` of each. No message is deserialized. If
-the plan does not name a topic's type, the subscription waits for its publisher.
+Yields a `TopicView` for each topic. No message is deserialized. If the plan does not contain a
+topic's type, the subscription waits for its publisher.
 """
 
 import struct
@@ -31,18 +31,18 @@ _NS: Final = 1_000_000_000
 _KEPT: Final = 1000
 _NEAR_ALL: Final = 0.99
 _CARRIED: Final = 0.5
-"""The share of stamps known from further up from which a topic counts as carrying them on."""
+"""Minimum share of upstream stamps for which a topic counts as forwarding stamps."""
 
 
 class MessageAgeMeter:
-    """Keeps the stamps and delays of a topic's newest messages."""
+    """Keeps stamps and delays of a topic's newest messages."""
 
     def __init__(self, window_s: float, clock: SimulatedClock | None = None) -> None:
         """Measure over a window.
 
         Args:
-            window_s: how far back figures go [s].
-            clock: the time of stamps that are not of the wall clock.
+            window_s: measurement window [s].
+            clock: the time base of simulated stamps.
         """
         self._clock = clock or SimulatedClock()
         self._window_ns = round(window_s * _NS)
@@ -51,11 +51,11 @@ class MessageAgeMeter:
         self._delays_ns: deque[int] = deque(maxlen=_KEPT)
 
     def take(self, received_ns: int, data: bytes) -> None:
-        """Count a message of a type that begins with a header.
+        """Count a message of a type that starts with a header.
 
         Args:
-            received_ns: when it came [ns since 1970].
-            data: as it was sent, with its encapsulation.
+            received_ns: time of receipt [ns since 1970].
+            data: the serialized message, with its encapsulation.
         """
         if len(data) < _SHORTEST:
             return
@@ -70,22 +70,22 @@ class MessageAgeMeter:
             now_ns = self._clock.at(received_ns)
             if now_ns is None:
                 return
-            # `/clock` may come after the message of the same step.
+            # `/clock` may arrive after the message of the same step.
             delay_ns = max(0, now_ns - stamp)
         self._received.append(received_ns)
         self._delays_ns.append(delay_ns)
 
     @property
     def stamps(self) -> Collection[int]:
-        """Of the newest messages [ns]."""
+        """Stamps of the newest messages [ns]."""
         return self._stamps
 
     def age(self, now_ns: int, upstream: "Collection[MessageAgeMeter]" = ()) -> MessageAge | None:
-        """What was measured by now; None without stamps, or if their clock is not known.
+        """The measured age; None without stamps, or if their clock is unknown.
 
         Args:
-            now_ns: the clock by which messages were received [ns since 1970].
-            upstream: of the topics that this one is made from.
+            now_ns: the current time of the receiving clock [ns since 1970].
+            upstream: meters of the topics from which this one is made.
         """
         self._forget(now_ns - self._window_ns)
         if not self._delays_ns:
@@ -98,43 +98,43 @@ class MessageAgeMeter:
         )
 
     def _are_carried(self, upstream: Sequence[Collection[int]]) -> bool:
-        """Whether the stamps are known from further up, as far back as all of there are kept."""
+        """Whether the stamps come from upstream, as far back as all upstream stamps are kept."""
         since = max(map(min, upstream), default=0)
         known = frozenset(chain.from_iterable(upstream))
         judged = [stamp for stamp in self._stamps if stamp >= since]
         return sum(stamp in known for stamp in judged) > _CARRIED * len(judged)
 
     def _forget(self, before_ns: int) -> None:
-        # Stamps stay: those of topics further down, which are later, are held against them.
+        # Keep old stamps: topics further downstream are compared with them later.
         while self._received and self._received[0] < before_ns:
             self._received.popleft()
             self._delays_ns.popleft()
 
 
 WINDOW_S: Final = 2.0
-"""How far back rates go: a topic that is throttled is marked within this [s]."""
+"""Measurement window of rates; a throttled topic is marked within this time [s]."""
 TURN_S: Final = 0.02
-"""Between two polls of the subscriptions; fewer polls cost less [s]."""
+"""Polling period of the subscriptions; a longer one needs less processor time [s]."""
 PERIODS: Final = 5
-"""That a slow topic's window holds."""
+"""Minimum number of periods in the window of a slow topic."""
 FOUND_S: Final = 0.5
-"""In which a publisher has found a new subscription [s]."""
+"""Time for a publisher to discover a new subscription [s]."""
 PERIODS_TO_JUDGE: Final = 3
 FACTOR_WINDOW_S: Final = 3.0
-"""How far back real-time factors count [s]: a rate's window, and the second before each factor."""
+"""Window of real-time factors: that of rates, and 1 s before each factor [s]."""
 FACTORS_KEPT: Final = 5
 RTF_TYPE: Final = "std_msgs/msg/Float64"
 EVENTS: Final = "/parameter_events"
 EVENTS_TYPE: Final = "rcl_interfaces/msg/ParameterEvent"
 _RTF: Final = struct.Struct("<4xd")
-"""CDR of a `Float64`, in the byte order of this and every usual machine."""
+"""CDR of a `Float64` in the usual byte order."""
 
 
 class TopicWatch:
-    """Counts the messages of topics; call `turn_for` again and again."""
+    """Counts the messages of topics; call `turn_for` repeatedly."""
 
     def __init__(self, participant: RosParticipant) -> None:
-        """Measure no topic yet.
+        """Start without topics.
 
         Args:
             participant: a participant.
@@ -146,12 +146,12 @@ class TopicWatch:
         self._expected_since: dict[str, float] = {}
         self._clock = SimulatedClock()
         self._factors: dict[str, deque[tuple[float, float]]] = {}
-        """Topic -> when the newest real-time factors came [s], and the factors."""
+        """Topic -> times of receipt [s] and values of the newest real-time factors."""
         self.realtime_factor: float | None = None
-        """The newest that came."""
+        """The newest received factor."""
 
     def set_topics(self, topics: Iterable[PlannedTopic]) -> None:
-        """Measure these topics, shown in this order; topics measured already keep their figures."""
+        """Measure these topics, in this order; topics that are already measured continue."""
         self._topics = {topic.name: topic for topic in topics}
         for name in [name for name in self._age_meters if name not in self._topics]:
             self._meter.drop(name)
@@ -165,15 +165,15 @@ class TopicWatch:
         self._meter.add(topic, RTF_TYPE, find_type(RTF_TYPE), partial(self._take_rtf, topic=topic))
 
     def measured_factor(self, topic: str) -> float | None:
-        """The speed of a simulation over the window of rates; 0 while it stands still.
+        """The speed of a simulation over the window of rates; 0 while it is paused.
 
-        By `/clock` if one simulator publishes it, otherwise by the real-time factors that came.
+        From `/clock` if one simulator publishes it, otherwise from the received real-time factors.
 
         Args:
-            topic: on which the simulator publishes its real-time factor.
+            topic: the topic of the simulator's real-time factor.
 
         Returns:
-            None before it was measured.
+            None if it was not measured yet.
         """
         pace = self._clock.pace(round((wall_s() - WINDOW_S) * _NS))
         if pace is not None and self._factors.keys() <= {topic}:
@@ -186,7 +186,7 @@ class TopicWatch:
         return sum(newest) / len(newest) if newest else 0.0
 
     def watch_clock(self) -> None:
-        """Subscribe to `/clock`, for ages of simulated stamps and for the simulation's speed."""
+        """Subscribe to `/clock`, for ages of simulated stamps and the speed of the simulation."""
         follow_clock(self._meter, self._clock)
 
     def watch_parameter_events(self, on_event: Watch) -> None:
@@ -194,17 +194,17 @@ class TopicWatch:
         self._meter.add(EVENTS, EVENTS_TYPE, find_type(EVENTS_TYPE), on_event)
 
     def turn(self) -> None:
-        """Count what has come; returns after 20 ms."""
+        """Count received messages; returns after 20 ms."""
         self._meter.turn()
 
     def turn_for(self, seconds: float) -> None:
-        """Count what comes for so long."""
+        """Count received messages for this time [s]."""
         end = monotonic_s() + seconds
         while monotonic_s() < end:
             self._meter.turn()
 
     def views(self, active: Collection[str]) -> tuple[TopicView, ...]:
-        """The topics as they are now.
+        """The current state of the topics.
 
         Args:
             active: full names of the active nodes.
@@ -234,7 +234,7 @@ class TopicWatch:
         )
 
     def _is_expected(self, topic: PlannedTopic, active: Collection[str]) -> bool:
-        """Whether its publishers are active, and have been measured for long enough."""
+        """Whether its publishers are active, and were measured for long enough."""
         if topic.name not in self._age_meters or not topic.publishers:
             return False
         now = monotonic_s()
@@ -248,7 +248,7 @@ class TopicWatch:
         try:
             self._subscribe(topic, msg_type, find_type(msg_type))
         except CommandFailedError:
-            return  # not built here: subscribed once its publisher names the type
+            return  # not built here: subscribe once its publisher names the type
 
     def _subscribe_discovered(self, topic: PlannedTopic, found: TopicInfo) -> None:
         if len(found.msg_types) != 1 or not found.publishers:
@@ -269,7 +269,7 @@ class TopicWatch:
         self._expected_since[topic.name] = monotonic_s()
 
     def _take_rtf(self, _received_ns: int, data: bytes, topic: str = "") -> None:
-        if len(data) >= _RTF.size:  # otherwise it is no such message
+        if len(data) >= _RTF.size:  # otherwise it is another type of message
             (self.realtime_factor,) = _RTF.unpack_from(data)
             newest = self._factors.setdefault(topic, deque(maxlen=FACTORS_KEPT))
             newest.append((monotonic_s(), self.realtime_factor))

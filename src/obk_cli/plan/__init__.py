@@ -1,1 +1,1 @@
-"""What a sound config comes to: nodes, parameters and topics, ready to be launched."""
+"""The result of compiling a valid config: nodes, parameters and topics, ready to launch."""

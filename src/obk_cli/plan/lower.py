@@ -1,4 +1,4 @@
-"""Checked config -> plan. Total: a config that passed its checks cannot fail here."""
+"""Lower a checked config to a plan. Cannot fail for a config that passed its checks."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -59,7 +59,7 @@ _SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", 
 
 
 def lower_stack(stack: Stack) -> Plan:
-    """The nodes of a stack, in the order of the config."""
+    """The plan of a stack, with its nodes in the order of the config."""
     joysticks = (_lower_joystick(joystick) for joystick in stack.joysticks if joystick.on)
     nodes = (*(_lower_node(node) for node in stack.nodes), *joysticks)
     if stack.is_on_simulated_time:
@@ -78,7 +78,7 @@ def _on_simulated_time(node: PlannedNode) -> PlannedNode:
 
 
 def _lower_node(node: Node) -> PlannedNode:
-    assert node.pkg is not None  # required keys: a config without them did not pass
+    assert node.pkg is not None  # a required key: without it, the checks fail
     assert node.executable is not None
     ends = tuple(node_ends(node))
     models = (_path(s.model, s.model.written.value) for s in node.sims if s.model is not None)
@@ -177,7 +177,7 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
 
 
 def _component_parameters(node: Node) -> Mapping[str, Component]:
-    """The ROS parameter of each component; two that have only a key in common have none."""
+    """The ROS parameter of each component; none for two that share only a key."""
     taken = {c.ros_parameter.value for c in node.used_components if c.ros_parameter}
     names = [(_parameter_name(component), component) for component in node.used_components]
     by_key = Counter(name for name, component in names if component.ros_parameter is None)
@@ -195,14 +195,14 @@ def _parameter_name(component: Component) -> str:
 
 
 def _path(search: FileSearch | None, written: str) -> str:
-    """The file if it was found, else the path as written: what it means is up to the node."""
+    """The file if it was found, otherwise the path as written, which the node interprets."""
     return str(search.found) if search and search.found else written
 
 
 def _setting(component: Component) -> Mapping[str, object]:
-    """A component's entry as the run time reads it: the same in whichever spelling it was written.
+    """A component's entry as the run-time library reads it, whichever syntax the config uses.
 
-    Both names and the default depth are filled in; empty settings are left out.
+    Both names and the default depth are filled in; empty settings are omitted.
     """
     written = plain_value(component.tree)
     assert isinstance(written, dict)  # a component's tree is a mapping
@@ -221,7 +221,7 @@ def _setting(component: Component) -> Mapping[str, object]:
 
 
 def _own_setting(component: Component) -> Mapping[str, object]:
-    """A component's entry without the name of the ROS parameter that carries it."""
+    """A component's entry without the name of its own ROS parameter."""
     own = {key: value for key, value in _setting(component).items() if key != "ros_parameter"}
     depth = own.get("history_depth")
     # Existing nodes convert its text with `int`, which rejects `10.0`.
@@ -242,7 +242,7 @@ def _all_settings(node: Node) -> Mapping[str, object]:
 
 
 def _sim_setting(sim: Sim) -> Mapping[str, object]:
-    """The block for the simulator, its paths resolved; empty settings are left out."""
+    """The simulator's block with resolved paths; empty settings are omitted."""
     block = {
         key: value
         for key, value in sim.block.items()

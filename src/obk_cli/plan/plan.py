@@ -1,7 +1,7 @@
-"""The intermediate form: which nodes run, with which parameters, in which order they come up.
+"""The plan: which nodes run, with which parameters, and in which order they come up.
 
-What comes out of `lower`, and all that a back end or the launcher needs to know of a config.
-Holds no YAML and no ROS types.
+`lower` creates it. It holds everything that a back end or the launcher needs from a config, and no
+YAML or ROS types.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ OnCrash = Literal["stop", "restart", "ignore"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """The place in the user's text that made something; line and column count from 1."""
+    """The location in the user's text that defined something; line and column count from 1."""
 
     path: str
     line: int
@@ -40,9 +40,9 @@ class Origin:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Endpoint:
-    """One end of a topic; `msg_type` is full (`pkg/msg/Name`) or None where only the code knows it.
+    """One end of a topic; `msg_type` is full (`pkg/msg/Name`), or None if only the code knows it.
 
-    `rate_hz` [Hz] is what the config promises, None where nothing in it sets the pace.
+    `rate_hz` [Hz] is the rate that the config implies; None if the config does not determine it.
     """
 
     topic: str
@@ -52,12 +52,12 @@ class Endpoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedSensorGroup:
-    """What a simulator reads from its model and publishes on one topic."""
+    """The values that a simulator reads from its model and publishes on one topic."""
 
     topic: str
-    """Absolute; one of the node's own publishing ends."""
+    """Absolute; one of the node's publishers."""
     kind: str
-    """The group's `msg_type` as the config has it, `ObkImu`."""
+    """The group's `msg_type` as in the config, `ObkImu`."""
     sensors: Mapping[str, str] = field(default_factory=dict)
     """MuJoCo sensor name -> MuJoCo sensor type."""
     rays: str | None = None
@@ -66,26 +66,26 @@ class PlannedSensorGroup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """A rate that a node is to keep."""
+    """A rate that a node is expected to keep."""
 
     name: str
     """A timer's key, or the absolute topic of a sensor group."""
     period_s: float
-    """Of a sensor group in simulation time [s]."""
+    """[s]; for a sensor group in simulated time."""
     origin: Origin
-    """The place of the period."""
+    """Location of the period in the config."""
     topic: str | None = None
-    """On which the node publishes once in each period; None: no topic shows this rate."""
+    """Topic on which the node publishes once per period; None: no topic shows this rate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedNode:
-    """A node, and how its process is started."""
+    """A node and how to start its process."""
 
     node: str
     """Node name without its namespace, `obelisk_control_0`."""
     namespace: str
-    """ROS namespace, `/` where none is given."""
+    """ROS namespace; `/` if none is given."""
     section: str
     device: str
     package: str
@@ -98,13 +98,13 @@ class PlannedNode:
     publishes: tuple[Endpoint, ...] = ()
     subscribes: tuple[Endpoint, ...] = ()
     model: str | None = None
-    """Path of the MuJoCo model that stands in for the robot."""
+    """Path of the MuJoCo model that replaces the robot."""
     sensor_groups: tuple[PlannedSensorGroup, ...] = ()
     promises: tuple[Promise, ...] = ()
     on_crash: OnCrash | None = None
-    """What the launcher does when it crashes; None: as `obk launch` is called with."""
+    """What the launcher does when the node crashes; None: the default of `obk launch`."""
     has_lifecycle: bool = True
-    """Whether the node has a life cycle; ROS's joystick node does not."""
+    """Whether the node has a life cycle; the joystick node of ROS has none."""
 
     @property
     def full_name(self) -> str:
@@ -123,6 +123,6 @@ class Plan:
 
     @property
     def tiers(self) -> tuple[tuple[PlannedNode, ...], ...]:
-        """The nodes in bring-up order, a tuple for each tier that has any."""
+        """The nodes in bring-up order, one tuple per non-empty tier."""
         tiers = (tuple(node for node in self.nodes if node.section == section) for section in TIERS)
         return tuple(tier for tier in tiers if tier)

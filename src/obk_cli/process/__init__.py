@@ -1,1 +1,1 @@
-"""Child processes: the warden, identity across reused numbers, signals, load, shared memory."""
+"""Child processes: the warden, identity across reused PIDs, signals, load, shared memory."""

@@ -1,7 +1,7 @@
 """Run a program as a child that does not outlive this process, and read its output by line.
 
 The child has its own session, so Ctrl-C in this terminal reaches only this process. When this
-process ends, for any reason, the child gets SIGTERM.
+process ends, for any reason, the child receives SIGTERM.
 
 As a program (`python -I -S child_process.py PARENT PROGRAM ARGUMENTS...`) this module binds itself
 to PARENT and becomes PROGRAM, because a process with threads cannot do so between fork and exec. It
@@ -23,9 +23,9 @@ from typing import Final
 __all__ = ["BoundChild", "run_in_foreground"]
 
 KILL_S: Final = 5.0
-"""How long the kernel may take for a process that was killed [s]."""
+"""Limit for the kernel to end a killed process [s]."""
 _REPEATED_S: Final = 0.5
-"""Signals closer together are one: a process and its group are often sent the same [s]."""
+"""Signals within this time are one, because a process and its group often receive the same [s]."""
 
 
 class BoundChild:
@@ -43,8 +43,8 @@ class BoundChild:
 
         Args:
             command: the program and its arguments.
-            environment: all of its variables.
-            on_line: takes each line of its output and errors, from a thread.
+            environment: its complete environment.
+            on_line: receives each line of its stdout and stderr, from a thread.
             on_output_end: called when its output has ended, from that thread.
         """
         self._child = subprocess.Popen(
@@ -69,11 +69,11 @@ class BoundChild:
 
     @property
     def exit_code(self) -> int | None:
-        """Negative for the signal that ended it; None while it runs."""
+        """Negative for the signal that killed it; None while it is running."""
         return self._child.poll()
 
     def wait(self, timeout_s: float) -> int | None:
-        """Wait for its end; gives the exit code, or None when it has not ended in time."""
+        """Wait for its end; return the exit code, or None if it has not ended in time."""
         try:
             return self._child.wait(max(0.0, timeout_s))
         except subprocess.TimeoutExpired:
@@ -87,7 +87,7 @@ class BoundChild:
         """Kill the child if it is still running, and close its output."""
         self._child.kill()
         self.wait(KILL_S)
-        # What the child started may hold the other end for a while longer.
+        # Descendants may keep the other end open for a while.
         self._reader.join(KILL_S)
 
     def _read(self) -> None:
@@ -109,10 +109,10 @@ def run_in_foreground(command: Sequence[str], environment: Mapping[str, str]) ->
 
     Args:
         command: the program and its arguments.
-        environment: all of its variables.
+        environment: its complete environment.
 
     Returns:
-        Its exit code, negative for the signal that ended it; None: it was interrupted.
+        Its exit code, negative for the signal that killed it; None if it was interrupted.
     """
     from obk_cli.process.signals import handle_end_signals
 
@@ -123,7 +123,7 @@ def run_in_foreground(command: Sequence[str], environment: Mapping[str, str]) ->
         if received_s[-1] - received_s[0] > _REPEATED_S:
             child.kill()
         elif len(received_s) == 1 and (number != signal.SIGINT or not sys.stdin.isatty()):
-            child.send_signal(signal.SIGINT)  # a terminal sends Ctrl-C to the program too
+            child.send_signal(signal.SIGINT)  # the terminal also sends Ctrl-C to the program
 
     bound = [*_binding(), *command]
     with subprocess.Popen(bound, env=dict(environment)) as child, handle_end_signals(end):
@@ -135,11 +135,11 @@ PR_SET_PDEATHSIG = 1
 
 
 def main(parent: int, *command: str) -> None:
-    """Become the program of a command; end at once if the parent has ended."""
+    """Become the program of a command; exit at once if the parent has ended."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:
         sys.exit(1)
-    os.execvp(command[0], command)  # noqa: S606 - without a shell, as asked
+    os.execvp(command[0], command)  # noqa: S606 - deliberately without a shell
 
 
 if __name__ == "__main__":

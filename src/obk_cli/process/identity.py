@@ -1,7 +1,7 @@
-"""Identify processes by number and start time, which differs when a number is reused.
+"""Identify processes by PID and start time, which differs when a PID is reused.
 
-Read from the kernel, in its clock since boot, which setting the time of day does not move. Source:
-proc(5), `/proc/<pid>/stat`.
+The start time comes from the kernel's clock since boot, which does not change when the time of day
+is set. Source: proc(5), `/proc/<pid>/stat`.
 """
 
 import os
@@ -30,11 +30,11 @@ SAME_S: Final = 0.005
 POLL_S: Final = 0.02
 _STATE: Final = 0
 _START_TICKS: Final = 19
-"""Places after the command's name, which is in brackets and may hold anything."""
+"""Field index after the command's name, which is in brackets and may contain anything."""
 
 
 def start_s(pid: int) -> float | None:
-    """When a process started [s since boot]; None: no such process, or a zombie."""
+    """When a process started [s since boot]; None for a zombie or if it does not exist."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_bytes()
     except OSError:
@@ -45,13 +45,13 @@ def start_s(pid: int) -> float | None:
 
 
 def is_process(pid: int, started: float) -> bool:
-    """Whether the process of this number that started then [s since boot] is running."""
+    """Whether the process with this PID and start time [s since boot] is running."""
     start = start_s(pid)
     return start is not None and abs(start - started) < SAME_S
 
 
 def signal_process(pid: int, started: float, number: int) -> None:
-    """Signal a process if it is running, and never another one that reuses its number."""
+    """Signal a process if it is running, but never another one that reuses its PID."""
     with suppress(OSError):
         descriptor = os.pidfd_open(pid)
         try:
@@ -62,19 +62,19 @@ def signal_process(pid: int, started: float, number: int) -> None:
 
 
 def since_boot_s() -> float:
-    """The time now [s since boot]."""
+    """The current time [s since boot]."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def seconds_since(started: float) -> float:
-    """The time since a process's start [s], given since boot [s]."""
+    """Time since a process's start, which is given in seconds since boot [s]."""
     return since_boot_s() - started
 
 
 def wait_for_ends(
     processes: Collection[tuple[int, float]], timeout_s: float
 ) -> list[tuple[int, float]]:
-    """Wait until processes, by number and start, have ended; returns those still running."""
+    """Wait until processes (PID and start time) have ended; return those still running."""
     end = time.monotonic() + timeout_s
     while left := [process for process in processes if is_process(*process)]:
         if time.monotonic() > end:
@@ -84,10 +84,10 @@ def wait_for_ends(
 
 
 def this_process() -> tuple[int, float]:
-    """This process's number and start [s since boot], as a run records them."""
+    """This process's PID and start time [s since boot], as recorded for a run."""
     pid = os.getpid()
     start = start_s(pid)
-    assert start is not None, "a process that runs is in /proc"
+    assert start is not None, "a running process is in /proc"
     return pid, start
 
 

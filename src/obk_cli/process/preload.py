@@ -1,17 +1,17 @@
 """Fork Python programs from a process that has imported their libraries: the preload server.
 
-Run as a program of its own (`python -P preload.py MODULE...`) below the warden; its standard input
-is one end of a Unix socket of packets. It imports the modules, sends `{"ready": true}`, and then
-takes one JSON request at a time, a file passed by descriptor with a second descriptor for the
-output. It answers with the process's `pid`, or `null` where it cannot fork the program so that it
-runs as by itself; the warden then starts it in the ordinary way. It ends when the warden does.
+Runs as its own program (`python -P preload.py MODULE...`) below the warden; its standard input is
+one end of a Unix socket of packets. It imports the modules, sends `{"ready": true}`, and then takes
+one JSON request at a time: a file passed by descriptor, with a second descriptor for the output. It
+answers with the process's `pid`, or `null` if it cannot fork the program without a difference; the
+warden then starts it in the ordinary way. The server ends with the warden.
 
-A program is a process of its own in every respect: the warden is its parent, it has its session,
-output, environment, arguments and working folder, also in /proc. It shares the seed of the hashes
-of texts with the others. Only what was imported before is shared; code of users is never among it.
+A forked program is a separate process in every respect: its parent is the warden, and it has its
+own session, output, environment, arguments and working folder, also in /proc. It shares the hash
+seed of strings with the others. Only modules imported before the fork are shared, never user code.
 
 The server forks only if it knows all of its threads: LTTng's listeners, which the library's own
-functions stop and start again, and those of OpenBLAS, which does the same by itself. Imports the
+functions stop and restart, and those of OpenBLAS, which stops and restarts them itself. Imports the
 standard library only. Source: prctl(2), PR_SET_MM_MAP; lttng-ust(3), "Daemonizing and forking".
 """
 
@@ -46,15 +46,15 @@ NO_EXE = 0xFFFFFFFF
 POLL_S = 0.0005
 LONGEST_NAME = 15
 LISTENERS = 2
-"""Threads of LTTng in each process."""
+"""Number of LTTng threads in each process."""
 AT_START = frozenset({"sitecustomize", "usercustomize"})
-"""Modules that the interpreter imports at its start, if they are there."""
+"""Modules that the interpreter imports at startup, if they exist."""
 SIGNAL_SET_BYTES = 128
 LARGEST_PACKET = 64
 
 
 class NoTracing:
-    """LTTng is not loaded: nothing to do around a fork."""
+    """LTTng is not loaded: a fork needs no preparation."""
 
     threads = 0
 
@@ -65,12 +65,12 @@ class NoTracing:
 
 
 class LttngTracing:
-    """LTTng is loaded: what its threads need around a fork."""
+    """LTTng is loaded: its threads need preparation for a fork."""
 
     threads = LISTENERS
 
     def __init__(self, library: ctypes.CDLL) -> None:
-        # Before version 2.13 its names began otherwise.
+        # Before version 2.13 its functions had another prefix.
         prefix = "lttng_ust" if hasattr(library, "lttng_ust_before_fork") else "ust"
         self._before = library[f"{prefix}_before_fork"]
         self._after_in_parent = library[f"{prefix}_after_fork_parent"]
@@ -78,20 +78,20 @@ class LttngTracing:
         self._signals = ctypes.create_string_buffer(SIGNAL_SET_BYTES)
 
     def before(self) -> None:
-        """Take the library's locks; signals are blocked until `after_...`."""
+        """Lock the library; signals are blocked until `after_...`."""
         self._before(self._signals)
 
     def after_in_parent(self) -> None:
-        """Release them."""
+        """Unlock the library."""
         self._after_in_parent(self._signals)
 
     def after_in_child(self) -> None:
-        """Release them, and start the listeners of this process."""
+        """Unlock the library, and start the listeners of this process."""
         self._after_in_child(self._signals)
 
 
 def find_tracing() -> NoTracing | LttngTracing:
-    """LTTng's functions, if a module that was imported has loaded it."""
+    """LTTng's functions, if an imported module has loaded it."""
     for line in Path("/proc/self/maps").read_text(encoding="utf-8").splitlines():
         path = line.partition("/")
         if re.match(r"liblttng-ust[-.](?!common|fork|tracepoint)", os.path.basename(path[2])):  # noqa: PTH119
@@ -119,34 +119,34 @@ _PLACE_AFTER_NAME = 3
 
 
 def can_name_processes(libc: ctypes.CDLL) -> bool:
-    """Whether the kernel lets a process set what /proc shows of its arguments and environment."""
+    """Whether the kernel allows a process to change its arguments and environment in /proc."""
     size = ctypes.c_uint32()
     done = libc.prctl(PR_SET_MM, PR_SET_MM_MAP_SIZE, ctypes.byref(size), 0, 0)
     return done == 0 and size.value == ctypes.sizeof(_MemoryMap)
 
 
 def show_in_proc(libc: ctypes.CDLL, arguments: Iterable[str], environment: Iterable[bytes]) -> None:
-    """Have /proc, and so `ps`, show these arguments and variables for this process.
+    """Make /proc, and therefore `ps`, show these arguments and variables for this process.
 
     Raises:
-        OSError: the kernel refuses.
+        OSError: the kernel rejects the change.
     """
     shown = b"".join(os.fsencode(argument) + b"\0" for argument in arguments)
     variables = b"".join(variable + b"\0" for variable in environment)
     pages = mmap.mmap(-1, len(shown) + len(variables), flags=mmap.MAP_PRIVATE)
     pages.write(shown + variables)
-    # Never unmapped: this reference is not given back.
+    # Never unmapped: this reference is not released.
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(pages))
-    begin = ctypes.addressof(ctypes.c_char.from_buffer(pages))
+    start = ctypes.addressof(ctypes.c_char.from_buffer(pages))
     fields = Path("/proc/self/stat").read_bytes().rpartition(b")")[2].split()
     libc.sbrk.restype = ctypes.c_void_p
     layout = _MemoryMap(
         **{name: int(fields[place - _PLACE_AFTER_NAME]) for name, place in _STAT_PLACES.items()},
         brk=libc.sbrk(0),
-        arg_start=begin,
-        arg_end=begin + len(shown),
-        env_start=begin + len(shown),
-        env_end=begin + len(shown) + len(variables),
+        arg_start=start,
+        arg_end=start + len(shown),
+        env_start=start + len(shown),
+        env_end=start + len(shown) + len(variables),
         exe_fd=NO_EXE,
     )
     size = ctypes.c_ulong(ctypes.sizeof(layout))
@@ -155,15 +155,15 @@ def show_in_proc(libc: ctypes.CDLL, arguments: Iterable[str], environment: Itera
 
 
 def hides_imported_modules(folders: Iterable[str]) -> bool:
-    """Whether a folder has a module in place of one that was imported, or to import at the start.
+    """Whether a folder shadows a module that was imported or that is imported at startup.
 
-    A folder without `__init__.py` hides no module.
+    A folder without `__init__.py` shadows no module.
     """
     imported = {name.partition(".")[0] for name in sys.modules} | AT_START
     for folder in folders:
         try:
             entries = list(os.scandir(folder))
-        except OSError:  # it is not there: nothing is imported from it
+        except OSError:  # the folder does not exist, so nothing is imported from it
             continue
         for entry in entries:
             if entry.is_dir() and not Path(entry.path, "__init__.py").exists():
@@ -183,7 +183,7 @@ class ForkedProgram:
         self._path: list[str] = request["path"]
 
     def prepare(self, libc: ctypes.CDLL, tracing: NoTracing | LttngTracing) -> None:
-        """Make the process one of its own."""
+        """Make the process independent of the server."""
         os.chdir(self._folder)
         os.environ.update(self._variables)
         show_in_proc(libc, self._arguments, (b"%b=%b" % pair for pair in os.environb.items()))
@@ -191,7 +191,7 @@ class ForkedProgram:
         libc.prctl(PR_SET_NAME, ctypes.c_char_p(os.fsencode(name)))
         tracing.after_in_child()
         gc.enable()
-        if "numpy.random" in sys.modules:  # `random` does so by itself
+        if "numpy.random" in sys.modules:  # `random` reseeds itself
             sys.modules["numpy.random"].seed()
         sys.path[:] = dict.fromkeys([*map(os.path.abspath, self._path), *sys.path])
         sys.orig_argv[:] = self._arguments
@@ -209,13 +209,13 @@ class ForkedProgram:
             run_module: Callable[[str], object] = runpy._run_module_as_main  # type: ignore[attr-defined]
             run_module(target)
         else:
-            exec(compile(target, "<string>", "exec"), main_module.__dict__)  # noqa: S102 - as asked
+            exec(compile(target, "<string>", "exec"), main_module.__dict__)  # noqa: S102 - its purpose
 
 
 def _show_error(
     kind: type[BaseException], error: BaseException, trace: types.TracebackType | None
 ) -> None:
-    """Show an error without the frames of this module."""
+    """Print an error without the frames of this module."""
     while trace is not None and trace.tb_frame.f_code.co_filename == __file__:
         trace = trace.tb_next
     sys.__excepthook__(kind, error.with_traceback(trace), trace)
@@ -231,13 +231,13 @@ class Server:
         libc: ctypes.CDLL,
         tracing: NoTracing | LttngTracing,
     ) -> None:
-        """Make a server.
+        """Create a server.
 
         Args:
-            link: one end of the socket; the warden has the other one.
-            inherited: descriptors for any of the programs.
+            link: one end of the socket; the warden has the other.
+            inherited: descriptors that programs may inherit.
             libc: the C library.
-            tracing: as `find_tracing` gives it.
+            tracing: the result of `find_tracing`.
         """
         self._link = link
         self._inherited = inherited
@@ -246,7 +246,7 @@ class Server:
         self._warden = os.getppid()
 
     def knows_its_threads(self) -> bool:
-        """Whether no thread is left at a fork but those of LTTng; OpenBLAS ends its own."""
+        """Whether only LTTng's threads remain at a fork; OpenBLAS stops its own."""
         child = self._fork()
         if child == 0:
             os._exit(0)
@@ -254,10 +254,10 @@ class Server:
         return len(list(Path("/proc/self/task").iterdir())) == 1 + self._tracing.threads
 
     def serve(self) -> ForkedProgram | None:
-        """Answer requests; returns in each forked process with its program, at the end with None.
+        """Answer requests; return the program in each forked process, and None at the end.
 
         Raises:
-            OSError: in a forked process, where the program cannot be prepared.
+            OSError: in a forked process, if the program cannot be prepared.
         """
         while True:
             data, fds, _, _ = socket.recv_fds(self._link, LARGEST_PACKET, 2)
@@ -281,7 +281,7 @@ class Server:
         self._tracing.before()
         try:
             with warnings.catch_warnings():
-                # Python warns of any thread; those that are left are known.
+                # Python warns of any thread, but the remaining ones are known.
                 warnings.simplefilter("ignore", DeprecationWarning)
                 child = os.fork()
         except OSError:
@@ -292,9 +292,9 @@ class Server:
         return child
 
     def _fork_below_warden(self) -> bool:
-        """Fork a process whose parent is the warden, which adopts it: its first parent ends.
+        """Fork a process whose parent becomes the warden, because its first parent ends.
 
-        It goes on when the warden has been sent its number.
+        It continues once the warden has received its PID.
 
         Returns:
             True in that process, False in this one.
@@ -315,34 +315,34 @@ class Server:
             os.waitpid(middle, 0)
             pid = ours.recv(LARGEST_PACKET)
             self._answer(int(pid) if pid else None)
-            with suppress(OSError):  # it was killed meanwhile
+            with suppress(OSError):  # it was killed in the meantime
                 ours.send(b"go")
             return False
 
     def _begin_below_warden(self, first_parent: int, server: socket.socket) -> None:
-        """Wait until the warden is this process's parent and knows it; be bound to it."""
+        """Wait until the warden is this process's parent and knows it; then bind to it."""
         os.setsid()
         while os.getppid() == first_parent:
             time.sleep(POLL_S)
         self._libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != self._warden:  # it was killed before that
+        if os.getppid() != self._warden:  # the warden was killed before that
             os._exit(1)
         server.send(str(os.getpid()).encode())
         if not server.recv(LARGEST_PACKET):
             os._exit(1)
 
     def _take_descriptors(self, output: int, inherited: Sequence[int]) -> None:
-        """Have the standard descriptors of the program and those that it inherits, and no other."""
+        """Keep only the program's standard descriptors and those that it inherits."""
         null = os.open(os.devnull, os.O_RDONLY)
         for own, number in ((null, 0), (output, 1), (output, 2)):
             os.dup2(own, number)
-        self._link.detach()  # closed by that
+        self._link.detach()  # already closed
         for number in (null, output, *(set(self._inherited) - set(inherited))):
             os.close(number)
 
 
 def _fork_and_end() -> int:
-    """Fork once more and end; returns in the new process only, with the number of its parent."""
+    """Fork again and exit; returns only in the new process, with the PID of its parent."""
     this = os.getpid()
     try:
         if os.fork() == 0:
@@ -354,7 +354,7 @@ def _fork_and_end() -> int:
 
 
 def _open_descriptors() -> set[int]:
-    """The descriptors beyond the standard ones."""
+    """The open descriptors except the standard ones."""
     numbers = {int(path.name) for path in Path("/proc/self/fd").iterdir()}
     return {number for number in numbers if number > sys.stderr.fileno() and _is_open(number)}
 
@@ -362,24 +362,24 @@ def _open_descriptors() -> set[int]:
 def _is_open(number: int) -> bool:
     try:
         os.fstat(number)
-    except OSError:  # that of the listing itself
+    except OSError:  # the descriptor of the listing itself
         return False
     return True
 
 
 def main(modules: Sequence[str]) -> ForkedProgram | None:
-    """Import the modules and serve; gives a program in each process that is forked for one."""
+    """Import the modules and serve; return the program in each forked process."""
     gc.disable()  # until a program runs: imports leave little garbage, and collecting takes time
     inherited = _open_descriptors()
     libc = ctypes.CDLL(None)
     for module in modules:
-        with suppress(ImportError):  # the nodes that need it say so
+        with suppress(ImportError):  # nodes that need it report that
             importlib.import_module(module)
     link = socket.socket(fileno=sys.stdin.fileno())
     server = Server(link, inherited, libc, find_tracing())
     if not can_name_processes(libc) or not server.knows_its_threads():
         return None
-    # What exists now stays: the garbage collector writes to none of it, so it stays shared.
+    # Freeze existing objects: the garbage collector then never writes to them, so they stay shared.
     gc.freeze()
     link.send(json.dumps({"ready": True}).encode())
     return server.serve()

@@ -1,16 +1,16 @@
-"""Remove files of Fast DDS in shared memory that no process uses, and require room for ROS.
+"""Remove unused files of Fast DDS from shared memory, and check that there is room for ROS.
 
-A process that is killed leaves them behind, half a megabyte and more each time. There are two
-kinds:
+A killed process leaves its files behind, at least half a megabyte each time. There are two kinds:
 
 A segment, `fastrtps_<id>`, belongs to one process. Until that process ends, it holds an exclusive
-flock on the empty file beside it, `fastrtps_<id>_el`.
+flock on the empty file next to it, `fastrtps_<id>_el`.
 
-A port, `fastrtps_port<number>`, belongs to all who read from it or write to it, and each of them
-keeps it mapped. Beside it are the lock of its readers (`_el` or `_sl`), and the semaphore that a
-process holds while it opens or removes the port, `sem.fastrtps_port<number>_mutex`. The kernel
-refuses a write lease on a file that any process, of any user or container, has open or mapped.
-While a lease is held, a process that opens the file waits, so it stays unused until its removal.
+A port, `fastrtps_port<number>`, belongs to all processes that read from it or write to it, and each
+of them keeps it mapped. Next to it are the lock of its readers (`_el` or `_sl`) and the semaphore
+that a process holds while it opens or removes the port, `sem.fastrtps_port<number>_mutex`. The
+kernel refuses a write lease on a file that any process, of any user or container, has open or
+mapped. While a lease is held, a process that opens the file waits, so it stays unused until its
+removal.
 
 The warden runs this module as a program with the standard library only.
 
@@ -31,7 +31,7 @@ __all__ = ["remove_dead_segments", "require_shared_memory"]
 
 SHARED_MEMORY: Final = Path("/dev/shm")  # noqa: S108 - where DDS keeps it
 NEEDED: Final = 1 << 14
-"""For a few pages [bytes]."""
+"""Room for a few pages [bytes]."""
 _LOCK: Final = re.compile(r"fastrtps_[0-9a-f]{16}_el")
 _OF_PORT: Final = re.compile(
     r"(?:sem\.)?(?P<port>fastrtps_port[0-9]+)(?:|_el|_sl|_mutex)", re.ASCII
@@ -39,9 +39,9 @@ _OF_PORT: Final = re.compile(
 
 
 def remove_dead_segments(folder: Path = SHARED_MEMORY) -> int:
-    """Remove segments and ports that no process uses; returns how many were removed.
+    """Remove segments and ports that no process uses; return how many were removed.
 
-    Those of other users, and of living processes, are left alone.
+    Files of other users and of running processes are kept.
     """
     names = _names(folder)
     dead = [_remove_segment(folder / name) for name in names if _LOCK.fullmatch(name)]
@@ -51,9 +51,9 @@ def remove_dead_segments(folder: Path = SHARED_MEMORY) -> int:
 
 
 def require_shared_memory(folder: Path = SHARED_MEMORY) -> None:
-    """Require room for ROS, which maps a page of a file there and writes to it when it is loaded.
+    """Check that there is room for ROS, which maps and writes a page of a file there when loaded.
 
-    Without room for that page the kernel ends the process with SIGBUS. If the memory is full,
+    Without room for that page, the kernel kills the process with SIGBUS. If the memory is full,
     files that no process uses are removed first.
 
     Raises:
@@ -88,7 +88,7 @@ def _remove_segment(lock: Path) -> bool:
 
 
 def _remove_port(port: Path) -> bool:
-    # The semaphore first and last: with its lease in hand, no process is about to open the port.
+    # The semaphore first and last: while its lease is held, no process can start to open the port.
     semaphore = port.with_name(f"sem.{port.name}_mutex")
     locks = (port.with_name(f"{port.name}_el"), port.with_name(f"{port.name}_sl"))
     return _remove(leased=(semaphore, port), flocked=locks)
@@ -115,7 +115,7 @@ def _remove(
 def _leased(path: Path) -> Iterator[None]:
     with _opened(path) as descriptor:
         if descriptor is not None:
-            # The kernel signals the holder when a process waits for the lease; SIGIO would end us.
+            # The kernel signals the holder when a process waits for the lease; SIGIO would kill us.
             fcntl.fcntl(descriptor, fcntl.F_SETSIG, signal.SIGURG)
             fcntl.fcntl(descriptor, fcntl.F_SETLEASE, fcntl.F_WRLCK)
         yield
@@ -131,11 +131,11 @@ def _flocked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[int | None]:
-    """A descriptor of a file of this user, None if it does not exist; closed at the end.
+    """Yield a descriptor of this user's file, None if it does not exist; closed at the end.
 
     Raises:
-        PermissionError: the file is another user's.
-        OSError: another process has a lease of it, or it cannot be opened.
+        PermissionError: the file belongs to another user.
+        OSError: another process holds a lease on it, or it cannot be opened.
     """
     flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
     descriptor = None

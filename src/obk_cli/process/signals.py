@@ -1,8 +1,8 @@
-"""Handle the signals that end a program; Ctrl-C ends a command even if a library drops it.
+"""Handle the signals that end a program; Ctrl-C ends a command even if a library swallows it.
 
-Python drops an exception that is raised in a callback of C code, such as the one that
-removes the lock of an import; extensions turn it into errors of their own. Ctrl-C is also handled
-in a program that was started with SIGINT ignored, as shells start programs in the background.
+Python drops exceptions raised in callbacks of C code, such as the one that releases an import lock;
+extensions turn them into errors of their own. Ctrl-C is also handled in a program that was started
+with SIGINT ignored, as shells do for programs in the background.
 """
 
 import signal
@@ -31,10 +31,10 @@ def insist_on_interrupt() -> Iterator[None]:
     """While entered, Ctrl-C ends the block by KeyboardInterrupt; only from the main thread.
 
     The interrupt is raised again until it leaves the block or is accepted, but not while it is
-    being handled: cleanup is never cut short.
+    being handled, so cleanup is never interrupted.
 
     Raises:
-        KeyboardInterrupt: also in place of an error that a library made of it.
+        KeyboardInterrupt: also in place of an error into which a library turned it.
     """
     report = sys.unraisablehook
 
@@ -88,7 +88,7 @@ def _interrupt_again(_number: int, _frame: FrameType | None) -> None:
 
 
 def _is_being_handled() -> bool:
-    """Whether an `except` or `finally` block is running that KeyboardInterrupt led to."""
+    """Whether an `except` or `finally` block entered because of KeyboardInterrupt is running."""
     error = sys.exception()
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
@@ -99,11 +99,11 @@ def _is_being_handled() -> bool:
 def handle_end_signals(on_signal: Callable[[signal.Signals], None]) -> Iterator[None]:
     """While entered, handle SIGINT, SIGTERM and SIGHUP; only from the main thread.
 
-    SIGHUP stays ignored if it was ignored before, as by `nohup`. SIGINT is handled even then,
+    SIGHUP stays ignored if it was ignored before, as with `nohup`. SIGINT is handled even then,
     because shells ignore it for programs that they start in the background.
 
     Args:
-        on_signal: takes a signal; it interrupts the main thread anywhere.
+        on_signal: called with the signal; it interrupts the main thread anywhere.
     """
 
     def handle(number: int, _frame: FrameType | None) -> None:

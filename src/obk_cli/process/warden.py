@@ -1,16 +1,16 @@
 """Keep nodes from outliving the launcher: the process between them, and the parent of all nodes.
 
-Run as a program of its own (`python -I -S warden.py`); its standard input is one end of a Unix
-socket of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request
-is a file, passed by descriptor, because an environment may be larger than a packet: `start`, with a
-second descriptor for the output, `signal`, `preload`, and `end` before the last. A process may
-inherit descriptors that the warden was started with. The warden is the parent of the nodes
-and adopts their orphans (child subreaper). When the launcher's end of the socket closes, for any
-reason, all of them get SIGTERM, then SIGKILL; if the launcher did not send `end`, the warden also
-clears shared memory. It imports the standard library only, so that it starts at once.
+Runs as its own program (`python -I -S warden.py`); its standard input is one end of a Unix socket
+of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request is a
+file passed by descriptor, because an environment may be larger than a packet: `start`, with a
+second descriptor for the output, `signal`, `preload`, and finally `end`. A process may inherit
+descriptors with which the warden was started. The warden is the parent of the nodes and adopts
+their orphans (child subreaper). When the launcher's end of the socket closes, for any reason, all
+of them receive SIGTERM, then SIGKILL. If the launcher did not send `end`, the warden also clears
+shared memory. It imports the standard library only, so that it starts at once.
 
-`preload` starts the preload server (`preload.py`), which forks Python nodes for it. Where there is
-none, or it does not fork a node, the warden starts that one in the ordinary way.
+`preload` starts the preload server (`preload.py`), which forks Python nodes. If there is no server,
+or it does not fork a node, the warden starts that node in the ordinary way.
 Source: prctl(2), PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG.
 """
 
@@ -35,19 +35,19 @@ __all__ = ["GRACE_S", "KILL_S", "LARGEST_PACKET", "PR_SET_CHILD_SUBREAPER", "War
 PR_SET_PDEATHSIG = 1
 PR_SET_CHILD_SUBREAPER = 36
 GRACE_S = 1.0
-"""Between SIGTERM and SIGKILL once the launcher is gone [s]."""
+"""Time between SIGTERM and SIGKILL after the launcher has ended [s]."""
 KILL_S = 5.0
-"""For the ends after SIGKILL; what the kernel holds on to is left [s]."""
+"""Limit for processes to end after SIGKILL; processes stuck in the kernel are left [s]."""
 RETRY_S = 0.1
-"""Until an orphan whose environment was not readable yet is checked again [s]."""
+"""Wait before rechecking an orphan whose environment was not readable yet [s]."""
 LARGEST_PACKET = 1 << 16
 START_MARK = "OBK_START"
-"""The environment variable that names the start from which a process descends."""
+"""The environment variable that identifies the start from which a process descends."""
 SWEEPER = Path(__file__).with_name("shared_memory.py")
 PRELOAD_S = 15.0
-"""How long the preload server may take to import the libraries [s]."""
+"""Limit for the preload server to import the libraries [s]."""
 FORK_S = 5.0
-"""How long it may take to fork a node [s]."""
+"""Limit for forking a node [s]."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +66,13 @@ class Start:
 
 
 class PreloadClient:
-    """The preload server, and the starts that it has not answered, one at a time."""
+    """The preload server, and the starts that it has not answered; it handles one at a time."""
 
     def __init__(self, request: Mapping[str, Any], in_child: Callable[[], None]) -> None:
         """Start the server.
 
         Raises:
-            OSError: it cannot be started.
+            OSError: the server cannot be started.
         """
         self.link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.waiting: deque[Start] = deque()
@@ -90,21 +90,21 @@ class PreloadClient:
                 pass_fds=request["inherited"],
                 preexec_fn=in_child,
             )
-        self._process.returncode = 0  # children are reaped by the warden
+        self._process.returncode = 0  # the warden reaps all children
 
     @property
     def left_s(self) -> float | None:
-        """How long the server may still take [s]; None: nothing waits for it."""
+        """Remaining time for the server to answer [s]; None if nothing waits for it."""
         return max(0.0, self._deadline - time.monotonic()) if self.waiting else None
 
     def add(self, start: Start) -> None:
-        """Have a node forked."""
+        """Request to fork a node."""
         self.waiting.append(start)
         if self._is_ready and len(self.waiting) == 1:
             self._hand_over()
 
     def answers(self) -> Iterator[tuple[Start, int | None]]:
-        """The starts that were answered, each with its process id; None: it was not forked.
+        """The answered starts, each with its PID, or None if it was not forked.
 
         Raises:
             ConnectionResetError: the server has ended.
@@ -123,7 +123,7 @@ class PreloadClient:
                 self._hand_over()
 
     def withdraw(self, node: str) -> Start | None:
-        """Take back the start of a node; None: there is none, or it is being answered now."""
+        """Withdraw the start of a node; None if there is none, or it is being answered now."""
         begun = self.waiting[0] if self._is_ready and self.waiting else None
         for start in self.waiting:
             if start.node == node and start is not begun:
@@ -135,7 +135,7 @@ class PreloadClient:
         return None
 
     def kill(self) -> None:
-        """End the server; `answers` raises soon after."""
+        """Kill the server; `answers` raises soon after."""
         _kill(self._process.pid, signal.SIGKILL)
         self._deadline = time.monotonic() + FORK_S
 
@@ -172,11 +172,11 @@ class Warden:
         self._pid = os.getpid()
         self._pids: dict[int, str] = {}
         self._starts: dict[int, str] = {}
-        """Process -> its `START_MARK`, which the processes that it starts inherit."""
+        """Process -> its `START_MARK`, which its child processes inherit."""
         self._ended_starts: set[str] = set()
         """The starts whose process has ended."""
         self._terminated: set[int] = set()
-        """Orphans that got SIGTERM."""
+        """Orphans that received SIGTERM."""
         self._has_unknown_orphan = False
         """Whether the environment of an orphan was not readable yet."""
         self._count = 0
@@ -201,13 +201,13 @@ class Warden:
                         os.read(children_fd, 512)
                         self._reap()
                     elif key.fileobj != self._link:
-                        self._hear_preload()
+                        self._read_preload()
                     elif not self._answer():
                         return
 
     def end_all(self) -> None:
         """End every process below this one: SIGTERM, a grace time, SIGKILL."""
-        if self._preload is not None:  # what waits for it does not start any more
+        if self._preload is not None:  # waiting starts are dropped
             self._preload.link.close()
             self._preload = None
         deadline = time.monotonic() + GRACE_S
@@ -252,7 +252,7 @@ class Warden:
         """Start a node's program in the ordinary way."""
         request = start.request
         try:
-            # The Popen object is let go: children are reaped here, all in one place.
+            # The Popen object is discarded: children are reaped here, all in one place.
             child = subprocess.Popen(
                 request["arguments"],
                 env={**request["environment"], START_MARK: start.mark},
@@ -285,8 +285,8 @@ class Warden:
             return  # nodes start without it
         self._selector.register(self._preload.link, selectors.EVENT_READ)
 
-    def _hear_preload(self) -> None:
-        """Take note of what the preload server has forked; without it, start what waits for it."""
+    def _read_preload(self) -> None:
+        """Process the preload server's answers; without it, start the waiting nodes."""
         preload = self._preload
         if preload is None:
             return
@@ -309,14 +309,14 @@ class Warden:
             self._preload.kill()
 
     def _timeout_s(self) -> float | None:
-        """How long to wait for the next event [s]; None: for as long as it takes."""
+        """Limit for waiting for the next event [s]; None: no limit."""
         if self._has_unknown_orphan:
             return RETRY_S
         return self._preload.left_s if self._preload is not None else None
 
     def _in_child(self) -> None:
         self._libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != self._pid:  # it was killed before that
+        if os.getppid() != self._pid:  # the warden was killed before that
             os._exit(1)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
@@ -326,18 +326,18 @@ class Warden:
         if withdrawn is not None:
             os.close(withdrawn.output)
             self._send(event="ended", node=node, code=-number, text="")
-        self._hear_preload()
+        self._read_preload()
         for pid, name in self._pids.items():
             if name == node:
                 _kill_group(pid, number)
 
     def _reap(self) -> None:
         for pid, status in _reaped():
-            self._hear_preload()  # what it has forked before that process ended
+            self._read_preload()  # it may have forked the process before that ended
             node = self._pids.pop(pid, None)
             self._terminated.discard(pid)
             if node is not None:
-                # What the node left of its own children must not go on without it.
+                # Children that the node left behind must not continue without it.
                 _kill_group(pid, signal.SIGKILL)
                 self._ended_starts.add(self._starts.pop(pid))
                 self._terminate_orphans()
@@ -347,7 +347,7 @@ class Warden:
         self._terminate_orphans()
 
     def _terminate_orphans(self) -> None:
-        """Send SIGTERM, once, to what ended nodes have started in sessions of their own."""
+        """Send SIGTERM, once, to processes that ended nodes have started in their own sessions."""
         self._has_unknown_orphan = False
         for pid in _children():
             if pid in self._pids or pid in self._terminated:
@@ -367,10 +367,10 @@ class Warden:
 
 
 def _child_signals() -> int:
-    """A descriptor that gets a byte for each SIGCHLD.
+    """A descriptor that receives a byte for each SIGCHLD.
 
-    Signals that ask for an end are for the launcher: `systemctl stop` sends SIGTERM to all at once,
-    and the nodes would get another one from here, which cuts them short.
+    The launcher handles the signals that request an end: `systemctl stop` sends SIGTERM to all
+    processes, and a second one from here would interrupt the nodes' cleanup.
     """
     read_fd, write_fd = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
     signal.set_wakeup_fd(write_fd, warn_on_full_buffer=False)
@@ -392,32 +392,32 @@ def _reaped() -> Iterator[tuple[int, int]]:
 
 
 def _children() -> list[int]:
-    """The processes whose parent this one is, adopted ones included."""
+    """The child processes, including adopted ones."""
     return [int(pid) for pid in Path("/proc/thread-self/children").read_text().split()]
 
 
 def _terminate(pid: int) -> None:
-    """Send SIGTERM to a process and its group, once: nodes take a second one for haste."""
+    """Send SIGTERM to a process and its group, once: a second one makes nodes hurry."""
     try:
         os.killpg(pid, signal.SIGTERM)
-    except (ProcessLookupError, PermissionError):  # it leads no group
+    except (ProcessLookupError, PermissionError):  # it does not lead a group
         _kill(pid, signal.SIGTERM)
 
 
 def _start_mark(pid: int) -> str | None:
-    """The mark in a process's environment, empty without one; None: no environment to read yet.
+    """The mark in a process's environment; empty without one, None if not readable yet.
 
-    Within `exec` the kernel shows an empty environment, for up to 30 ms on a busy machine.
+    During `exec`, the kernel shows an empty environment, for up to 30 ms on a busy machine.
     """
     try:
         environment = Path(f"/proc/{pid}/environ").read_bytes()
-    except OSError:  # ended meanwhile, or another user's
+    except OSError:  # ended in the meantime, or another user's
         return ""
     if not environment:
         return None
-    begin = f"{START_MARK}=".encode()
+    prefix = f"{START_MARK}=".encode()
     found = (
-        entry.removeprefix(begin) for entry in environment.split(b"\0") if entry.startswith(begin)
+        entry.removeprefix(prefix) for entry in environment.split(b"\0") if entry.startswith(prefix)
     )
     return os.fsdecode(next(found, b""))
 

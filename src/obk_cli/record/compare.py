@@ -1,7 +1,7 @@
-"""Compare two recorded runs: what they were made from, their topics, and each number over time.
+"""Compare two recorded runs: their origin, their topics, and each number over time.
 
-Times are since the activation of the stack. Each run is read once, in parts: two recordings of any
-length need little memory.
+Times are since the activation of the stack. Each run is read once and in parts, so two recordings
+of any length need little memory.
 """
 
 import re
@@ -28,11 +28,11 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 _STAMP: Final = re.compile(r"(?:^|\.)(?:sec|nanosec)$")
-"""Fields that are times; they differ between any two runs."""
+"""Time fields, which differ between any two runs."""
 _ROUNDING: Final = 1e-9
-"""A constant number may differ so much."""
+"""Tolerance for a constant number."""
 _REJECTED: Final = re.compile(r"control rejected: .*?; (\d+) since the start")
-"""What a robot logs, at most once a second."""
+"""Log message of a robot, at most once per second."""
 _LOG: Final = "launch.log"
 _ROSOUT: Final = "/rosout"
 _Key = tuple[str, int | None]
@@ -40,32 +40,32 @@ _Key = tuple[str, int | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """A value that is not the same in both runs."""
+    """A value that differs between the runs."""
 
     what: str
     first: Any
-    """In the first run; None: it is not there."""
+    """In the first run; None if it does not exist there."""
     second: Any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicComparison:
-    """A topic that has messages in one of the runs; a pair has a value for each run."""
+    """A topic with messages in at least one run; each pair has a value per run."""
 
     topic: str
     msg_type: tuple[str, str]
-    """Empty: the run has no message of it."""
+    """Empty if the run has no message of the topic."""
     same_definition: bool
     count: tuple[int, int]
     rate_hz: tuple[float, float]
     """From the first message to the last."""
     late_p99_ms: tuple[float, float]
-    """By how much 99 % of the intervals exceed the median interval at most [ms]."""
+    """p99 of the intervals' excess over the median interval [ms]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalDifference:
-    """One number in both runs, at the times of the first one; the second is interpolated."""
+    """One number in both runs, at the times of the first; the second is interpolated."""
 
     topic: str
     signal: str
@@ -75,18 +75,18 @@ class SignalDifference:
     at_s: float
     """When the difference is largest [s since activation]."""
     count: int
-    """Of times that were compared."""
+    """Number of compared times."""
     span: float
-    """Largest minus least value in the first run, at these times."""
+    """Maximum minus minimum in the first run, at these times."""
 
     def is_within(self, tolerance: float) -> bool:
-        """Whether the RMS is at most so large a part of the span."""
+        """Whether the RMS is at most this fraction of the span."""
         return self.rms <= tolerance * self.span + _ROUNDING
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunComparison:
-    """Everything that was compared."""
+    """All results of a comparison."""
 
     runs: tuple[str, str]
     versions: tuple[Difference, ...]
@@ -95,11 +95,11 @@ class RunComparison:
     topics: tuple[TopicComparison, ...]
     signals: tuple[SignalDifference, ...]
     rejected_commands: tuple[int | None, int | None]
-    """As the robots have logged, which is at most once a second; None: there is no log."""
+    """As logged by the robots, at most once per second; None if there is no log."""
 
     @property
     def is_same(self) -> bool:
-        """Whether nothing differs but rates and times."""
+        """Whether nothing differs except rates and times."""
         same_topics = all(one.same_definition and all(one.msg_type) for one in self.topics)
         differs = any(one.largest != 0.0 for one in self.signals)
         return not (self.versions or self.config or self.parameters or differs) and same_topics
@@ -111,8 +111,8 @@ def compare_runs(
     """Compare two runs.
 
     Args:
-        first: a run.
-        second: another one.
+        first: the first run.
+        second: the second run.
         only: topics to compare; None: all.
 
     Raises:
@@ -161,7 +161,7 @@ def _compare_plans(
 
 
 def _by_node(plan: Mapping[str, Any]) -> dict[str, Any]:
-    """A plan with its processes by name; where the config's text stands does not count."""
+    """A plan with its processes by name; locations in the config's text are ignored."""
     processes = plan.get("processes")
     nodes = {
         str(one.get("node")): one
@@ -172,7 +172,7 @@ def _by_node(plan: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Path -> value; what is long, such as settings as text, stays one value."""
+    """Path -> value; long values, such as settings as text, are not split."""
     if isinstance(value, dict):
         for key, inner in value.items():
             if key != "origin":
@@ -185,7 +185,7 @@ def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
 
 
 def _rejected(run: RecordedRun) -> int | None:
-    """How many commands a run's robots rejected, by their log."""
+    """Number of commands that a run's robots rejected, according to their log."""
     if _ROSOUT in run.topics:
         topic = run.read([_ROSOUT]).get(_ROSOUT)
         lines = map(str, topic["msg"]) if topic is not None else iter(())
@@ -201,7 +201,7 @@ def _rejected(run: RecordedRun) -> int | None:
 
 @dataclass(slots=True)
 class _Sums:
-    """What is left of one signal's differences so far."""
+    """Running sums of one signal's differences."""
 
     label: str
     unit: str
@@ -229,7 +229,7 @@ class _Sums:
 
 @dataclass(slots=True)
 class _Topic:
-    """One topic in both runs, while they are read."""
+    """One topic in both runs while they are read."""
 
     name: str
     is_in_both: bool
@@ -243,7 +243,7 @@ class _Topic:
     sums: dict[_Key, _Sums] = field(default_factory=dict)
 
     def add(self, place: int, part: RecordedTopic) -> None:
-        """Take a part of the messages of a run, and compare as far as both are known."""
+        """Add a part of a run's messages, and compare as far as both runs are known."""
         self.times[place].append(part.t)
         self.types[place] = part.msg_type
         self.definitions[place] = part.messages.definition
@@ -253,21 +253,21 @@ class _Topic:
         firsts, seconds = self.waiting
         if not firsts or not seconds:
             return
-        begin, end = seconds[0].t[0], min(firsts[-1].t[-1], seconds[-1].t[-1])
-        self._compare(max(begin, self.done_s), end)
+        start, end = seconds[0].t[0], min(firsts[-1].t[-1], seconds[-1].t[-1])
+        self._compare(max(start, self.done_s), end)
         self.done_s = max(self.done_s, end)
         self._trim()
 
-    def _compare(self, begin: float, end: float) -> None:
-        """Compare the messages of the first run after `begin` (or at it, if first) up to `end`."""
+    def _compare(self, start: float, end: float) -> None:
+        """Compare the messages of the first run after `start` (for the first: from it) to `end`."""
         firsts, seconds = self.waiting
         times = [_joined([part.t for part in parts]) for parts in (firsts, seconds)]
         is_first = not self.sums
-        chosen = (times[0] >= begin if is_first else times[0] > begin) & (times[0] <= end)
+        chosen = (times[0] >= start if is_first else times[0] > start) & (times[0] <= end)
         if not chosen.any():
             return
         at = times[0][chosen]
-        order = np.argsort(times[1], kind="stable")  # they are in the order of receipt
+        order = np.argsort(times[1], kind="stable")  # messages are in order of receipt
         known = {(one.path, one.place) for one in seconds[0].signals() if not _is_time(one)}
         for path, group in groupby(firsts[0].signals(), key=lambda one: one.path):
             signals = [one for one in group if (path, one.place) in known]
@@ -285,7 +285,7 @@ class _Topic:
                 sums.add(at, mine[:, place], others)
 
     def _trim(self) -> None:
-        """Let go of what was compared; the second run's last part before it is interpolated."""
+        """Discard compared messages, except the second run's last part, needed to interpolate."""
         firsts, seconds = self.waiting
         while firsts and firsts[0].t[-1] <= self.done_s:
             del firsts[0]
@@ -341,10 +341,10 @@ def _late_ms(times: Floats) -> float:
 def first_different_message(
     first: RecordedRun, second: RecordedRun, topic: str
 ) -> tuple[int, float | None]:
-    """How many messages of a topic have the same bits, and when the first other one came.
+    """The number of bit-identical messages of a topic, and the time of the first other one.
 
     Returns:
-        The number, and the time [s since activation]; None: all of them have the same bits.
+        The number, and the time [s since activation]; None if all are bit-identical.
 
     Raises:
         RecordingError: a recording cannot be read.
@@ -362,7 +362,7 @@ def first_different_message(
 def _compare_topics(
     runs: tuple[RecordedRun, RecordedRun], only: Collection[str] | None
 ) -> list[_Topic]:
-    """Read both runs side by side, the one that is behind first."""
+    """Read both runs side by side, always the one that is behind."""
     counts = [{one.topic for one in run.bag.topics if one.count} for run in runs]
     topics = {
         name: _Topic(name, name in counts[0] and name in counts[1])

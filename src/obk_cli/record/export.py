@@ -1,7 +1,7 @@
-"""Write a recording as Parquet or CSV, one file for each topic, in parts of limited size.
+"""Export a recording to Parquet or CSV, one file per topic, in parts of limited size.
 
-Columns are called as in `obelisk_recordings`. In CSV each number of an array has its own column,
-called after its joint.
+Columns have the same names as in `obelisk_recordings`. In CSV each array element has its own
+column, named after its joint.
 """
 
 import json
@@ -26,17 +26,17 @@ __all__ = ["ExportFormat", "ExportedTopic", "export_run"]
 
 ExportFormat = Literal["parquet", "csv"]
 _TIMES: Final = ("t", "published_ns", "received_ns")
-"""Columns in front of the fields; `t` is in seconds since the activation of the stack."""
+"""Columns before the fields; `t` is in seconds since the activation of the stack."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedTopic:
-    """A file that was written."""
+    """A written file."""
 
     topic: str
     path: Path
     count: int
-    """Of messages."""
+    """Number of messages."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -45,12 +45,12 @@ class _Leaf:
 
     path: str
     code: str
-    """numpy's code of its numbers; empty for texts."""
+    """numpy type code of its numbers; empty for strings."""
     longest: int | None
-    """Length of the longest array; None: it is no array."""
+    """Length of the longest array; None if it is not an array."""
     unit: str
     names: tuple[str, ...] = ()
-    """Of the joints, for an array with a number for each."""
+    """Names of the joints, for an array with one number per joint."""
 
     @property
     def item(self) -> Any:
@@ -65,13 +65,13 @@ class _Leaf:
 def export_run(
     run: RecordedRun, topics: Sequence[str], form: ExportFormat, folder: Path
 ) -> Iterator[ExportedTopic]:
-    """Write the messages of some topics; topics without a message have no file.
+    """Export the messages of some topics; topics without messages get no file.
 
     Args:
         run: the recording.
         topics: full names.
-        form: of the files.
-        folder: for the files; made if there is none.
+        form: format of the files.
+        folder: output folder; created if necessary.
 
     Raises:
         CommandFailedError: a file cannot be written.
@@ -96,7 +96,7 @@ def export_run(
 
 
 def _leaves(run: RecordedRun, topics: Sequence[str]) -> dict[str, dict[str, _Leaf]]:
-    """The fields of each topic, with the length of the longest array of all messages."""
+    """The fields of each topic, with the length of the longest array in all messages."""
     found: dict[str, dict[str, _Leaf]] = {}
     for part in run.parts(topics):
         leaves = found.setdefault(part.name, {})
@@ -191,18 +191,18 @@ class _File:
                 yield _lists(column, rows)
 
     def finish(self) -> None:
-        """Put the file in its place."""
+        """Move the file to its final place."""
         self._writer.close()
         self._temporary.replace(self.path)
 
     def discard(self) -> None:
-        """Remove what was not finished."""
+        """Remove an unfinished file."""
         self._writer.close()
         self._temporary.unlink(missing_ok=True)
 
 
 def _texts_of(leaves: tuple[_Leaf, ...]) -> list[str]:
-    """The columns of texts, which repeat; a dictionary of numbers would only take time."""
+    """The columns of strings, which repeat; a dictionary for numbers would only take time."""
     return [
         _free(leaf.path) if leaf.longest is None else f"{leaf.path}.list.element"
         for leaf in leaves
@@ -211,7 +211,7 @@ def _texts_of(leaves: tuple[_Leaf, ...]) -> list[str]:
 
 
 def _free(path: str) -> str:
-    """A field's name that is none of the columns in front."""
+    """A field's name that differs from the columns before the fields."""
     return f"{path}_" if path in _TIMES else path
 
 
@@ -223,15 +223,15 @@ def _times(part: RecordedTopic, table: MessageTable) -> tuple[Any, Any, Any]:
 
 
 def _values(values: NDArray[Any]) -> Any:
-    """An Arrow array of values of any kind, shape `(n,)`."""
+    """An Arrow array of values of any type, shape `(n,)`."""
     if values.dtype != np.dtype(object):
         return pa.array(np.ascontiguousarray(values, values.dtype.newbyteorder("=")))
     return _texts(values[:, None])
 
 
 def _texts(texts: NDArray[Any]) -> Any:
-    """An Arrow array of texts, shape `(n, k)`, row by row."""
-    if len(texts) and (texts == texts[0]).all():  # as names are
+    """An Arrow array of strings, shape `(n, k)`, row by row."""
+    if len(texts) and (texts == texts[0]).all():  # as joint names are
         every = np.tile(np.arange(texts.shape[1]), len(texts))
         return pa.array(texts[0].tolist(), pa.string()).take(pa.array(every))
     return pa.array(texts.ravel().tolist(), pa.string())

@@ -1,6 +1,6 @@
-"""Write a recording: an MCAP file like those of rosbag2, readable however its writer ends.
+"""Write a recording as an MCAP file like those of rosbag2, readable even if its writer is killed.
 
-The file consists of whole chunks, at most `FLUSH_S` old if `flush` is called as often; only the
+The file consists of whole chunks, at most `FLUSH_S` old if `flush` is called that often; only the
 index at the end needs `close`.
 """
 
@@ -21,26 +21,26 @@ from obk_cli.ros.raw_subscription import OfferedQos
 __all__ = ["FLUSH_S", "BagWriter", "offers_text"]
 
 FLUSH_S: Final = 0.25
-"""Longest time whose messages a kill may lose [s]."""
+"""Maximum time whose messages are lost if the process is killed [s]."""
 CHUNK_BYTES: Final = 1 << 20
 _NS: Final = 1_000_000_000
 _MEDIA: Final = {".json": "application/json", ".yaml": "application/yaml"}
 
 
 class BagWriter:
-    """One file; used by one thread."""
+    """One file; use it from one thread only."""
 
     def __init__(self, path: Path) -> None:
         """Create the file.
 
         Raises:
-            CommandFailedError: it exists already, or cannot be created.
+            CommandFailedError: the file already exists, or cannot be created.
         """
         try:
             self._file = path.open("xb")
         except FileExistsError as error:
             raise CommandFailedError(
-                f"{path} already exists", help="name another file with `--output`"
+                f"{path} already exists", help="choose another file with `--output`"
             ) from error
         except OSError as error:
             raise unwritable(path, error) from error
@@ -57,9 +57,9 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the file; after a failure, what was written before it can be read."""
+        """Close the file; after a failure, everything written before it is readable."""
         if isinstance(error, OSError):
-            # There is no room for an index.
+            # The disk has no room for an index.
             self._file.close()
         else:
             self.close()
@@ -70,7 +70,7 @@ class BagWriter:
         attachments: Mapping[str, str],
         now_ns: int,
     ) -> None:
-        """Write key-value records and texts, each by its name, at the time [ns since 1970]."""
+        """Write key-value records and texts by name, with this time [ns since 1970]."""
         for name, values in metadata.items():
             escaped = {_as_utf8(key): _as_utf8(value) for key, value in values.items()}
             self._writer.add_metadata(_as_utf8(name), escaped)
@@ -88,8 +88,8 @@ class BagWriter:
         Args:
             topic: absolute name.
             msg_type: full name.
-            definition: of the type, with every type that it refers to; empty if unknown.
-            metadata: of the channel.
+            definition: of the type and of all types that it refers to; empty if unknown.
+            metadata: metadata of the channel.
         """
         if msg_type not in self._schemas:
             self._schemas[msg_type] = self._writer.register_schema(
@@ -121,19 +121,19 @@ class BagWriter:
         """Write the index and close the file.
 
         Raises:
-            OSError: the file cannot be written; what was flushed can be read.
+            OSError: the file cannot be written; everything flushed before is readable.
         """
         with self._file:
             self._writer.finish()  # type: ignore[no-untyped-call]
 
 
 def _as_utf8(text: str) -> str:
-    """The text with escapes for what UTF-8 cannot encode, such as bytes of a file's name."""
+    """Escape characters that UTF-8 cannot encode, such as bytes of a file name."""
     return text.encode(errors="backslashreplace").decode()
 
 
 def offers_text(offers: Iterable[OfferedQos]) -> str:
-    """The offers as YAML, one for each publisher, as rosbag2 reads them for playback.
+    """The offers as YAML, one per publisher, as rosbag2 reads them for playback.
 
     Source: rosbag2, `offered_qos_profiles` of a topic, metadata version 9.
     """

@@ -1,4 +1,4 @@
-"""Publish recorded messages again, at the pace of their publication."""
+"""Replay recorded messages at the pace of their publication."""
 
 import struct
 import time
@@ -25,39 +25,39 @@ if TYPE_CHECKING:
 __all__ = ["Played", "RecordedClock", "command_topics", "inputs_of", "play", "playable_topics"]
 
 _DEPTH: Final = 1000
-"""Messages that wait for a slow subscription: a second of a fast topic."""
+"""Queue depth for a slow subscription: one second of a fast topic."""
 _CHECK_S: Final = 1.0
-"""Between two looks for robots that subscribe [s, at the pace of the recording]."""
+"""Interval between checks for subscribing robots [s, in recorded time]."""
 _CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
 _TICK_S: Final = 0.001
 _NS_PER_S: Final = 1_000_000_000
 _COMMANDS: Final = "obelisk_control_msgs/"
-"""Messages of this package command robots, whatever the topic is called."""
+"""Messages of this package command robots, whatever the topic's name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Played:
-    """What was published."""
+    """The result of a replay."""
 
     counts: dict[str, int]
     """Topic -> messages."""
     first_ns: int
     """When the first message was published in the recorded run [ns since 1970]."""
-    begin_ns: int
-    """When it was published now [ns since 1970]."""
+    start_ns: int
+    """When it was replayed [ns since 1970]."""
     seconds: float
-    """How long it took [s]."""
+    """Duration of the replay [s]."""
 
 
 def command_topics(run: RecordedRun) -> frozenset[str]:
-    """The recorded topics that command a robot: by the run's config, or by the type."""
+    """The recorded topics that command a robot, by the run's config or by their type."""
     planned = inputs_of(run, lambda section: section == "robot")
     typed = {one.topic for one in run.bag.topics if one.msg_type.startswith(_COMMANDS)}
     return frozenset(planned & set(run.topics) | typed)
 
 
 def inputs_of(run: RecordedRun, is_wanted: Callable[[object], bool]) -> set[str]:
-    """The topics that nodes of some sections of the recorded config subscribe to."""
+    """The topics to which nodes of some sections of the recorded config subscribe."""
     processes = run.plan.get("processes")
     return {
         str(end.get("topic"))
@@ -71,12 +71,12 @@ def inputs_of(run: RecordedRun, is_wanted: Callable[[object], bool]) -> set[str]
 def playable_topics(
     run: RecordedRun, named: Sequence[str], *, may_move: bool
 ) -> tuple[list[str], list[str]]:
-    """The topics to publish, and those that are left out because they command robots.
+    """The topics to publish, and those skipped because they command robots.
 
     Args:
         run: the recording.
-        named: full names; empty: all that have messages.
-        may_move: whether robots may be commanded.
+        named: full names; empty: all topics with messages.
+        may_move: whether commanding robots is allowed.
 
     Raises:
         CommandFailedError: a named topic commands a robot, or there is nothing to publish.
@@ -110,14 +110,14 @@ def play(
     Args:
         run: the recording.
         topics: full names.
-        target: the ROS domain, and the stacks that run in it.
-        speed: how many times faster than they were recorded.
-        may_move: whether robots may be commanded.
-        wait_s: how long to wait for subscribers of each topic [s].
-        sets_clock: whether to publish the time of the recording on `/clock`, too.
+        target: the ROS domain and its running stacks.
+        speed: playback speed, relative to the recording.
+        may_move: whether commanding robots is allowed.
+        wait_s: limit for finding subscribers of each topic [s].
+        sets_clock: whether to also publish the recorded time on `/clock`.
 
     Raises:
-        CommandFailedError: a robot in the domain subscribes to a topic, or a type is not here.
+        CommandFailedError: a robot in the domain subscribes to a topic, or a type is missing.
     """
     from obk_cli.introspect.publishing import refuse_robot_commands
     from obk_cli.ros.participant import OBSERVER_NODE, open_participant
@@ -142,14 +142,14 @@ def play(
         }
         _wait_for_subscribers(participant, publishers, wait_s)
         ticker = _Ticker(participant, RecordedClock(run), speed) if sets_clock else None
-        begin, begin_ns = time.monotonic(), time.time_ns()
+        start, start_ns = time.monotonic(), time.time_ns()
         counts, first_ns = dict.fromkeys(types, 0), None
         checked_s = -_CHECK_S
         for due_s, message in paced(messages_in_order(run.path, topics), speed):
             if ticker is not None:
-                ticker.tick_until(begin + due_s, message)
-            RosPublisher.until(begin + due_s)
-            if due_s > checked_s + _CHECK_S:  # a robot may come at any time
+                ticker.tick_until(start + due_s, message)
+            RosPublisher.until(start + due_s)
+            if due_s > checked_s + _CHECK_S:  # a robot may appear at any time
                 checked_s = due_s
                 refuse_robots()
             publishers[message.topic].publish_bytes(message.data)
@@ -157,15 +157,15 @@ def play(
             counts[message.topic] += 1
         for publisher in publishers.values():
             publisher.rest()
-    seconds = time.monotonic() - begin
-    return Played(counts=counts, first_ns=first_ns or 0, begin_ns=begin_ns, seconds=seconds)
+    seconds = time.monotonic() - start
+    return Played(counts=counts, first_ns=first_ns or 0, start_ns=start_ns, seconds=seconds)
 
 
 class RecordedClock:
-    """The time that the nodes of a recorded run had when a message was published."""
+    """The time base of the nodes of a recorded run when a message was published."""
 
     def __init__(self, run: RecordedRun) -> None:
-        """Find out which clock the nodes had; in simulated time, read the stamps of all topics.
+        """Find out which clock the nodes used; for simulated time, read the stamps of all topics.
 
         Raises:
             RecordingError: the recording cannot be read.
@@ -183,9 +183,9 @@ class RecordedClock:
         self._time_ns = np.maximum.accumulate(stamped[order])
 
     def time_ns(self, message: RecordedMessage) -> int:
-        """The time of a message [ns]: the newest stamp so far, without stamps that of publication.
+        """The time of a message [ns]: the newest stamp so far; without stamps, its publication.
 
-        Messages come in the order of their receipt, so it may go back a little.
+        Messages are in the order of receipt, so the time may go back slightly.
         """
         if not len(self._time_ns):
             return message.published_ns
@@ -208,7 +208,7 @@ def _begins_with_header(definition: MessageDefinition) -> bool:
 
 
 class _Ticker:
-    """Publishes the time of the recording on `/clock`, with a tick at least each millisecond."""
+    """Publishes the recorded time on `/clock`, at least once per millisecond."""
 
     def __init__(self, participant: "RosParticipant", clock: RecordedClock, speed: float) -> None:
         from obk_cli.ros.publisher import RosPublisher
@@ -222,7 +222,7 @@ class _Ticker:
         self._last_s = time.monotonic()
 
     def tick_until(self, due_s: float, message: RecordedMessage) -> None:
-        """Let time go on to that of a message, which is due at a time of the monotonic clock."""
+        """Advance to the time of a message, which is due at a time of the monotonic clock [s]."""
         goal_ns = max(self._clock.time_ns(message), self._last_ns)
         while self._last_ns and (now_s := time.monotonic()) < due_s - _TICK_S:
             passed_ns = round((now_s - self._last_s) * self._speed * _NS_PER_S)
@@ -249,7 +249,7 @@ def paced(
 def _wait_for_subscribers(
     participant: "RosParticipant", publishers: "Mapping[str, RosPublisher]", wait_s: float
 ) -> None:
-    """Wait until there is a subscription and all that are known are matched; then go on anyway."""
+    """Wait until a subscription exists and all known ones are matched; continue after the limit."""
 
     def is_ready() -> bool | None:
         matched = {topic: one.subscribers for topic, one in publishers.items()}

@@ -1,8 +1,8 @@
-"""Plot fields of recorded runs, such as `/arm/joints.position[0]`, as PNG, SVG or a page.
+"""Plot fields of recorded runs, such as `/arm/joints.position[0]`, as PNG, SVG or a web page.
 
-`plot_parts` reads the numbers; `draw` writes a picture with matplotlib, `write_page` one file for
-the browser, with zoom, a cursor and no network. `page/uPlot.iife.min.js` draws that: version 1.6.32
-of uPlot, unchanged, under the MIT licence in `page/uPlot.LICENSE`.
+`plot_parts` reads the numbers. `draw` writes a picture with matplotlib; `write_page` writes one
+file for the browser with zoom and cursor, which needs no network. The page uses
+`page/uPlot.iife.min.js`: uPlot 1.6.32, unchanged, under the MIT licence in `page/uPlot.LICENSE`.
 """
 
 import base64
@@ -43,9 +43,9 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 MOST_LINES: Final = 32
-"""Of one field: more cannot be distinguished in a picture."""
+"""Maximum number of lines of a field; more cannot be distinguished in a picture."""
 MOST_POINTS: Final = 100_000
-"""Of a line; of a longer one the page has the extremes of so many spans."""
+"""Maximum number of points of a line; the page gets the extremes of intervals of a longer one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +54,9 @@ class FieldName:
 
     topic: str
     path: str
-    """In the message: `position[0]`."""
+    """Path within the message: `position[0]`."""
     text: str
-    """As the user typed it."""
+    """As typed by the user."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,24 +64,24 @@ class PlotLine:
     """One number over time."""
 
     label: str
-    """What distinguishes it in its part: run, field, joint; empty if it is the only one."""
+    """What distinguishes it within its part: run, field, joint; empty if it is the only line."""
     times_s: Floats
-    """Since the activation of the stack [s], shape `(n,)`."""
+    """[s since activation], shape `(n,)`."""
     values: Floats
     """Shape `(n,)`."""
     run: int
-    """Place of its run among the runs, for the style of the line."""
+    """Index of its run, which determines the line style."""
     colour: int
-    """Place of its number in the part; the same number of another run has the same."""
+    """Index of its number in the part; the same number of another run has the same colour."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlotPart:
-    """What has one axis of values."""
+    """A plot with one axis of values."""
 
     title: str
     unit: str
-    """Empty: there is none, or several."""
+    """Empty if there is no unit, or several."""
     lines: tuple[PlotLine, ...]
 
     @property
@@ -94,7 +94,7 @@ def parse_field(text: str) -> FieldName:
     """Split `TOPIC.FIELD`.
 
     Raises:
-        MisuseError: it is not of that form.
+        MisuseError: the text does not have this form.
     """
     topic, dot, path = text.partition(".")
     if not topic or not field_steps(dot + path):
@@ -107,7 +107,7 @@ def parse_field(text: str) -> FieldName:
 
 @dataclass(slots=True, kw_only=True)
 class _Collected:
-    """One number of one run, while it is read."""
+    """One number of one run while it is read."""
 
     label: str
     unit: str
@@ -122,16 +122,16 @@ def plot_parts(
     by_receipt: bool = False,
     overlay: bool = False,
 ) -> tuple[PlotPart, ...]:
-    """Read fields of all runs: a part for each field, or one for all of them.
+    """Read fields of all runs: one part per field, or one part for all.
 
     Args:
-        runs: the recordings; a field has to be in one of them at least.
+        runs: the recordings; each field must be in at least one of them.
         fields: what to read.
-        by_receipt: whether times are those of receipt, not of publication.
+        by_receipt: whether to use times of receipt instead of publication.
         overlay: whether all fields share one part.
 
     Raises:
-        CommandFailedError: no number of a field was recorded, or too many.
+        CommandFailedError: a field has no recorded numbers, or too many.
         RecordingError: a recording cannot be read, or no run has the topic or field.
     """
     found = [_read(run, fields, by_receipt=by_receipt) for run in runs]
@@ -154,7 +154,7 @@ def plot_parts(
 def _read(
     run: RecordedRun, fields: Sequence[FieldName], *, by_receipt: bool
 ) -> list[dict[str, _Collected]]:
-    """For each field the numbers in it by their path."""
+    """For each field, its numbers by path."""
     topics = [topic_named(name.topic, run.topics) for name in fields]
     found: list[dict[str, _Collected]] = [{} for _ in fields]
     for part in run.parts(topics):
@@ -177,7 +177,7 @@ def _key(signal: RecordedSignal) -> str:
 
 
 def _label(signal: RecordedSignal, name: FieldName) -> str:
-    """What distinguishes a number from the others of its field: `knee`, `[2]`, `x`."""
+    """What distinguishes a number from others of its field: `knee`, `[2]`, `x`."""
     if _key(signal) == name.path:
         return ""
     text = signal.label.removeprefix(name.path)
@@ -210,7 +210,7 @@ def _part(
 
 
 def _overlaid(parts: Sequence[PlotPart]) -> PlotPart:
-    """All parts in one; numbers have other colours."""
+    """Merge all parts into one; each number gets its own colour."""
     lines: list[PlotLine] = []
     for part in parts:
         first = max((line.colour for line in lines), default=-1) + 1
@@ -235,12 +235,12 @@ def _only(units: set[str]) -> str:
 FORMATS: Final = (".png", ".svg", ".html")
 WIDTH_IN: Final = 9.0
 HEIGHT_IN: Final = 2.6
-"""Of one field's plot [inch]."""
+"""Height of one field's plot [inch]."""
 DPI: Final = 120
 MOST_NAMED: Final = 12
-"""Lines that fit into a legend."""
+"""Maximum number of lines in a legend."""
 _STYLES: Final = ("-", "--", ":", "-.")
-"""Of lines, by run."""
+"""Line styles, by run."""
 
 
 def check_time_range(parts: Sequence[PlotPart], xlim: tuple[float, float]) -> None:
@@ -269,13 +269,13 @@ def draw(
     path: Path,
     xlim: tuple[float, float] | None = None,
 ) -> None:
-    """Write a picture with the parts one below the other; whole or not at all.
+    """Write a picture with the parts one below the other; replaces the file as a whole.
 
     Args:
         parts: what to draw.
-        title: above all.
-        path: of the file, .png or .svg.
-        xlim: which times are shown [s]; None: all.
+        title: title of the picture.
+        path: output file, .png or .svg.
+        xlim: time range to show [s]; None: all.
 
     Raises:
         CommandFailedError: the file cannot be written.
@@ -305,7 +305,7 @@ def draw(
             _fit(axis, part, xlim)
     axes[-1].set_xlabel("time since activation [s]")
     figure.suptitle(title, fontsize="medium")
-    # Reproducible bytes, and text stays text.
+    # Makes the bytes reproducible, and keeps text as text.
     picture, kind = BytesIO(), path.suffix.removeprefix(".")
     with matplotlib.rc_context({"svg.hashsalt": "obk", "svg.fonttype": "none"}):
         metadata = {"Date": None} if kind == "svg" else None
@@ -317,7 +317,7 @@ def draw(
 
 
 def _fit(axis: Any, part: PlotPart, xlim: tuple[float, float]) -> None:
-    """Scale the axis of values to what is shown."""
+    """Scale the axis of values to the visible values."""
     shown = [*_shown(part, xlim)]
     finite = np.concatenate([values[np.isfinite(values)] for values in shown] or [np.empty(0)])
     if len(finite):
@@ -337,13 +337,13 @@ def write_page(
     path: Path,
     xlim: tuple[float, float] | None = None,
 ) -> None:
-    """Write the page, whole or not at all.
+    """Write the page; replaces the file as a whole.
 
     Args:
         parts: what to draw, one below the other.
-        title: above all.
-        path: of the file.
-        xlim: which times are shown first [s]; None: all.
+        title: title of the page.
+        path: output file.
+        xlim: time range to show first [s]; None: all.
 
     Raises:
         CommandFailedError: the file cannot be written.
@@ -381,9 +381,9 @@ def packed_line(
     """`times` and `values` of a line for a page, as base64 of 64-bit floats.
 
     Args:
-        times: in parts, each of shape `(n,)`.
+        times: in parts of shape `(n,)`.
         values: in parts of the same lengths.
-        most: how many points the page gets at most.
+        most: maximum number of points for the page.
     """
     few_times, few_values = _thinned(np.concatenate(times), np.concatenate(values), most)
     return {"times": _packed(few_times), "values": _packed(few_values)}
@@ -404,7 +404,7 @@ def _packed(numbers: Floats) -> str:
 
 
 def _thinned(times: Floats, values: Floats, most: int) -> tuple[Floats, Floats]:
-    """A line of at most `most` points: the least and the greatest value of each span of points."""
+    """A line of at most `most` points: the minimum and maximum of each interval of points."""
     if len(times) <= most:
         return times, values
     size = -(-len(times) // (most // 2))

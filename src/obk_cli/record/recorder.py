@@ -1,12 +1,12 @@
 """Record topics of a ROS graph: serialized messages go straight from subscriptions into a file.
 
-Nothing is deserialized and no executor is used: every few milliseconds the recorder takes the
-messages that wait in each subscription. A topic is subscribed once its type is known, a named topic
-of known type before it has a publisher. The recorder never blocks a publisher: messages that
-arrive too fast are dropped and counted.
+No message is deserialized and no executor is used: every few milliseconds, the recorder takes the
+waiting messages of each subscription. A topic is subscribed to once its type is known; a named
+topic of known type even before it has a publisher. The recorder never blocks a publisher: messages
+that arrive too fast are dropped and counted.
 
-As a program, `python -m obk_cli.record.recorder JOB`, it runs a job file: a launch starts it beside
-its nodes. It ends on SIGINT, SIGTERM, SIGHUP, or when its duration is over.
+As a program, `python -m obk_cli.record.recorder JOB`, it runs a job file; a launch starts it next
+to its nodes. It ends on SIGINT, SIGTERM, SIGHUP, or after its duration.
 """
 
 import os
@@ -44,15 +44,15 @@ from obk_cli.workspace.overlay import underlays_of
 __all__ = ["RosRecorder", "installed_definition", "record", "recorded_text", "schema_text"]
 
 FindDefinition = Callable[[str, str], str | None]
-"""Package and message -> the text of its `.msg` file, None if there is none."""
+"""Package and message -> the text of its `.msg` file; None if it does not exist."""
 
 _BAR = "=" * 80
-# Message types begin with a capital letter, primitive types with a small one.
+# Message types start with a capital letter, primitive types with a small one.
 _OWN_TYPE = re.compile(r"\s*(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z]\w*)\s*(?:\[[^\]]*\])?\s+\w")
 
 
 def schema_text(msg_type: str, find: FindDefinition) -> str | None:
-    """The definition of `pkg/msg/Name` with every type that it refers to; None if one is missing.
+    """The definition of `pkg/msg/Name` and of all types that it refers to; None if one is missing.
 
     Args:
         msg_type: full name.
@@ -75,7 +75,7 @@ def schema_text(msg_type: str, find: FindDefinition) -> str | None:
 
 
 def _parts(text: str, package: str) -> Iterator[tuple[str, str]]:
-    """Package and name of the messages that a definition's fields are of."""
+    """Package and name of the message types of a definition's fields."""
     for line in text.splitlines():
         field = _OWN_TYPE.match(line.partition("#")[0])
         if field is not None:
@@ -83,7 +83,7 @@ def _parts(text: str, package: str) -> Iterator[tuple[str, str]]:
 
 
 def installed_definition(package: str, name: str) -> str | None:
-    """The definition of a message from the first prefix that has it; None if none has."""
+    """The definition of a message from the first prefix that has it; None if none does."""
     for prefix in underlays_of(os.environ, ()):
         path = Path(prefix, "share", package, "msg", f"{name}.msg")
         if path.is_file():
@@ -114,13 +114,13 @@ class RosRecorder:
     def __init__(
         self, node: Any, writer: BagWriter, request: RecordRequest, report: Callable[[str], None]
     ) -> None:
-        """Subscribe to the topics that are known already.
+        """Subscribe to the topics that are already known.
 
         Args:
-            node: of rclpy; it is not spun.
-            writer: takes the messages.
-            request: which topics.
-            report: takes sentences for the user.
+            node: the rclpy node; it is not spun.
+            writer: receives the messages.
+            request: the topics to record.
+            report: receives sentences for the user.
         """
         self._node = node
         self._writer = writer
@@ -140,27 +140,27 @@ class RosRecorder:
 
     @property
     def dropped(self) -> int:
-        """Messages of all topics that were dropped."""
+        """Number of dropped messages of all topics."""
         return sum(topic.counter.dropped for topic in self._topics.values())
 
     def turn(self) -> None:
-        """Write the waiting messages and poll the graph when it is due; takes a few milliseconds.
+        """Write waiting messages, and poll the graph if due; takes a few milliseconds.
 
         Raises:
             OSError: the file cannot be written.
         """
-        begin = time.monotonic()
+        start = time.monotonic()
         self.take()
-        if begin - self._flushed > FLUSH_S:
+        if start - self._flushed > FLUSH_S:
             self._writer.flush()
-            self._flushed = begin
-        if begin - self._polled > GRAPH_POLL_S:
-            self._polled = begin
+            self._flushed = start
+        if start - self._polled > GRAPH_POLL_S:
+            self._polled = start
             self.poll_graph()
-        if begin - self._reported > REPORT_S:
-            self._reported = begin
+        if start - self._reported > REPORT_S:
+            self._reported = start
             self._report_drops()
-        time.sleep(max(0.0, POLL_S - (time.monotonic() - begin)))
+        time.sleep(max(0.0, POLL_S - (time.monotonic() - start)))
 
     def take(self) -> None:
         """Write the waiting messages.
@@ -182,7 +182,7 @@ class RosRecorder:
                 )
 
     def poll_graph(self) -> None:
-        """Subscribe to new topics, and again where a new publisher's offer requires it."""
+        """Subscribe to new topics, and resubscribe if a new publisher's offer requires it."""
         graph = dict(self._node.get_topic_names_and_types())
         for name, msg_type in matching_topics(self._request, graph).items():
             if name not in self._topics and name not in self._rejected:
@@ -219,7 +219,7 @@ class RosRecorder:
     def _begin(self, name: str, msg_type: str) -> None:
         try:
             raw = RawSubscription(self._node.handle, name, msg_type, find_type(msg_type))
-        except Exception as error:  # a generated package may raise anything
+        except Exception as error:  # generated packages may raise anything
             self._rejected.add(name)
             self._report(f"warning: {name} is not recorded: {error}")
             return
@@ -230,7 +230,7 @@ class RosRecorder:
         raw.learn()
         definition = schema_text(raw.msg_type, installed_definition)
         if definition is None:
-            self._report(f"warning: {raw.name}: the definition of {raw.msg_type} is not found")
+            self._report(f"warning: {raw.name}: the definition of {raw.msg_type} was not found")
         topic.channel = self._writer.add_topic(
             raw.name,
             raw.msg_type,
@@ -266,10 +266,10 @@ def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
 
     Args:
         job: what to record.
-        report: takes sentences for the user, the first one once the recording has begun.
+        report: receives sentences for the user, the first when the recording has started.
 
     Raises:
-        CommandFailedError: the file exists already or cannot be written, or ROS does not start.
+        CommandFailedError: the file already exists or cannot be written, or ROS does not start.
     """
     with ExitStack() as stack:
         is_over = threading.Event()
@@ -281,8 +281,8 @@ def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
                 writer.describe(job.metadata, job.attachments, time.time_ns())
                 recorder = RosRecorder(node, writer, job.request, report)
                 stack.callback(recorder.close)
-                begin = time.monotonic()
-                end = float("inf") if job.duration_s is None else begin + job.duration_s
+                start = time.monotonic()
+                end = float("inf") if job.duration_s is None else start + job.duration_s
                 report(f"{BEGUN}{job.path}")
                 while not is_over.is_set() and time.monotonic() < end:
                     recorder.turn()
@@ -291,15 +291,15 @@ def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
                 writer.describe({DROPS: drops}, {}, time.time_ns())
         except OSError as error:
             raise CommandFailedError(
-                f"{job.path}: {explain_os_error(error)}: the recording ends here; what was "
-                "written before can be read"
+                f"{job.path}: {explain_os_error(error)}: the recording ends here; everything "
+                "written before is readable"
             ) from error
-        seconds = time.monotonic() - begin
+        seconds = time.monotonic() - start
         return Recorded(path=job.path, seconds=seconds, counters=recorder.counters)
 
 
 def recorded_text(recorded: Recorded) -> str:
-    """The result of a recording in a sentence."""
+    """The result of a recording as a sentence."""
     counters = recorded.counters.values()
     topics = sum(1 for counter in counters if counter.count)
     return (

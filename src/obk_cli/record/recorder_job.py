@@ -1,6 +1,6 @@
-"""The job of a recorder process: topics, file, and what a recording says about its run.
+"""The job of a recorder process: topics, file, and metadata about the run, as a value and as JSON.
 
-As a value and as JSON; needs no MCAP library.
+Needs no MCAP library.
 """
 
 import json
@@ -32,15 +32,15 @@ __all__ = [
 
 PLAN_FILE: Final = "plan.json"
 GIT_S: Final = 2.0
-"""Longest time that git may take [s]."""
+"""Limit for git [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordRequest:
-    """Topics that the user asks to record."""
+    """Topics that the user wants to record."""
 
     topics: Mapping[str, str | None] = field(default_factory=dict)
-    """Absolute name -> full type (`pkg/msg/Name`); None: the one that the graph reports."""
+    """Absolute name -> full type (`pkg/msg/Name`); None: the type in the graph."""
     patterns: tuple[str, ...] = ()
     """Shell-style patterns: `/arm/*`; `*` matches slashes too."""
     excludes: tuple[str, ...] = ()
@@ -50,7 +50,7 @@ class RecordRequest:
 def matching_topics(
     request: RecordRequest, graph: Mapping[str, Sequence[str]]
 ) -> Mapping[str, str]:
-    """The topics that can be recorded now, each with its type.
+    """The topics that can be recorded now, with their types.
 
     Args:
         request: topics and patterns to record.
@@ -71,7 +71,7 @@ def clashing_topics(
 
 
 def unmatched_requests(request: RecordRequest, found: Collection[str]) -> Iterator[str]:
-    """Sentences about the names and patterns that match none of the topics found."""
+    """Sentences about requested names and patterns that match no topic."""
     for topic in request.topics:
         if topic not in found and not _is_excluded(request, topic):
             yield f"{topic} was not found"
@@ -83,7 +83,7 @@ def unmatched_requests(request: RecordRequest, found: Collection[str]) -> Iterat
 def _candidates(
     request: RecordRequest, graph: Mapping[str, Sequence[str]]
 ) -> Iterator[tuple[str, str | None]]:
-    """Requested topics, each with the type that the request gives for it."""
+    """Requested topics, with the type that the request gives for each."""
     fitting = (
         t for t in sorted(graph) if any(_matches(t, pattern) for pattern in request.patterns)
     )
@@ -115,7 +115,7 @@ def _only(types: Sequence[str]) -> str | None:
 
 
 BEGUN: Final = "recording to "
-"""Prefix of the line that a recorder prints once it is subscribed."""
+"""Prefix of the line that a recorder prints once it has subscribed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,16 +130,16 @@ class RecorderJob:
     attachments: Mapping[str, str] = field(default_factory=dict)
     """Text attachments at the start of the file, by file name."""
     duration_s: float | None = None
-    """How long to record [s]; None: until a signal ends it."""
+    """Duration [s]; None: until a signal."""
 
 
 def job_to_json(job: RecorderJob) -> str:
-    """The job for another process."""
+    """Serialize the job for another process."""
     return json.dumps({**asdict(job), "path": str(job.path)})
 
 
 def job_from_json(text: str) -> RecorderJob:
-    """The job that `job_to_json` wrote."""
+    """Parse the output of `job_to_json`."""
     data = json.loads(text)
     request = data["request"]
     return RecorderJob(
@@ -169,7 +169,7 @@ def file_name(folder: Path | None, when: datetime) -> str:
 
 
 def run_metadata_of(folder: Path) -> RunMetadata:
-    """The metadata of a run; what its folder lacks is left out."""
+    """The metadata of a run; omits what its folder lacks."""
     run = read_record(folder)
     stored = {
         key: str(run[key]) for key in ("name", "config", "domain", "plan_sha256") if key in run
@@ -190,7 +190,7 @@ def run_metadata_of(folder: Path) -> RunMetadata:
 
 
 def _code(config: object) -> Mapping[str, str]:
-    """The commit of the workspace of a config; empty if it is in no git repository."""
+    """The commit of a config's workspace; empty outside a git repository."""
     if not isinstance(config, str):
         return {}
     command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]

@@ -21,11 +21,11 @@ def rewrite(
     """Write a recording; replaces the file.
 
     Args:
-        run: what is copied, with its attachments.
-        path: of the new file.
-        topics: full names of those to copy.
-        time_ns: a new time for a time in the run [ns since 1970].
-        metadata: of the new file, instead of the run's own of the same names.
+        run: the source, copied with its attachments.
+        path: the new file.
+        topics: full names of the topics to copy.
+        time_ns: maps a time in the run to a new time [ns since 1970].
+        metadata: metadata of the new file; replaces the run's own of the same name.
 
     Raises:
         CommandFailedError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""The environment of ROS processes: domain, localhost only, log folder, sourced setup files."""
+"""The environment of ROS processes: domain, discovery range, log folder, sourced setup files."""
 
 import os
 import shutil
@@ -30,48 +30,48 @@ ROS_HOME: Final = "ROS_HOME"
 
 
 def set_log_folder(variables: MutableMapping[str, str]) -> Iterator[str]:
-    """Have ROS write its log files where it can; gives a sentence where that is another place."""
+    """Choose a writable folder for ROS's log files; yields a sentence if it is not the default."""
     fault = _fault(variables)
     if fault is None:
         return
     try:
         instead = _folder_of_this_user()
     except OSError as error:
-        yield f"ROS will not start: {fault}, nor elsewhere ({error})"
+        yield f"ROS will not start: {fault}, and no other folder is writable ({error})"
         return
     if logs := variables.pop(LOGS, ""):
-        # The runs are where they are without this.
+        # Keep the folder of runs where it would be without this change.
         variables.setdefault("OBK_HOME", f"{logs}/obk")
     variables[ROS_HOME] = str(instead)
-    yield f"{fault}; they go to {instead}/log"
+    yield f"{fault}; they are written to {instead}/log"
 
 
 def _fault(variables: MutableMapping[str, str]) -> str | None:
-    """Why ROS can write no log files; None: it can."""
+    """Why ROS cannot write log files; None if it can."""
     given = variables.get(LOGS) or f"{variables.get(ROS_HOME) or '~/.ros'}/log"
     home = variables.get("HOME", "")
     if given.startswith("~") and not home:
-        return "ROS finds no place for its log files, as HOME is not set"
+        return "ROS has no folder for its log files, because HOME is not set"
     folder = Path(home, given[1:].lstrip("/")) if given.startswith("~") else Path(given).absolute()
-    # `Path.exists` raises in a folder that is closed to this user, such as the home of root.
+    # `Path.exists` raises in a folder that this user may not read, such as root's home.
     there = next(place for place in (folder, *folder.parents) if os.path.exists(place))  # noqa: PTH110
     if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
         return f"ROS cannot write its log files into {folder}"
     if there != folder and not shutil.disk_usage(there).free:
-        return f"ROS cannot make {folder} for its log files, as the disk is full"
+        return f"ROS cannot create {folder} for its log files, because the disk is full"
     return None
 
 
 def _folder_of_this_user() -> Path:
-    """A folder for temporary files that belongs to this user only.
+    """A temporary folder that belongs only to this user.
 
     Raises:
-        OSError: there is none.
+        OSError: no such folder can be created.
     """
     folder = Path(tempfile.gettempdir()) / f"obk-ros-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     if folder.lstat().st_uid != os.getuid():
-        raise PermissionError(f"{folder} is another user's")
+        raise PermissionError(f"{folder} belongs to another user")
     return folder
 
 
@@ -83,27 +83,27 @@ DOMAIN: Final = "ROS_DOMAIN_ID"
 RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS: Final = "ROS_STATIC_PEERS"
 OLD_SWITCH: Final = "ROS_LOCALHOST_ONLY"
-"""The predecessor of `RANGE`; ROS warns about it, and if it is 1 uses nothing else."""
+"""The predecessor of `RANGE`. ROS warns about it and, if it is 1, ignores everything else."""
 PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Variables that name settings of Fast DDS; newer versions use the second."""
+"""Variables that name settings files of Fast DDS; newer versions use the second."""
 SKIP_FOLDER: Final = "SKIP_DEFAULT_XML_FILE"
-"""Whether Fast DDS leaves alone what lies in the working folder under the name of its settings."""
+"""Whether Fast DDS ignores a settings file with the default name in the working folder."""
 LOCALHOST_PROFILE: Final = str(Path(__file__).with_name("dds_localhost.xml"))
 LAN_PROFILE: Final = str(Path(__file__).with_name("dds_lan.xml"))
 AS_THE_PROFILE_SAYS: Final = "SYSTEM_DEFAULT"
 """The range with which ROS leaves the settings of Fast DDS unchanged."""
 FAST_DDS: Final = ("", OUR_RMW, "rmw_fastrtps_dynamic_cpp")
-"""Middlewares that use them; the first is the default of ROS 2."""
+"""Middlewares that use these settings; the first is the default of ROS 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosEnvironment:
-    """Variables for ROS processes, and sentences about what was changed for the user."""
+    """Variables for ROS processes, and notes about what was changed for the user."""
 
     variables: Mapping[str, str]
-    """All of a process's; what is not among them is not to be set."""
+    """All variables of a process; no others are set."""
     range: str
-    """Who can be discovered, in the words of ROS_AUTOMATIC_DISCOVERY_RANGE."""
+    """Which hosts can be discovered, as a value of ROS_AUTOMATIC_DISCOVERY_RANGE."""
     notes: tuple[str, ...]
 
     @property
@@ -121,15 +121,15 @@ class RosEnvironment:
 def ros_environment(
     network: Network | None = None, *, devices_are_split: bool = False
 ) -> RosEnvironment:
-    """What this process's environment becomes for ROS.
+    """Build the ROS environment from this process's environment.
 
     Args:
-        network: who can discover the stack; None keeps what the user has set, else this host only.
-        devices_are_split: whether other hosts run other devices of the stack; then, if neither
-            `network` nor the user sets anything, they can be discovered.
+        network: which hosts can discover the stack; None: the user's setting, otherwise this host.
+        devices_are_split: whether other hosts run other devices of the stack; they can then be
+            discovered if neither `network` nor the user sets anything.
 
     Raises:
-        CommandFailedError: ROS_DOMAIN_ID is no domain; to guess another could move a real robot.
+        CommandFailedError: ROS_DOMAIN_ID is invalid; guessing another could move a real robot.
     """
     variables = _as_the_user_has_it()
     notes = [*_set_range(variables, network, devices_are_split)]
@@ -137,7 +137,7 @@ def ros_environment(
     variables["PYTHONUNBUFFERED"] = "1"
     rmw = variables.get("RMW_IMPLEMENTATION")
     if rmw and not _is_installed(rmw, variables):
-        notes.append(f"RMW_IMPLEMENTATION={rmw} is not installed here; {OUR_RMW} is used instead")
+        notes.append(f"RMW_IMPLEMENTATION={rmw} is not installed; using {OUR_RMW}")
         variables["RMW_IMPLEMENTATION"] = OUR_RMW
     domain = variables.get(DOMAIN, "0")
     if not domain.isdecimal() or int(domain) > HIGHEST_DOMAIN:
@@ -150,10 +150,10 @@ def ros_environment(
 
 
 def _as_the_user_has_it() -> dict[str, str]:
-    """This process's variables without what a `RosEnvironment` put among them before."""
+    """This process's variables, without those that a `RosEnvironment` added before."""
     variables = dict(os.environ)
     if not variables.get(DOMAIN):
-        variables.pop(DOMAIN, None)  # to ROS an empty one is none
+        variables.pop(DOMAIN, None)  # ROS treats an empty value as not set
     profile = variables.get(PROFILES_FILES[0])
     if profile in (LOCALHOST_PROFILE, LAN_PROFILE):
         del variables[PROFILES_FILES[0]]
@@ -163,7 +163,7 @@ def _as_the_user_has_it() -> dict[str, str]:
 
 
 def _set_profile(variables: dict[str, str]) -> None:
-    """Have messages go over UDP alone, unless the user has settings of Fast DDS of his own."""
+    """Use UDP only for messages, unless the user has their own settings of Fast DDS."""
     if any(variables.get(name) for name in PROFILES_FILES):
         return
     variables[SKIP_FOLDER] = "1"
@@ -178,8 +178,8 @@ def _set_profile(variables: dict[str, str]) -> None:
 def _set_range(
     variables: dict[str, str], network: Network | None, devices_are_split: bool
 ) -> Iterator[str]:
-    """Set who can discover the stack; gives sentences about what does not go together."""
-    # With the old switch on, ROS looks at nothing else.
+    """Set which hosts can discover the stack; yields notes about conflicting settings."""
+    # If the old switch is on, ROS ignores everything else.
     is_switched = variables.pop(OLD_SWITCH, "") == "1"
     peers = variables.get(PEERS)
     if network is None and is_switched:
@@ -187,19 +187,19 @@ def _set_range(
     if network is not None:
         variables[RANGE] = {"localhost": "LOCALHOST", "lan": "SUBNET"}[network]
     if network == "lan" and is_switched:
-        yield f"{OLD_SWITCH}=1 is left out for `--network lan`"
+        yield f"{OLD_SWITCH}=1 is ignored for `--network lan`"
     if network == "localhost" and peers:
         del variables[PEERS]
-        yield f"{PEERS}={peers} is left out for `--network localhost`"
+        yield f"{PEERS}={peers} is ignored for `--network localhost`"
     is_set = bool(variables.get(RANGE))
     if not is_set:
         variables[RANGE] = "SUBNET" if devices_are_split else "LOCALHOST"
     elif devices_are_split and variables[RANGE] in ("LOCALHOST", "OFF") and not peers:
         what = f"{OLD_SWITCH}=1" if is_switched else f"{RANGE}={variables[RANGE]}"
         what = "`--network localhost`" if network == "localhost" else what
-        yield f"{what} keeps devices on other hosts from being found; use `--network lan`"
+        yield f"{what} prevents the discovery of devices on other hosts; use `--network lan`"
     if variables[RANGE] == "OFF":
-        yield f"{RANGE}=OFF keeps the nodes of a stack from finding each other"
+        yield f"{RANGE}=OFF prevents the nodes of a stack from discovering each other"
 
 
 def _is_installed(rmw: str, variables: Mapping[str, str]) -> bool:
@@ -211,11 +211,11 @@ def _is_installed(rmw: str, variables: Mapping[str, str]) -> bool:
 
 FIRST_PORT: Final = 7400
 PORTS: Final = 250
-"""Of one domain."""
+"""Number of ports of a domain."""
 MARK: Final = 9
-"""An offset that DDS does not use: bound by the process that has taken the domain on this host."""
+"""A port offset that DDS does not use; the process that reserves the domain binds this port."""
 DOMAINS: Final = range(100, 0, -1)
-"""From above, as people take small ones; higher up the ports are handed out to others."""
+"""In descending order, because people use small ones; ports of higher domains are ephemeral."""
 
 
 @contextmanager
@@ -223,7 +223,7 @@ def free_domain() -> Iterator[int]:
     """While entered, reserve a ROS domain that no other caller on this host has.
 
     Raises:
-        CommandFailedError: there is none.
+        CommandFailedError: no domain is free.
     """
     bound = [place.laddr for place in psutil.net_connections(kind="udp") if place.laddr]
     used = {(address.port - FIRST_PORT) // PORTS for address in bound}
@@ -233,7 +233,7 @@ def free_domain() -> Iterator[int]:
                 continue
             yield domain
             return
-    raise CommandFailedError("on this host every ROS domain from 1 to 100 is in use")
+    raise CommandFailedError("every ROS domain from 1 to 100 is in use on this host")
 
 
 def _is_bound(mark: socket.socket, port: int) -> bool:

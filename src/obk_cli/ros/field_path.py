@@ -1,6 +1,6 @@
 """Fields of messages: their types, and paths to them such as `q_joints[0]`.
 
-Paths are checked against the message type, then taken out of messages.
+Paths are checked against the message type, then read from messages.
 """
 
 import re
@@ -34,12 +34,12 @@ INTEGERS: Final = {
     "octet": (0, 255),
     "char": (0, 255),
 }
-"""Name -> least and greatest value."""
+"""Name -> minimum and maximum value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number or truth value: `boolean`, `float`, `double`, or one of `INTEGERS`."""
+    """A number or boolean: `boolean`, `float`, `double`, or one of `INTEGERS`."""
 
     name: str
 
@@ -49,12 +49,12 @@ class Text:
     """A string."""
 
     longest: int | None = None
-    """Characters; None: as many as there are."""
+    """Maximum number of characters; None: no limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message within the message."""
+    """A nested message."""
 
     name: str
     """`pkg/Name`."""
@@ -62,11 +62,11 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class ArrayType:
-    """Several of the same type."""
+    """Several values of one type."""
 
     item: "FieldType"
     size: int | None = None
-    """How many exactly, or at most; None: any number."""
+    """Exact or maximum length; None: any."""
     rule: Literal["any", "most", "exactly"] = "any"
 
 
@@ -78,7 +78,7 @@ _TEXT: Final = re.compile(r"w?string(?:<(?P<longest>\d+)>)?")
 
 
 def parse_type(text: str) -> FieldType:
-    """The type that a text names; total, as generated packages name no others."""
+    """Parse a type's name; accepts every name that generated packages use."""
     if match := _SEQUENCE.fullmatch(text):
         item = parse_type(match["item"])
         if match["most"]:
@@ -92,12 +92,12 @@ def parse_type(text: str) -> FieldType:
 
 
 FieldsOf = Callable[[str], Mapping[str, str]]
-"""`pkg/Name` -> the names and types of that message's fields, as generated packages name them."""
+"""`pkg/Name` -> names and types of that message's fields, as in generated packages."""
 _STEP: Final = re.compile(r"\.(?P<name>[A-Za-z]\w*)|\[(?P<index>[0-9]{1,9})\]")
 
 
 class _Missing:
-    """What an array that is shorter than usual has in the place that was selected."""
+    """The value of a selected element if the array is shorter than its index."""
 
 
 MISSING: Final = _Missing()
@@ -105,19 +105,19 @@ MISSING: Final = _Missing()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Selection:
-    """One field."""
+    """A selected field."""
 
     steps: tuple[str | int, ...]
-    """Names of fields and places in arrays, outermost first."""
+    """Field names and array indices, outermost first."""
     text: str
-    """As the user has it."""
+    """As written by the user."""
 
 
 def parse_selection(text: str) -> Selection:
-    """Take `header.stamp.sec` or `q_joints[0]` apart.
+    """Parse `header.stamp.sec` or `q_joints[0]`.
 
     Raises:
-        MisuseError: it is not of that form.
+        MisuseError: the text does not have this form.
     """
     steps = field_steps(text if text.startswith(".") else f".{text}")
     if not steps:
@@ -137,12 +137,12 @@ def field_steps(text: str) -> tuple[str | int, ...]:
 
 
 def check_selection(selection: Selection, msg_type: str, fields_of: FieldsOf) -> FieldType:
-    """The type of the field that is selected.
+    """The type of the selected field.
 
     Args:
         selection: the field.
         msg_type: `pkg/Name` of the topic's messages.
-        fields_of: where types are looked up.
+        fields_of: looks up the fields of types.
 
     Raises:
         CommandFailedError: messages of that type have no such field.
@@ -164,17 +164,17 @@ def check_selection(selection: Selection, msg_type: str, fields_of: FieldsOf) ->
                     )
                 kind = parse_type(fields[step])
             case _, int():
-                raise CommandFailedError(f"`{selection.text}`: [{step}] is of no array")
+                raise CommandFailedError(f"`{selection.text}`: [{step}] needs an array")
             case _:
-                raise CommandFailedError(f"`{selection.text}`: `{step}` is of no message")
+                raise CommandFailedError(f"`{selection.text}`: `{step}` needs a message")
     return kind
 
 
 def selected(message: Any, selection: Selection) -> Any:
-    """The value in a message of the checked type; `MISSING` where its array has fewer.
+    """The value in a message of the checked type; `MISSING` if an array is too short.
 
     Args:
-        message: of a generated package, or as plain data.
+        message: of a generated package, or plain data.
         selection: the field.
     """
     value = message

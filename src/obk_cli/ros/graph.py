@@ -1,8 +1,8 @@
 """Read the ROS graph: nodes by name, publishers and subscriptions by topic.
 
-The graph holds what DDS has discovered so far. A participant is found by its next announcement:
-after 0.2 s for obk's nodes, which announce themselves often (`dds_localhost.xml`), and after up to
-3.1 s for others, whose announcements come every 3 s unless another period is set.
+The graph contains what DDS has discovered so far. A participant is discovered by its next
+announcement: within 0.2 s for obk's nodes, which announce themselves often
+(`dds_localhost.xml`), and within 3.1 s for others, which by default do so every 3 s.
 """
 
 import time
@@ -30,9 +30,9 @@ __all__ = [
 ]
 
 OWN_DISCOVERY_S: Final = 0.4
-"""How long nodes that obk started may take to be found [s]."""
+"""Limit for discovering nodes that obk started [s]."""
 FOREIGN_DISCOVERY_S: Final = 3.3
-"""How long any node may take to be found, with the middleware's own settings [s]."""
+"""Limit for discovering any node with the middleware's default settings [s]."""
 UNNAMED: Final = "(a participant without a node's name)"
 """A publisher of another DDS program, or of a node whose name is not known yet."""
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
@@ -41,14 +41,14 @@ POLL_S: Final = 0.01
 
 
 class RosGraph:
-    """The graph as one node sees it; every wait has a deadline."""
+    """The graph as seen by one node; every wait has a limit."""
 
     def __init__(self, node: Any, begin_s: float | None = None) -> None:
-        """Begin to find others.
+        """Start discovery.
 
         Args:
-            node: of rclpy.
-            begin_s: since when its participant finds others (monotonic [s]); None: since just now.
+            node: the rclpy node.
+            begin_s: when its participant started discovery (monotonic [s]); None: just now.
         """
         self._node = node
         self._begin = time.monotonic() if begin_s is None else begin_s
@@ -56,8 +56,8 @@ class RosGraph:
     def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
         """Full names of the life-cycle nodes in the graph.
 
-        Returns as soon as all expected ones are there; without any expected, when there are some
-        and the graph has not changed for `quiet_s`; at the latest after `timeout_s`.
+        Returns as soon as all expected nodes exist. If none are expected, returns when there are
+        some and the graph has not changed for `quiet_s`. Returns after `timeout_s` in any case.
         """
         required = frozenset(expected)
         end = time.monotonic() + timeout_s
@@ -74,9 +74,9 @@ class RosGraph:
         return tuple(sorted(seen))
 
     def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
-        """Those of the full names that other nodes in the graph have already.
+        """The names in `names` that other nodes in the graph already have.
 
-        Returns when there are some, or once `discovery_s` have gone by since discovery began.
+        Returns when there are some, or `discovery_s` after discovery began.
         """
         taken = frozenset(names)
 
@@ -90,15 +90,15 @@ class RosGraph:
     def foreign_publishers(
         self, topics: Iterable[str], ours: Iterable[str], discovery_s: float
     ) -> tuple[tuple[str, str], ...]:
-        """Publishers on these topics by nodes that are not ours: topic and the node's full name.
+        """Publishers on these topics by other nodes: topic and the node's full name.
 
-        Returns when there are some, or once `discovery_s` have gone by since discovery began. A
-        node whose name is not known by then is `UNNAMED`.
+        Returns when there are some, or `discovery_s` after discovery began. A node whose name is
+        not known by then is `UNNAMED`.
 
         Args:
             topics: absolute names.
             ours: full names of nodes that may publish on them.
-            discovery_s: `OWN_DISCOVERY_S` for those of other stacks, `FOREIGN_DISCOVERY_S` for all.
+            discovery_s: `OWN_DISCOVERY_S` for nodes of other stacks, `FOREIGN_DISCOVERY_S` for all.
         """
         listed, allowed = tuple(topics), frozenset(ours)
 
@@ -111,7 +111,7 @@ class RosGraph:
         return tuple(sorted(found()))
 
     def topic_types(self) -> Mapping[str, Sequence[str]]:
-        """Topic -> the full types that its ends have, of any node."""
+        """Topic -> the full types of its publishers and subscriptions."""
         return dict(self._node.get_topic_names_and_types())
 
     def ends_of_type(self, topic: str, msg_type: str) -> tuple[str, ...]:
@@ -152,7 +152,7 @@ PARAMETER_LIST: Final = "rcl_interfaces/srv/ListParameters"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class End:
-    """One publisher or subscription of a topic."""
+    """A publisher or subscription of a topic."""
 
     node: str
     """Full name; empty if unknown."""
@@ -160,46 +160,46 @@ class End:
     msg_type: str
     """Full, `pkg/msg/Name`."""
     qos: OfferedQos
-    """What a publisher offers, what a subscription asks for."""
+    """Offered by a publisher, requested by a subscription."""
     type_hash: str = ""
     gid: str = ""
-    """In hexadecimal; empty if unknown."""
+    """Hexadecimal; empty if unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicInfo:
-    """A topic with its ends."""
+    """A topic with its publishers and subscriptions."""
 
     name: str
     msg_types: tuple[str, ...]
-    """More than one only where nodes do not agree."""
+    """More than one only if nodes use different types."""
     publishers: tuple[End, ...] = ()
     subscriptions: tuple[End, ...] = ()
 
     @property
     def published_types(self) -> tuple[str, ...]:
-        """What is published, whatever the subscriptions ask for."""
+        """The types of the publishers."""
         return tuple(dict.fromkeys(end.msg_type for end in self.publishers)) or self.msg_types
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphSnapshot:
-    """The graph as a node has discovered it so far."""
+    """The graph as discovered by a node so far."""
 
     nodes: tuple[str, ...] = ()
-    """Full names; a name that two nodes have stands twice."""
+    """Full names; a name shared by two nodes occurs twice."""
     topics: tuple[TopicInfo, ...] = ()
     services: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Full name -> types (`pkg/srv/Name`)."""
 
     def topic(self, name: str) -> TopicInfo:
-        """The topic of a name, without ends if it does not exist."""
+        """The topic with this name; without ends if it does not exist."""
         empty = TopicInfo(name=name, msg_types=())
         return next((topic for topic in self.topics if topic.name == name), empty)
 
 
 def visible(graph: GraphSnapshot) -> GraphSnapshot:
-    """The graph without what is hidden by ROS's custom: a part of the name begins with `_`."""
+    """The graph without names hidden by ROS convention: those with a part that starts with `_`."""
     return replace(
         graph,
         topics=tuple(topic for topic in graph.topics if "/_" not in topic.name),
@@ -217,7 +217,7 @@ def parameter_nodes(graph: GraphSnapshot) -> tuple[str, ...]:
 
 
 def special_services(services: Mapping[str, tuple[str, ...]]) -> Mapping[str, tuple[str, ...]]:
-    """The services without those that every node has, for parameters and its type definitions."""
+    """The services, except those that every node has for parameters and type descriptions."""
     return {
         name: types
         for name, types in services.items()
@@ -226,11 +226,11 @@ def special_services(services: Mapping[str, tuple[str, ...]]) -> Mapping[str, tu
 
 
 def ends_that_need_dds(topic: TopicInfo, sockets: Set[str]) -> Iterator[str]:
-    """What keeps a topic from going by sockets alone: who, and why.
+    """Ends that prevent a topic from using sockets only, with the reason.
 
     Args:
-        topic: as discovered.
-        sockets: GIDs of the subscriptions that have a socket in a run of this host.
+        topic: the discovered topic.
+        sockets: GIDs of the subscriptions with a socket in a run of this host.
     """
     for end in topic.publishers:
         if end.qos.durability != "volatile":
@@ -250,9 +250,9 @@ def incompatible_ends(topic: TopicInfo) -> Iterator[str]:
                 yield f"{who}{subscription.msg_type} is not {publisher.msg_type}"
             asks, offers = _request(subscription.qos), _request(publisher.qos)
             if asks.is_reliable and not offers.is_reliable:
-                yield f"{who}it asks for `reliable`, and `best_effort` is offered"
+                yield f"{who}it requests `reliable`, but `best_effort` is offered"
             if asks.is_transient_local and not offers.is_transient_local:
-                yield f"{who}it asks for `transient_local`, and `volatile` is offered"
+                yield f"{who}it requests `transient_local`, but `volatile` is offered"
 
 
 def _request(qos: OfferedQos) -> RequestedQos:

@@ -1,7 +1,7 @@
-"""Life-cycle nodes over ROS from outside: finding them, asking for states and transitions.
+"""Control life-cycle nodes over ROS: find them, query states, request transitions.
 
-One node of our own and the thread that spins it. Everything waits with a deadline; what rclpy
-raises is mapped here.
+Uses one node of its own and the thread that spins it. Every wait has a limit; errors of rclpy are
+converted here.
 """
 
 import os
@@ -34,10 +34,10 @@ __all__ = [
 ]
 
 PING_S: Final = 3.0
-"""After which the answer to a question for a state is given up [s]."""
+"""Limit for the answer to a state query [s]."""
 POLL_S: Final = 0.01
 END_S: Final = 2.0
-"""How long a callback may still take at the end [s]."""
+"""Limit for running callbacks at the end [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,17 +46,17 @@ class TransitionReply:
 
     success: bool
     fault: str
-    """The node's own account of the fault; otherwise empty."""
+    """The fault as the node reported it; otherwise empty."""
 
 
 class NodeClients:
-    """Service clients by node; every method may be called from any thread and returns at once."""
+    """Service clients by node; methods may be called from any thread and return at once."""
 
     def __init__(self, node: Any) -> None:
-        """Make no client yet.
+        """Start without clients.
 
         Args:
-            node: of rclpy, that asks.
+            node: the rclpy node that sends requests.
         """
         from lifecycle_msgs.srv import ChangeState, GetState
         from std_srvs.srv import Trigger
@@ -68,18 +68,18 @@ class NodeClients:
         self._lock = threading.Lock()
 
     def open(self, node: str) -> None:
-        """Make the clients of a node, so that they find their services from now on."""
+        """Create the clients of a node, so that they can discover their services."""
         # In the order in which nodes offer them, which DDS keeps: a node whose `get_state` answers
-        # knows this client's `change_state` as well.
+        # also knows this client's `change_state`.
         for service in self._types:
             self._client(node, service)
 
     def is_ready(self, node: str, service: str) -> bool:
-        """Whether there is a server; one that was killed counts until its lease ends."""
+        """Whether a server exists; one that was killed counts until its lease ends."""
         return bool(self._client(node, service).service_is_ready())
 
     def ask_state(self, node: str) -> Any:
-        """A future of the node's state; dropped, with its callbacks, when no answer comes."""
+        """A future of the node's state; dropped with its callbacks if no answer arrives."""
         client = self._client(node, "get_state")
         now = time.monotonic()
         with self._lock:
@@ -91,13 +91,13 @@ class NodeClients:
         return future
 
     def ask_fault(self, node: str) -> Any:
-        """A future of the node's account of its newest fault."""
+        """A future of the node's newest fault."""
         return self._client(node, "last_error").call_async(self._types["last_error"].Request())
 
     def change_state(self, node: str, transition: str) -> Any:
-        """A future of how the node's transition ended."""
+        """A future of the result of the node's transition."""
         request = self._types["change_state"].Request()
-        # By name: the number of `shutdown` depends on the state, and an unknown number kills
+        # By name: the number of `shutdown` depends on the state, and an unknown number crashes
         # nodes of plain rclpy.
         request.transition.label = transition
         return self._client(node, "change_state").call_async(request)
@@ -112,18 +112,18 @@ class NodeClients:
 
 
 class LifecycleClient:
-    """Asks life-cycle nodes and waits for their answers."""
+    """Queries life-cycle nodes and waits for their answers."""
 
     def __init__(
         self, name: str, context: Any, executor: Any, begin_s: float | None = None
     ) -> None:
-        """Make the node; it spins from `__enter__` on.
+        """Create the node; it is spun after `__enter__`.
 
         Args:
-            name: of the node.
-            context: of rclpy, initialised.
-            executor: of rclpy, of that context.
-            begin_s: since when the context's participant finds others (monotonic [s]); None: the
+            name: name of the node.
+            context: initialized rclpy context.
+            executor: rclpy executor of that context.
+            begin_s: when the context's participant started discovery (monotonic [s]); None: the
                 node is its first one.
         """
         self._context = context
@@ -152,7 +152,7 @@ class LifecycleClient:
                 remove_participant(node.destroy_node)
 
     def add_node(self, name: str) -> Any:
-        """Another rclpy node, without a namespace, that is spun and ended along with ours."""
+        """Create another rclpy node, without a namespace, that is spun and destroyed with ours."""
         import rclpy
 
         node = rclpy.create_node(
@@ -163,7 +163,7 @@ class LifecycleClient:
         return node
 
     def participant(self) -> RosParticipant:
-        """The graph as our node sees it, for any thread."""
+        """The graph as seen by our node, for any thread."""
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
         domain = self._context.get_domain_id()
@@ -174,7 +174,7 @@ class LifecycleClient:
         return self.graph.find(expected, timeout_s, quiet_s)
 
     def change(self, node: str, transition: str, timeout_s: float) -> TransitionReply | None:
-        """Request a transition of a node and wait; None when no answer came in time."""
+        """Request a transition of a node and wait; None if no answer arrives in time."""
         response = self._wait(self._clients.change_state(node, transition), timeout_s)
         if response is None:
             return None
@@ -182,7 +182,7 @@ class LifecycleClient:
         return TransitionReply(success=bool(response.success), fault=fault)
 
     def state(self, node: str, timeout_s: float) -> str | None:
-        """A node's state; None when no answer came in time."""
+        """A node's state; None if no answer arrives in time."""
         end = time.monotonic() + timeout_s
         self._clients.open(node)
         if not self._wait_until_ready(node, "get_state", timeout_s):
@@ -191,14 +191,14 @@ class LifecycleClient:
         return None if response is None else str(response.current_state.label)
 
     def last_fault(self, node: str, timeout_s: float) -> str:
-        """An Obelisk node's account of its newest fault; empty when it gives none."""
+        """An Obelisk node's newest fault; empty if it does not answer."""
         if not self._wait_until_ready(node, "last_error", timeout_s):
             return ""
         response = self._answer(lambda: self._clients.ask_fault(node), timeout_s)
         return "" if response is None else str(response.message)
 
     def _answer(self, ask: Callable[[], Any], timeout_s: float) -> Any:
-        """The answer to a question, asked again if the answer is lost; None: not in time."""
+        """The answer to a query, repeated if the answer is lost; None if not in time."""
         end, response = time.monotonic() + timeout_s, None
         while response is None and (left_s := end - time.monotonic()) > 0:
             response = self._wait(ask(), min(ASK_AGAIN_S, left_s))
@@ -225,26 +225,26 @@ C = TypeVar("C", bound=LifecycleClient)
 def open_lifecycle_client(
     name: str, environment: RosEnvironment
 ) -> AbstractContextManager[LifecycleClient]:
-    """A client with a ROS node of its own, spinning in a thread; see `open_client`."""
+    """A client with its own ROS node, spinning in a thread; see `open_client`."""
     return open_client(name, environment, LifecycleClient)
 
 
 @contextmanager
 def open_client(name: str, environment: RosEnvironment, kind: type[C]) -> Iterator[C]:
-    """A client of a kind, with a ROS node of its own that spins in a thread.
+    """Open a client with its own ROS node that spins in a thread.
 
     Args:
         name: the node's name; the process id is added.
-        environment: put into effect for this process first.
-        kind: of the client.
+        environment: applied to this process first.
+        kind: class of the client.
 
     Raises:
-        CommandFailedError: there is no rclpy, or it does not start.
+        CommandFailedError: rclpy is missing, or does not start.
     """
     with open_context(environment) as context, ExitStack() as stack:
         try:
-            # The participant comes with the first node in the context, and stays for the others.
-            # What a node of rclpy needs is loaded while this one finds others already.
+            # The first node of the context creates the participant, which remains for the others.
+            # While this one discovers nodes, what an rclpy node needs is loaded.
             first = make_bare_node(context)
             begin_s = time.monotonic()
             client = _make_client(f"{name}_{os.getpid()}", context, begin_s, kind)

@@ -1,7 +1,6 @@
-"""What a user writes for a message, held against the message's type: every fault of it at once.
+"""Check a user's message against its type, and report all faults at once.
 
-In: a value of YAML, a type's name, its fields. Out: data that fits, and sentences on what does not.
-Makes no message itself.
+Returns data that matches the type, and sentences about what does not. Creates no message itself.
 """
 
 import sys
@@ -43,22 +42,22 @@ GREATEST: Final = {"float": 3.4028234663852886e38, "double": sys.float_info.max}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Filled:
-    """What came of a value."""
+    """The result of checking a value."""
 
     data: Data
-    """The fields that were given; right only without faults."""
+    """The given fields; valid only if there are no faults."""
     faults: tuple[str, ...]
-    """Each names a field, what stands there, and what its type wants."""
+    """Each names a field, its value, and the expected type."""
 
 
 def fill(value: object, msg_type: str, fields_of: FieldsOf) -> Filled:
-    """Hold a value of YAML against a message type.
+    """Check a YAML value against a message type.
 
     Args:
-        value: an object with fields, or none for a message as it is by default. In place of a
-            `Header` may stand `auto`, in place of a `Time` `now`: the time of publishing.
+        value: an object with fields, or None for the default message. `auto` may replace a
+            `Header`, and `now` a `Time`: the time of publishing.
         msg_type: `pkg/Name`.
-        fields_of: where types are looked up.
+        fields_of: looks up the fields of types.
     """
     filler = _Filler(fields_of)
     given = {} if value is None else value
@@ -67,10 +66,10 @@ def fill(value: object, msg_type: str, fields_of: FieldsOf) -> Filled:
 
 
 def require_fit(value: object, msg_type: str, fields_of: FieldsOf) -> Data:
-    """The fields that a user gives, held against a message type as `fill` does.
+    """Check a user's fields against a message type as `fill` does.
 
     Raises:
-        MisuseError: they do not fit; every fault is listed.
+        MisuseError: they do not match; all faults are listed.
     """
     filled = fill(value, msg_type, fields_of)
     if filled.faults:
@@ -90,7 +89,7 @@ class _Filler:
         self.faults: list[str] = []
 
     def take(self, value: object, kind: FieldType, place: str) -> Data:
-        """The value as the type takes it; what does not fit is noted."""
+        """Convert a value to the type; records a fault if it does not match."""
         match kind:
             case Message(name):
                 return self._message(value, name, place)
@@ -145,7 +144,7 @@ class _Filler:
                 return value
             self._note(place, f"expected true or false, got {_shown(value)}")
             return False
-        # To Python, true is 1.
+        # In Python, True equals 1.
         number = None if isinstance(value, bool) else value
         if name in GREATEST:
             if isinstance(number, int | float) and _is_held(number, GREATEST[name]):
@@ -195,7 +194,7 @@ def _item_text(kind: FieldType) -> str:
 
 
 def _shown(value: object) -> str:
-    """A value for a message."""
+    """A value, for a message."""
     if isinstance(value, list | dict):
         return "a list" if isinstance(value, list) else "an object"
     if value is None or isinstance(value, bool):
@@ -207,27 +206,27 @@ Plain = None | bool | int | float | str | list["Plain"] | dict[str, "Plain"]
 
 
 def plain_data(value: Any) -> Plain:
-    """A message, or a value of one of its fields."""
+    """Convert a message, or a field's value, to plain data."""
     fields: Mapping[str, str] | None = (
         value.get_fields_and_field_types() if hasattr(value, "get_fields_and_field_types") else None
     )
     if fields is not None:
         return {name: plain_data(getattr(value, name)) for name in fields}
-    if isinstance(value, bytes):  # an octet
+    if isinstance(value, bytes):  # a single octet
         return value[0]
     if isinstance(value, list | tuple):
         return [plain_data(item) for item in value]
-    # Arrays of numbers, and the numbers of numpy's arrays.
+    # Arrays of numbers, and single numbers of numpy arrays.
     plain: Plain = value.tolist() if hasattr(value, "tolist") else value
     return plain
 
 
 def columns(value: Plain, name: str) -> Iterator[tuple[str, Plain]]:
-    """The single values in it with their names, as in `header.stamp.sec`, `q_joints[0]`.
+    """The single values in a value with their names: `header.stamp.sec`, `q_joints[0]`.
 
     Args:
         value: plain data.
-        name: its own; empty for a whole message.
+        name: its own name; empty for a whole message.
     """
     if isinstance(value, dict):
         for field, item in value.items():

@@ -1,8 +1,8 @@
-"""Measure the rates of many topics at once, and how old their messages are when they are received.
+"""Measure the rates of many topics at once, and the age of their messages when received.
 
-One thread calls `Meter.turn` again and again: what has arrived is counted, every 5 ms unless set
-otherwise. For live tables and for single measurements alike. Ages come from the stamps in the
-headers; `DelayMeter` reads no clock.
+One thread calls `Meter.turn` repeatedly to count received messages, by default every 5 ms. Used for
+live tables and for single measurements. Ages come from the stamps in the headers; `DelayMeter`
+reads no clock.
 """
 
 import time
@@ -33,38 +33,38 @@ __all__ = [
 
 
 MOST_KEPT: Final = 100_000
-"""Messages of one topic that a window may hold: 10 s at 10 kHz."""
+"""Maximum number of messages of one topic in a window: 10 s at 10 kHz."""
 _NS: Final = 1e-9
 _NEAR_ALL: Final = 0.99
 OTHER_CLOCK_NS: Final = 10**16
-"""About four months; farther apart are only stamps of another clock, such as a simulator's."""
+"""About four months; larger differences mean that the stamp comes from another clock."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicRate:
-    """What was measured of one topic; the figures are of the window, the counts of all time."""
+    """The measured rate of a topic: statistics of the window, and counts since the start."""
 
     count: int
-    """Messages since the beginning."""
+    """Messages since the start."""
     lost: int | None
-    """Messages since the beginning that were published and did not come; None: not known."""
+    """Messages since the start that were published but not received; None if unknown."""
     seen: int
     """Messages in the window."""
     window_s: float
     """From the first to the last message in the window [s]."""
     rate_hz: float | None = None
-    """At which they are published, lost ones among them where known; None: fewer than two came."""
+    """Publication rate, including lost messages if known; None with fewer than two messages."""
     min_s: float | None = None
-    """Shortest time between two messages [s]."""
+    """Shortest interval between two messages [s]."""
     max_s: float | None = None
     std_dev_s: float | None = None
     jitter_s: float | None = None
-    """By which 99 % of the times between two messages are at most off their mean [s]."""
+    """p99 deviation of intervals from their mean [s]."""
     bytes_per_s: float | None = None
     mean_bytes: float | None = None
-    """Of a message as it is sent [bytes]."""
+    """Mean size of a serialized message [bytes]."""
     age_s: float | None = None
-    """Since the last message [s]; None: there was none."""
+    """Time since the last message [s]; None if there was none."""
 
 
 class Meter:
@@ -73,10 +73,10 @@ class Meter:
     __slots__ = ("_drops", "_lost", "_received", "_sizes", "_window_ns", "bytes", "publishers")
 
     def __init__(self, window_s: float) -> None:
-        """Begin with none.
+        """Start without messages.
 
         Args:
-            window_s: how far back figures go [s].
+            window_s: measurement window [s].
         """
         self._window_ns = round(window_s / _NS)
         self._received: deque[int] = deque(maxlen=MOST_KEPT)
@@ -84,22 +84,22 @@ class Meter:
         self._lost: deque[int] = deque(maxlen=MOST_KEPT)
         self._drops = DropCounter()
         self.publishers = 0
-        """The number of publishers now; set by the caller."""
+        """Current number of publishers; set by the caller."""
         self.bytes = 0
-        """Of all messages."""
+        """Total size of all messages."""
 
     @property
     def count(self) -> int:
-        """Messages since the beginning."""
+        """Messages since the start."""
         return self._drops.count
 
     def take(self, received_ns: int, size: int, sequence: int) -> None:
         """Count a message.
 
         Args:
-            received_ns: when it came [ns since 1970].
-            size: of the serialized message [bytes].
-            sequence: its number among those of its publisher, from 1.
+            received_ns: time of receipt [ns since 1970].
+            size: size of the serialized message [bytes].
+            sequence: its sequence number from its publisher, from 1.
         """
         self._drops.take(sequence, self.publishers)
         self._received.append(received_ns)
@@ -108,10 +108,10 @@ class Meter:
         self.bytes += size
 
     def rate(self, now_ns: int) -> TopicRate:
-        """What was measured by now.
+        """The rate measured so far.
 
         Args:
-            now_ns: the clock by which messages were received [ns since 1970].
+            now_ns: current time of the receiving clock [ns since 1970].
         """
         self._forget(now_ns - self._window_ns)
         times = self._received
@@ -126,7 +126,7 @@ class Meter:
         mean_ns = span_ns / (seen - 1)
         off = sorted(abs(interval - mean_ns) for interval in intervals)
         variance = sum(one * one for one in off) / len(off)
-        # The first message's bytes came before the window's first interval.
+        # The first message's bytes precede the window's first interval.
         come = sum(self._sizes) - self._sizes[0]
         published = seen - 1 + self._lost[-1] - self._lost[0]
         return replace(
@@ -142,7 +142,7 @@ class Meter:
         )
 
     def _forget(self, before_ns: int) -> None:
-        # The last one stays, so that its age is known.
+        # Keep the last message, so that its age is known.
         while len(self._received) > 1 and self._received[0] < before_ns:
             self._received.popleft()
             self._sizes.popleft()
@@ -150,10 +150,10 @@ class Meter:
 
 
 Watch = Callable[[int, bytes], None]
-"""Takes when a message was received [ns since 1970], and the message as it was sent."""
+"""Called with a message's time of receipt [ns since 1970] and the serialized message."""
 
 ReadClock = Callable[[int], int | None]
-"""Converts a time of the wall clock [ns since 1970] into that of another one; None: not known."""
+"""Converts wall-clock time [ns since 1970] to another clock; None if unknown."""
 
 
 def _wall_ns(time_ns: int) -> int:
@@ -161,26 +161,26 @@ def _wall_ns(time_ns: int) -> int:
 
 
 TURN_S: Final = 0.005
-"""Between two looks at the subscriptions [s]."""
+"""Polling period of the subscriptions [s]."""
 REFRESH_S: Final = 0.1
-"""Between two looks at the publishers [s]."""
+"""Polling period of the publishers [s]."""
 
 OLD_NS: Final = 500_000_000
-"""For which messages may be taken for old ones [ns]."""
+"""Time after subscribing in which messages may count as old [ns]."""
 
 
 class RosMeter:
-    """Counts the messages of topics."""
+    """Counts the messages of several topics."""
 
     def __init__(
         self, participant: RosParticipant, window_s: float, turn_s: float = TURN_S
     ) -> None:
-        """Begin with no topic.
+        """Start without topics.
 
         Args:
             participant: the participant that subscribes.
-            window_s: how far back figures go [s].
-            turn_s: between two checks for messages [s]; the middleware measures their times.
+            window_s: measurement window [s].
+            turn_s: polling period [s]; the middleware records the times of messages.
         """
         self._participant = participant
         self._window_s = window_s
@@ -200,17 +200,17 @@ class RosMeter:
         is_first: bool = False,
         clock: ReadClock | None = None,
     ) -> None:
-        """Count a topic's messages from now on; one that is counted already goes on.
+        """Start counting a topic's messages; has no effect if they are already counted.
 
         Args:
-            name: full.
+            name: full name.
             msg_type: full, `pkg/msg/Name`.
             python_type: the message's class.
-            watch: is shown each message.
-            window_s: how far back its figures go [s]; None: as those of others.
-            is_light: cost its publishers little, and miss a message rather.
-            is_first: take its messages before those of the other topics in each turn.
-            clock: the time in which its figures are; None: wall time.
+            watch: called with each message.
+            window_s: measurement window [s]; None: the default window.
+            is_light: cause little load for publishers, even if messages may be missed.
+            is_first: take its messages before those of other topics in each turn.
+            clock: time base of its statistics; None: wall time.
         """
         if name not in self._topics:
             raw = self._participant.subscribe(name, msg_type, python_type, is_light=is_light)
@@ -219,32 +219,32 @@ class RosMeter:
             self._topics = {name: counted, **others} if is_first else {**others, name: counted}
 
     def drop(self, name: str) -> None:
-        """Count a topic's messages no more."""
+        """Stop counting a topic's messages."""
         self._topics.pop(name).raw.close()
 
     def close(self) -> None:
-        """Count no topic any more."""
+        """Stop counting all topics."""
         for name in tuple(self._topics):
             self.drop(name)
 
     def turn(self) -> None:
-        """Count what has come, then rest until the turn is over."""
-        begin = time.monotonic()
-        self._take(begin)
-        time.sleep(max(0.0, self._turn_s - (time.monotonic() - begin)))
+        """Count received messages, then sleep until the turn is over."""
+        start = time.monotonic()
+        self._take(start)
+        time.sleep(max(0.0, self._turn_s - (time.monotonic() - start)))
 
     def rates(self) -> Mapping[str, TopicRate]:
-        """What was measured by now, by topic."""
-        # The caller may have slept or waited for others: count what has come since.
+        """The rates measured so far, by topic."""
+        # The caller may have slept or waited for others, so count new messages first.
         self._take(time.monotonic())
         now_ns = time.time_ns()
         return {
             name: topic.meter.rate(topic.clock(now_ns) or 0) for name, topic in self._topics.items()
         }
 
-    def _take(self, begin: float) -> None:
-        if begin - self._looked > REFRESH_S:
-            self._looked = begin
+    def _take(self, start: float) -> None:
+        if start - self._looked > REFRESH_S:
+            self._looked = start
             for topic in self._topics.values():
                 topic.raw.refresh()
         for topic in self._topics.values():
@@ -262,7 +262,7 @@ class RosMeter:
 
 
 class _Counted:
-    """A topic whose messages are counted, but for those that its publisher had kept."""
+    """A topic whose messages are counted, except those that its publisher had stored."""
 
     __slots__ = ("_begun_ns", "_first_ns", "clock", "is_fresh", "meter", "raw", "watch")
 
@@ -274,15 +274,15 @@ class _Counted:
         self.watch = watch
         self.clock = clock
         self.is_fresh = False
-        """Whether a message has come that was published since."""
+        """Whether a message that was published after the subscription has arrived."""
         self._begun_ns = time.time_ns()
         self._first_ns: int | None = None
 
     def is_old(self, received_ns: int, published_ns: int) -> bool:
         """Whether it was published before this subscription existed.
 
-        Such messages come all at once, as if the rate were higher. A publisher's clock may be
-        behind: so this ends soon after the first message.
+        Such messages arrive all at once, as if the rate were higher. A publisher's clock may be
+        behind, so this check ends soon after the first message.
         """
         if self._first_ns is None:
             self._first_ns = received_ns
@@ -292,22 +292,22 @@ class _Counted:
 
 
 def is_of_other_clock(received_ns: int, stamp_ns: int) -> bool:
-    """Whether a stamp [ns] is not of the wall clock by which its message was received."""
+    """Whether a stamp [ns] does not come from the wall clock."""
     return abs(received_ns - stamp_ns) > OTHER_CLOCK_NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delay:
-    """What was measured of one topic within the window."""
+    """The measured delay of a topic within the window."""
 
     seen: int
     """Messages."""
     is_simulated: bool
-    """Whether the delays are in simulated time, as the stamps are."""
+    """Whether the delays are in simulated time, like the stamps."""
     is_relative: bool
-    """Whether the stamps' clock is unknown; then the quickest message's delay counts as 0."""
+    """Whether the stamps' clock is unknown; the fastest message's delay then counts as 0."""
     pace: float
-    """Seconds of the stamps' clock in one of the wall's; 1 where it is the wall's."""
+    """Seconds of the stamps' clock per second of wall time; 1 for the wall clock."""
     mean_s: float
     min_s: float
     max_s: float
@@ -318,35 +318,35 @@ class DelayMeter:
     """Keeps the delays of the newest messages."""
 
     def __init__(self, window: int) -> None:
-        """Begin with none.
+        """Start without messages.
 
         Args:
-            window: how many messages are kept.
+            window: number of messages to keep.
         """
         self._taken: deque[tuple[int, int]] = deque(maxlen=window)
         self._simulated: deque[int] = deque(maxlen=window)
         """Delays in simulated time [ns]."""
         self.unstamped = 0
-        """Messages whose stamp is zero: it was never set."""
+        """Messages with a zero stamp, which was never set."""
 
     def take(self, received_ns: int, stamp_ns: int, simulated_ns: int | None = None) -> None:
         """Count a message.
 
         Args:
-            received_ns: when it came [ns since 1970].
+            received_ns: time of receipt [ns since 1970].
             stamp_ns: the stamp in its header [ns].
-            simulated_ns: the simulated time when it came [ns]; None: not known.
+            simulated_ns: simulated time of receipt [ns]; None if unknown.
         """
         if not stamp_ns:
             self.unstamped += 1
             return
         self._taken.append((received_ns, stamp_ns))
         if simulated_ns is not None and is_of_other_clock(received_ns, stamp_ns):
-            # `/clock` may come after the message of the same step.
+            # `/clock` may arrive after the message of the same step.
             self._simulated.append(max(0, simulated_ns - stamp_ns))
 
     def delay(self) -> Delay | None:
-        """What was measured; None where no stamped message came."""
+        """The measured delay; None without stamped messages."""
         if not self._taken:
             return None
         delays: list[float] = [received - stamp for received, stamp in self._taken]
@@ -371,13 +371,13 @@ class DelayMeter:
         )
 
     def _pace(self) -> float:
-        """From the first message to the last."""
+        """The pace from the first message to the last."""
         (first_ns, first_stamp_ns), (last_ns, last_stamp_ns) = self._taken[0], self._taken[-1]
         passed_ns, stamped_ns = last_ns - first_ns, last_stamp_ns - first_stamp_ns
         return stamped_ns / passed_ns if passed_ns > 0 and stamped_ns > 0 else 1.0
 
     def _above_the_quickest(self, pace: float) -> list[float]:
-        """Delays in wall time [ns]."""
+        """Delays relative to the fastest message, in wall time [ns]."""
         first_ns, first_stamp_ns = self._taken[0]
         delays = [
             received - first_ns - (stamp - first_stamp_ns) / pace for received, stamp in self._taken
@@ -396,10 +396,10 @@ def stamp_getter(msg_type: str, fields_of: FieldsOf) -> Callable[[Any], int]:
 
     Args:
         msg_type: `pkg/Name`.
-        fields_of: where types are looked up.
+        fields_of: looks up the fields of types.
 
     Raises:
-        CommandFailedError: such messages have none.
+        CommandFailedError: such messages have no stamp.
     """
     fields = fields_of(msg_type)
     header = next((name for name, kind in fields.items() if kind == HEADER), None)

@@ -1,4 +1,4 @@
-"""A node's parameters over its services: their names, values, types, and setting them.
+"""Read and set a node's parameters over its services: names, values, types.
 
 Source: rcl_interfaces/srv.
 """
@@ -42,15 +42,15 @@ KINDS: Final = (
     "double_array",
     "string_array",
 )
-"""The types by their numbers."""
+"""Parameter types by number."""
 ARRAY: Final = "_array"
 LEAST: Final = -(2**63)
 _WRONG_TYPE: Final = "Wrong parameter type"
-"""How the reason starts that rclpy and rclcpp give, in words and braces of their own code."""
+"""Prefix of the reason that rclpy and rclcpp give, followed by details of their own code."""
 _WAITING: Final = "accepted"
-"""How the reason starts if a value is not in effect yet; see `obelisk_py`'s `LiveParameters`."""
+"""Prefix of the reason if a value is not in effect yet; see `LiveParameters` in `obelisk_py`."""
 _SWITCHES: Final = {"on": True, "yes": True, "off": False, "no": False}
-"""Words that the parameter files of ROS take for a truth value."""
+"""Words that ROS parameter files treat as booleans."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,12 +65,12 @@ class NodeParameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterDescription:
-    """What a node reports about one of its parameters."""
+    """A node's description of one of its parameters."""
 
     kind: str
-    """The type that it is declared with, one of `KINDS`."""
+    """The declared type, one of `KINDS`."""
     notes: ParameterNotes = ParameterNotes()  # noqa: RUF009 - frozen
-    """Limits, unit, and when a new value takes effect, as far as the node reports it."""
+    """Limits, unit, and when a new value takes effect, as far as the node reports them."""
     text: str = ""
 
 
@@ -80,46 +80,47 @@ class SetAnswer:
 
     successful: bool
     reason: str
-    """Why not, or when the new value takes effect; empty if the node gives none."""
+    """Why not, or when the new value takes effect; empty if the node gives no reason."""
 
     @property
     def is_waiting(self) -> bool:
-        """Whether the value takes effect only after callbacks that are running."""
+        """Whether the value takes effect only after running callbacks have ended."""
         return self.successful and self.reason.startswith(_WAITING)
 
 
 def parse_parameter(text: str) -> NodeParameter:
-    """The value that a text stands for, as the parameter files of ROS have it.
+    """Parse a value as in ROS parameter files.
 
     Raises:
-        MisuseError: it is none, or none that a parameter can have.
+        MisuseError: the text is not YAML, or not a valid parameter value.
     """
-    # Who only looks at parameters needs no parser.
+    # Commands that only read parameters need no parser.
     from obelisk_spec.yaml_core import YamlTextError, load_yaml_core
 
     try:
         value = load_yaml_core(text)
     except YamlTextError as error:
         raise MisuseError(
-            f"`{text}` is not YAML: {error}", help="put it in quotes to have it as a string"
+            f"`{text}` is not YAML: {error}", help="to use it as a string, put it in quotes"
         ) from error
     if isinstance(value, list):
         return _array(text, value)
     kind = _kind(value)
     if kind is None:
         raise MisuseError(
-            f"`{text}` is no value of a parameter",
-            help='expected a bool, a number, a string or a list of one of them; "" is no text',
+            f"`{text}` is not a valid parameter value",
+            help="expected a bool, a number, a string or a list of one of them; "
+            '"" is an empty string',
         )
     return NodeParameter(kind=kind, value=value)  # type: ignore[arg-type]
 
 
 def fit_parameter(text: str, given: NodeParameter, kind: str) -> NodeParameter:
-    """What was given, as the type of the parameter takes it; unchanged where it does not.
+    """Convert a value to the type of the parameter; unchanged if that is impossible.
 
     Args:
-        text: as the user has it.
-        given: what it stands for.
+        text: as written by the user.
+        given: the parsed value.
         kind: the parameter's type, one of `KINDS`.
     """
     value = given.value
@@ -140,20 +141,20 @@ def fit_parameter(text: str, given: NodeParameter, kind: str) -> NodeParameter:
 
 
 def refusal(reason: str, given: NodeParameter) -> str:
-    """Why a node refuses a value, in its own words unless they are those of a ROS library."""
+    """Why a node rejects a value, in its own words unless they are those of a ROS library."""
     wrong_type = f"{with_article(given.kind)} was given"
-    return wrong_type if reason.startswith(_WRONG_TYPE) else reason or "it gave no reason"
+    return wrong_type if reason.startswith(_WRONG_TYPE) else reason or "no reason given"
 
 
 def _array(text: str, items: list[object]) -> NodeParameter:
     kinds = {_kind(item) for item in items}
     if kinds == {"integer", "double"}:
         kinds, items = {"double"}, [float(item) for item in items]  # type: ignore[arg-type]
-    # An empty list has no type of its own; this is the one that ROS gives it.
+    # An empty list has no type of its own; ROS treats it as this one.
     kind = kinds.pop() if len(kinds) == 1 else "bool" if not items else None
     if kind is None:
         raise MisuseError(
-            f"`{text}` is no value of a parameter",
+            f"`{text}` is not a valid parameter value",
             help="expected a list of bools, of numbers or of strings, not of several types",
         )
     return NodeParameter(kind=f"{kind}{ARRAY}", value=tuple(items))  # type: ignore[arg-type]
@@ -174,59 +175,59 @@ def _kind(value: object) -> str | None:
 
 PACKAGE: Final = "rcl_interfaces"
 MODULES: Final = ("rosidl_generator_py", f"{PACKAGE}.msg", f"{PACKAGE}.srv")
-"""What is imported before a node can be asked."""
+"""Modules to import before a node can be queried."""
 
 
 class NodeParameters:
-    """The parameters of one node; every question has the same deadline."""
+    """The parameters of one node; every query has the same time limit."""
 
     def __init__(self, participant: RosParticipant, node: str, timeout_s: float) -> None:
-        """Ask nothing yet.
+        """Prepare; queries follow on demand.
 
         Args:
-            participant: whose participant asks.
+            participant: the participant that sends queries.
             node: full name.
-            timeout_s: for each answer [s].
+            timeout_s: limit for each answer [s].
         """
         self._participant = participant
         self._node = node
         self._timeout_s = timeout_s
 
     def names(self) -> tuple[str, ...]:
-        """The names of all.
+        """The names of all parameters.
 
         Raises:
-            CommandFailedError: the node gives no answer.
+            CommandFailedError: the node does not answer.
         """
         response = self._ask("ListParameters", "list_parameters", depth=0)
         return tuple(sorted(response.result.names))
 
     def values(self, names: Sequence[str]) -> Mapping[str, NodeParameter]:
-        """The values of these; `not set` where the node has none of that name.
+        """The values of these parameters; `not set` if the node does not have one.
 
         Raises:
-            CommandFailedError: the node gives no answer.
+            CommandFailedError: the node does not answer.
         """
         values = self._values(names)
         if len(values) != len(names):
-            # If one has no value, nodes of rclpy return no values at all; so request each alone.
+            # If one has no value, rclpy nodes return no values at all, so request each alone.
             values = [next(iter(self._values([name])), None) for name in names]
         return {name: _parameter(value) for name, value in zip(names, values, strict=True)}
 
     def describe(self, names: Sequence[str]) -> Mapping[str, ParameterDescription]:
-        """What the node reports about these; nothing about names that it does not have.
+        """Descriptions of these parameters; names that the node does not have are omitted.
 
         Raises:
-            CommandFailedError: the node gives no answer.
+            CommandFailedError: the node does not answer.
         """
         response = self._ask("DescribeParameters", "describe_parameters", names=list(names))
         return {one.name: _description(one) for one in response.descriptors if one.name in names}
 
     def set(self, name: str, parameter: NodeParameter) -> SetAnswer:
-        """Set one.
+        """Set a parameter.
 
         Raises:
-            CommandFailedError: the node gives no answer.
+            CommandFailedError: the node does not answer.
         """
         client = self._client("SetParameters", "set_parameters")
         message = find_type(f"{PACKAGE}/msg/Parameter")(name=name)

@@ -1,8 +1,8 @@
 """Observe a ROS graph with a bare participant: no executor, no services, nothing published.
 
-rclpy's own node brings a publisher, a service and the packages of their types with it, which takes
-longer than the queries themselves. Results are polled, every wait has a deadline, and errors of
-rclpy become errors of obk here.
+rclpy's own node adds a publisher, a service and the packages of their types, which takes longer
+than the queries themselves. Results are polled, every wait has a limit, and errors of rclpy are
+converted to errors of obk here.
 """
 
 import importlib
@@ -39,7 +39,7 @@ GENERATOR: Final = f"{PACKAGE}.generate_py_impl"
 def defer_message_generator() -> None:
     """Import `rosidl_generator_py` so that its generator is imported on first use.
 
-    Does nothing where the package is imported already, or is not there.
+    Does nothing if the package is already imported, or not installed.
     """
     if PACKAGE in sys.modules or GENERATOR in sys.modules:
         return
@@ -54,7 +54,7 @@ def defer_message_generator() -> None:
 
 
 def _late(name: str) -> object:
-    """What the package would have had from the start: `generate_py`."""
+    """The attribute that the package would have had from the start: `generate_py`."""
     if name != "generate_py":
         raise AttributeError(f"module {PACKAGE!r} has no attribute {name!r}")
     return importlib.import_module(GENERATOR).generate_py
@@ -65,24 +65,24 @@ T = TypeVar("T")
 OBSERVER_NODE: Final = "obk_look"
 """Name of the node of a command that only observes; the process id follows."""
 POLL_S: Final = 0.005
-"""Between two looks at what has come [s]."""
+"""Polling period [s]."""
 QUIET_S: Final = 0.03
-"""Without a change, the graph of nodes that are all present is complete [s]."""
+"""Time without a change after which a graph with all expected nodes is complete [s]."""
 
 
 @contextmanager
 def open_participant(
     environment: RosEnvironment, needs: Iterable[str] = (), name: str = OBSERVER_NODE
 ) -> "Iterator[RosParticipant]":
-    """A participant in the ROS domain of the environment.
+    """Open a participant in the ROS domain of the environment.
 
     Args:
-        environment: put into effect for this process first.
+        environment: applied to this process first.
         needs: modules that will be needed; they are imported during discovery.
-        name: of the node; the process id is added.
+        name: name of the node; the process id is added.
 
     Raises:
-        CommandFailedError: there is no rclpy, or it does not start.
+        CommandFailedError: rclpy is missing, or does not start.
     """
     require_shared_memory()
     with open_context(environment) as context:
@@ -93,7 +93,7 @@ def open_participant(
         except Exception as error:
             raise CommandFailedError(f"ROS 2 does not start: {error}") from error
         for module in ("rclpy.topic_endpoint_info", *needs):
-            # The first use of it reports what is wrong.
+            # Its first use reports the error.
             with suppress(Exception):
                 importlib.import_module(module)
         participant = RosParticipant(node, rclpy_implementation, environment.domain)
@@ -105,13 +105,13 @@ def open_participant(
 
 @contextmanager
 def open_context(environment: RosEnvironment) -> Iterator[Any]:
-    """A context of rclpy in the ROS domain of the environment.
+    """Open an rclpy context in the ROS domain of the environment.
 
     Args:
-        environment: put into effect for this process first.
+        environment: applied to this process first.
 
     Raises:
-        CommandFailedError: there is no rclpy, or it does not start.
+        CommandFailedError: rclpy is missing, or does not start.
     """
     environment.put_into_effect()
     try:
@@ -132,11 +132,11 @@ def open_context(environment: RosEnvironment) -> Iterator[Any]:
 
 
 def make_bare_node(context: Any, name: str = OBSERVER_NODE) -> Any:
-    """Make a node that publishes and serves nothing, as a handle; discovery starts with it.
+    """Create a node handle that publishes and serves nothing; discovery starts with it.
 
     Args:
-        context: as `open_context` gives it.
-        name: of the node; the process id is added.
+        context: the context from `open_context`.
+        name: name of the node; the process id is added.
     """
     from rclpy.impl.implementation_singleton import rclpy_implementation
 
@@ -149,12 +149,12 @@ def make_bare_node(context: Any, name: str = OBSERVER_NODE) -> Any:
 def remove_participant(remove: Callable[[], object]) -> None:
     """Remove a participant with all threads of this process on one core.
 
-    Fast DDS waits for its discovery threads there, and takes the lock that they need again and
-    again without a pause: on another core a thread may not get it for minutes, if another
-    participant leaves at that moment.
+    Fast DDS waits for its discovery threads then, while it repeatedly takes the lock that they
+    need. On another core, a thread may not get the lock for minutes, if another participant leaves
+    at the same time.
 
     Args:
-        remove: removes it.
+        remove: the function that removes it.
     """
     cores = os.sched_getaffinity(0)
     _run_on({min(cores)})
@@ -171,14 +171,14 @@ def _run_on(cores: Collection[int]) -> None:
 
 
 class RosParticipant:
-    """A bare participant: the ROS graph as it sees it, and subscriptions of its own."""
+    """A bare participant: the ROS graph as it sees it, and its own subscriptions."""
 
     def __init__(self, node: Any, functions: Any, domain: int) -> None:
         """Start discovery.
 
         Args:
-            node: rclpy's handle of a node.
-            functions: rclpy's compiled part.
+            node: rclpy's node handle.
+            functions: the compiled part of rclpy.
             domain: the ROS domain.
         """
         self.node: Final = node
@@ -245,12 +245,12 @@ class RosParticipant:
         """Wait until the expected nodes are present and the graph has stopped changing.
 
         Args:
-            expected: full names; none: for whatever node there is.
-            quiet_s: in which nothing may change where none is expected [s].
-            timeout_s: since the beginning [s].
+            expected: full names; empty: any node.
+            quiet_s: required time without changes if no nodes are expected [s].
+            timeout_s: limit since the start [s].
 
         Returns:
-            Whether they came; without any expected, whether there is any node.
+            Whether the expected nodes exist; if none are expected, whether any node exists.
         """
         required = frozenset(expected)
         seen: object = None
@@ -267,11 +267,11 @@ class RosParticipant:
             time.sleep(POLL_S)
 
     def rest(self, seconds: float) -> None:
-        """Wait for discovery until so long after the start [s]."""
+        """Continue discovery until this time after the start [s]."""
         time.sleep(max(0.0, self._begin + seconds - time.monotonic()))
 
     def wait_for(self, probe: Callable[[], T | None], timeout_s: float) -> T | None:
-        """Poll a probe until it finds something; None: nothing in time."""
+        """Poll a probe until it returns a result; None if it does not in time."""
         end = time.monotonic() + timeout_s
         while (found := probe()) is None and time.monotonic() < end:
             time.sleep(POLL_S)
@@ -280,20 +280,20 @@ class RosParticipant:
     def subscribe(
         self, name: str, msg_type: str, python_type: Any, *, is_light: bool = False
     ) -> RawSubscription:
-        """Subscribe to a topic, as its publishers offer it.
+        """Subscribe to a topic with the QoS that its publishers offer.
 
         Args:
-            name: full.
+            name: full name.
             msg_type: full, `pkg/msg/Name`.
             python_type: the message's class.
-            is_light: cost the publishers little, and miss a message rather.
+            is_light: cause little load for publishers, even if messages may be missed.
         """
         raw = RawSubscription(self.node, name, msg_type, python_type, is_light=is_light)
         self._subscriptions.add(raw)
         return raw
 
     def close(self) -> None:
-        """Leave the ROS graph, with all subscriptions."""
+        """Leave the ROS graph and close all subscriptions."""
         for raw in tuple(self._subscriptions):
             raw.close()
         self.node.destroy_when_not_in_use()
@@ -303,7 +303,7 @@ class RosParticipant:
         with self.node:
             try:
                 entries = ask(self.node, *hidden, name, namespace or "/")
-            except self._functions.NodeNameNonExistentError:  # it has gone meanwhile
+            except self._functions.NodeNameNonExistentError:  # it has ended in the meantime
                 entries = []
         return {name: tuple(types) for name, types in sorted(entries)}
 

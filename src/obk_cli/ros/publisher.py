@@ -14,24 +14,24 @@ from obk_cli.ros.types import require_message
 __all__ = ["ALLOWED_PUBLISHER", "RosPublisher", "is_allowed_publisher"]
 
 ACK_S: Final = 5.0
-"""How long a subscriber that is there may take to have the last message [s]."""
+"""Limit for a known subscriber to receive the last message [s]."""
 KNOWN_S: Final = 0.1
-"""How long best-effort subscriptions may take to discover a publisher [s]."""
+"""Time for best-effort subscriptions to discover a publisher [s]."""
 
 
 class RosPublisher:
-    """One topic's publisher; reliable, which matches every subscription."""
+    """A publisher of one topic; reliable, so that it matches every subscription."""
 
     def __init__(
         self, participant: RosParticipant, topic: TopicInfo, python_type: Any, *, depth: int = 10
     ) -> None:
-        """Make the publisher.
+        """Create the publisher.
 
         Args:
             participant: the participant that publishes.
             topic: with its subscriptions; `transient_local` is offered if one requests it.
             python_type: the message's class.
-            depth: of the history: how many messages wait for a slow subscription.
+            depth: history depth: number of messages that wait for a slow subscription.
 
         Raises:
             CommandFailedError: messages of the class cannot be sent here.
@@ -58,7 +58,7 @@ class RosPublisher:
 
     @staticmethod
     def wait_until_discovered(topic: TopicInfo) -> None:
-        """Wait for best-effort subscriptions: what they miss is not sent again."""
+        """Wait for best-effort subscriptions, because missed messages are not sent again."""
         if any(end.qos.reliability != "reliable" for end in topic.subscriptions):
             time.sleep(KNOWN_S)
 
@@ -67,7 +67,7 @@ class RosPublisher:
         self._publisher.publish(message)
 
     def publish_bytes(self, data: bytes) -> None:
-        """Send a message that is serialized already."""
+        """Send a serialized message."""
         self._publisher.publish_raw(data)
 
     def rest(self) -> bool:
@@ -78,7 +78,7 @@ class RosPublisher:
         return bool(self._publisher.wait_for_all_acked(duration._duration_handle))
 
     def close(self) -> None:
-        """Take the publisher away."""
+        """Destroy the publisher."""
         self._publisher.destroy_when_not_in_use()
 
     @staticmethod
@@ -93,11 +93,11 @@ _NODE: Final = re.compile(rf"/{ALLOWED_PUBLISHER}_(?P<pid>[1-9]\d{{0,9}})", re.A
 
 
 def is_allowed_publisher(node: str, since_s: float) -> bool:
-    """Whether a node is of a command of this user that began after a time.
+    """Whether a node belongs to a command of this user that started after a time.
 
     Args:
         node: full name.
-        since_s: what began before was not meant for what runs since [s since boot].
+        since_s: earlier commands were not meant for the current stack [s since boot].
     """
     match = _NODE.fullmatch(node)
     if match is None:

@@ -1,8 +1,8 @@
 """Raw subscriptions: serialized messages of a topic, taken without an executor.
 
 Messages wait in the subscription until `RawSubscription.take`. The subscription requests the
-strongest quality of service that all publishers offer, and is replaced when a weaker one appears.
-`DropCounter` counts gaps in the publisher's sequence numbers.
+strongest QoS that all publishers offer, and is replaced when a weaker one appears. `DropCounter`
+counts gaps in the publisher's sequence numbers.
 """
 
 import os
@@ -40,25 +40,25 @@ __all__ = [
 
 
 _LONGEST_WAIT_S: Final = 4.0
-"""How long a packet waits for an earlier message of DDS, which may be lost [s]."""
+"""Maximum wait of a packet for an earlier DDS message, which may be lost [s]."""
 DEPTH: Final = 1000
-"""Messages of a topic that may wait: a second of one at 1 kHz."""
+"""Maximum number of waiting messages of a topic: one second at 1 kHz."""
 
 
 class Tap:
-    """The messages of a raw subscription, by its socket and from DDS; for one thread."""
+    """The messages of a raw subscription, from its socket and from DDS; use from one thread."""
 
     def __init__(self, folder: SocketFolder, gid: bytes, handle: Any, depth: int) -> None:
         """Open the socket.
 
         Args:
-            folder: of the run.
-            gid: of the subscription.
-            handle: rclpy's, of the subscription.
-            depth: messages that may wait.
+            folder: the socket folder of the run.
+            gid: GID of the subscription.
+            handle: rclpy's handle of the subscription.
+            depth: maximum number of waiting messages.
 
         Raises:
-            OSError: the folder takes no socket.
+            OSError: the socket cannot be created in the folder.
         """
         self._waiting: deque[tuple[bytes, Mapping[str, int]]] = deque(maxlen=depth)
         self._inbox = PublisherInbox(
@@ -79,8 +79,8 @@ class Tap:
     def take(self) -> tuple[bytes, Mapping[str, int]] | None:
         """The oldest message with its times and its number; None if there is none.
 
-        The number counts what the publisher has sent, by sockets and through DDS. It is 0 when the
-        publisher has just connected: before, its packets to others were unknown.
+        The number counts all messages of the publisher, over sockets and DDS. It is 0 if the
+        publisher has just connected, because earlier packets to others are unknown.
         """
         if not self._waiting:
             self._read()
@@ -93,7 +93,7 @@ class Tap:
         return self._waiting.popleft() if self._waiting else None
 
     def close(self) -> None:
-        """Close the socket; DDS delivers from now on."""
+        """Close the socket; DDS delivers messages from now on."""
         self._inbox.stop()
         self._inbox.close()
         self._reader.close()
@@ -133,7 +133,7 @@ class Tap:
         self._waiting.append((sample.data, info))
 
     def _numbered(self, number: int) -> int:
-        """The number of a message of a connected publisher; 0 if the last one's omitted packets."""
+        """The number of a message of a connected publisher; 0 if the last one omitted packets."""
         if self._is_without_connection:
             self._is_without_connection = False
             return 0
@@ -141,7 +141,7 @@ class Tap:
 
 
 def _info(published_ns: int, received_ns: int, number: int) -> Mapping[str, int]:
-    """As rclpy gives it."""
+    """Message info as in rclpy."""
     return {
         "source_timestamp": published_ns,
         "received_timestamp": received_ns,
@@ -150,12 +150,12 @@ def _info(published_ns: int, received_ns: int, number: int) -> Mapping[str, int]
 
 
 def open_tap(gids: Collection[bytes], handle: Any, depth: int) -> Tap | None:
-    """The tap of a new subscription; None where no run is known, or it has no local transport.
+    """Open the tap of a new subscription; None without a run or without local transport.
 
     Args:
-        gids: those that may be the subscription's.
-        handle: rclpy's, of the subscription.
-        depth: of its history.
+        gids: possible GIDs of the subscription.
+        handle: rclpy's handle of the subscription.
+        depth: its history depth.
     """
     path = os.environ.get(LOCAL_TRANSPORT_VARIABLE, LOCAL_TRANSPORT_OFF)
     if len(gids) == 1 and path != LOCAL_TRANSPORT_OFF:
@@ -167,7 +167,7 @@ def open_tap(gids: Collection[bytes], handle: Any, depth: int) -> Tap | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OfferedQos:
-    """The quality of service of one publisher, in the words of rmw: `keep_last`, `reliable`."""
+    """The QoS of one publisher, as named in rmw: `keep_last`, `reliable`."""
 
     history: str
     depth: int
@@ -181,20 +181,20 @@ class OfferedQos:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RequestedQos:
-    """The quality of service that a subscription requests."""
+    """The QoS that a subscription requests."""
 
     is_reliable: bool = True
     is_transient_local: bool = False
-    """Whether what was published before is wanted too."""
+    """Whether messages published earlier are also requested."""
 
 
 def requested_qos(offers: Collection[OfferedQos], *, is_light: bool = False) -> RequestedQos:
-    """The strongest that all publishers offer; without publishers, what Obelisk's nodes offer.
+    """The strongest QoS that all publishers offer; without publishers, that of Obelisk's nodes.
 
     Args:
-        offers: one for each publisher.
-        is_light: let them send each message once, without waiting for a word that it came: a third
-            less work. What was published before is not had so; where it is wanted, it is reliable.
+        offers: one per publisher.
+        is_light: let publishers send each message once, without acknowledgement: a third less
+            work. Reliable delivery is still used if earlier messages are requested.
     """
     request = RequestedQos(
         is_reliable=all(offer.reliability == "reliable" for offer in offers),
@@ -207,12 +207,12 @@ def requested_qos(offers: Collection[OfferedQos], *, is_light: bool = False) -> 
 
 
 class DropCounter:
-    """Counts the messages of one topic and the gaps in their publisher's numbers."""
+    """Counts the messages of one topic and the gaps in their publisher's sequence numbers."""
 
     __slots__ = ("_last", "count", "dropped")
 
     def __init__(self) -> None:
-        """Start at zero; messages published before the first one are not counted as dropped."""
+        """Start at zero; messages published before the first received one are not counted."""
         self.count = 0
         self.dropped = 0
         self._last = 0
@@ -221,8 +221,8 @@ class DropCounter:
         """Count a message.
 
         Args:
-            sequence: its number among those of its publisher, from 1.
-            publishers: how many there are; the numbers of several interleave and show no gaps.
+            sequence: its sequence number from its publisher, from 1.
+            publishers: number of publishers; numbers of several interleave and show no gaps.
         """
         self.count += 1
         # A restarted publisher counts from 1 again.
@@ -240,11 +240,11 @@ class RawSubscription:
         """Subscribe.
 
         Args:
-            node: rclpy's handle of a node.
-            name: full.
+            node: rclpy's node handle.
+            name: full name.
             msg_type: full, `pkg/msg/Name`.
             python_type: the message's class.
-            is_light: cost the publishers little; see `requested_qos`.
+            is_light: cause little load for publishers; see `requested_qos`.
 
         Raises:
             CommandFailedError: messages of the class cannot be received here.
@@ -257,9 +257,9 @@ class RawSubscription:
         self.msg_type: Final = msg_type
         self.python_type: Final = python_type
         self.publishers = 0
-        """How many there were at the last look."""
+        """Number of publishers at the last check."""
         self.hashes: tuple[str, ...] = ()
-        """Of the publishers' types."""
+        """Type hashes of the publishers."""
         self.offers: tuple[OfferedQos, ...] = ()
         self._node = node
         self._is_light = is_light
@@ -281,13 +281,13 @@ class RawSubscription:
         self.hashes = tuple(str(end.topic_type_hash) for end in ends)
 
     def refresh(self) -> None:
-        """Check the publishers, and subscribe again if their QoS requires it.
+        """Check the publishers, and resubscribe if their QoS requires it.
 
-        Not while what has come is being taken.
+        Do not call this while messages are being taken.
         """
         self.learn()
         request = requested_qos(self.offers, is_light=self._is_light)
-        # What was published before is asked for only while nothing has come: no doubles.
+        # Earlier messages are requested only until a message arrives, to avoid duplicates.
         is_weaker = self._request.is_reliable and not request.is_reliable
         is_latched = request.is_transient_local and not self._request.is_transient_local
         if self.offers and (is_weaker or (is_latched and not self._has_taken)):
@@ -296,9 +296,9 @@ class RawSubscription:
             self._subscription = self._subscribe()
 
     def take(self) -> Iterator[tuple[bytes, Mapping[str, int]]]:
-        """What has come: serialized messages, each with its times and number.
+        """The waiting messages, serialized, each with its times and number.
 
-        No more than may wait, so that one topic does not keep others waiting.
+        At most one queue of messages, so that one topic does not delay others.
         """
         take = (
             partial(self._subscription.take_message, self.python_type, True)
@@ -329,7 +329,7 @@ class RawSubscription:
         return made
 
     def _own_gids(self) -> set[bytes]:
-        """The GIDs of the subscriptions that this process has to the topic."""
+        """The GIDs of this process's subscriptions to the topic."""
         with self._node:
             own = self._node.get_node_name(), self._node.get_namespace()
             ask = self._functions.rclpy_get_subscriptions_info_by_topic
@@ -355,7 +355,7 @@ def _profile(request: RequestedQos) -> Any:
 
 
 def offered_qos(qos: Any) -> OfferedQos:
-    """A profile of rclpy as a value."""
+    """Convert an rclpy QoS profile to a value."""
     return OfferedQos(
         history=qos.history.name.lower(),
         depth=qos.depth,
@@ -370,47 +370,47 @@ def offered_qos(qos: Any) -> OfferedQos:
 
 POLL_S: Final = 0.002
 REFRESH_S: Final = 0.1
-"""Between two looks at the publishers [s]."""
+"""Polling period of the publishers [s]."""
 
 
 def messages(
     raw: RawSubscription, drops: DropCounter, timeout_s: float, *, each: bool
 ) -> Iterator[Any]:
-    """The messages that come, without end; see `serialized`."""
+    """Yield messages without end; see `serialized`."""
     for data in serialized(raw, drops, timeout_s, each=each):
         yield deserialized(data, raw)
 
 
 def deserialized(data: bytes, raw: RawSubscription) -> Any:
-    """A message of a topic as an object.
+    """Deserialize a message of a topic.
 
     Raises:
-        CommandFailedError: the bytes are no such message; types are matched by their names alone.
+        CommandFailedError: the bytes are not such a message; types are matched by name only.
     """
     from rclpy.serialization import deserialize_message
 
     try:
         return deserialize_message(data, raw.python_type)
-    except Exception as error:  # of the middleware, without a class of its own
+    except Exception as error:  # the middleware has no specific class for it
         raise CommandFailedError(
-            f"a message came on {raw.name} that is no {raw.msg_type} as it is built here",
-            help="its publisher may have another definition of the type: build both from the same",
+            f"a message on {raw.name} does not match {raw.msg_type} as built here",
+            help="its publisher may use another definition of the type: build both from the same",
         ) from error
 
 
 def serialized(
     raw: RawSubscription, drops: DropCounter, timeout_s: float, *, each: bool
 ) -> Iterator[bytes]:
-    """The messages that come as they were sent, without end.
+    """Yield serialized messages without end.
 
     Args:
-        raw: the topic.
-        drops: counts them, and those that were lost.
-        timeout_s: for the first message [s].
-        each: whether the deadline is for every later one too.
+        raw: the subscription to the topic.
+        drops: counts messages and losses.
+        timeout_s: limit for the first message [s].
+        each: whether the limit also applies to each later message.
 
     Raises:
-        CommandFailedError: none came in time.
+        CommandFailedError: no message arrives in time.
     """
     last_received = last_refresh = time.monotonic()
     while True:
@@ -421,7 +421,7 @@ def serialized(
         now = time.monotonic()
         if now > last_received + timeout_s and (each or not drops.count):
             raise CommandFailedError(
-                f"no message came on {raw.name} within {timeout_s:g} s",
+                f"no message received on {raw.name} within {timeout_s:g} s",
                 help=f"it has {with_number(raw.publishers, 'publisher')}: "
                 f"`obk topic info {raw.name}` shows them, `obk lifecycle get` whether their nodes "
                 "are active",
@@ -435,11 +435,11 @@ def serialized(
 def arrived(
     raw: RawSubscription, is_wanted: Callable[[int], bool] = lambda _: True
 ) -> Iterator[tuple[int, Any]]:
-    """When each message that waits was received [ns since 1970], and the message.
+    """Yield each waiting message with its time of receipt [ns since 1970].
 
     Args:
-        raw: the topic.
-        is_wanted: is asked by the time of receipt; other messages are passed over unread.
+        raw: the subscription to the topic.
+        is_wanted: called with the time of receipt; unwanted messages are skipped unread.
     """
     for data, info in raw.take():
         received_ns = info["received_timestamp"]

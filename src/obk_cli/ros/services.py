@@ -1,7 +1,7 @@
-"""Call services from a bare participant: send, then poll until a deadline.
+"""Call services from a bare participant: send a request, then poll until a time limit.
 
-A node that dies never responds, and the response of one that has not discovered the client yet is
-lost. So requests are sent again, and a first one is sent before anything else.
+A node that dies never responds, and a node that has not discovered the client yet responds in vain.
+Requests are therefore repeated, and a harmless one is sent first.
 """
 
 import time
@@ -16,9 +16,9 @@ __all__ = ["ServiceClient"]
 
 POLL_S: Final = 0.001
 ASK_AGAIN_S: Final = 0.5
-"""The first answer to a client is lost if the node has not discovered the client by then [s]."""
+"""Repeat interval; the answer is lost if the node has not discovered the client yet [s]."""
 KNOWN_S: Final = 2.0
-"""For a node to be found and to answer that it knows a client; it may have no time for that [s]."""
+"""Limit for a node to discover a client and answer; it may be too busy for that [s]."""
 QUESTIONS: Final = {
     "get_parameters": "rcl_interfaces/srv/GetParameters",
     "get_state": "lifecycle_msgs/srv/GetState",
@@ -27,14 +27,14 @@ QUESTIONS: Final = {
 
 
 class ServiceClient:
-    """One service's client."""
+    """The client of one service."""
 
     def __init__(self, participant: RosParticipant, name: str, python_type: Any) -> None:
-        """Make the client.
+        """Create the client.
 
         Args:
-            participant: whose participant asks.
-            name: full, of the service.
+            participant: the participant that sends requests.
+            name: full name of the service.
             python_type: the service's class.
 
         Raises:
@@ -54,22 +54,22 @@ class ServiceClient:
             )
 
     def call(self, request: Any, timeout_s: float, *, is_question: bool = False) -> Any:
-        """The response to a request.
+        """Send a request and return the response.
 
         Args:
             request: of the service's class.
-            timeout_s: for the server and its response [s].
-            is_question: whether it changes nothing, so that it may be asked again and again.
+            timeout_s: limit for finding the server and for its response [s].
+            is_question: whether it changes nothing, so that it may be repeated.
 
         Raises:
-            CommandFailedError: none came in time, or there is no server.
+            CommandFailedError: no server exists, or no response arrives in time.
         """
         end = time.monotonic() + timeout_s
         is_there = self._participant.wait_for(
             lambda: self._client.service_server_is_available() or None, timeout_s
         )
         if is_there is None:
-            raise CommandFailedError(f"no node serves {self._name} within {timeout_s:g} s")
+            raise CommandFailedError(f"no node offered {self._name} within {timeout_s:g} s")
         if not is_question:
             self._wait_until_discovered(end)
         numbers = {self._client.send_request(request)}
@@ -83,21 +83,21 @@ class ServiceClient:
                 again = now + ASK_AGAIN_S
             time.sleep(POLL_S)
         raise CommandFailedError(
-            f"{self._name} gave no answer within {timeout_s:g} s",
-            help="its node may hang; `obk lifecycle get` asks for its state",
+            f"{self._name} did not answer within {timeout_s:g} s",
+            help="its node may hang; check its state with `obk lifecycle get`",
         )
 
     def _wait_until_discovered(self, end: float) -> None:
-        """Wait until the server's node has discovered this client, as far as it can be checked.
+        """Wait until the server's node has discovered this client, as far as that can be checked.
 
-        Nodes discover clients in order: one that answers a later client knows this one too.
+        Nodes discover clients in order: a node that answers a later client also knows this one.
         """
         until = min(end, time.monotonic() + KNOWN_S)
-        # A service may be found before its node's name is.
+        # A service may be discovered before the name of its node.
         node = self._participant.wait_for(self._node, until - time.monotonic())
         there = {} if node is None else self._participant.services_of(node)
-        asked = (s for s, kind in QUESTIONS.items() if kind in there.get(f"{node}/{s}", ()))
-        service = next(asked, None)
+        names = (s for s, kind in QUESTIONS.items() if kind in there.get(f"{node}/{s}", ()))
+        service = next(names, None)
         if service is None or f"{node}/{service}" == self._name:
             return
         with suppress(CommandFailedError):
@@ -106,7 +106,7 @@ class ServiceClient:
             client.call(kind.Request(), until - time.monotonic(), is_question=True)
 
     def _node(self) -> str | None:
-        """The full name of the server's node, once it is discovered."""
+        """The full name of the server's node; None until it is discovered."""
         participant = self._participant
         return next(
             (node for node in participant.nodes() if self._name in participant.services_of(node)),

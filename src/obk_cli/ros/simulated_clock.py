@@ -1,7 +1,6 @@
-"""Convert the time at which a message was received into simulated time, by messages on `/clock`.
+"""Convert a message's time of receipt to simulated time, using the messages on `/clock`.
 
-In: the messages of `/clock`, and when they were received. Out: the simulated time at a time of the
-wall clock. A simulator publishes `/clock` while it has subscribers, at 1 kHz unless set otherwise.
+A simulator publishes `/clock` while it has subscribers, by default at 1 kHz.
 """
 
 import struct
@@ -19,35 +18,35 @@ __all__ = ["SimulatedClock", "follow_clock", "subscribe_to_clock"]
 
 CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
 KEPT_NS: Final = 1_000_000_000
-"""For so long messages of `/clock` are kept: others wait for as long at most [ns]."""
+"""How long messages of `/clock` are kept; other messages wait at most this long [ns]."""
 SAMPLED_NS: Final = 50_000_000
-"""Between two messages by which the pace is measured, at least [ns]."""
+"""Minimum time between two messages by which the pace is measured [ns]."""
 _MOST_SAMPLED: Final = 200
 _FEWEST_SAMPLED: Final = 5
 _MOST_KEPT: Final = 10_000
 _NS: Final = 1_000_000_000
 _TIME: Final = struct.Struct("<4xiI")
-"""CDR of a `Clock`, in the byte order of this and every usual machine."""
+"""CDR of a `Clock` in the usual byte order."""
 
 
 class SimulatedClock:
     """The newest times of `/clock`; a time that goes back starts a new epoch."""
 
     def __init__(self) -> None:
-        """Know no time."""
+        """Start without times."""
         self._received: deque[int] = deque(maxlen=_MOST_KEPT)
         self._times: deque[int] = deque(maxlen=_MOST_KEPT)
         self._sampled: deque[tuple[int, int]] = deque(maxlen=_MOST_SAMPLED)
-        """When some of the messages came, and their times [ns]; farther back than the others."""
+        """Times of receipt and values of some messages, over a longer time than the others."""
         self.epoch = 0
-        """How often the simulated time was set back."""
+        """How often the simulated time was reset."""
 
     def take(self, received_ns: int, data: bytes) -> None:
-        """Take a message of `/clock`.
+        """Process a message of `/clock`.
 
         Args:
-            received_ns: when it came [ns since 1970].
-            data: as it was sent, with its encapsulation.
+            received_ns: time of receipt [ns since 1970].
+            data: the serialized message, with its encapsulation.
         """
         if len(data) < _TIME.size:
             return
@@ -67,15 +66,15 @@ class SimulatedClock:
             self._sampled.append((received_ns, time_ns))
 
     def take_waiting(self, raw: RawSubscription) -> None:
-        """Take the messages that wait in a subscription of `subscribe_to_clock`."""
+        """Process the waiting messages of a subscription from `subscribe_to_clock`."""
         for data, info in raw.take():
             self.take(info["received_timestamp"], data)
 
     def pace(self, since_ns: int) -> float | None:
-        """Simulated time over wall time; 0 while it stands still, None before the first time.
+        """Simulated time over wall time; 0 while it is paused, None before the first time.
 
         Args:
-            since_ns: from when on [ns since 1970].
+            since_ns: start of the measurement [ns since 1970].
         """
         if not self._sampled:
             return None
@@ -86,14 +85,14 @@ class SimulatedClock:
         return (last_time_ns - first_time_ns) / (last_ns - first_ns)
 
     def at(self, received_ns: int) -> int | None:
-        """The simulated time [ns] of a node that has received what had come by then.
+        """The simulated time [ns] of a node that has received all messages up to a time.
 
         Args:
             received_ns: a time of the wall clock [ns since 1970].
 
         Returns:
-            The last time that came before; the first one that is known for an earlier time; None
-            if none has come in this epoch.
+            The last simulated time before it; for an earlier time, the first known one; None if
+            none was received in this epoch.
         """
         if not self._times:
             return None
@@ -103,7 +102,7 @@ class SimulatedClock:
 
 
 def follow_clock(meter: RosMeter, clock: SimulatedClock) -> None:
-    """Take the messages of `/clock` with a meter, in each turn before those of other topics."""
+    """Process `/clock` with a meter, in each turn before other topics."""
     kind = find_type(CLOCK_TYPE)
     meter.add(CLOCK_TOPIC, CLOCK_TYPE, kind, clock.take, is_light=True, is_first=True)
 

@@ -26,10 +26,10 @@ __all__ = [
 
 
 def require_message(python_type: Any) -> None:
-    """Make sure that messages of a class can be sent and received.
+    """Check that messages of a class can be sent and received.
 
     Raises:
-        CommandFailedError: they cannot.
+        CommandFailedError: its type support cannot be loaded.
     """
     from rclpy.type_support import check_is_valid_msg_type
 
@@ -37,10 +37,10 @@ def require_message(python_type: Any) -> None:
 
 
 def require_service(python_type: Any) -> None:
-    """Make sure that services of a class can be called.
+    """Check that services of a class can be called.
 
     Raises:
-        CommandFailedError: they cannot.
+        CommandFailedError: its type support cannot be loaded.
     """
     from rclpy.type_support import check_is_valid_srv_type
 
@@ -50,12 +50,12 @@ def require_service(python_type: Any) -> None:
 def _require(check: Callable[[Any], Any], python_type: Any) -> None:
     try:
         check(python_type)
-    except Exception as error:  # whatever a generated package may raise
+    except Exception as error:  # generated packages may raise anything
         package, section, *_ = f"{python_type.__module__}.".split(".")
         raise CommandFailedError(
             f"the type {package}/{section}/{python_type.__name__} cannot be used here: {error}",
-            help="its package is built for another Python or ROS 2: build it again, or leave that "
-            "out of PYTHONPATH",
+            help="its package was built for another Python or ROS 2: build it again, or remove it "
+            "from PYTHONPATH",
         ) from error
 
 
@@ -73,11 +73,11 @@ def find_type(name: str) -> Any:
     section, _, kind = rest.rpartition("/")
     try:
         module = _import_section(package, section or "msg")
-    except Exception as error:  # whatever a generated package may raise
+    except Exception as error:  # generated packages may raise anything
         raise CommandFailedError(
-            f"the type {name} is not here ({error})",
-            help=f"where `{package}` is a package of a workspace: `obk build {package}` in it; "
-            "else install it, or source the workspace that has it",
+            f"the type {name} cannot be loaded ({error})",
+            help=f"if `{package}` is in a workspace, run `obk build {package}` there; "
+            "otherwise install it, or source the workspace that contains it",
         ) from error
     found = getattr(module, kind, None)
     if not isinstance(found, type):
@@ -89,13 +89,13 @@ def find_type(name: str) -> Any:
 
 
 def _import_section(package: str, section: str) -> ModuleType:
-    """Import the messages of a package, and nothing else that goes by such a name.
+    """Import the messages of a package, and nothing else with such a name.
 
     Names come from any node in the ROS graph, and importing a module runs it.
 
     Raises:
-        ImportError: there is no package with such messages.
-        Exception: whatever a generated package raises.
+        ImportError: no package with such messages exists.
+        Exception: anything that a generated package raises.
     """
     spec = importlib.util.find_spec(package) if package.isidentifier() else None
     folders = (spec.submodule_search_locations or ()) if spec else ()
@@ -105,14 +105,14 @@ def _import_section(package: str, section: str) -> ModuleType:
 
 
 def raw_type(name: str, hashes: Iterable[str]) -> Any:
-    """The class of a message that is only to be counted; one that is not built here does too.
+    """The class for counting messages, even if the type is not built here.
 
     Args:
         name: full, `pkg/msg/Name`.
-        hashes: of the type, as publishers announce them.
+        hashes: type hashes announced by publishers.
 
     Raises:
-        CommandFailedError: it is not built here, and the middleware cannot do without.
+        CommandFailedError: the type is not built here, and the middleware requires it.
     """
     try:
         python_type = find_type(name)
@@ -123,7 +123,7 @@ def raw_type(name: str, hashes: Iterable[str]) -> Any:
 
 
 def short_type(name: str) -> str:
-    """`pkg/Name` of `pkg/msg/Name`, as fields name their types; others as they are."""
+    """`pkg/Name` for `pkg/msg/Name`, as in field types; other names are unchanged."""
     return name.replace("/msg/", "/")
 
 
@@ -138,11 +138,11 @@ def fields_of(name: str) -> Mapping[str, str]:
 
 
 def make_message(name: str, data: Data) -> Any:
-    """A message of a type with these fields, the others as they are by default.
+    """Create a message with these fields, and defaults for the others.
 
     Args:
         name: `pkg/Name`, or a full name.
-        data: checked against the type; times that are to be the present are the present.
+        data: checked against the type; `Now` is replaced by the current time.
     """
     message = find_type(name)()
     if data is Now.NOW:
@@ -211,19 +211,18 @@ class _Hash(ctypes.Structure):
 _GiveHash: Final = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
 _Find: Final = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
 _made: Final[dict[str, Any]] = {}
-"""By name; what the middleware keeps pointers into must not go."""
+"""By name; never freed, because the middleware keeps pointers into them."""
 
 
 def opaque_type(name: str, type_hash: str) -> Any:
-    """What a raw subscription takes for the class of a message that is not built here.
+    """A stand-in class for messages whose type is not built here, for raw subscriptions.
 
     Args:
         name: full, `pkg/msg/Name`.
-        type_hash: as publishers announce it.
+        type_hash: as announced by publishers.
 
     Raises:
-        CommandFailedError: the middleware is none that does with a type's name, or it is none of
-            ROS 2.
+        CommandFailedError: the middleware needs more than a type's name, or it is not a ROS 2 type.
     """
     if name not in _made:
         _made[name] = _make_opaque(name, type_hash)
@@ -239,9 +238,7 @@ def _make_opaque(name: str, type_hash: str) -> Any:
     general = pointer(String.__class__._TYPE_SUPPORT, None)
     found = _Find(_Support.from_address(general).find)(general, FAST_DDS)
     if not found:
-        raise CommandFailedError(
-            f"the type {name} is not built here, and only Fast DDS can do without it"
-        )
+        raise CommandFailedError(f"the type {name} is not built here, which only Fast DDS supports")
     package, section, kind = _parts(name)
     special = _copy(_Support, found)
     callbacks = _copy(_Callbacks, special.data)
@@ -256,7 +253,7 @@ def _make_opaque(name: str, type_hash: str) -> Any:
     others = _Find(support.find)
 
     def find(_: int, identifier: bytes) -> int | None:
-        # What it asks for beside, the make-up of the type, is the other one's.
+        # All other fields, such as the structure of the type, come from the other type.
         is_special = identifier == FAST_DDS
         address: int | None = others(general, identifier)
         return ctypes.addressof(special) if is_special else address
@@ -271,7 +268,7 @@ def _make_opaque(name: str, type_hash: str) -> Any:
         (type,),
         {
             "_TYPE_SUPPORT": capsule(ctypes.addressof(support), None, None),
-            # rclpy requires them; a message that stays serialized is never converted.
+            # rclpy requires them, but a message that stays serialized is never converted.
             **dict.fromkeys(CONVERSIONS, NotImplemented),
             "kept": (support, special, callbacks, its_hash, give_hash, finds),
         },
@@ -280,19 +277,19 @@ def _make_opaque(name: str, type_hash: str) -> Any:
 
 
 def _parts(name: str) -> list[str]:
-    """Package, section and name, as other DDS programs need not have them."""
+    """Package, section and name; other DDS programs may use other forms."""
     parts = name.split("/")
     if len(parts) != 3:
-        raise CommandFailedError(f"`{name}` is no type of ROS 2")
+        raise CommandFailedError(f"`{name}` is not a ROS 2 type")
     return parts
 
 
 def _digest(type_hash: str) -> bytes:
-    """The 32 bytes of a hash; zeros if there is none, as with an older ROS 2."""
+    """The 32 bytes of a hash; zeros if there is none, as in older ROS 2 versions."""
     is_reported = type_hash.startswith(HASH_PREFIX)
     return bytes.fromhex(type_hash.removeprefix(HASH_PREFIX)) if is_reported else bytes(32)
 
 
 def _copy(kind: Any, address: int | None) -> Any:
-    """What lies at an address, in memory of our own."""
+    """Copy the object at an address into our own memory."""
     return kind.from_buffer_copy(ctypes.string_at(address or 0, ctypes.sizeof(kind)))

@@ -1,1 +1,1 @@
-"""Runs of this host: their folders, which of them are alive, and how to talk to their launchers."""
+"""Runs of this host: their folders, which ones are alive, and communication with launchers."""

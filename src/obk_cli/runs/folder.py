@@ -1,8 +1,8 @@
-"""Run folders: where a run keeps its logs and records what it is, for other terminals.
+"""Run folders: where a run keeps its logs and describes itself for other terminals.
 
-`<state folder>/obk/runs/<config>_<date>_<time>/` with `run.json` (what runs, under which pid, from
-which plan and versions, how it ended), `events.jsonl`, `launch.log` (what the terminal showed), one
-log a node, and while it runs `control.sock`.
+`<state folder>/obk/runs/<config>_<date>_<time>/` contains `run.json` (what runs, its PID, plan and
+versions, how it ended), `events.jsonl`, `launch.log` (what the terminal showed), one log per node
+and, while it runs, `control.sock`.
 """
 
 import json
@@ -36,40 +36,40 @@ __all__ = [
 
 RUN_FILE: Final = "run.json"
 LONGEST_RUN_FILE: Final = 1 << 23
-"""A stack of hundreds of nodes, with its plan [bytes]."""
+"""Enough for a stack of hundreds of nodes, with its plan [bytes]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """What another terminal needs to know about a run."""
+    """Description of a run for other terminals."""
 
     name: str
     pid: int
-    """Of the launcher."""
+    """Process ID of the launcher."""
     started: float
-    """When the launcher's process started [s since boot]: a reused pid has another start."""
+    """When the launcher started [s since boot]; differs if its PID is reused."""
     domain: int
     config: str
     nodes: tuple[str, ...]
     """Full names of the nodes with a life cycle that run here, in bring-up order."""
     other_nodes: tuple[str, ...] = ()
-    """Full names of those without one."""
+    """Full names of the nodes without a life cycle."""
     devices: tuple[str, ...] = ()
-    """Those that this launcher runs; empty: all of the config."""
+    """The devices that this launcher runs; empty: all of the config."""
     leads: bool = True
-    """Whether this launcher drives the stack as a whole, other devices' nodes too."""
+    """Whether this launcher controls the stack as a whole, including other devices' nodes."""
     boot: str = ""
-    """Which start of which machine `started` counts from; filled in by the claim."""
+    """The boot to which `started` refers; filled in when the run is claimed."""
     ended: float | None = None
-    """When the run came to its end [s since 1970]; None: not yet, or its launcher was killed."""
+    """When the run ended [s since 1970]; None if it is running or its launcher was killed."""
     exit_code: int | None = None
-    """The launcher's, once the run has ended."""
+    """The launcher's exit code, once the run has ended."""
     cause: str = ""
-    """What went wrong first; empty while all goes well."""
+    """The first failure; empty if there was none."""
 
     @property
     def all_nodes(self) -> tuple[str, ...]:
-        """Every node's full name."""
+        """Full names of all nodes."""
         return (*self.nodes, *self.other_nodes)
 
 
@@ -84,17 +84,17 @@ class RunOrigin:
 
     @property
     def plan_sha256(self) -> str:
-        """The hash of the plan's text: the same for the same compiled config."""
+        """Hash of the plan's text; equal for equal compiled configs."""
         import hashlib  # only here: commands that only read runs start faster without it
 
         return hashlib.sha256(self.plan.encode()).hexdigest()
 
 
 def runs_folder(environment: Mapping[str, str]) -> Path:
-    """The folder of all runs: below OBK_HOME, else ROS_LOG_DIR, else the user's state folder.
+    """The folder of all runs: below OBK_HOME, otherwise ROS_LOG_DIR or the user's state folder.
 
     Raises:
-        CommandFailedError: there is no place for it, since the user has no home.
+        CommandFailedError: the user has no home directory.
     """
     folder = folder_of_runs(environment)
     if folder is None:
@@ -105,10 +105,10 @@ def runs_folder(environment: Mapping[str, str]) -> Path:
 
 
 def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
-    """Make the folder of a new run, for its owner only.
+    """Create the folder of a new run, accessible only to its owner.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: the folder cannot be created.
     """
     parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     stem = f"{name.replace('/', '_')}_{now:%Y%m%d_%H%M%S}"
@@ -122,10 +122,10 @@ def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
 
 
 def write_run(folder: Path, run: Run, made_from: RunOrigin | None = None) -> None:
-    """Write a run's `run.json`, whole or not at all; what it was made from stays once it is there.
+    """Write a run's `run.json`, whole or not at all; an existing `made_from` is kept.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     record = {**read_record(folder), **asdict(run)}
     if made_from is not None:
@@ -145,29 +145,29 @@ def write_run(folder: Path, run: Run, made_from: RunOrigin | None = None) -> Non
 def record_end(
     folder: Path, run: Run, now_s: float, exit_code: int | None = None, cause: str = ""
 ) -> None:
-    """Record how a run ended, in addition to what its `run.json` holds.
+    """Record how a run ended, in addition to the content of its `run.json`.
 
     Args:
-        folder: the run's.
-        run: as it was claimed; used if its `run.json` cannot be read.
+        folder: the folder of the run.
+        run: as claimed; used if its `run.json` cannot be read.
         now_s: the time [s since 1970].
         exit_code: the launcher's; None if it failed before it had one.
-        cause: what went wrong first.
+        cause: the first failure.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     claimed = read_run(folder) or run
     write_run(folder, replace(claimed, ended=now_s, exit_code=exit_code, cause=cause))
 
 
 def read_runs(parent: Path) -> tuple[Run, ...]:
-    """Every run in the folder, newest first; unreadable ones are left out."""
+    """Every run in the folder, newest first; unreadable ones are skipped."""
     return tuple(run for folder in run_folders(parent) if (run := read_run(folder)) is not None)
 
 
 def read_run(folder: Path) -> Run | None:
-    """The run that a folder's `run.json` describes; None if it cannot be read or shown."""
+    """The run described by a folder's `run.json`; None if it cannot be read or shown."""
     try:
         run = msgspec.convert(read_record(folder), Run)
     except (ValueError, RecursionError):
@@ -179,7 +179,7 @@ def read_record(folder: Path) -> Mapping[str, Any]:
     """The content of a run folder's `run.json`; empty if it cannot be read."""
     path = folder / RUN_FILE
     try:
-        # A pipe would never end; a longer file is not from `obk`.
+        # Reading a pipe would never end; a longer file is not from `obk`.
         if not path.is_file() or path.stat().st_size > LONGEST_RUN_FILE:
             return {}
         data = json.loads(path.read_bytes())
@@ -193,7 +193,7 @@ _Scalar = bool | int | float | str
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _KeptNode(PlannedNode):
-    """A node whose parameters are of a type that can be checked: one kind of list, not four."""
+    """A node whose parameters have a type that can be checked: one kind of list, not four."""
 
     parameters: Mapping[str, _Scalar | tuple[_Scalar, ...]] = field(  # type: ignore[assignment]
         default_factory=dict
@@ -207,7 +207,7 @@ class _KeptPlan:
 
 
 def topics_of_run(folder: Path) -> Mapping[str, str | None]:
-    """The topics of a run's plan with the types that it knows, read from what the run keeps."""
+    """The topics of a run's plan with the known types, read from its folder."""
     found: dict[str, str | None] = {}
     for node in plan_of_run(folder).nodes:
         for end in (*node.publishes, *node.subscribes):
@@ -216,9 +216,9 @@ def topics_of_run(folder: Path) -> Mapping[str, str | None]:
 
 
 def plan_of_run(folder: Path) -> Plan:
-    """A run's config as compiled; empty if its folder keeps none that can be read.
+    """A run's plan; empty if its folder contains none that can be read.
 
-    Parameters that JSON cannot hold are texts, as `emit_plan` writes them: `.inf`, `.nan`.
+    Parameters that JSON cannot represent are strings, as in `emit_plan`: `.inf`, `.nan`.
     """
     try:
         kept = msgspec.convert(read_record(folder).get("plan"), _KeptPlan)

@@ -28,29 +28,29 @@ RESTING: Final = frozenset({UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transition:
-    """One transition that a user can request."""
+    """A transition that a user can request."""
 
     name: str
     numbers: Mapping[str, int]
-    """State from which it is allowed -> its number in ROS."""
+    """State in which it is allowed -> its number in ROS."""
     goal: str
     passes: str
     """The state of a node during the transition."""
     success: int
-    """The number of its successful end in ROS."""
+    """Its ROS number if it succeeds."""
     failure: int | None = None
-    """The number of its failed end in ROS; None: ROS has none."""
+    """Its ROS number if it fails; None: ROS has none."""
     undo: str | None = None
-    """The transition that takes it back."""
+    """The transition that undoes it."""
 
     @property
     def starts(self) -> frozenset[str]:
-        """States from which it is allowed."""
+        """States in which it is allowed."""
         return frozenset(self.numbers)
 
     @property
     def is_up(self) -> bool:
-        """Whether it leads towards `active`; then the robot comes first."""
+        """Whether it leads towards `active`; the robot then comes first."""
         return self.name in ("configure", "activate")
 
 

@@ -16,9 +16,9 @@ __all__ = ["LAUNCH_LOG", "find_log", "follow_lines", "last_lines", "read_lines"]
 LAUNCH_LOG: Final = "launch.log"
 POLL_S: Final = 0.1
 _BLOCK: Final = 1 << 15
-"""Read at once from behind, where the last lines are wanted [bytes]."""
+"""Block size for reading the last lines [bytes]."""
 _MOST: Final = 1 << 20
-"""Of the last lines: what the longest may have in all [bytes]."""
+"""Maximum total size of the last lines [bytes]."""
 
 
 def find_log(parent: Path, run: str | None, node: str | None) -> Path:
@@ -26,12 +26,12 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
 
     Args:
         parent: the folder of all runs.
-        run: a config's name or a run folder's; None: the newest run. What is no run is taken for a
-            node of the newest one where no node is given.
-        node: full or in short; None: what the launcher showed.
+        run: name of a config or run folder; None: the newest run. If `node` is None, an unknown
+            name is taken for a node of the newest run.
+        node: full or short name; None: the output of the launcher.
 
     Raises:
-        CommandFailedError: there is no such run or node, or the name means several nodes.
+        CommandFailedError: no such run or node exists, or several nodes match.
     """
     folders = run_folders(parent)
     if not folders:
@@ -51,7 +51,7 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
 
 
 def _folder(folders: Sequence[Path], name: str) -> Path | None:
-    """The newest of a config, or the very one."""
+    """The newest run of a config, or the folder with this name."""
     config = name.replace("/", "_")
     fitting = (folder for folder in folders if name == folder.name or config == config_of(folder))
     return next(fitting, None)
@@ -85,10 +85,10 @@ def _short(node: str) -> str:
 
 
 def read_lines(path: Path) -> Iterator[str]:
-    """The lines of a file, without their ends; none where there is no file.
+    """The lines of a file, without line ends; empty if the file does not exist.
 
     Raises:
-        OSError: the file exists and cannot be read.
+        OSError: the file exists but cannot be read.
     """
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
@@ -98,35 +98,35 @@ def read_lines(path: Path) -> Iterator[str]:
 
 
 def last_lines(path: Path, count: int) -> tuple[str, ...]:
-    """The last lines of a file, however long it is; fewer where they have 1 MiB and more.
+    """The last lines of a file; fewer if they exceed 1 MiB.
 
     Raises:
-        OSError: the file exists and cannot be read.
+        OSError: the file exists but cannot be read.
     """
     try:
         with path.open("rb") as file:
-            begin = file.seek(0, os.SEEK_END)
+            start = file.seek(0, os.SEEK_END)
             data = b""
-            # One line end more than lines: what stands before the first is not whole.
-            while begin > 0 and data.count(b"\n") <= count and len(data) < _MOST:
-                size = min(_BLOCK, begin)
-                begin -= size
-                file.seek(begin)
+            # One more line end than lines, because the first line may be incomplete.
+            while start > 0 and data.count(b"\n") <= count and len(data) < _MOST:
+                size = min(_BLOCK, start)
+                start -= size
+                file.seek(start)
                 data = file.read(size) + data
     except FileNotFoundError:
         return ()
     lines = data.decode(errors="replace").removesuffix("\n").split("\n") if data else []
-    whole = lines[1:] if begin else lines
+    whole = lines[1:] if start else lines
     return tuple(whole[max(0, len(whole) - count) :])
 
 
 def follow_lines(path: Path) -> Iterator[str | None]:
-    """The lines of a file, then those that come, without end; None each time that it waits.
+    """The lines of a file, then new ones, without end; None each time that it waits.
 
-    Waits for a file that is not there yet, and goes on with one that takes its place.
+    Waits for a file that does not exist yet, and continues with a file that replaces it.
 
     Raises:
-        OSError: the file exists and cannot be read.
+        OSError: the file exists but cannot be read.
     """
     while True:
         try:
@@ -138,10 +138,10 @@ def follow_lines(path: Path) -> Iterator[str | None]:
 
 
 def _of_one_file(path: Path, file: IO[bytes]) -> Iterator[str | None]:
-    """Lines until another file has the name, or this one was cut short."""
+    """Lines until another file gets the name, or this one is truncated."""
     begun = b""
     while True:
-        # Asked before reading: what was written before the file was replaced is still read.
+        # Checked before reading, so that lines written before the replacement are still read.
         is_current = _is_current(path, file)
         while piece := file.readline():
             begun += piece

@@ -1,7 +1,8 @@
 """Find and end orphans: processes of stacks whose launcher has ended.
 
-The environment of every process of a stack, and of its children, holds the name of the run folder
-(`OBK_RUN`) and the launcher's PID and start time (`OBK_LAUNCHER`). Ignores other users' processes.
+The environment of every process of a stack, and of its children, contains the name of the run
+folder (`OBK_RUN`) and the launcher's PID and start time (`OBK_LAUNCHER`). Processes of other users
+are ignored.
 """
 
 import os
@@ -29,11 +30,11 @@ __all__ = ["UNRECORDED", "Orphan", "end_orphans", "find_orphans", "launch_marks"
 RUN_MARK: Final = "OBK_RUN"
 LAUNCHER_MARK: Final = "OBK_LAUNCHER"
 UNRECORDED: Final = "unrecorded"
-"""In place of a run folder's name if none could be created."""
+"""Replaces a run folder's name if no folder could be created."""
 GRACE_S: Final = 2.0
-"""Between SIGTERM and SIGKILL [s]."""
+"""Time between SIGTERM and SIGKILL [s]."""
 KILL_S: Final = 5.0
-"""How long the kernel may take for a process that was killed [s]."""
+"""Limit for the kernel to end a killed process [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +53,7 @@ def launch_marks(run_folder: Path | None) -> Mapping[str, str]:
     """The environment variables that mark the processes of this launcher.
 
     Args:
-        run_folder: the run's; None where it could not be made.
+        run_folder: the folder of the run; None if it could not be created.
     """
     pid, started = this_process()
     name = run_folder.name if run_folder else UNRECORDED
@@ -64,7 +65,7 @@ def find_orphans(parent: Path, run: str | None = None) -> tuple[Orphan, ...]:
 
     Args:
         parent: the folder of all runs.
-        run: only those of the run whose folder has this name; None: of all.
+        run: only processes of the run whose folder has this name; None: all.
     """
     ancestors = _own_ancestors()
     found = (
@@ -76,7 +77,7 @@ def find_orphans(parent: Path, run: str | None = None) -> tuple[Orphan, ...]:
 
 
 def end_orphans(orphans: Iterable[Orphan]) -> tuple[Orphan, ...]:
-    """End processes, their groups and all that they started: SIGTERM, a grace time, SIGKILL.
+    """End processes, their groups and descendants: SIGTERM, a grace period, SIGKILL.
 
     Returns:
         The orphans that are still running.
@@ -85,7 +86,7 @@ def end_orphans(orphans: Iterable[Orphan]) -> tuple[Orphan, ...]:
     targets = _with_descendants(every)
     for target in targets:
         signal_process(*target, signal.SIGTERM)
-    # What was started meanwhile belongs to them.
+    # Processes started in the meantime belong to them.
     survivors = {*wait_for_ends(targets, GRACE_S), *_with_descendants(every)}
     for target in survivors:
         signal_process(*target, signal.SIGKILL)
@@ -103,7 +104,7 @@ def _orphan(process: psutil.Process, parent: Path) -> Orphan | None:
             return None
         started = start_s(process.pid)
         command = " ".join(process.cmdline()) or process.name()
-    except psutil.Error:  # ended meanwhile
+    except psutil.Error:  # ended in the meantime
         return None
     if started is None:
         return None
@@ -111,7 +112,7 @@ def _orphan(process: psutil.Process, parent: Path) -> Orphan | None:
 
 
 def _is_launcher_gone(variables: Mapping[str, str], parent: Path) -> bool:
-    """Whether the launcher is known to have ended; if in doubt, it has not."""
+    """Whether the launcher is known to have ended; False if in doubt."""
     number, _, start = variables.get(LAUNCHER_MARK, "").partition(":")
     try:
         return not is_process(int(number), float(start))
@@ -135,7 +136,7 @@ def _own_ancestors() -> set[int]:
 
 
 def _with_descendants(orphans: Iterable[Orphan]) -> set[tuple[int, float]]:
-    """The processes themselves, their descendants and the groups that they lead."""
+    """The processes, their descendants and the groups that they lead."""
     roots = {orphan.pid for orphan in orphans if is_process(orphan.pid, orphan.started)}
     pids = {process.pid for process in _own_processes() if _group_of(process.pid) in roots}
     for root in roots:

@@ -1,10 +1,10 @@
-"""The control protocol: one JSON line asks a run's launcher, one JSON line answers.
+"""The control protocol: one JSON line queries a run's launcher, one JSON line answers.
 
-Bytes to values and back, checked against their types; what is no request is answered by a sentence.
-Questions about the ROS graph travel as they are: `introspect.protocol` has their types.
+Converts bytes to values and back, checked against their types; an invalid request is answered with
+an error. Queries about the ROS graph are passed through: `introspect.protocol` has their types.
 
-The `ask_*` functions take a run's folder and give what its launcher answered before a deadline, or
-None. They raise nothing.
+The `ask_*` functions take a run's folder and return the launcher's answer, or None if there is none
+in time. They raise nothing.
 """
 
 import json
@@ -59,7 +59,7 @@ CONTROL_SOCKET: Final = "control.sock"
 LONGEST_REQUEST: Final = 1 << 16
 """[bytes]"""
 LONGEST_ANSWER: Final = 1 << 24
-"""A stack of many nodes, each with a traceback [bytes]."""
+"""Enough for a stack of many nodes, each with a traceback [bytes]."""
 LONGEST_WAIT_S: Final = 3600.0
 LONGEST_REASON: Final = 200
 LONGEST_DETAIL: Final = 200
@@ -69,35 +69,35 @@ Result = Literal["reached", "there already", "refused", "timed out", "gone", "ta
 """How a node's part of a transition ended."""
 
 ANSWER_S: Final = 3.0
-"""How long a healthy launcher may take to describe its stack: ms, but seconds on a busy machine
+"""Limit for a healthy launcher to report its stack: milliseconds, but seconds on a busy machine
 [s]."""
 PIECE: Final = 1 << 16
 
 
 class StatusRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", tag="status"):
-    """Ask for the state of the stack."""
+    """Request the state of the stack."""
 
 
 class ChangeRequest(
     msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="ask", tag="change"
 ):
-    """Take nodes through a transition."""
+    """Request a transition of nodes."""
 
     transition: TransitionName
     nodes: tuple[str, ...] = ()
     """Full names; empty: the whole stack."""
     timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=LONGEST_WAIT_S)] | None = None
-    """For each node's transition [s]; None: the launch's own."""
+    """Limit for each node's transition [s]; None: as launched."""
 
 
 class StopRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", tag="stop"):
-    """Bring the stack down and end."""
+    """Request to shut the stack down."""
 
-    reason: str = "asked to stop"
+    reason: str = "stop requested"
 
 
 class GraphRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", tag="look"):
-    """Ask the launcher's node about the ROS graph, or about a node's parameters."""
+    """Query the launcher's node about the ROS graph, or about a node's parameters."""
 
     question: msgspec.Raw
 
@@ -107,14 +107,14 @@ Request = StatusRequest | ChangeRequest | StopRequest | GraphRequest
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Member:
-    """One node's part of a group's transition."""
+    """One node's part of a transition of several nodes."""
 
     node: str
     result: Result
     state: str
-    """Where the node is after all."""
+    """The node's final state."""
     fault: str = ""
-    """The node's own words, else empty."""
+    """The fault as the node reported it; otherwise empty."""
 
     @property
     def is_culprit(self) -> bool:
@@ -123,18 +123,18 @@ class Member:
 
 
 class ChangeAnswer(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", tag="change"):
-    """How a group's transition ended."""
+    """How a transition of several nodes ended."""
 
     success: bool
     why: str = ""
-    """One sentence that names the culprit; empty on success."""
+    """One sentence that names the node at fault; empty on success."""
     members: tuple[Member, ...] = ()
-    """In the order in which they were asked; empty if nothing was started."""
+    """In the order of the requests; empty if nothing was requested."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeStatus:
-    """One node as its launcher sees it."""
+    """A node's status, as reported by its launcher."""
 
     node: str
     section: str
@@ -142,21 +142,21 @@ class NodeStatus:
     state: str
     """Life-cycle state; `unknown` before the node was seen, empty for nodes without one."""
     process: str
-    """The unit that runs it; equal to `node` if that is a process of its own."""
+    """The unit that runs it; equal to `node` if the process is not shared."""
     pid: int | None
     """None: not running, or on another device."""
     restarts: int
     hangs: bool
     rates: tuple[Rate, ...] = ()
-    """The node's rates as it reported them last, while it is active."""
+    """The node's last reported rates, while it is active."""
 
 
 class StackStatus(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", tag="status"):
-    """A whole stack as its launcher sees it."""
+    """A stack's status, as reported by its launcher."""
 
     name: str
     state: str
-    """The furthest state that every node has reached, or the transition under way."""
+    """The furthest state that every node has reached, or the current transition."""
     phase: str
     seconds: float
     """Since the launch [s]."""
@@ -168,7 +168,7 @@ class Stopping(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", ta
 
 
 class GraphAnswer(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", tag="look"):
-    """What the launcher's node answers about the ROS graph."""
+    """The launcher's answer to a query about the ROS graph."""
 
     value: msgspec.Raw = msgspec.field(name="told")
 
@@ -183,14 +183,14 @@ Answer = StackStatus | ChangeAnswer | Stopping | GraphAnswer | Fault
 
 
 def encode_line(value: Request | Answer) -> bytes:
-    """A request or an answer as a line."""
+    """Encode a request or an answer as a line."""
     if isinstance(value, StackStatus) and not math.isfinite(value.seconds):
         value = msgspec.structs.replace(value, seconds=0.0)
     return encode(value) + b"\n"
 
 
 def encode(value: object) -> bytes:
-    """A value as JSON; bytes that are no text, such as in a node's last words, become `?`."""
+    """Encode a value as JSON; invalid bytes, such as in a node's last output, become `?`."""
     try:
         return msgspec.json.encode(value)
     except UnicodeEncodeError:
@@ -199,14 +199,14 @@ def encode(value: object) -> bytes:
 
 
 def decode(data: bytes | msgspec.Raw, kind: Any) -> Any:
-    """The value that JSON describes.
+    """Decode JSON.
 
     Args:
         data: from another process.
-        kind: the type of the value; fields that it does not have are ignored.
+        kind: expected type of the value; unknown fields are ignored.
 
     Raises:
-        ValueError: it describes no such value; the message explains what is wrong, and where.
+        ValueError: the JSON does not match the type; the message says what is wrong, and where.
     """
     try:
         return msgspec.json.decode(data, type=kind)
@@ -215,7 +215,7 @@ def decode(data: bytes | msgspec.Raw, kind: Any) -> Any:
 
 
 def decode_request(line: bytes) -> Request | Fault:
-    """The request in a line, or what is wrong with it."""
+    """Decode the request in a line, or return what is wrong with it."""
     try:
         request = cast(Request, decode(line, Request))
     except ValueError as error:
@@ -227,7 +227,7 @@ def decode_request(line: bytes) -> Request | Fault:
 
 
 def decode_answer(line: bytes, kind: type[T]) -> T | Fault | None:
-    """The answer in a line; None: it is neither of this kind nor a fault."""
+    """Decode the answer in a line; None if it is neither of this kind nor a fault."""
     for expected in (kind, Fault):
         try:
             return cast("T | Fault", decode(line, expected))
@@ -237,14 +237,14 @@ def decode_answer(line: bytes, kind: type[T]) -> T | Fault | None:
 
 
 def change_data(answer: ChangeAnswer) -> dict[str, Any]:
-    """A transition's end as JSON's values, for a program."""
+    """A transition's result as JSON data."""
     data: dict[str, Any] = msgspec.to_builtins(answer)
     del data["answer"]
     return data
 
 
 def ask_status(folder: Path, timeout_s: float = ANSWER_S) -> StackStatus | None:
-    """The state of a run's stack; None: no answer in time."""
+    """The state of a run's stack; None if no answer arrives in time."""
     answer = _ask(folder, StatusRequest(), StackStatus, timeout_s)
     return answer if isinstance(answer, StackStatus) else None
 
@@ -260,14 +260,14 @@ def ask_change(
     """Take a stack's nodes through a transition.
 
     Args:
-        folder: the run's.
+        folder: the folder of the run.
         transition: `activate`, ...
         nodes: full names; empty: the whole stack.
-        timeout_s: for each node's transition [s]; None: the launch's own.
-        wait_s: for the answer, that is for all nodes, and for the way back [s].
+        timeout_s: limit for each node's transition [s]; None: as launched.
+        wait_s: limit for the answer, which covers all nodes and a rollback [s].
 
     Returns:
-        How it ended; a fault that the launcher reports is a failure. None: no answer in time.
+        The result; a fault that the launcher reports is a failure. None: no answer in time.
     """
     request = ChangeRequest(transition=transition, nodes=nodes, timeout_s=timeout_s)  # type: ignore[arg-type]
     answer = _ask(folder, request, ChangeAnswer, wait_s)
@@ -277,12 +277,12 @@ def ask_change(
 def ask_graph(
     folder: Path, question: bytes, timeout_s: float = ANSWER_S
 ) -> msgspec.Raw | Fault | None:
-    """What the launcher's node answers about the ROS graph; None: no answer in time.
+    """Query the launcher's node about the ROS graph; None if no answer arrives in time.
 
     Args:
-        folder: the run's.
+        folder: the folder of the run.
         question: JSON, see `introspect.protocol`.
-        timeout_s: for the answer [s].
+        timeout_s: limit for the answer [s].
     """
     request = GraphRequest(question=msgspec.Raw(question))
     answer = _ask(folder, request, GraphAnswer, timeout_s)
@@ -290,7 +290,7 @@ def ask_graph(
 
 
 def ask_stop(folder: Path, reason: str, timeout_s: float = ANSWER_S) -> bool:
-    """Ask for a stack's end; returns whether the launcher confirms the request."""
+    """Request the end of a stack; return whether the launcher confirms the request."""
     return isinstance(_ask(folder, StopRequest(reason=reason), Stopping, timeout_s), Stopping)
 
 
@@ -303,7 +303,7 @@ def _ask(folder: Path, request: Request, kind: type[T], timeout_s: float) -> T |
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
             link.settimeout(timeout_s)
-            # Through the descriptor: an address has 107 bytes, and the path may have more.
+            # Through the descriptor: an address has 107 bytes, and the path may be longer.
             link.connect(f"/proc/self/fd/{folder_fd}/{CONTROL_SOCKET}")
             link.sendall(encode_line(request))
             line = _line(link, end)

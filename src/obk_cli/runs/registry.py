@@ -38,16 +38,16 @@ __all__ = [
 ]
 
 NO_ANSWER: Final = "no answer"
-"""In place of a node's state."""
+"""Replaces a node's state if there is no answer."""
 LauncherEnd = Literal["ended", "killed", "running"]
 STOP_S: Final = 15.0
-"""How long a stack's way down may take before it counts as stuck [s]."""
+"""Time for a shutdown after which a stack counts as stuck [s]."""
 KILL_S: Final = 5.0
-"""How long the kernel may take for a process that was killed [s]."""
+"""Limit for the kernel to end a killed process [s]."""
 EXIT_S: Final = 2.0
-"""How long a launcher's process may take to go once its run is over [s]."""
+"""Limit for a launcher's process to exit once its run is over [s]."""
 WARDEN_S: Final = 2.0
-"""How long the nodes of a killed launcher may take to follow it [s]."""
+"""Limit for the nodes of a killed launcher to end [s]."""
 POLL_S: Final = 0.02
 
 
@@ -83,7 +83,7 @@ class LiveStack:
 
     @property
     def life_cycle_nodes(self) -> tuple[NodeStatus, ...]:
-        """Those that have states; none where the launcher does not answer."""
+        """The nodes with states; empty if the launcher does not answer."""
         return tuple(node for node in (self.status.nodes if self.status else ()) if node.state)
 
 
@@ -101,7 +101,7 @@ def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[
 
     Args:
         runs: by their folders.
-        timeout_s: for each launcher's answer [s].
+        timeout_s: limit for each launcher's answer [s].
     """
     return tuple(
         LiveStack(folder=folder, run=run, status=ask_status(folder, timeout_s))
@@ -116,11 +116,11 @@ def select_runs(
 
     Args:
         parent: the folder of all runs.
-        name: a config's name or a run folder's; None: all.
-        domain: of a ROS domain only; None: of all.
+        name: name of a config or run folder; None: all.
+        domain: only this ROS domain; None: all.
 
     Raises:
-        CommandFailedError: a name is given, and no live run has it.
+        CommandFailedError: no live run has the given name.
     """
     live = live_folders(parent)
     candidates = {folder: run for folder, run in live.items() if domain in (None, run.domain)}
@@ -145,15 +145,15 @@ def node_statuses(
     """The status of the named nodes; None if the launchers on this host do not know them all.
 
     Args:
-        stacks: running on this host.
-        names: as a user gives them; none: all nodes.
+        stacks: stacks running on this host.
+        names: as given by the user; empty: all nodes.
     """
     if not names and not all(stack.status for stack in stacks):
         return None
     known: dict[str, NodeStatus] = {}
     for stack in stacks:
         for node in stack.life_cycle_nodes:
-            # Of two launchers of one stack the one that runs the node knows it best.
+            # If two launchers run one stack, the one that runs the node knows it best.
             if node.node not in known or node.pid is not None:
                 known[node.node] = node
     selected = [select_nodes(name, known) for name in names] if names else [tuple(known)]
@@ -167,8 +167,8 @@ def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelec
     """The stack that can change the state of these nodes; None if no launcher here can.
 
     Args:
-        stacks: running on this host.
-        names: as a user gives them; none: the whole stack.
+        stacks: stacks running on this host.
+        names: as given by the user; empty: the whole stack.
 
     Raises:
         MisuseError: the names match nodes of several stacks.
@@ -179,7 +179,7 @@ def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelec
     stack_names = sorted({selection.stack.run.name for selection in matching})
     if len(stack_names) > 1:
         raise MisuseError(
-            f"several stacks run in the ROS domain {matching[0].stack.run.domain}: "
+            f"several stacks are running in the ROS domain {matching[0].stack.run.domain}: "
             f"{', '.join(stack_names)}",
             help="choose one with `--run NAME`, or use full node names",
         )
@@ -209,7 +209,7 @@ def _fitness(selection: NodeSelection) -> tuple[bool, bool]:
 
 
 def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
-    """The nodes of a name, full or short (`control_0`), or of a section."""
+    """The nodes with this name, full or short (`control_0`), or in this section."""
     every = tuple(known)
     if name in every:
         return (name,)
@@ -245,7 +245,7 @@ def in_tier_order(nodes: Iterable[str]) -> tuple[str, ...]:
 
 
 def status_text(node: NodeStatus) -> str:
-    """The words behind a node's name, on one line."""
+    """A node's status on one line, without its name."""
     return "  ".join(
         [
             f"{node.state or 'no life cycle':<13}",
@@ -259,15 +259,15 @@ def status_text(node: NodeStatus) -> str:
 def end_launcher(
     folder: Path, run: Run, *, reason: str, timeout_s: float = STOP_S, may_kill: bool = False
 ) -> LauncherEnd:
-    """Ask a launcher to shut its stack down, and wait until it has ended.
+    """Request a launcher to shut its stack down, and wait until it has ended.
 
-    Asks over the control socket, else by SIGINT; a suspended launcher is resumed first.
+    Uses the control socket, otherwise SIGINT; a suspended launcher is resumed first.
 
     Args:
-        folder: the run's.
+        folder: the folder of the run.
         run: the run that the folder describes.
         reason: shown by the launcher.
-        timeout_s: for the answer and the shutdown [s].
+        timeout_s: limit for the answer and the shutdown [s].
         may_kill: kill the launcher and its processes if it does not end in time.
     """
 
@@ -277,11 +277,11 @@ def end_launcher(
     # A suspended launcher (Ctrl-Z) could not shut anything down.
     signal_process(run.pid, run.started, signal.SIGCONT)
     end = time.monotonic() + timeout_s
-    # Not sooner: a launcher that is slow to answer would take the signal for a forced quit.
+    # Not sooner: a launcher that answers slowly would treat the signal as a forced quit.
     if not ask_stop(folder, reason, timeout_s / 2):
         signal_process(run.pid, run.started, signal.SIGINT)
     if _wait_until(lambda: not is_running(), end - time.monotonic()):
-        # The run is over; a launcher that is a program of its own is about to go, too.
+        # The run is over; a launcher that is a separate program exits as well.
         wait_for_ends([(run.pid, run.started)], EXIT_S)
         return "ended"
     if not may_kill:

@@ -1,1 +1,1 @@
-"""Create a ROS 2 package that runs from a short request: check, render, decide, write."""
+"""Create a ROS 2 package that runs, from a short request: check, render, decide, write."""

@@ -1,6 +1,6 @@
-"""Compose the files of a package, of one node more in it, or of a workspace.
+"""Compose the files of a package, of another node in it, or of a workspace.
 
-Pure: a spec and templates in; files in memory out.
+Pure: returns files in memory.
 """
 
 from collections.abc import Callable, Iterable
@@ -54,19 +54,19 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Composition:
-    """New files, and new versions of files that are there."""
+    """New files, and new versions of existing files."""
 
     files: tuple[RenderedFile, ...]
     edits: tuple[RenderedFile, ...] = ()
 
 
 def layers_of(spec: PackageSpec, *, has_settings: bool = True) -> tuple[str, ...]:
-    """The template folders that are to be read.
+    """The template folders to read.
 
-    `has_settings`: whether a folder above the package has settings for its tests and linters.
+    `has_settings`: whether a folder above the package has settings for tests and linters.
     """
     recipe = recipe_of(spec.kind, spec.language)
-    assert recipe is not None, "the spec has been checked"
+    assert recipe is not None, "the spec was checked"
     service = (SERVICE_LAYER,) if spec.with_service else ()
     is_python = spec.kind in NODE_KINDS and spec.language == "py"
     settings = (SETTINGS_LAYER,) if is_python and not has_settings else ()
@@ -80,13 +80,13 @@ def compose_package(
     topics: str = TOPICS_TO_FILL_IN,
     stack: TestedStack | None = None,
 ) -> Composition:
-    """A package of its own.
+    """Compose a new package.
 
     Args:
-        spec: what it is.
-        templates: of its layers.
-        topics: the name under which its topics are.
-        stack: which its node joins; its test runs it.
+        spec: the package.
+        templates: templates of its layers.
+        topics: prefix of its topics.
+        stack: the stack that its node joins, and that its test runs.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
@@ -102,14 +102,14 @@ def compose_addition(
     python_folder: str = ".",
     stack: TestedStack | None = None,
 ) -> Composition | Problem:
-    """One node more in the package of these texts.
+    """Compose another node in an existing package.
 
     Args:
-        spec: what it is.
-        templates: of the layers of a package.
+        spec: the node.
+        templates: templates of a package's layers.
         texts: files of the package.
-        python_folder: where its modules are.
-        stack: which the node joins; its test runs it.
+        python_folder: folder of its modules.
+        stack: the stack that the node joins, and that its test runs.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
@@ -138,21 +138,21 @@ def _edited(name: str, text: str) -> RenderedFile:
 _KINDS: Final[tuple[Kind, ...]] = ("controller", "estimator")
 
 LONGEST_STACK_NAME: Final = LONGEST_NAME - len("_controller")
-"""So that the packages' names are none too long [characters]."""
+"""Keeps the names of packages within their limit [characters]."""
 
 
 def check_stack(
     stack: str, *, owner_of: Callable[[str], str | None], is_torque: bool = False
 ) -> tuple[PackageSpec, ...] | Problem:
-    """The two packages of a stack of that (checked) name, or why there can be none.
+    """The two packages of a stack with this (checked) name, or why they cannot be created.
 
-    `is_torque`: the controller sends gains to the joints' drives.
+    `is_torque`: the controller sends gains to the joints' actuators.
     """
     if len(stack) > LONGEST_STACK_NAME:
         return Problem(
             sentence=f"the name `{stack}` has {len(stack)} characters; "
-            f"at most {LONGEST_STACK_NAME} were expected",
-            help="packages are named after it; choose a shorter name",
+            f"expected at most {LONGEST_STACK_NAME}",
+            help="choose a shorter name, because packages are named after it",
         )
     found: list[PackageSpec] = []
     for kind in _KINDS:
@@ -176,14 +176,14 @@ def compose_workspace(
     source: InstallSource,
     robot: RobotModel | None = None,
 ) -> tuple[RenderedFile, ...]:
-    """Return all files, by their paths in the workspace.
+    """Return all files, with their paths in the workspace.
 
     Args:
-        stack: its name.
-        packages: of the workspace's nodes.
+        stack: name of the stack.
+        packages: packages of the workspace's nodes.
         library: the templates.
-        source: from which the workspace's CI installs obk.
-        robot: the model that the stack is for; None: an arm, which is made too.
+        source: where the workspace's CI installs obk from.
+        robot: the model of the stack; None: create an arm.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.

@@ -1,6 +1,6 @@
-"""Describe what was made, or would be: file lists, diffs, next steps, JSON.
+"""Describe what was or would be created: file lists, diffs, next steps, JSON.
 
-Pure: a spec and decisions in; text out.
+Pure.
 """
 
 import difflib
@@ -21,7 +21,7 @@ _UNCHANGED = frozenset({Action.IDENTICAL, Action.KEEP})
 
 
 def unified_diff(decisions: Iterable[Decision]) -> str:
-    """The diff of all files that change; a new file is one against `/dev/null`."""
+    """The diff of all changed files; a new file is compared with `/dev/null`."""
     changed = (decision for decision in decisions if decision.action not in _UNCHANGED)
     return "".join(line for decision in changed for line in _file_diff(decision))
 
@@ -42,12 +42,12 @@ def _lines(content: bytes) -> list[str] | None:
         text = content.decode()
     except UnicodeDecodeError:
         return None
-    return list(StringIO(text, newline="\n"))  # `splitlines` cuts at form feeds too
+    return list(StringIO(text, newline="\n"))  # `splitlines` also splits at form feeds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Added:
-    """What became of a config that the new node was added to; `config` as the user wrote it."""
+    """The changes to a config to which the new node was added; `config` as the user wrote it."""
 
     config: str
     lines: tuple[str, ...]
@@ -57,19 +57,19 @@ class Added:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewFiles:
-    """A run of `obk new`; `folder` and `programs` are as the user would type them."""
+    """The result of `obk new`; `folder` and `programs` are as the user would type them."""
 
     spec: PackageSpec
     folder: str
     decisions: tuple[Decision, ...]
     dry_run: bool
     programs: str
-    """In front of `python` and `obk`: empty in an active environment, else its `bin/`."""
+    """Prefix of `python` and `obk`: empty in an active environment, otherwise its `bin/`."""
     added: Added | None = None
 
     @property
     def next_commands(self) -> tuple[str, ...]:
-        """What to type now."""
+        """Commands to run next."""
         spec = self.spec
         if spec.kind == "msgs":
             return (f"{self.programs}obk build {spec.package}",)
@@ -80,16 +80,16 @@ class NewFiles:
             return (f"colcon build --packages-select {spec.package}",)
         test = PurePath(self.folder, "test", f"test_{spec.node}.py")
         stack = self.added.config if self.added else "CONFIG"
-        # A new package or its workspace has settings that load the plugin; an existing one may not.
+        # Settings of a new package or its workspace load the plugin; existing ones may not.
         is_new = all(decision.action is not Action.EDIT for decision in self.decisions)
         pytest = "python -m pytest" if is_new else "python -m pytest -p obk_testing.plugin"
         return (f"{self.programs}{pytest} {test}", f"{self.programs}obk launch {stack}")
 
 
 def describe_text(outcome: NewFiles) -> str:
-    """The tree with what happened to each file, the piece of config, the next commands.
+    """The tree with the result for each file, the piece of config, and the next commands.
 
-    Of a dry run the diff too.
+    For a dry run, also the diff.
     """
     verb = "would create" if outcome.dry_run else "created"
     return "\n".join(
@@ -131,12 +131,12 @@ def describe_json(outcome: NewFiles) -> str:
 
 
 def file_lines(decisions: Iterable[Decision]) -> tuple[str, ...]:
-    """A line for each file, in the order of a tree."""
+    """One line per file, in tree order."""
     return tuple(f"  {d.action.value:<9} {d.file.path}" for d in _in_order(decisions))
 
 
 def _diff(outcome: NewFiles) -> str:
-    """The diff of the package's files, and of the config."""
+    """The diff of the package's files and of the config."""
     of_files = unified_diff(_in_order(outcome.decisions))
     return f"{of_files}{outcome.added.diff}" if outcome.added else of_files
 

@@ -1,7 +1,6 @@
-"""What can be made, in which languages, and from which template folders.
+"""The kinds that can be created, with their languages and template folders.
 
-In: a kind and a language. Out: names of template folders, the section of a config. Never looks at
-the disk.
+Never reads files.
 """
 
 import keyword
@@ -38,18 +37,18 @@ __all__ = [
 Kind = Literal["controller", "estimator", "robot", "sensor", "msgs", "config"]
 Language = Literal["py", "cpp"]
 Release = Literal["v0.4", "2026"]
-"""Of the C++ library of Obelisk: v0.1 to v0.4, or since May 2026."""
+"""Version of the C++ library of Obelisk: v0.1 to v0.4, or since May 2026."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recipe:
-    """One thing that `obk new` makes."""
+    """One kind that `obk new` creates, in one language."""
 
     kind: Kind
     language: Language | None
-    """None for what is in no programming language."""
+    """None if it is not in a programming language."""
     layers: tuple[str, ...]
-    """Template folders; of two files with one name the later folder's wins."""
+    """Template folders; a later folder overrides files of the same name."""
     summary: str
 
 
@@ -100,7 +99,7 @@ RECIPES: Final = (
         kind="config", language=None, layers=("config",), summary="a stack of the workspace's nodes"
     ),
 )
-"""All of them, in the order of the help."""
+"""All recipes, in the order of the help."""
 
 NODE_KINDS: Final = ("controller", "estimator", "robot", "sensor")
 
@@ -110,31 +109,31 @@ SECTIONS: Final = {
     "robot": "robot",
     "sensor": "sensing",
 }
-"""The section of the config that a kind of node belongs to."""
+"""Kind of node -> its section in the config."""
 
 SERVICE_LAYER: Final = "msgs_srv"
-"""On top of `msgs` where a service is asked for."""
+"""Added to `msgs` if a service is requested."""
 
 SETTINGS_LAYER: Final = "settings"
-"""Of pytest, ruff and mypy: in a workspace, and in a Python package that is in none."""
+"""Settings of pytest, ruff and mypy, for a workspace or for a Python package outside one."""
 
 WORKSPACE_LAYER: Final = "workspace"
-"""What `obk init` makes around its packages."""
+"""Files that `obk init` creates around its packages."""
 
 ARM_LAYER: Final = "workspace_arm"
 """The robot of a workspace for which no model is given."""
 
 MODEL_LAYER: Final = "workspace_model"
-"""The stack around a given model."""
+"""The stack for a given model."""
 
 PACKAGE_OF_WORKSPACE_LAYERS: Final[dict[Kind, tuple[str, ...]]] = {
     "controller": ("package_py", "controller_py", "workspace_controller"),
     "estimator": ("package_py", "estimator_py"),
 }
-"""What its packages are made of."""
+"""Layers of its packages."""
 
 HOLD_LAYER: Final = "hold_controller"
-"""On top of the controller's if a model is given."""
+"""Added to the controller's layers if a model is given."""
 
 WORKSPACE_LAYERS: Final = (
     WORKSPACE_LAYER,
@@ -150,11 +149,11 @@ LAYER_NAMES: Final = (
     *dict.fromkeys((*(layer for recipe in RECIPES for layer in recipe.layers), *WORKSPACE_LAYERS)),
     SERVICE_LAYER,
 )
-"""Every template folder that there is."""
+"""All template folders."""
 
 
 def recipe_of(kind: Kind, language: Language = "py") -> Recipe | None:
-    """How a kind is made in a language, None where it is not."""
+    """The recipe of a kind in a language; None if it does not exist."""
     return next(
         (r for r in RECIPES if r.kind == kind and r.language in (language, None)),
         None,
@@ -162,34 +161,36 @@ def recipe_of(kind: Kind, language: Language = "py") -> Recipe | None:
 
 
 LONGEST_NAME = 40
-"""Our own limit [characters]: the name is a folder, a module, an executable and part of a class."""
+"""Limit of obk [characters]: the name is a folder, a module, an executable and part of a class."""
 
 _OTHER_USE = frozenset("build conftest install log resource setup src test".split())
-"""Names that workspaces and packages have for folders and files of another kind."""
+"""Names that workspaces and packages use for other files and folders."""
 
 _SNAKE_CASE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """One thing that is wrong with what the user asked for, and what would be right."""
+    """A problem with the user's request, and how to fix it."""
 
     sentence: str
     help: str | None = None
 
 
 def check_name(name: str, *, kind: str, owner_of: Callable[[str], str | None]) -> Problem | None:
-    """Why `name` can be no package or node, None if it can.
+    """Why `name` cannot be used for a package or node; None if it can.
 
-    `kind` makes suggestions ("class" -> "class_controller"); `owner_of` returns the owner of a name
-    already, in words that follow "is" ("a module of Python's standard library").
+    `kind` is used for suggestions ("class" -> "class_controller"); `owner_of` returns the owner of
+    a name that is taken, as words after "is" ("a module of Python's standard library").
 
     Source: REP 144 (package names); PEP 8 (module names).
     """
     suggestion = suggest_name(name, kind=kind)
     if "/" in name or "\\" in name or ".." in name:
-        sentence = f"the name `{name}` is a path; a bare name was expected"
-        return Problem(sentence=sentence, help=f"{_try(suggestion)}; --dest DIR chooses the folder")
+        sentence = f"the name `{name}` is a path, expected a name"
+        return Problem(
+            sentence=sentence, help=f"{_try(suggestion)}; choose the folder with --dest DIR"
+        )
     reason = _shape_fault(name) or _use_fault(name, owner_of)
     if reason is None:
         return None
@@ -197,7 +198,7 @@ def check_name(name: str, *, kind: str, owner_of: Callable[[str], str | None]) -
 
 
 def suggest_name(name: str, *, kind: str) -> str:
-    """The nearest name of the right shape: `FooBar` and `foo-bar` give `foo_bar`."""
+    """The nearest valid name: `FooBar` and `foo-bar` become `foo_bar`."""
     last = re.split(r"[/\\]", name.rstrip("/\\"))[-1]
     humps = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", last)
     words = re.findall(r"[a-z0-9]+", humps.lower())

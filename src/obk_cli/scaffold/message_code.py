@@ -1,7 +1,7 @@
-"""Code for message types: the fields that a new node fills, in Python and C++; sorted import lines.
+"""Generate code for message types: the fields that a new node fills, and sorted import lines.
 
-Pure: message types in; lines of code out, and the class and header of a type as ROS 2's C++
-generator names them. Only messages whose fields this project defines are filled.
+Pure: returns lines of Python and C++ code, and the class and header of a type as named by ROS 2's
+C++ generator. Only messages whose fields this project defines are filled.
 """
 
 import re
@@ -29,7 +29,7 @@ __all__ = [
 
 _STAMP = "msg.header.stamp = self.get_clock().now().to_msg()"
 _STAMP_OF_SENSOR = "msg.header.stamp = self.sensor_msg.header.stamp"
-"""With it a sensor that falls silent is seen by the age of what is made of it."""
+"""Copying the stamp reveals a silent sensor by the age of the data derived from it."""
 _HEADER = re.compile(r"^\s*std_msgs/(?:msg/)?Header\s+header\b", re.MULTILINE)
 _WITHOUT_HEADER = frozenset({"obelisk_sensor_msgs/msg/ObkImage"})
 _WITH_HEADER_PACKAGES = ("obelisk_control_msgs", "obelisk_estimator_msgs", "obelisk_sensor_msgs")
@@ -37,16 +37,16 @@ _WITH_HEADER_PACKAGES = ("obelisk_control_msgs", "obelisk_estimator_msgs", "obel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageCode:
-    """Lines that fill a message called `msg`, and lines of the test that look at it.
+    """Lines that fill a message named `msg`, and lines of a test that check it.
 
-    `sample` are lines of the test that fill the sensor message called `reading`.
+    `sample` are lines of the test that fill the sensor message named `reading`.
     """
 
     statements: tuple[str, ...]
     assertions: tuple[str, ...] = ()
     sample: tuple[str, ...] = ()
     unit: str = ""
-    """Of the control's amplitude or of the readings; empty: it depends on the model."""
+    """Unit of the control's amplitude or of the readings; empty if it depends on the model."""
 
     @property
     def uses_math(self) -> bool:
@@ -58,7 +58,7 @@ _WITH_U_MUJOCO = frozenset(
     {"obelisk_control_msgs/msg/PositionSetpoint", "obelisk_control_msgs/msg/PDFeedForward"}
 )
 _LONGEST_LIST = 6
-"""Controls that are written one by one; more are written as a product."""
+"""Maximum number of controls written one by one; more are written as a product."""
 _VELOCITY = MessageCode(
     statements=(
         "msg.v_x = self.amplitude * math.sin(self.t)  # [m/s] your control law goes here",
@@ -96,7 +96,7 @@ _ESTIMATE = {
 
 
 def control_code(ctrl: MessageType, controls: int = 1) -> MessageCode:
-    """How `compute_control` fills its message; `controls` are the model's actuators."""
+    """Code of `compute_control` that fills its message; `controls` are the model's actuators."""
     if ctrl.full in _WITH_U_MUJOCO:
         return _stamped(ctrl, _u_mujoco(controls))
     is_velocity = ctrl.full == "obelisk_control_msgs/msg/VelocityCommand"
@@ -119,7 +119,7 @@ def _u_mujoco(controls: int) -> MessageCode:
 
 
 def estimate_code(est: MessageType, sensor: MessageType) -> MessageCode:
-    """How `compute_state_estimate` fills its message from the newest sensor message."""
+    """Code of `compute_state_estimate` that fills its message from the newest sensor message."""
     known = _ESTIMATE.get((est.full, sensor.full))
     if not (has_header(est) and has_header(sensor)):
         return _stamped(est, known)
@@ -132,17 +132,17 @@ def estimate_code(est: MessageType, sensor: MessageType) -> MessageCode:
 
 
 def is_position_control(ctrl: MessageType) -> bool:
-    """Whether a control message has `u_mujoco`, which a robot without hardware can follow."""
+    """Whether a control message has `u_mujoco`, which a simulated robot can execute."""
     return ctrl.full in _WITH_U_MUJOCO
 
 
 def reading_code(sensor: MessageType, positions: str, offset: str = "") -> MessageCode:
-    """How a robot or a sensor fills its message.
+    """Code with which a robot or a sensor fills its message.
 
     Args:
         sensor: the message.
         positions: code for the joints' positions [rad or m].
-        offset: code in front of other readings, such as `self.offset + `.
+        offset: prefix of other readings, such as `self.offset + `.
     """
     codes = {
         "obelisk_sensor_msgs/msg/JointEncoders": MessageCode(
@@ -185,7 +185,7 @@ def _stamped(message: MessageType, code: MessageCode | None, stamp: str = _STAMP
 
 
 def has_header(message: MessageType) -> bool:
-    """Whether a message has a stamp: by its definition, otherwise by its name."""
+    """Whether a message has a header: by its definition, otherwise by its name."""
     if message.definition is not None:
         return _HEADER.search(message.definition) is not None
     if message.package in _WITH_HEADER_PACKAGES:
@@ -203,7 +203,7 @@ def message_imports(messages: Iterable[MessageType]) -> tuple[tuple[str, str], .
 
 
 def import_block(names: Iterable[tuple[str, str]]) -> str:
-    """Sorted `from module import a, b` lines for (module, name) pairs; doubles are dropped."""
+    """Sorted `from module import a, b` lines for (module, name) pairs, without duplicates."""
     by_module: dict[str, set[str]] = {}
     for module, name in names:
         by_module.setdefault(module, set()).add(name)
@@ -213,7 +213,7 @@ def import_block(names: Iterable[tuple[str, str]]) -> str:
 
 
 def import_line(module: str, names: Iterable[str]) -> str:
-    """One `from module import ...`, in brackets where it would be too long for a line."""
+    """One `from module import ...`, in parentheses if it would be too long for a line."""
     ordered = sorted(names, key=_member_key)
     line = f"from {module} import {', '.join(ordered)}"
     if len(line) <= LINE_LENGTH:
@@ -222,13 +222,13 @@ def import_line(module: str, names: Iterable[str]) -> str:
 
 
 def _member_key(name: str) -> tuple[object, ...]:
-    """Constants, then classes, then the rest, as isort's `order-by-type` has it."""
+    """Sort key: constants, then classes, then the rest, as in isort's `order-by-type`."""
     rank = 0 if name.isupper() and len(name) > 1 else 1 if name[0].isupper() else 2
     return (rank, *_natural(name))
 
 
 def _natural(name: str) -> tuple[object, ...]:
-    """A key under which `Int8` comes before `Int16`."""
+    """Sort key that puts `Int8` before `Int16`."""
     parts = re.split(r"(\d+)", name)
     return tuple(int(part) if part.isdigit() else part.lower() for part in parts)
 
@@ -268,7 +268,7 @@ def cpp_header(message: MessageType) -> str:
 
 
 def cpp_control(ctrl: MessageType, controls: int = 1) -> tuple[str, ...]:
-    """How `ComputeControl` fills its message; `controls` are the model's actuators."""
+    """Code of `ComputeControl` that fills its message; `controls` are the model's actuators."""
     if is_position_control(ctrl):
         law = f"msg.u_mujoco.assign({controls}, {_CPP_SINE});  // your control law goes here"
     elif ctrl.full == "obelisk_control_msgs/msg/VelocityCommand":
@@ -279,7 +279,7 @@ def cpp_control(ctrl: MessageType, controls: int = 1) -> tuple[str, ...]:
 
 
 def cpp_estimate(est: MessageType, sensor: MessageType) -> tuple[str, ...]:
-    """How `ComputeStateEstimate` fills its message from the newest sensor message."""
+    """Code of `ComputeStateEstimate` that fills its message from the newest sensor message."""
     stamp = _CPP_STAMP_OF_SENSOR if has_header(sensor) else _CPP_STAMP
     return _cpp_stamped(est, _CPP_ESTIMATE.get((est.full, sensor.full), _CPP_UNKNOWN), stamp)
 

@@ -1,7 +1,6 @@
 """Add a node to the files of a package: setup.py, setup.cfg, pyproject.toml, package.xml.
 
-Pure: texts in; texts in which everything else stays as it was, or a problem, out. setup.py does not
-run.
+Pure: returns texts in which everything else is unchanged, or a problem. setup.py is not run.
 """
 
 import ast
@@ -27,25 +26,25 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Scripts:
-    """The list under `console_scripts`; the places are indices into the text."""
+    """The list under `console_scripts`; positions are indices into the text."""
 
     values: tuple[str, ...]
     start: int
-    """Of the opening bracket."""
+    """Opening bracket."""
     close: int
-    """Of the closing bracket."""
+    """Closing bracket."""
     last_end: int
-    """Behind the last element, or behind the opening bracket where there is none."""
+    """After the last element; without elements, after the opening bracket."""
 
 
 def add_entry_point(setup_py: str, script: str) -> str | Problem:
-    """Add a console script ("foo = pkg.foo:main") to the list of them."""
+    """Add a console script ("foo = pkg.foo:main") to setup.py."""
     scripts = _find_scripts(setup_py)
     if scripts is None:
         return Problem(
-            sentence="setup.py holds no plain list of strings under `console_scripts`, so the "
-            "entry point cannot be added without touching the rest",
-            help=f'make it a list that holds "{script}", or make a package of its own with --dest',
+            sentence="setup.py has no plain list of strings under `console_scripts`, so the "
+            "entry point cannot be added without changing the rest",
+            help=f'make it a list that contains "{script}", or create another package with --dest',
         )
     taken = next((v for v in scripts.values if _executable(v) == _executable(script)), None)
     if taken is None:
@@ -53,7 +52,7 @@ def add_entry_point(setup_py: str, script: str) -> str | Problem:
     if "".join(taken.split()) == "".join(script.split()):
         return setup_py
     return Problem(
-        sentence=f"setup.py has the executable `{_executable(script)}` already: {taken}",
+        sentence=f"setup.py already has the executable `{_executable(script)}`: {taken}",
         help="choose another name",
     )
 
@@ -84,7 +83,7 @@ def _insert(text: str, scripts: _Scripts, script: str) -> str:
 
 
 def _find_scripts(setup_py: str) -> _Scripts | None:
-    """The one `"console_scripts": [...]` whose elements are all plain strings."""
+    """The only `"console_scripts": [...]` whose elements are all plain strings."""
     try:
         tree = ast.parse(setup_py)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -113,12 +112,12 @@ def _find_scripts(setup_py: str) -> _Scripts | None:
 
 
 def _has_comma(text: str) -> bool:
-    """Whether a comma stands in code that holds nothing else but comments."""
+    """Whether code that otherwise contains only comments has a comma."""
     return any("," in line.partition("#")[0] for line in text.splitlines())
 
 
 def _indent_at(text: str, place: int) -> str:
-    """The white space at the start of the line that holds a place."""
+    """The white space at the start of the line at this position."""
     line = text[text.rfind("\n", 0, place) + 1 :]
     return line[: len(line) - len(line.lstrip(" \t"))]
 
@@ -130,7 +129,7 @@ def _end_offset(text: str, node: ast.expr) -> int:
 
 
 def _offset(text: str, line: int, column: int) -> int:
-    """A place of the ast, line from 1 and column in UTF-8 bytes, as an index into the text."""
+    """Convert an AST position (line from 1, column in UTF-8 bytes) to an index into the text."""
     lines = text.split("\n")
     before = sum(len(other) + 1 for other in lines[: line - 1])
     return before + len(lines[line - 1].encode()[:column].decode())
@@ -147,7 +146,7 @@ _TOML_ENTRY = re.compile(r"^([ \t]*)[^\s#\[][^\r\n]*", re.M)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackageTexts:
-    """The files of an existing package that a new node changes; empty where there is none."""
+    """The files of an existing package that a new node changes; empty if they do not exist."""
 
     package_xml: str
     setup_py: str = ""
@@ -156,7 +155,7 @@ class PackageTexts:
 
 
 def add_console_script(texts: PackageTexts, script: str) -> dict[str, str] | Problem:
-    """Add a console script ("foo = pkg.foo:main"): the file that changes, and its new text."""
+    """Add a console script ("foo = pkg.foo:main"); return the changed file and its new text."""
     in_cfg, in_toml = _cfg_scripts(texts.setup_cfg), _toml_scripts(texts.pyproject)
     if "console_scripts" not in texts.setup_py:
         if in_cfg is not None:
@@ -168,14 +167,14 @@ def add_console_script(texts: PackageTexts, script: str) -> dict[str, str] | Pro
 
 
 def _add(name: str, text: str, scripts: dict[str, str], script: str) -> dict[str, str] | Problem:
-    """Edit the text, and believe it only when it reads back as the old scripts and the new one."""
+    """Edit the text, and verify that it parses to the old scripts and the new one."""
     executable, _, target = (part.strip() for part in script.partition("="))
     taken = scripts.get(executable)
     if taken == target:
         return {name: text}
     if taken is not None:
         return Problem(
-            sentence=f"{name} has the executable `{executable}` already: {executable} = {taken}",
+            sentence=f"{name} already has the executable `{executable}`: {executable} = {taken}",
             help="choose another name",
         )
     is_cfg = name == "setup.cfg"
@@ -186,13 +185,13 @@ def _add(name: str, text: str, scripts: dict[str, str], script: str) -> dict[str
     line = script if is_cfg else f'{executable} = "{target}"'
     place = "`console_scripts`" if is_cfg else "[project.scripts]"
     return Problem(
-        sentence=f"the entry point cannot be added to {name} without touching the rest",
-        help=f"add `{line}` under {place} by hand, or make a package of its own with --dest",
+        sentence=f"the entry point cannot be added to {name} without changing the rest",
+        help=f"add `{line}` under {place} by hand, or create a separate package with --dest",
     )
 
 
 def _cfg_scripts(text: str) -> dict[str, str] | None:
-    """The scripts of setup.cfg; None where they are not kept there."""
+    """The scripts of setup.cfg; None if it has none."""
     parser = configparser.ConfigParser(interpolation=None)
     try:
         parser.read_string(text)
@@ -228,7 +227,7 @@ def _insert_cfg(text: str, script: str) -> str:
 
 
 def _toml_scripts(text: str) -> dict[str, Any] | None:
-    """The scripts of pyproject.toml; None where it describes no project, or they are dynamic."""
+    """The scripts of pyproject.toml; None if it describes no project, or they are dynamic."""
     try:
         project = tomllib.loads(text).get("project")
     except tomllib.TOMLDecodeError:
@@ -277,7 +276,7 @@ class PackageIdentity:
 
 
 def read_identity(package_xml: str) -> PackageIdentity | None:
-    """Name and build type, None where the text is no package.xml."""
+    """Name and build type; None if the text is not a package.xml."""
     root = _parse(package_xml)
     name = None if root is None else root.findtext("name")
     if root is None or not name:
@@ -287,7 +286,7 @@ def read_identity(package_xml: str) -> PackageIdentity | None:
 
 
 def add_dependencies(package_xml: str, dependencies: Iterable[str]) -> str:
-    """Add an `exec_depend` for each package that is not there, after the last one that is."""
+    """Add an `exec_depend` for each missing package, after the last existing dependency."""
     root = _parse(package_xml)
     have = set() if root is None else {(e.text or "").strip() for e in root if e.tag in _DEPENDS}
     missing = sorted(set(dependencies) - have)

@@ -1,7 +1,7 @@
-"""Check what the user requests from `obk new`: from the words typed to a package spec.
+"""Check the user's request for `obk new`, and turn it into a package spec.
 
-In: a `PackageRequest`. Out: a `PackageSpec`, or every problem with the request at once.
-Never touches the disk and never imports a message.
+Returns a `PackageSpec` for a `PackageRequest`, or all problems with the request. Reads no files and
+imports no messages.
 """
 
 from collections.abc import Callable
@@ -38,9 +38,9 @@ USUAL_CTRL = "PositionSetpoint"
 USUAL_EST = "EstimatedState"
 USUAL_SENSOR = "JointEncoders"
 USUAL_CPP_SENSOR = "ObkJointEncoders"
-"""The message packages that the C++ library is used with have no `JointEncoders`."""
+"""The message packages used with the C++ library have no `JointEncoders`."""
 USUAL_OF_SENSOR = "ObkImu"
-"""What a node of the kind `sensor` publishes."""
+"""Message type of nodes of the kind `sensor`."""
 
 _CLASSES_IN_USE = (
     "Iterator",
@@ -54,10 +54,10 @@ _CLASSES_IN_USE = (
 
 
 class Messages(Protocol):
-    """What message packages define."""
+    """The message packages in which types are looked up."""
 
     def message_names(self, package: str) -> tuple[str, ...] | None:
-        """The messages of a package, None if there is no such package."""
+        """The messages of a package; None if the package does not exist."""
 
     def message_definition(self, package: str, name: str) -> str | None:
         """The text that defines a message."""
@@ -70,7 +70,7 @@ class MessageType:
     package: str
     name: str
     definition: str | None = field(default=None, repr=False, compare=False)
-    """The text that defines it, for types of the user's own."""
+    """Its definition, for the user's own types."""
 
     @property
     def full(self) -> str:
@@ -79,18 +79,18 @@ class MessageType:
 
     @property
     def module(self) -> str:
-        """The Python module that holds the class."""
+        """The Python module that contains the class."""
         return f"{self.package}.msg"
 
     @property
     def spelling(self) -> str:
-        """As a config writes it: bare where the bare name means this type, else in full."""
+        """The name in a config: bare if that identifies the type, otherwise with its package."""
         return self.name if resolve_msg_type(self.name) == self.full else self.full
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackageRequest:
-    """A package as requested on the command line; a message type of None is left open."""
+    """A package as requested on the command line; a message type of None is undecided."""
 
     kind: Kind
     name: str
@@ -105,7 +105,7 @@ class PackageRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackageSpec:
-    """The package to create; every name in it has been checked."""
+    """The package to create; all of its names are checked."""
 
     kind: Kind
     package: str
@@ -115,11 +115,11 @@ class PackageSpec:
     sensor: MessageType
     language: Language = "py"
     release: Release = "2026"
-    """Of the library that a C++ node is written against."""
+    """Version of the library for a C++ node."""
     with_service: bool = False
-    """Whether a message package holds a service too."""
+    """Whether a message package also contains a service."""
     controls: int = 1
-    """How many values a control message for the simulator holds."""
+    """Number of values in a control message for the simulator."""
 
     @property
     def class_name(self) -> str:
@@ -129,7 +129,7 @@ class PackageSpec:
 
     @property
     def messages(self) -> tuple[MessageType, ...]:
-        """The message types that this kind of node works with."""
+        """The message types that this kind of node uses."""
         by_kind: dict[Kind, tuple[MessageType, ...]] = {
             "controller": (self.ctrl, self.est),
             "estimator": (self.est, self.sensor),
@@ -139,7 +139,7 @@ class PackageSpec:
         return by_kind.get(self.kind, ())
 
     def in_package(self, package: str) -> "PackageSpec":
-        """The same node in a package of another name."""
+        """The same node in a package with another name."""
         return replace(self, package=package)
 
 
@@ -149,10 +149,10 @@ def check_request(
     owner_of: Callable[[str], str | None],
     messages: Messages | None = None,
 ) -> PackageSpec | tuple[Problem, ...]:
-    """Check all that was typed; the node goes into a new package of its own name.
+    """Check the request; the node goes into a new package with its own name.
 
-    `owner_of` returns the owner of a top-level module name, None if it is free; `messages` what
-    existing packages define; a missing package may be created later.
+    `owner_of` returns the owner of a top-level module name, or None if it is free. `messages` looks
+    up existing packages; a missing package may be created later.
     """
     language = _check_language(request)
     name = check_name(request.name, kind=request.kind, owner_of=owner_of)
@@ -189,8 +189,8 @@ def _check_language(request: PackageRequest) -> Problem | None:
     if recipe_of(request.kind, request.language) is not None:
         return None
     return Problem(
-        sentence=f"--lang: a {request.kind} is not made in `{request.language}`",
-        help="leave --lang out; controllers and estimators are made in `cpp` too",
+        sentence=f"--lang: a {request.kind} cannot be created in `{request.language}`",
+        help="omit --lang; only controllers and estimators can be created in `cpp`",
     )
 
 
@@ -206,26 +206,28 @@ def _check_message(option: str, written: str, messages: Messages | None) -> Mess
             definition = messages.message_definition(package, name)
             return MessageType(package=package, name=name, definition=definition)
         near_own = ask_for(f"{package}/{one}" for one in near_names(name, names))
-        there_is = f"it has {list_names(names)}" if names else "it defines no messages"
+        available = (
+            f"available: {list_names(names)}" if names else "it does not define any messages"
+        )
         return Problem(
             sentence=f"{option}: package `{package}` has no message `{name}`",
-            help=near_own or there_is,
+            help=near_own or available,
         )
     near = ask_for(near_msg_types(written))
     return Problem(
-        sentence=f"{option}: there is no message type `{written}`",
-        help=f"{near} A type of your own is written pkg/msg/Name."
+        sentence=f"{option}: unknown message type `{written}`",
+        help=f"{near} Write your own type as pkg/msg/Name."
         if near
-        else "a type of your own is written pkg/msg/Name",
+        else "write your own type as pkg/msg/Name",
     )
 
 
 def _check_clashes(spec: PackageSpec) -> tuple[Problem, ...]:
-    """Two classes of one name cannot both be in the node's module."""
+    """Report class names that would clash in the node's module."""
     twice = tuple(
         Problem(
             sentence=f"`{one.full}` and `{other.full}` have the same class name `{one.name}`",
-            help="choose message types whose last names differ",
+            help="choose message types with different class names",
         )
         for one, other in combinations(spec.messages, 2)
         if one.name == other.name and one != other

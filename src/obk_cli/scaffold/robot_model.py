@@ -1,6 +1,6 @@
-"""What a workspace takes from a robot's model: sensor groups, and a law that holds its pose.
+"""The parts of a workspace that depend on a robot's model: sensor groups and a pose controller.
 
-Pure: facts of the model in; sensor groups, MJCF text and values of templates out.
+Pure: returns sensor groups, MJCF text and template values for the facts of a model.
 """
 
 import json
@@ -32,13 +32,13 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldActuator:
-    """One actuator, and how it keeps its joint where it is.
+    """An actuator, and how it holds its joint.
 
     control = setpoint + kp * (pose - position) - kd * velocity.
     """
 
     joint: str
-    """The hinge or slide that it drives; empty: it drives something else."""
+    """The hinge or slide that it drives; empty if it drives something else."""
     is_slide: bool = False
     pose: float = 0.0
     """Position of the joint [rad or m]."""
@@ -49,20 +49,20 @@ class HeldActuator:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hold:
-    """A law that holds a model in the pose of a keyframe, tried in a simulation."""
+    """A control law that holds a model in the pose of a keyframe, tested in a simulation."""
 
     keyframe: str
-    """Empty: the start of a model without keyframes."""
+    """Empty: the initial state of a model without keyframes."""
     actuators: tuple[HeldActuator, ...]
     """In the order of the model."""
     is_torque: bool
-    """Whether each actuator is the motor of one joint: the simulator then closes the loops."""
+    """Whether each actuator is the only motor of a joint; the simulator then closes the loops."""
     drift: float
     """Largest distance of a driven joint from its pose in the simulation [rad or m]."""
 
     @property
     def has_feedback(self) -> bool:
-        """Whether the controller has to close a loop: servos close theirs in the model."""
+        """Whether the controller must close a loop; servos do so in the model."""
         return not self.is_torque and any(actuator.kp for actuator in self.actuators)
 
 
@@ -75,22 +75,22 @@ class ModelSensors:
     sensors: Mapping[str, str]
     """Sensor -> type."""
     ignored: tuple[str, ...] = ()
-    """Rules that find fault with a sensor that the model does not have."""
+    """Rules to silence, which would report a missing sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotModel:
-    """All that the files of a workspace need to know of its model."""
+    """What the files of a workspace need to know about its model."""
 
     path: str
-    """From the workspace."""
+    """Relative to the workspace."""
     period_s: float
-    """Of sensors, estimator and controller [s]."""
+    """Period of sensors, estimator and controller [s]."""
     hold: Hold
     groups: tuple[ModelSensors, ...]
-    """That of the joints first."""
+    """The group of the joints first."""
     added: str = ""
-    """What `path` adds to the given model, in words."""
+    """What `path` adds to the given model, as words."""
 
 
 def scalar_joints(facts: ModelFacts) -> tuple[str, ...]:
@@ -137,12 +137,12 @@ def _at_objects(
             place.setdefault(sensor.type, sensor.name)
     whole = {place[1]: found for place, found in by_object.items() if {*needed} <= {*found}}
     for name, found in whole.items():
-        lacks = {kind for kind in takes if kind not in found}
+        missing = {kind for kind in takes if kind not in found}
         yield ModelSensors(
             topic=topic if len(whole) == 1 else f"{topic}_{_topic_word(name)}",
             message=message,
             sensors={found[kind]: kind for kind in takes if kind in found},
-            ignored=("OBK307",) if lacks else (),
+            ignored=("OBK307",) if missing else (),
         )
 
 
@@ -160,22 +160,22 @@ def _forces(facts: ModelFacts) -> Iterator[ModelSensors]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Supplement:
-    """A model that includes another and adds what that lacks."""
+    """A model that includes another and adds missing elements."""
 
     text: str
     added: str
-    """In words."""
+    """The added elements, as words."""
 
 
 def supplement(facts: ModelFacts, included: str) -> Supplement | None:
-    """What a model lacks to be a simulated robot; None if it lacks nothing.
+    """Add what a model lacks as a simulated robot; None if it is complete.
 
-    Each hinge and slide gets a `jointpos` and a `jointvel` sensor. In a model without actuators
-    each gets a motor.
+    Each hinge and slide gets a `jointpos` and a `jointvel` sensor. If the model has no actuators,
+    each also gets a motor.
 
     Args:
-        facts: the model that lacks something.
-        included: its file, from the folder of the new one.
+        facts: the incomplete model.
+        included: path of its file, relative to the folder of the new one.
     """
     joints = scalar_joints(facts)
     used = set(facts.sensors)
@@ -193,7 +193,7 @@ def supplement(facts: ModelFacts, included: str) -> Supplement | None:
     added = " and ".join(what)
     lines = (
         "<mujoco>",
-        f"  <!-- The robot's model, and what it lacks: {added}. -->",
+        f"  <!-- Adds to the robot's model: {added}. -->",
         f"  <include file={quoteattr(included)}/>",
         *_section("actuator", motors),
         *_section("sensor", sensors),
@@ -219,11 +219,9 @@ def _section(tag: str, lines: Sequence[str]) -> tuple[str, ...]:
 
 
 def describe_robot(robot: RobotModel) -> tuple[str, ...]:
-    """Sentences on what was added to a model, and on how well its pose is held."""
+    """Sentences about what was added to a model, and how well its pose is held."""
     hold, unit = robot.hold, _unit(robot.hold.actuators)
-    pose = (
-        f"the keyframe `{hold.keyframe}`" if hold.keyframe else "the pose that the model starts in"
-    )
+    pose = f"the keyframe `{hold.keyframe}`" if hold.keyframe else "the initial pose of the model"
     added = (f"{robot.path} includes the model and adds {robot.added}",) if robot.added else ()
     if not _poses(hold.actuators):
         return (*added, f"the controller sends the controls of {pose}: no actuator drives a joint")
@@ -235,7 +233,7 @@ def describe_robot(robot: RobotModel) -> tuple[str, ...]:
 
 
 def model_variables(robot: RobotModel) -> dict[str, object]:
-    """The variables of the templates of a workspace around a model."""
+    """The template variables of a workspace for a given model."""
     hold = robot.hold
     return {
         "model_path": robot.path,
@@ -274,18 +272,18 @@ _PLAIN = re.compile(r"[A-Za-z_][\w./-]*", re.ASCII)
 
 
 def _yaml(text: str) -> str:
-    """A text as YAML writes it; MuJoCo allows any character in a name."""
+    """A YAML string; MuJoCo allows any character in a name."""
     is_plain = _PLAIN.fullmatch(text) and core_scalar(text) == text
     return text if is_plain else _quoted(text)
 
 
 def _quoted(text: str) -> str:
-    """A text in the quotes of YAML and of Python."""
+    """A string in quotes that are valid in YAML and in Python."""
     return json.dumps(text, ensure_ascii=False)
 
 
 def _lists(hold: Hold, name: str) -> dict[str, str]:
-    """One number for each actuator, as Python and as YAML write it."""
+    """One number per actuator, in Python and YAML syntax."""
     values = [repr(getattr(actuator, name)) for actuator in hold.actuators]
     yaml = f"{name}: [{', '.join(values)}]"
     wrapped = textwrap.wrap(yaml, LINE_LENGTH - 6, subsequent_indent="  ")
@@ -308,12 +306,12 @@ def _unit(actuators: Iterable[HeldActuator]) -> str:
 
 
 def _tolerance(drift: float) -> float:
-    """The simulation in real programs is a little later than the one that measured the drift."""
+    """More than the drift, because the simulation with real processes has a larger delay."""
     return float(f"{max(2.0 * drift, 0.02):.1g}")
 
 
 def _python_tuple(values: Sequence[str], *, indent: int) -> str:
-    """A tuple of these items behind `NAME = ` or an open bracket, as ruff formats it."""
+    """A tuple of these items after `NAME = ` or an open bracket, formatted as by ruff."""
     margin = " " * indent
     line = f"({', '.join(values)}{',' if len(values) == 1 else ''})"
     if indent + len("JOINTS = ,") + len(line) <= LINE_LENGTH:

@@ -1,6 +1,6 @@
-"""Write a whole config for the nodes of a workspace and its robot model.
+"""Write a complete config for the nodes of a workspace and its robot model.
 
-Pure: what is known of nodes and of the model in; YAML text out. MuJoCo does not run.
+Pure: returns YAML text. MuJoCo is not used.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -28,7 +28,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelSensor:
-    """A named sensor; `of` is the name of what it is attached to."""
+    """A named sensor; `of` is the name of the object to which it is attached."""
 
     name: str
     type: str
@@ -37,7 +37,7 @@ class ModelSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """A model; `path` is as the config writes it."""
+    """A model; `path` is as written in the config."""
 
     path: str
     sensors: tuple[ModelSensor, ...] = ()
@@ -45,7 +45,7 @@ class Model:
     actuators: int = 0
 
     def sensors_of(self, types: Collection[str], *, joints: bool) -> tuple[ModelSensor, ...]:
-        """Those of these types: of all joints, else one a type of the object that has most."""
+        """Sensors of these types: of all joints, otherwise one per type, of the best object."""
         fitting = [sensor for sensor in self.sensors if sensor.type in types]
         if joints:
             return tuple(fitting)
@@ -56,7 +56,7 @@ class Model:
 
 
 def read_model_text(text: str, path: str) -> Model | None:
-    """The model, None where the text is none."""
+    """Read a model; None if the text is not one."""
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError):
@@ -85,19 +85,19 @@ _MARKS = {
     "estimator": "timer_est_setting",
     "robot": "sub_ctrl_setting",
 }
-"""What the base class of each kind registers."""
+"""Kind of node -> what its base class registers."""
 _ROLES = {
     "pub_ctrl_setting": ("ctrl", "PositionSetpoint"),
     "sub_ctrl_setting": ("ctrl", "PositionSetpoint"),
     "pub_est_setting": ("est", "EstimatedState"),
     "sub_est_setting": ("est", "EstimatedState"),
 }
-"""The topics that the base classes name, and the types where the code leaves them open."""
+"""The topics of the base classes, and their types if the code does not determine them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StackNode:
-    """An executable of the workspace, and the kind of node that it is."""
+    """An executable of the workspace, and its kind of node."""
 
     package: str
     executable: str
@@ -105,7 +105,7 @@ class StackNode:
 
     @property
     def kind(self) -> str | None:
-        """As `obk new` calls it; None for a node that is none of them."""
+        """Its kind for `obk new`; None if it is none of them."""
         names = {component.ros_parameter for component in self.code.components}
         marked = (kind for kind, mark in _MARKS.items() if mark in names)
         has_publisher = any(c.kind == "publisher" for c in self.code.components)
@@ -114,23 +114,23 @@ class StackNode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StackSketch:
-    """A stack to be written down."""
+    """The content of a stack."""
 
     name: str
     nodes: tuple[StackNode, ...]
-    """One controller, one estimator, at most one robot, any sensors."""
+    """One controller, one estimator, at most one robot, any number of sensors."""
     model: Model | None
-    """What the simulated robot simulates; None where a node of the workspace is the robot."""
+    """The model of the simulated robot; None if a node of the workspace is the robot."""
 
 
 def choose_nodes(
     found: Iterable[StackNode], stand_ins: Iterable[StackNode]
 ) -> tuple[StackNode, ...]:
-    """One controller, one estimator and perhaps a robot that fit together, and all sensors.
+    """One controller, one estimator and perhaps a robot that match, and all sensors.
 
-    Two controllers would command the same robot, so only one is taken. Without a robot one is
-    simulated; stand-ins take the place of what is missing otherwise. If nothing fits, the first
-    of each kind is taken, and `obk validate` reports what does not fit.
+    Only one controller is used, because two would command the same robot. Without a robot node, the
+    robot is simulated; stand-ins replace other missing nodes. If nothing matches, the first of each
+    kind is used, and `obk validate` reports the mismatches.
     """
     by_kind: dict[str | None, list[StackNode]] = {}
     for node in found:
@@ -149,7 +149,7 @@ def choose_nodes(
 
 
 def _fit(nodes: tuple[StackNode, ...]) -> bool:
-    """Whether each message that one of them subscribes to is published by another or simulated."""
+    """Whether every message that a node subscribes to is published by another, or simulated."""
     stack = StackSketch(name="", nodes=nodes, model=None)
     sent = {topic for node in nodes for topic in _topics(stack, node, "publisher")}
     subscribed = {topic for node in nodes for topic in _topics(stack, node, "subscriber")}
@@ -168,7 +168,7 @@ def _topics(
 
 
 def stack_text(stack: StackSketch) -> str:
-    """The config."""
+    """The config as text."""
     lines = [f"config: {stack.name}"]
     for kind in NODE_KINDS:
         nodes = [node for node in stack.nodes if node.kind == kind]
@@ -287,5 +287,5 @@ def _sensor_groups(
 
 
 def _takes(message: MessageType) -> Collection[str]:
-    # The old message has one field, which the stand-in estimator takes for positions.
+    # The old message has one field, which the stand-in estimator uses for positions.
     return {"jointpos"} if message.name == "JointEncoders" else SENSOR_GROUPS[message.name].takes

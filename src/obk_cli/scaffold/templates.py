@@ -1,7 +1,7 @@
-"""Find templates, the tool's own and the user's, and render them in jinja2's sandbox.
+"""Find the built-in and the user's templates, and render them in jinja2's sandbox.
 
-A template cannot reach Python objects beyond its variables; its loops over `range`, its powers and
-repetitions, and the output are bounded. Symbolic links are not followed.
+A template has no access to Python objects except its variables. Loops over `range`, powers,
+repetitions and the output are limited. Symbolic links are not followed.
 
 Source: https://jinja.palletsprojects.com/en/stable/sandbox/
 """
@@ -31,40 +31,40 @@ __all__ = [
 ]
 
 NODE_VARIABLE = "{{ node }}"
-"""A template whose file name holds this belongs to one node, the others to the package."""
+"""A template with this in its file name belongs to one node, any other to the package."""
 
 _MAX_OUTPUT_BYTES: Final = 32 * 1024 * 1024
-"""For all files of one call together."""
+"""Total limit for all files of one call."""
 _MAX_POWER_BITS: Final = 4096
 _SUFFIX = ".jinja"
 _FAULTS = (TemplateError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
-"""What jinja and the filters that a template calls raise."""
+"""Exceptions of jinja and of the filters that a template calls."""
 _FORBIDDEN_PARTS = frozenset({"..", ".git"})
-"""Of paths: what leads out of the folder, and what git would run."""
+"""Forbidden in paths: what leads out of the folder, and what git would run."""
 
 
 class TemplateFaultError(CommandFailedError):
-    """A template that cannot be rendered; the text names the file, the line and the reason."""
+    """A template that cannot be rendered; the message names the file, line and reason."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Template:
-    """One file of a template folder; `name` is its path in the folder, with `/`."""
+    """A file of a template folder; `name` is its path in the folder, with `/`."""
 
     name: str
     content: bytes
     folder: str = ""
-    """The user's folder that it is from; empty for the tool's own."""
+    """The user's folder from which it comes; empty for built-in ones."""
 
     @property
     def shown(self) -> str:
-        """How an error names it."""
+        """The name in error messages."""
         return f"{self.folder}/{self.name}" if self.folder else self.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderedFile:
-    """One file to be made; `path` is relative to the package's folder."""
+    """A file to create; `path` is relative to the package's folder."""
 
     path: PurePosixPath
     content: bytes
@@ -82,8 +82,8 @@ def render_templates(
 
     Raises:
         TemplateFaultError: a template does not parse, uses an unknown variable, does what the
-            sandbox forbids, exceeds its bounds, names a file outside the package, or one that
-            another makes too.
+            sandbox forbids, exceeds its limits, names a file outside the package, or names the same
+            file as another template.
     """
     sandbox = _Sandbox()
     files = tuple(_render_file(sandbox, template, variables) for template in templates)
@@ -92,9 +92,9 @@ def render_templates(
 
 
 class _Sandbox(ImmutableSandboxedEnvironment):
-    """The sandbox of one call; its bounds hold for all templates together.
+    """The sandbox of one call; its limits apply to the total of all templates.
 
-    What exceeds a bound raises OverflowError, as jinja2's own `range` does.
+    Exceeding a limit raises OverflowError, as in jinja2's own `range`.
     """
 
     intercepted_binops = frozenset({"*", "**"})
@@ -107,7 +107,7 @@ class _Sandbox(ImmutableSandboxedEnvironment):
             lstrip_blocks=True,
             autoescape=False,  # the output is code, not HTML; every value is a checked name
         )
-        # jinja2 bounds each `range`; nested ones would still loop for hours.
+        # jinja2 limits each `range`, but nested ones could still loop for hours.
         self.globals["range"] = self._range
         self._steps_left = MAX_RANGE
         self._bytes_left = _MAX_OUTPUT_BYTES
@@ -122,7 +122,7 @@ class _Sandbox(ImmutableSandboxedEnvironment):
         return super().call_binop(context, operator, left, right)
 
     def render(self, text: str, variables: Mapping[str, object]) -> str:
-        """The text that a template makes."""
+        """Render a template's text."""
         parts = []
         for part in self.from_string(text).generate(variables):
             self._bytes_left -= len(part)
@@ -162,7 +162,7 @@ def _render_file(
     except TemplateSyntaxError as fault:
         raise TemplateFaultError(f"{template.shown}:{fault.lineno}: {fault.message}") from fault
     except (OverflowError, MemoryError, RecursionError) as fault:
-        raise TemplateFaultError(f"{template.shown}: it asks for too much") from fault
+        raise TemplateFaultError(f"{template.shown}: it exceeds a limit") from fault
     except _FAULTS as fault:
         raise TemplateFaultError(f"{template.shown}: {fault}") from fault
     return RenderedFile(path=_checked_path(name, template), content=content)
@@ -172,19 +172,19 @@ def _checked_path(name: str, template: Template) -> PurePosixPath:
     path = PurePosixPath(name)
     is_outside = path.is_absolute() or not path.parts or _FORBIDDEN_PARTS & set(path.parts)
     if is_outside or "\\" in name or not name.isprintable():
-        raise TemplateFaultError(f"{template.shown}: it would make `{name}`, outside the package")
+        raise TemplateFaultError(f"{template.shown}: it would create `{name}` outside the package")
     return path
 
 
 def _refuse_doubles(files: Iterable[RenderedFile]) -> None:
-    """Of two files of one path, one would be lost; nor can a path be file and folder."""
+    """Reject two files with the same path, and a path that is both file and folder."""
     counts = Counter(file.path for file in files)
     for path, count in counts.items():
         if count > 1:
-            raise TemplateFaultError(f"two templates would make `{path}`")
+            raise TemplateFaultError(f"two templates would create `{path}`")
         folder = next((parent for parent in path.parents if parent in counts), None)
         if folder is not None:
-            raise TemplateFaultError(f"`{folder}` would be a file and the folder of `{path}`")
+            raise TemplateFaultError(f"`{folder}` would be both a file and the folder of `{path}`")
 
 
 _LONGEST_TEMPLATE_BYTES = 1024 * 1024
@@ -193,7 +193,7 @@ _MOST_TEMPLATES = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TemplateLibrary:
-    """The folder of the tool's own templates, and the user's, if any."""
+    """The built-in template folder, and the user's, if any."""
 
     own: Path
     user: Path | None = None
@@ -203,10 +203,10 @@ class TemplateLibrary:
         return self.user is not None and any((self.user / layer).is_dir() for layer in layers)
 
     def read(self, layers: Iterable[str]) -> tuple[Template, ...]:
-        """The templates of these folders, sorted; a later one of the same name wins.
+        """The templates of these folders, sorted; a later one overrides the same name.
 
         Raises:
-            CommandFailedError: the user's folder holds what is no template.
+            CommandFailedError: the user's folder contains an invalid template.
         """
         found = {
             template.name.removesuffix(".jinja"): template
@@ -221,28 +221,28 @@ class TemplateLibrary:
         templates = tuple(_read_checked(self.user / layer, self.user / layer))
         if len(templates) > _MOST_TEMPLATES:
             raise CommandFailedError(
-                f"{self.user / layer} holds {len(templates)} files; "
-                f"at most {_MOST_TEMPLATES} were expected"
+                f"{self.user / layer} contains {len(templates)} files; "
+                f"expected at most {_MOST_TEMPLATES}"
             )
         return templates
 
 
 def open_library(own: Path, user: Path | None) -> TemplateLibrary:
-    """The library of the two folders.
+    """Open the library with these two folders.
 
     Raises:
-        CommandFailedError: the user's is no folder, or holds a folder that no kind has.
+        CommandFailedError: the user's folder does not exist, or contains an unknown folder.
     """
     if user is None:
         return TemplateLibrary(own=own)
     if not user.is_dir():
-        raise CommandFailedError(f"the template folder {user} is not there")
+        raise CommandFailedError(f"the template folder {user} does not exist")
     for folder in sorted(user.iterdir()):
         if folder.is_dir() and not folder.name.startswith(".") and folder.name not in LAYER_NAMES:
             near = did_you_mean(folder.name, LAYER_NAMES)
             raise CommandFailedError(
-                f"{folder} is the template folder of nothing that `obk new` makes",
-                help=near or "`obk new --list` shows the folders that there are",
+                f"{folder} does not match any template folder of `obk new`",
+                help=near or "list the template folders with `obk new --list`",
             )
     return TemplateLibrary(own=own, user=user)
 
@@ -255,20 +255,20 @@ def _read_own(folder: Path) -> Iterator[Template]:
 
 
 def _read_checked(folder: Path, place: Path) -> Iterator[Template]:
-    """A user's templates: ordinary files of a sensible size, and nothing behind a link."""
+    """A user's templates: regular files within the size limit, not behind a link."""
     if place.is_symlink():
-        raise CommandFailedError(f"{place} is a symbolic link; a template is an ordinary file")
+        raise CommandFailedError(f"{place} is a symbolic link, expected a regular file")
     if place.is_dir():
         for path in sorted(place.iterdir()):
             if path.name != "__pycache__":
                 yield from _read_checked(folder, path)
         return
     if not place.is_file():
-        raise CommandFailedError(f"{place} is no ordinary file, as a template is")
+        raise CommandFailedError(f"{place} is not a regular file")
     size = place.stat().st_size
     if size > _LONGEST_TEMPLATE_BYTES:
         raise CommandFailedError(
-            f"{place} has {size} bytes; at most {_LONGEST_TEMPLATE_BYTES} were expected"
+            f"{place} has {size} bytes; expected at most {_LONGEST_TEMPLATE_BYTES}"
         )
     name = place.relative_to(folder).as_posix()
     yield Template(name=name, content=place.read_bytes(), folder=str(folder))

@@ -1,6 +1,6 @@
-"""The values that templates may use, and a new node's entry of the config.
+"""The variables of templates, and a new node's entry in the config.
 
-Pure: a spec in; values and YAML out.
+Pure: returns values and YAML for a spec.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 TOPICS_TO_FILL_IN = "/STACK"
-"""Stands for what the topics of a stack begin with, where no stack is known."""
+"""Placeholder for the topic prefix of an unknown stack."""
 
 _SENSOR_TOPICS = {
     "obelisk_sensor_msgs/msg/JointEncoders": "joint_encoders",
@@ -56,7 +56,7 @@ class Wire:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TestedStack:
-    """The stack that a new node joins, as the node's test names it."""
+    """The stack that a new node joins, as named in the node's test."""
 
     config: str
     """Path, relative to the folder of the test."""
@@ -70,7 +70,7 @@ def sensor_topic(message: MessageType, topics: str = TOPICS_TO_FILL_IN) -> str:
 
 
 def wires_of(spec: PackageSpec, topics: str = TOPICS_TO_FILL_IN) -> dict[str, tuple[Wire, ...]]:
-    """What a kind of node has under `publishers` and under `subscribers`."""
+    """The `publishers` and `subscribers` of a kind of node."""
     ctrl = (f"{topics}/ctrl", spec.ctrl)
     est = (f"{topics}/est", spec.est)
     sensor = (sensor_topic(spec.sensor, topics), spec.sensor)
@@ -133,7 +133,7 @@ _BASES = {
 }
 _LIFECYCLE = "rclpy.lifecycle"
 _OFFSET = "self.offset + "
-"""In front of what a sensor without a device measures."""
+"""Prefix of simulated readings of a sensor without a device."""
 _POSITIONS = f"[{_OFFSET}math.sin(self.t)]"
 
 
@@ -170,11 +170,11 @@ def entry_point(spec: PackageSpec) -> str:
 
 
 _TEST_TOPICS = "/test"
-"""What the topics of a node begin with in its own tests."""
+"""Prefix of a node's topics in its own tests."""
 
 
 def _test_entry(spec: PackageSpec) -> str:
-    """The node as the only one of the config of its tests, which never open hardware."""
+    """The node as the only one of its tests' config; tests never open hardware."""
     snippet = config_snippet(spec, _TEST_TOPICS)
     simulated = snippet.replace("  is_simulated: false", "  is_simulated: true")
     return "\n".join(f"  {line}" for line in simulated.splitlines())
@@ -238,7 +238,7 @@ def _import_variables(spec: PackageSpec) -> dict[str, object]:
 
 
 def _has_parameter(spec: PackageSpec) -> bool:
-    """Whether the generated node declares a `Parameter`: where there is something to tune."""
+    """Whether the generated node declares a `Parameter`, because it has something to tune."""
     match spec.kind:
         case "controller":
             return control_code(spec.ctrl).uses_math
@@ -250,6 +250,6 @@ def _has_parameter(spec: PackageSpec) -> bool:
 
 
 def _noqa(script: str) -> str:
-    """A string in setup.py cannot be wrapped: long names leave the line too long."""
+    """A `noqa` for strings in setup.py, which cannot be wrapped and may be too long."""
     indent_and_quotes = 15
     return "  # noqa: E501" if len(script) + indent_and_quotes > LINE_LENGTH else ""

@@ -1,7 +1,7 @@
 """Decide what happens to each file, then write all of them or none.
 
-A new package appears in one rename; in an existing one every change is undone if one fails. No
-symbolic link is followed out of the folder.
+A new package appears in one rename; in an existing one, all changes are undone if one fails.
+Symbolic links are not followed out of the folder.
 """
 
 import shutil
@@ -38,14 +38,14 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Existing:
-    """What stands where a file is to go.
+    """The existing content at a file's path.
 
-    `content` is None where it is no ordinary file inside the package: a folder, or a path that
-    a symbolic link leads elsewhere. `reason` names the case; such a place is never written.
+    `content` is None if it is not a regular file inside the package: for example a folder, or a
+    path that a symbolic link redirects. `reason` says which; such a path is never written.
     """
 
     content: bytes | None
-    reason: str = "it is there with other content"
+    reason: str = "it has different content"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +56,7 @@ class Decision:
     action: Action
     reason: str = ""
     before: bytes | None = None
-    """What the file holds now, where there is one."""
+    """The current content of the file; None if it does not exist."""
 
 
 def decide(
@@ -66,7 +66,7 @@ def decide(
     edits: Iterable[RenderedFile] = (),
     force: bool = False,
 ) -> tuple[Decision, ...]:
-    """One decision a file, in the order given; `edits` are new versions of existing files."""
+    """One decision per file, in the given order; `edits` are new versions of existing files."""
     return (
         *(_decide_new(file, existing.get(file.path), force=force) for file in files),
         *(_decide_edit(file, existing.get(file.path)) for file in edits),
@@ -74,7 +74,7 @@ def decide(
 
 
 def conflicts(decisions: Iterable[Decision]) -> tuple[Decision, ...]:
-    """The decisions that stop the whole."""
+    """The decisions that prevent writing."""
     return tuple(decision for decision in decisions if decision.action is Action.CONFLICT)
 
 
@@ -91,7 +91,7 @@ def _decide_new(file: RenderedFile, there: Existing | None, *, force: bool) -> D
 
 def _decide_edit(file: RenderedFile, there: Existing | None) -> Decision:
     if there is None or there.content is None:
-        reason = there.reason if there else "it is gone"
+        reason = there.reason if there else "it no longer exists"
         return Decision(file=file, action=Action.CONFLICT, reason=reason)
     same = there.content == file.content
     action = Action.IDENTICAL if same else Action.EDIT
@@ -102,10 +102,10 @@ _WRITTEN = frozenset({Action.CREATE, Action.REPLACE, Action.EDIT})
 
 
 def read_existing(root: Path, paths: Iterable[PurePosixPath]) -> dict[PurePosixPath, Existing]:
-    """What stands at each path below `root`; a path with nothing there is left out.
+    """The existing content at each path below `root`; omits paths where nothing exists.
 
     Raises:
-        OSError: a file is there and cannot be read.
+        OSError: a file exists but cannot be read.
     """
     found = ((path, _read_place(root, path)) for path in paths)
     return {path: there for path, there in found if there is not None}
@@ -114,14 +114,14 @@ def read_existing(root: Path, paths: Iterable[PurePosixPath]) -> dict[PurePosixP
 def write_decisions(
     root: Path, decisions: Iterable[Decision], *, finish: Callable[[], None] = lambda: None
 ) -> None:
-    """Carry out the decisions below `root`, which need not exist yet, and `finish`.
+    """Carry out the decisions below `root`, which need not exist yet, then call `finish`.
 
-    Everything is written to a hidden folder first: beside `root` where that is new, else inside it,
-    so that it is on the same disk. Whatever goes wrong later, an interrupt too or an exception of
-    `finish`, which runs when all is in its place, leaves what was there before.
+    Everything is written to a hidden folder first: beside a new `root`, otherwise inside it, so
+    that it is on the same disk. `finish` runs when all files are in place. If anything fails later,
+    even `finish` or by an interrupt, the old state is restored.
 
     Raises:
-        OSError: the folder cannot be written, or a file has changed since it was looked at.
+        OSError: the folder cannot be written, or a file has changed since it was read.
     """
     written = [decision for decision in decisions if decision.action in _WRITTEN]
     with ExitStack() as undo_folders:
@@ -146,11 +146,11 @@ def write_decisions(
 def _read_place(root: Path, path: PurePosixPath) -> Existing | None:
     target = root / path
     if not target.resolve().is_relative_to(root.resolve()):
-        return Existing(content=None, reason=f"a symbolic link leads it to {target.resolve()}")
+        return Existing(content=None, reason=f"a symbolic link redirects it to {target.resolve()}")
     if target.is_file():
         return Existing(content=target.read_bytes())
     if target.exists() or target.is_symlink():
-        return Existing(content=None, reason="it is there and is no file")
+        return Existing(content=None, reason="it exists and is not a file")
     blocked = next((p for p in target.relative_to(root).parents if (root / p).is_file()), None)
     if blocked is None:
         return None
@@ -163,7 +163,7 @@ def _write_files(folder: Path, files: Iterable[RenderedFile]) -> None:
         target = folder / file.path
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(file.content)
-        # A user who may read a new file may run a script.
+        # Whoever may read a new file may also run a script.
         mode = target.stat().st_mode
         target.chmod(mode | (mode >> 2 & file.mode & 0o111))
 
@@ -171,13 +171,13 @@ def _write_files(folder: Path, files: Iterable[RenderedFile]) -> None:
 def _merge(
     fresh: Path, root: Path, decisions: Iterable[Decision], backup: Path, undo: ExitStack
 ) -> None:
-    """Move files into a folder that is there; each step's way back is known before the step."""
+    """Move files into an existing folder; each step can be undone before it is done."""
     for decision in decisions:
         path = decision.file.path
         target, saved = root / path, backup / path
         now = target.read_bytes() if target.exists() else None
         if now != decision.before:
-            raise OSError(f"{target} has changed meanwhile")
+            raise OSError(f"{target} has changed in the meantime")
         if now is not None:
             saved.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(target, saved)
@@ -190,7 +190,7 @@ def _merge(
 
 
 def _make_folders(folder: Path, undo: ExitStack) -> None:
-    """Make a folder and its missing parents; the way back removes those that were made."""
+    """Create a folder and its missing parents; undoing removes those that were created."""
     if folder.is_dir():
         return
     _make_folders(folder.parent, undo)

@@ -1,1 +1,1 @@
-"""Read what a node's Python source defines, without importing or running it."""
+"""Analyse a node's Python source without importing or running it."""

@@ -1,4 +1,4 @@
-"""Callbacks that wait for what only their own executor can bring, so that the node hangs."""
+"""Find callbacks that wait for something that only their own executor can deliver."""
 
 import ast
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,20 +11,20 @@ __all__ = ["check_blocking_calls"]
 
 _SPINS = ("rclpy.spin", "rclpy.spin_once", "rclpy.spin_until_future_complete")
 _TAKE_CALLBACKS = ("create_", "register_obk_", "add_")
-"""How the methods begin that take a callback."""
+"""Prefixes of methods that take a callback."""
 _OWN_THREAD = "run_simulator"
 _CONSTRUCTOR = "__init__"
 
 
 def check_blocking_calls(lineage: Lineage) -> Iterator[Diagnostic]:
-    """OBK426: service calls that a callback waits for, and executors that it spins.
+    """OBK426: service calls that a callback waits for, and executors that a callback spins.
 
-    `lineage` is that of a node which the library's own executor spins, on one thread.
+    `lineage` belongs to a node that the library's own single-threaded executor spins.
     """
     sources = [source for source in lineage.classes if not source.is_of_library]
     texts = {source.module.source.text for source in sources}
     if not any(".call(" in text or "spin_" in text or ".spin(" in text for text in texts):
-        return  # as in nearly every node
+        return  # the usual case
     callbacks = _reached({*_library_methods(lineage), *_passed(sources)}, lineage)
     clients = _clients(sources)
     for name in sorted({*callbacks, *_reached({_CONSTRUCTOR}, lineage)}):
@@ -34,12 +34,12 @@ def check_blocking_calls(lineage: Lineage) -> Iterator[Diagnostic]:
             continue
         for node in _own_nodes(found_method[1]):
             if isinstance(node, ast.Call):
-                # Before the executor runs the node, its constructor may spin it.
+                # A constructor may spin the node, because no executor runs it yet.
                 yield from _waits(node, found_method[1], source, clients, name in callbacks)
 
 
 def _library_methods(lineage: Lineage) -> Iterator[str]:
-    """What the base classes call, on the executor's thread."""
+    """Methods that the base classes call on the executor's thread."""
     for source in lineage.classes:
         if source.is_of_library:
             names = {method.name for method in source.methods()}
@@ -47,7 +47,7 @@ def _library_methods(lineage: Lineage) -> Iterator[str]:
 
 
 def _passed(sources: Iterable[ClassSource]) -> Iterator[str]:
-    """The methods that are given away as callbacks."""
+    """Methods that are passed as callbacks."""
     for source in sources:
         for method in source.methods():
             for node in ast.walk(method):
@@ -61,7 +61,7 @@ def _passed(sources: Iterable[ClassSource]) -> Iterator[str]:
 
 
 def _reached(names: set[str], lineage: Lineage) -> set[str]:
-    """The methods of the user's classes that those of these names call."""
+    """The methods of the user's classes that the named methods call, directly or indirectly."""
     reached: set[str] = set()
     pending = sorted(names)
     while pending:
@@ -77,7 +77,7 @@ def _reached(names: set[str], lineage: Lineage) -> set[str]:
 
 
 def _own_nodes(method: Function) -> Iterator[ast.AST]:
-    """The syntax that a method runs itself, without the functions that it defines."""
+    """The syntax that a method runs itself, without nested functions."""
     pending: list[ast.AST] = list(method.body)
     while pending:
         node = pending.pop()
@@ -87,7 +87,7 @@ def _own_nodes(method: Function) -> Iterator[ast.AST]:
 
 
 def _clients(sources: Sequence[ClassSource]) -> frozenset[str]:
-    """The attributes that are clients of services and nothing else."""
+    """The attributes that only ever hold service clients."""
     made: set[str] = set()
     other: set[str] = set()
     for source in sources:

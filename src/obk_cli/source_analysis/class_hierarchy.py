@@ -1,4 +1,4 @@
-"""A class and its bases, followed through imports; abstract methods that nothing implements."""
+"""Follow a class and its bases through imports, and find unimplemented abstract methods."""
 
 import ast
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,7 +20,7 @@ __all__ = ["ClassSource", "Function", "Lineage", "lineage_of"]
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 _HARMLESS = ("rclpy", "abc", "typing", "typing_extensions", "object")
-"""Where bases come from that register nothing and implement nothing of Obelisk's."""
+"""Modules whose base classes register and implement nothing of Obelisk's."""
 _NODE_CLASS = "obelisk_py.core.node.ObeliskNode"
 _ROBOT_CLASS = "obelisk_py.core.robot.ObeliskRobot"
 _LIBRARY = "obelisk_py.core."
@@ -29,7 +29,7 @@ _ABSTRACT = ("abc.abstractmethod", "abstractmethod")
 
 @dataclass(frozen=True)
 class ClassSource:
-    """A class where it is defined."""
+    """A class and the module that defines it."""
 
     module: Module
     node: ast.ClassDef
@@ -45,7 +45,7 @@ class ClassSource:
         return self.module.name.startswith(_LIBRARY)
 
     def method(self, name: str) -> Function | None:
-        """The method of that name that the class itself defines."""
+        """The method with that name that the class itself defines."""
         return self._by_name.get(name)
 
     def methods(self) -> Iterable[Function]:
@@ -54,7 +54,7 @@ class ClassSource:
 
     @cached_property
     def _by_name(self) -> Mapping[str, Function]:
-        """Asked for at every call that a constructor makes."""
+        """Cached, because it is needed for every call in a constructor."""
         methods: dict[str, Function] = {}
         for statement in at_top_level(self.node.body):
             if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef)):
@@ -79,7 +79,7 @@ class Lineage:
 
     classes: tuple[ClassSource, ...]
     is_whole: bool
-    """Whether every base could be followed."""
+    """Whether every base was found."""
 
     @property
     def is_node(self) -> bool:
@@ -88,14 +88,14 @@ class Lineage:
 
     @property
     def can_damp(self) -> bool | None:
-        """Whether the class of a robot defines how it brakes; None if that is not known."""
+        """Whether a robot's class defines how it brakes; None if unknown."""
         own = [c for c in self.classes if c.full_name != _ROBOT_CLASS]
         if not self.is_whole or len(own) == len(self.classes):
             return None
         return any(c.has("apply_damping") or c.has("_can_damp") for c in own)
 
     def method(self, name: str, start: int = 0) -> tuple[int, Function] | None:
-        """The method that a call reaches, and the place of its class; looked for from `start`."""
+        """The method that a call reaches and the index of its class, searching from `start`."""
         for index, source in enumerate(self.classes[start:], start):
             found = source.method(name)
             if found is not None:
@@ -103,7 +103,7 @@ class Lineage:
         return None
 
     def missing_methods(self) -> Iterator[MissingMethod]:
-        """Abstract methods that no class implements; none where a base is not known."""
+        """Abstract methods that no class implements; empty if a base is unknown."""
         if not self.is_whole:
             return
         own = [m.name for c in self.classes if not c.is_of_library for m in c.methods()]
@@ -126,7 +126,7 @@ class Lineage:
 def lineage_of(source: ClassSource, library: ModuleLibrary) -> Lineage:
     """The class and everything that it inherits from."""
     found, is_whole = _collect(source, library, ())
-    # A base that several classes share comes after all of them, as in Python's own order.
+    # A base shared by several classes comes after all of them, as in Python's own order.
     last_first = dict.fromkeys(reversed(found))
     return Lineage(classes=tuple(reversed(last_first)), is_whole=is_whole)
 

@@ -1,4 +1,4 @@
-"""How a node's methods use its components: the keys they look up, the controls they fill in."""
+"""Find how a node's methods use its components: keys that they look up, controls that they fill."""
 
 import ast
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ _LONGEST = 1_000_000
 
 
 def _methods(lineage: Lineage) -> Iterator[tuple[ClassSource, Function]]:
-    """The methods of the user's classes that no other class overrides."""
+    """The methods of the user's classes that are not overridden."""
     for index, source in enumerate(lineage.classes):
         if not source.is_of_library:
             for method in source.methods():
@@ -43,7 +43,7 @@ def _methods(lineage: Lineage) -> Iterator[tuple[ClassSource, Function]]:
 
 
 def key_uses(lineage: Lineage, library: ModuleLibrary) -> Iterator[KeyUse]:
-    """Every `self.obk_publishers["pub_ctrl"]` whose key is known, in the order of the source."""
+    """Every `self.obk_publishers["pub_ctrl"]` with a known key, in source order."""
     for source, method in _methods(lineage):
         arguments = method.args
         names = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
@@ -60,7 +60,7 @@ def key_uses(lineage: Lineage, library: ModuleLibrary) -> Iterator[KeyUse]:
 
 
 def _unconditional(method: Function) -> Iterator[ast.AST]:
-    """The syntax of a method; nothing if it asks which components there are."""
+    """The syntax of a method; empty if it checks which components exist."""
     nodes = list(nodes_without_fallback(method))
     looked_up = {id(node.value) for node in nodes if isinstance(node, ast.Subscript)}
     asks = any(
@@ -77,7 +77,7 @@ def control_lengths(lineage: Lineage, library: ModuleLibrary) -> Iterator[Contro
 
 
 class _Lengths:
-    """The control messages of one method."""
+    """Tracks the control messages of one method."""
 
     def __init__(
         self, lineage: Lineage, source: ClassSource, method: Function, library: ModuleLibrary
@@ -122,12 +122,12 @@ class _Lengths:
         self, field: str, value: ast.expr, place: ast.expr | ast.stmt
     ) -> Iterator[ControlLength]:
         length = self._items(value)
-        if length:  # an empty list is filled by what follows
+        if length:  # an empty list is filled by later statements
             span = span_of(place, self._module.source)
             yield ControlLength(field=field, length=length, span=span)
 
     def _items(self, expression: ast.expr) -> int | None:
-        """How many items a list that is written out or repeated has."""
+        """The length of a list that is a literal or a repeated literal."""
         match expression:
             case ast.List(elts=items) | ast.Tuple(elts=items):
                 return None if any(isinstance(i, ast.Starred) for i in items) else len(items)
@@ -156,7 +156,7 @@ class _Lengths:
         return None
 
     def _whole(self, expression: ast.expr) -> int | None:
-        """The whole number that an expression of literals and constants is."""
+        """The integer value of an expression of literals and constants."""
         match expression:
             case ast.Constant(value=bool()):
                 return None
@@ -192,7 +192,7 @@ class _Lengths:
         return None
 
     def _class_constant(self, name: str) -> int | None:
-        """An int of the class body that no class assigns again."""
+        """An int constant of the class body that no class reassigns."""
         values: list[ast.expr | None] = []
         for source in self._lineage.classes:
             for node in ast.walk(source.node):
@@ -210,7 +210,7 @@ class _Lengths:
 
 
 def _extended(node: ast.AST) -> Iterator[tuple[str, str]]:
-    """The message and its field that a statement makes longer."""
+    """The message and field that a statement extends."""
     match node:
         case ast.Call(
             func=ast.Attribute(

@@ -41,12 +41,12 @@ _SPIN = "spin_obelisk"
 
 @dataclass(frozen=True, slots=True)
 class _Spun:
-    """What a `spin_obelisk` call is given."""
+    """The arguments of a `spin_obelisk` call."""
 
     node_type: ast.expr
     module: Module
     has_arguments: bool
-    """Whether the class is made with arguments other than its defaults."""
+    """Whether the class is created with arguments other than its defaults."""
     may_have_threads: bool
     """Whether the program chooses an executor that may run callbacks in parallel."""
 
@@ -57,13 +57,13 @@ def read_node_code(
     load: LoadModule,
     places: ImportPlaces | None = None,
 ) -> NodeCode | None:
-    """What the source behind an entry point defines; None if reading cannot show it.
+    """What the source behind an entry point defines; None if that cannot be determined.
 
     Args:
         module: dotted name of the module.
-        function: what the entry point calls; None for a module that is run as a program.
-        load: gives modules by their dotted names.
-        places: where imported modules are looked for; None: imports are not checked.
+        function: the function that the entry point calls; None for a module run as a program.
+        load: returns modules by their dotted names.
+        places: where imported modules are searched; None: imports are not checked.
     """
     library = ModuleLibrary(load)
     try:
@@ -74,7 +74,7 @@ def read_node_code(
             message=f"is not Python: {error.message}", place=error.span.path, span=error.span
         )
     except RecursionError:
-        return None  # an expression of thousands of terms
+        return None  # such as an expression of thousands of terms
 
 
 def _read(
@@ -92,7 +92,7 @@ def _read(
 
 
 def entry_function(entry: Module, function: str | None, library: ModuleLibrary) -> EntryFunction:
-    """What a start runs after its imports: all of a program, else the function's statements."""
+    """What runs after the imports: all of a program, otherwise the function's statements."""
     if function is None:
         return entry, entry.tree.body
     definition = library.definition(f"{entry.name}.{function}")
@@ -109,7 +109,7 @@ def _faults_of_modules(
     library: ModuleLibrary,
     places: ImportPlaces | None,
 ) -> Iterator[Diagnostic]:
-    """Imports that fail and names that are not defined, wherever the node's start leads."""
+    """Failing imports and undefined names in all code that runs at the node's start."""
     modules: tuple[Module, ...] = (entry,)
     failing: tuple[Diagnostic, ...] = ()
     if places is not None:

@@ -1,7 +1,7 @@
-"""OBK601 to OBK609: what in a node's source may differ between lock-step runs.
+"""OBK601 to OBK609: code of a node that may differ between lock-step runs.
 
-Looks at the code that the node's start leads to. A call is recognised by its full name, so what
-goes by way of a variable, `getattr` or a package outside the workspace is not found.
+Examines the code that the node's start leads to. A call is recognized by its full name; calls
+through a variable, `getattr` or a package outside the workspace are not found.
 """
 
 import ast
@@ -57,7 +57,7 @@ _OUTSIDE = frozenset(
     """.split()
 )
 _OPENS = frozenset(("open", "io.open", "os.open", "cv2.VideoCapture", "pathlib.Path"))
-"""What takes the path of a device, and else files, which are the same in each run."""
+"""Functions that open devices, or ordinary files, which are the same in each run."""
 _DEVICES = ("/dev/", "/proc/", "/sys/")
 _NO_DEVICES = ("/dev/null", "/dev/zero", "/dev/full")
 _REAL_CLOCKS = frozenset(
@@ -85,26 +85,26 @@ _GPU = ("torch", "jax", "cupy", "tensorflow", "pycuda", "warp")
 _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
     **dict.fromkeys(
         _THREADS,
-        ("OBK601", "`{}` runs code beside the callbacks", "do the work in a timer"),
+        ("OBK601", "`{}` runs code outside the callbacks", "do the work in a timer"),
     ),
     **dict.fromkeys(
         _OUTSIDE,
         (
             "OBK602",
-            "`{}` depends on what is outside the stack",
-            "move it into a node that the tested config leaves out or replaces",
+            "`{}` depends on something outside the stack",
+            "move it into a node that the tested config omits or replaces",
         ),
     ),
     **dict.fromkeys(
         _REAL_CLOCKS,
         ("OBK603", "`{}` is not simulated", "read `self.t`, or `time.monotonic()`"),
     ),
-    "uuid.uuid1": ("OBK603", "`{}` takes the real time", "use `uuid.uuid4`, which repeats"),
+    "uuid.uuid1": ("OBK603", "`{}` uses the real time", "use `uuid.uuid4`, which repeats"),
     **dict.fromkeys(
         _COMPILED,
         (
             "OBK603",
-            "`{}` loads compiled code, for which no clock is simulated",
+            "`{}` loads compiled code, whose clocks are not simulated",
             "if it reads no clock, silence the finding on this line",
         ),
     ),
@@ -113,19 +113,19 @@ _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
         (
             "OBK604",
             "`{}` waits while simulated time stands still",
-            "use `call_async` and a callback of its future, or `await` it",
+            "use `call_async` with a done callback, or `await` it",
         ),
     ),
     **dict.fromkeys(
         _PLAIN_NODES,
         (
             "OBK609",
-            "`{}` makes a plain rclpy node, which lock-step runs refuse",
+            "`{}` creates a plain rclpy node, which lock-step runs reject",
             "derive its class from `ObeliskNode`",
         ),
     ),
 }
-"""Full name of what is called -> code, message and help of the finding."""
+"""Full name of the callee -> code, message and help of the finding."""
 
 _QOS_POLICIES = ("deadline", "lifespan", "liveliness", "liveliness_lease_duration")
 _QOS_EVENTS = ("deadline", "liveliness", "matched", "message_lost")
@@ -136,7 +136,7 @@ _QOS_KEYWORDS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
     "rclpy.qos_event.PublisherEventCallbacks": ("event", _QOS_EVENTS),
     "rclpy.qos_event.SubscriptionEventCallbacks": ("event", _QOS_EVENTS),
 }
-"""What is called -> what its keywords set, and those that have an effect in a real run only."""
+"""Callee -> what its keywords set, and those that only have an effect in a real run."""
 _WITHOUT_EFFECT = ("AUTOMATIC", "SYSTEM_DEFAULT", "BEST_AVAILABLE", "UNKNOWN", "Infinite")
 _WANT_NUMBERS = (
     "int",
@@ -152,12 +152,12 @@ _OF_HASHING = ("__hash__", "__repr__", "__str__")
 
 
 def find_hazards(module: str, function: str | None, load: LoadModule) -> tuple[Diagnostic, ...]:
-    """What the code behind an entry point does that lock-step runs cannot reproduce.
+    """Find code behind an entry point that lock-step runs cannot reproduce.
 
     Args:
         module: dotted name of the module.
-        function: what the entry point calls; None for a module that is run as a program.
-        load: gives modules by their dotted names.
+        function: the function that the entry point calls; None for a module run as a program.
+        load: returns modules by their dotted names.
     """
     library = ModuleLibrary(load)
     hazards: dict[tuple[str, str, str], Diagnostic] = {}
@@ -174,7 +174,7 @@ def find_hazards(module: str, function: str | None, load: LoadModule) -> tuple[D
 
 
 _Hazard = tuple[str, Diagnostic]
-"""What it is about, and the finding."""
+"""The subject of the finding, and the finding."""
 
 
 def _hazards_of(block: CodeBlock) -> Iterator[_Hazard]:
@@ -183,7 +183,7 @@ def _hazards_of(block: CodeBlock) -> Iterator[_Hazard]:
 
 
 def _calls(block: CodeBlock) -> Iterator[_Hazard]:
-    """OBK601 to OBK604: calls that have an effect outside simulated time."""
+    """OBK601 to OBK604: calls with effects outside simulated time."""
     for node in block.nodes:
         match node:
             case ast.Call(func=called):
@@ -198,7 +198,7 @@ def _calls(block: CodeBlock) -> Iterator[_Hazard]:
 
 
 def _is_of_program(code: str, block: CodeBlock) -> bool:
-    """Whether it is an executor that the program itself spins, outside of all callbacks."""
+    """Whether it is an executor that the program itself spins, outside all callbacks."""
     return code == "OBK604" and block.function is None
 
 
@@ -218,12 +218,12 @@ def _device(path: ast.expr, block: CodeBlock) -> _Hazard:
         "OBK602",
         f"{span.text} is outside the stack",
         span,
-        help="move it into a node that the tested config leaves out or replaces",
+        help="move it into a node that the tested config omits or replaces",
     )
 
 
 def _classes(block: CodeBlock) -> Iterator[_Hazard]:
-    """OBK601, OBK609: classes that are threads, processes or plain nodes themselves."""
+    """OBK601, OBK609: classes that are themselves threads, processes or plain nodes."""
     if block.owner is None or block.function is not None:
         return
     name = block.owner.name
@@ -231,10 +231,10 @@ def _classes(block: CodeBlock) -> Iterator[_Hazard]:
         span = span_of(base, block.module.source)
         base_name = block.name_of(base)
         if base_name in _THREADS:
-            message = f"class `{name}` runs code beside the callbacks, in real time"
+            message = f"class `{name}` runs code outside the callbacks, in real time"
             yield name, found("OBK601", message, span, help="do the work in a timer")
         elif base_name in _PLAIN_NODES:
-            message = f"class `{name}` is a plain rclpy node, which lock-step runs refuse"
+            message = f"class `{name}` is a plain rclpy node, which lock-step runs reject"
             yield name, found("OBK609", message, span, help="derive it from `ObeliskNode`")
 
 
@@ -295,7 +295,7 @@ def _is_default(expression: ast.expr) -> bool:
 
 
 def _set_order(block: CodeBlock) -> Iterator[_Hazard]:
-    """OBK606: items taken from a set one after another."""
+    """OBK606: iteration over a set."""
     for node in ordered_by_hash(block):
         span = span_of(node, block.module.source)
         yield (
@@ -310,7 +310,7 @@ def _set_order(block: CodeBlock) -> Iterator[_Hazard]:
 
 
 def _hashes(block: CodeBlock) -> Iterator[_Hazard]:
-    """OBK607: `id` and `hash` as operands, seeds, numbers and keys of an order."""
+    """OBK607: `id` and `hash` as operands, seeds, numbers and sort keys."""
     if block.function is not None and block.function.name in _OF_HASHING:
         return
     for node in block.nodes:
@@ -341,9 +341,9 @@ def _hash(place: ast.expr, block: CodeBlock) -> _Hazard:
     name = "id" if span.text.startswith("id") else "hash"
     return str(span), found(
         "OBK607",
-        f"`{name}` gives other numbers in another process",
+        f"`{name}` returns different numbers in each process",
         span,
-        help="number the objects yourself, or compute a checksum such as `zlib.crc32`",
+        help="number the objects explicitly, or compute a checksum such as `zlib.crc32`",
     )
 
 

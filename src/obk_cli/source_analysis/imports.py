@@ -1,6 +1,6 @@
-"""Imports that fail: a module that does not exist, or a name that a module does not define.
+"""Find imports that fail: of a module that does not exist, or a name that it does not define.
 
-Only imports that run whenever the node starts are checked. Those in `try`, `if`, `with` and in
+Only imports that always run when the node starts are checked. Those in `try`, `if`, `with` and in
 functions other than the entry point are optional or conditional.
 """
 
@@ -25,41 +25,41 @@ EntryFunction = tuple[Module, list[ast.stmt]]
 """The function that an entry point calls: its module and its statements."""
 
 _MOST_MODULES = 500
-"""Modules of one node that are read for their imports."""
+"""Maximum number of modules of one node that are read for their imports."""
 _CHANGE_THE_PATH = ("sys.path", "sys.modules", "sys.meta_path", "addsitedir", "import_module")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportPlaces:
-    """Where modules are looked for."""
+    """Where modules are searched."""
 
     may_exist: Callable[[str], bool]
     """Whether an import of a dotted name may succeed; False only if it must fail."""
     siblings: Callable[[str], Sequence[str]]
-    """The dotted names of the modules beside one."""
+    """The dotted names of the modules next to a module."""
     is_read: Callable[[str], bool]
-    """Whether the source that can be read of a module is what the node will import."""
+    """Whether the readable source of a module is what the node will import."""
     is_own: Callable[[str], bool]
-    """Whether a module is the workspace's, so that its imports are checked."""
+    """Whether a module belongs to the workspace, so that its imports are checked."""
     message_names: Callable[[str], Sequence[str] | None]
-    """The messages of a module such as `sensor_msgs.msg`; None if they are not known."""
+    """The messages of a module such as `sensor_msgs.msg`; None if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Import:
     module: str
     name: str | None
-    """What is taken from it; None for `import module` and for `*`."""
+    """The imported name; None for `import module` and for `*`."""
     span: Span
-    """The name."""
+    """Location of the name."""
     written: str
-    """The module as the statement names it."""
+    """The module as written in the statement."""
 
 
 def imported_modules(
     entry: Module, function: EntryFunction, library: ModuleLibrary, places: ImportPlaces
 ) -> tuple[Module, ...]:
-    """The workspace's modules that run when the node starts, the entry point's first."""
+    """The workspace's modules that run when the node starts, that of the entry point first."""
     reached = {entry.name: entry}
     pending = [entry]
     while pending and len(reached) < _MOST_MODULES:
@@ -80,7 +80,7 @@ def _body(module: Module, function: EntryFunction) -> list[ast.stmt]:
 
 
 def _with_packages(name: str) -> Iterator[str]:
-    """`a`, `a.b`, `a.b.c`: what an import runs."""
+    """`a`, `a.b`, `a.b.c`: everything that an import runs."""
     parts = name.split(".")
     yield from (".".join(parts[: end + 1]) for end in range(len(parts)))
 
@@ -89,7 +89,7 @@ def _readable(name: str, library: ModuleLibrary) -> Module | None:
     try:
         return library.module(name)
     except UnreadableSourceError:
-        return None  # a finding of its own, if it is needed
+        return None  # reported separately if it is needed
 
 
 def _imports(body: Iterable[ast.stmt], module: Module) -> Iterator[_Import]:
@@ -112,13 +112,13 @@ def check_imports(
     library: ModuleLibrary,
     places: ImportPlaces,
 ) -> Iterator[Diagnostic]:
-    """OBK421: every import that fails, each missing thing once.
+    """OBK421: every failing import, each missing thing once.
 
     Args:
-        modules: those of `imported_modules`.
-        function: the entry point's.
-        library: gives the modules that can be read.
-        places: where modules are looked for.
+        modules: the result of `imported_modules`.
+        function: the entry point's function.
+        library: returns the modules that can be read.
+        places: where modules are searched.
     """
     if any(word in module.source.text for module in modules for word in _CHANGE_THE_PATH):
         return
@@ -140,7 +140,7 @@ def check_imports(
 def _names_without(
     name: str, imported: str, library: ModuleLibrary, places: ImportPlaces
 ) -> frozenset[str] | None:
-    """What a module defines, if that can be seen and does not include `imported`."""
+    """The names that a module defines, if they are known and do not include `imported`."""
     messages = places.message_names(name)
     if messages is not None:
         return None if imported in messages or imported.startswith("_") else frozenset(messages)
@@ -155,7 +155,7 @@ def _names_without(
 def _no_name(module: str, name: str, names: Iterable[str], span: Span) -> Diagnostic:
     return found(
         "OBK421",
-        f"module `{module}` defines no `{name}`",
+        f"module `{module}` does not define `{name}`",
         span,
         help=_near(name, names) or f"define `{name}` there, or correct the name",
     )
@@ -176,7 +176,7 @@ def _no_module(missing: str, one: _Import, places: ImportPlaces) -> Diagnostic:
         f"package `{missing}` is not installed in the Python environment of `obk`",
         span,
         help=near
-        or "install it there; if the node can run without it, import it within "
+        or "install it there; if the node can run without it, wrap the import in "
         "`try: ... except ImportError: ...`",
     )
 

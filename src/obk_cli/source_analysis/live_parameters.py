@@ -1,4 +1,4 @@
-"""What the classes of a node declare with `Parameter` in their bodies: types, limits, units."""
+"""Read what a node's classes declare with `Parameter` in their bodies: types, limits, units."""
 
 import ast
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ _ENUMS: Final = ("enum.Enum", "enum.IntEnum", "enum.StrEnum")
 def class_parameters(
     lineage: Lineage, library: ModuleLibrary
 ) -> tuple[Mapping[str, CodeParameter], bool]:
-    """The parameters by name, and whether these are all; a constant takes a base class's away."""
+    """The parameters by name, and whether they are complete; a constant overrides a base's."""
     found: dict[str, CodeParameter] = {}
     are_all = True
     for source in reversed(lineage.classes):
@@ -43,13 +43,13 @@ def class_parameters(
                 found[name] = _declared(name, value, source.module, library)
             else:
                 found.pop(name, None)
-                # An import that fails, which is a finding of its own.
+                # The import fails, which is reported separately.
                 are_all &= called.rpartition(".")[2] != _NAME
     return found, are_all
 
 
 def _called(value: ast.expr, module: Module) -> str:
-    """The full name of what is called, as far as it is known."""
+    """The full name of the callee, as far as it is known."""
     if not isinstance(value, ast.Call):
         return ""
     own = value.func.id if isinstance(value.func, ast.Name) else ""
@@ -81,7 +81,7 @@ def _declared(name: str, call: ast.Call, module: Module, library: ModuleLibrary)
 
 
 def _literal(expression: ast.expr | None, module: Module, library: ModuleLibrary) -> object:
-    """A value that is written out, here or where its name is defined; None: computed."""
+    """A literal value, here or where its name is defined; None if computed."""
     node: ast.AST | None = expression
     if isinstance(expression, ast.Name | ast.Attribute):
         definition = library.definition(dotted_name(expression, module) or "")
@@ -98,7 +98,7 @@ def _literal(expression: ast.expr | None, module: Module, library: ModuleLibrary
 
 
 def _choices(default: ast.expr | None, module: Module, library: ModuleLibrary) -> tuple[str, ...]:
-    """What ROS calls the members of the enum whose member is the default; empty: no enum."""
+    """ROS names of the members of the enum to which the default belongs; empty without an enum."""
     if not isinstance(default, ast.Attribute):
         return ()
     definition = library.definition(dotted_name(default.value, module) or "")

@@ -1,6 +1,6 @@
-"""Python modules as text: what a name stands for, and what an expression is worth.
+"""Python modules as text: what a name refers to, and the value of an expression.
 
-Follows names through imports to their definitions; opens and runs nothing itself.
+Follows names through imports to their definitions; opens no files and runs no code.
 """
 
 import ast
@@ -41,9 +41,9 @@ __all__ = [
 _BIND_UNSEEN = ("exec", "globals", "locals", "vars", "modules", "builtins", "__getattr__")
 """Names whose use can bind other names of a module."""
 _TYPE_PARAMETERS = ("TypeVar", "ParamSpec", "TypeVarTuple")
-"""Syntax of Python 3.12, `class Filter[T]`."""
+"""Python 3.12 syntax, `class Filter[T]`."""
 _LONGEST_CHAIN = 20
-"""Imports that are followed for one name."""
+"""Maximum number of imports followed for one name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,13 +57,13 @@ class FoundSource:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """A name that an import brings."""
+    """A name bound by an import."""
 
     dotted: str
 
 
 Binding = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.expr | Imported | None
-"""What a name of a module stands for; None where it is bound more than once."""
+"""What a name of a module refers to; None if it is bound more than once."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,11 +77,11 @@ class Module:
     """Whether it is the `__init__` of a package."""
     names: Mapping[str, Binding]
     has_more_names: bool
-    """Whether `import *` or `__getattr__` brings names that cannot be seen."""
+    """Whether `import *` or `__getattr__` adds unknown names."""
 
     @cached_property
     def bound_names(self) -> frozenset[str] | None:
-        """Every name that is bound in any scope; None if some cannot be seen."""
+        """Every name bound in any scope; None if some are unknown."""
         if self.has_more_names or words_in(self.tree) & {*_BIND_UNSEEN}:
             return None
         return frozenset(stored_names(self.tree))
@@ -89,18 +89,18 @@ class Module:
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """What a name stands for, and the module whose names that uses."""
+    """What a name refers to, and the module in which it is evaluated."""
 
     module: Module
     node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.expr
 
 
 LoadModule = Callable[[str], Module | None]
-"""Dotted name -> module, None where it is not to be followed."""
+"""Dotted name -> module; None if it should not be followed."""
 
 
 class UnreadableSourceError(Exception):
-    """A module that is not Python; carries the sentence and the place."""
+    """A module that is not Python, with the message and the location."""
 
     def __init__(self, message: str, span: Span) -> None:
         super().__init__(message)
@@ -116,7 +116,7 @@ class ModuleLibrary:
         self._modules: dict[str, Module | None] = {}
 
     def module(self, name: str) -> Module | None:
-        """The module of that name, None where its source is not to be had.
+        """The module with this name; None if its source is not available.
 
         Raises:
             UnreadableSourceError: the source is not Python.
@@ -126,10 +126,10 @@ class ModuleLibrary:
         return self._modules[name]
 
     def definition(self, dotted: str) -> Definition | None:
-        """The class, function or value that a dotted name stands for, through re-exports.
+        """The class, function or value that a dotted name refers to, through re-exports.
 
         Raises:
-            UnreadableSourceError: a module on the way is not Python.
+            UnreadableSourceError: a module on the path is not Python.
         """
         for _ in range(_LONGEST_CHAIN):
             name, _, attribute = dotted.rpartition(".")
@@ -147,7 +147,7 @@ class ModuleLibrary:
 
 
 def dotted_name(expression: ast.expr, module: Module) -> str | None:
-    """The full name that `a.b.C` means in a module: `pkg.a.b.C`; None for anything else."""
+    """The full name of `a.b.C` in a module: `pkg.a.b.C`; None for anything else."""
     parts: list[str] = []
     while isinstance(expression, ast.Attribute):
         parts.append(expression.attr)
@@ -166,7 +166,7 @@ def dotted_name(expression: ast.expr, module: Module) -> str | None:
 
 
 def span_of(node: ast.expr | ast.stmt | ast.alias, source: SourceFile) -> Span:
-    """The first line of a piece of syntax; AST columns are bytes, ours are characters."""
+    """The first line of a syntax node; AST columns are bytes, ours are characters."""
     line = source.line(node.lineno)
     start = len(line.encode()[: node.col_offset].decode(errors="replace"))
     end_offset = node.end_col_offset if node.end_lineno == node.lineno else None
@@ -175,7 +175,7 @@ def span_of(node: ast.expr | ast.stmt | ast.alias, source: SourceFile) -> Span:
 
 
 def parse_module(name: str, found: FoundSource) -> Module:
-    """The module that a text is.
+    """Parse a module.
 
     Raises:
         UnreadableSourceError: the text is not Python.
@@ -215,7 +215,7 @@ def _syntax_tree(source: SourceFile) -> ast.Module:
 
 
 def at_top_level(statements: Iterable[ast.stmt]) -> Iterator[ast.stmt]:
-    """The statements that bind the names of a module or class, those in `if` and `try` too."""
+    """The statements that bind names of a module or class, including those in `if` and `try`."""
     for statement in statements:
         yield statement
         for part in ("body", "handlers", "orelse", "finalbody"):
@@ -245,7 +245,7 @@ def _bindings(statement: ast.stmt, module: str, is_package: bool) -> Iterator[tu
 
 
 def import_origin(statement: ast.ImportFrom, module: str, is_package: bool) -> str:
-    """The module that `from x import y` names, dots in front resolved."""
+    """The module of `from x import y`, with leading dots resolved."""
     if not statement.level:
         return statement.module or ""
     parts = module.split(".")
@@ -254,7 +254,7 @@ def import_origin(statement: ast.ImportFrom, module: str, is_package: bool) -> s
 
 
 def stored_names(tree: ast.AST) -> Iterator[str]:
-    """Every name that a piece of syntax binds, in any scope."""
+    """Every name that a syntax tree binds, in any scope."""
     for node in ast.walk(tree):
         match node:
             case ast.Name(id=name, ctx=ast.Store() | ast.Del()):
@@ -289,7 +289,7 @@ def words_in(tree: ast.AST) -> frozenset[str]:
 
 
 class Unknown(Enum):
-    """The one mark for what is computed at run time."""
+    """A value computed at run time."""
 
     UNKNOWN = "unknown"
 
@@ -312,7 +312,7 @@ _MESSAGE = re.compile(r"(\w+)\.msg\.(?:_\w+\.)?([A-Z]\w*)")
 
 
 def message_type(value: Value) -> str | None:
-    """The message type that a class stands for, `pkg/msg/Name`; None for anything else."""
+    """The message type of a class, `pkg/msg/Name`; None for anything else."""
     parts = _MESSAGE.fullmatch(value.name) if isinstance(value, Dotted) else None
     return f"{parts[1]}/msg/{parts[2]}" if parts else None
 
@@ -320,7 +320,7 @@ def message_type(value: Value) -> str | None:
 def value_of(
     expression: ast.expr | None, module: Module, library: ModuleLibrary, local: KnownValues
 ) -> Value:
-    """The text, truth, None or class that an expression is; no expression counts as None."""
+    """The string, boolean, None or class that an expression evaluates to; no expression is None."""
     match expression:
         case None:
             return None

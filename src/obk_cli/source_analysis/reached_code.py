@@ -1,7 +1,7 @@
-"""The code that a node's start leads to: functions, methods and modules, followed by their names.
+"""Find the code that a node's start leads to: functions, methods and modules, followed by name.
 
-A class counts as a whole, but for methods of its bases that it overrides. Attributes of objects
-are not followed, nor are the run-time library and packages that are not in the workspace.
+A class counts as a whole, except methods of its bases that it overrides. Attributes of objects, the
+run-time library and packages outside the workspace are not followed.
 """
 
 import ast
@@ -23,7 +23,7 @@ from obk_cli.source_analysis.modules import (
 __all__ = ["CodeBlock", "reached_code"]
 
 _MOST_BLOCKS = 5_000
-"""Functions and methods of one node that are looked at."""
+"""Maximum number of functions and methods examined per node."""
 _LIBRARIES = ("obelisk_py", "rclpy")
 _DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 
@@ -36,17 +36,17 @@ class CodeBlock:
     roots: tuple[ast.AST, ...]
     function: Function | None = None
     owner: ast.ClassDef | None = None
-    """The class whose method or body it is."""
+    """The class to which the method or body belongs."""
     has_scope: bool = True
-    """Whether names bound in it are its own; not so in the body of a class or module."""
+    """Whether names bound in it are local, unlike in the body of a class or module."""
 
     @cached_property
     def nodes(self) -> tuple[ast.AST, ...]:
-        """Its syntax; no annotations, and no functions and classes that are blocks of their own."""
+        """Its syntax, without annotations, and without functions and classes of their own block."""
         return tuple(node for root in self.roots for node in _walk(root, self.has_scope))
 
     def name_of(self, expression: ast.AST) -> str | None:
-        """The full name of what `a.b.C` stands for, `hash` for a builtin; None if not known."""
+        """The full name that `a.b.C` refers to, `hash` for a builtin; None if unknown."""
         parts: list[str] = []
         while isinstance(expression, ast.Attribute):
             parts.append(expression.attr)
@@ -68,7 +68,7 @@ class CodeBlock:
 
     @cached_property
     def _local(self) -> Mapping[str, str | None]:
-        """What local names stand for: imports within a function; None for all others."""
+        """What local names refer to: imports within a function; None for all others."""
         if not self.has_scope:
             return {}
         names: dict[str, str | None] = {}
@@ -111,10 +111,10 @@ def _is_definition(node: ast.AST) -> bool:
 
 
 def reached_code(entry: EntryFunction, library: ModuleLibrary) -> Iterator[CodeBlock]:
-    """What an entry point runs, and all that this uses, each block once.
+    """The code that an entry point runs, and all code that it uses, each block once.
 
     Raises:
-        UnreadableSourceError: a module on the way is not Python.
+        UnreadableSourceError: a module on the path is not Python.
     """
     walk = _Walk(library)
     if not _is_of_library(entry[0].name):
@@ -137,7 +137,7 @@ class _Walk:
         self._classes: set[tuple[ast.ClassDef, frozenset[str]]] = set()
 
     def start(self, module: Module, statements: list[ast.stmt]) -> None:
-        """The statements of an entry point, and its module."""
+        """Add the statements of an entry point, and its module."""
         if statements is module.tree.body:
             self._modules.add(module.name)
             self._body(module, statements)
@@ -146,7 +146,7 @@ class _Walk:
             self.pending.append(CodeBlock(module=module, roots=tuple(statements)))
 
     def follow(self, block: CodeBlock) -> None:
-        """Take note of what a block uses."""
+        """Record what a block uses."""
         bases = {id(base) for base in block.owner.bases} if block.owner else set()
         for node in block.nodes:
             is_name = isinstance(node, ast.Name | ast.Attribute) and id(node) not in bases
@@ -167,7 +167,7 @@ class _Walk:
             self._function(node, module, None)
 
     def _module(self, module: Module) -> None:
-        """What runs when a module is imported."""
+        """Add the code that runs when a module is imported."""
         if module.name in self._modules:
             return
         self._modules.add(module.name)
@@ -178,7 +178,7 @@ class _Walk:
         self.pending.append(CodeBlock(module=module, roots=roots, has_scope=False))
 
     def _class(self, source: ClassSource, overridden: frozenset[str]) -> None:
-        """A class; methods that a class below overrides are left out."""
+        """Add a class, without methods that a subclass overrides."""
         module, node = source.module, source.node
         if (node, overridden) in self._classes:
             return

@@ -1,7 +1,7 @@
-"""What a node's class registers and declares: its constructors walked from the class up its bases.
+"""Find what a node's class registers and declares, by following its constructors up its bases.
 
-Follows `super().__init__` with the values of its arguments, and the methods of `self` that are
-used on the way. What is computed at run time counts as unknown.
+Follows `super().__init__` with the values of its arguments, and methods of `self` that are used on
+the way. Values computed at run time count as unknown.
 """
 
 import ast
@@ -40,12 +40,12 @@ _KINDS: Final[dict[str, ComponentKind]] = {
     "register_obk_subscription": "subscriber",
     "register_obk_timer": "timer",
 }
-"""Method -> what it registers."""
+"""Method -> kind of component that it registers."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """Where a call stands: its module, the local names that are known, the name of `self`."""
+    """The context of a call: its module, known local names, and the name of `self`."""
 
     module: Module
     local: KnownValues
@@ -57,7 +57,7 @@ class Scope:
 
 
 def scope_of(function: Function, module: Module, local: KnownValues) -> Scope:
-    """The scope of a method's body; local names that are assigned are computed at run time."""
+    """The scope of a method's body; assigned local names count as computed at run time."""
     arguments = [*function.args.posonlyargs, *function.args.args]
     self_name = arguments[0].arg if arguments else ""
     return Scope(module, {**local, **dict.fromkeys(_assigned_names(function), UNKNOWN)}, self_name)
@@ -65,7 +65,7 @@ def scope_of(function: Function, module: Module, local: KnownValues) -> Scope:
 
 @lru_cache(maxsize=1_000)
 def _assigned_names(function: Function) -> tuple[str, ...]:
-    """The local names that are assigned anywhere in a function, which is walked once for them."""
+    """The local names assigned anywhere in a function; cached, because it needs a full walk."""
     names = (n for n in ast.walk(function) if isinstance(n, ast.Name))
     return tuple(n.id for n in names if isinstance(n.ctx, ast.Store))
 
@@ -81,7 +81,7 @@ class RegisterCall:
 def register_call(
     name: str, call: ast.Call, scope: Scope, library: ModuleLibrary
 ) -> RegisterCall | str | None:
-    """What a call registers; text: why it is not known; None: no registration."""
+    """What a call registers; a string says why that is unknown; None: no registration."""
     if name not in _KINDS:
         return None
     if any(isinstance(a, ast.Starred) for a in call.args) or any(
@@ -148,10 +148,9 @@ def bound_arguments(
     *,
     is_open: bool,
 ) -> KnownValues:
-    """The values of a constructor's parameters; without a call, those of its defaults.
+    """The values of a constructor's parameters; without a call, the defaults.
 
-    `**kwargs` counts as None if nothing is in it; with `is_open` there may be arguments that
-    cannot be seen.
+    `**kwargs` counts as None if it is empty; with `is_open` there may be unknown arguments.
     """
     arguments = function.args
     positional = [*arguments.posonlyargs, *arguments.args]
@@ -178,7 +177,7 @@ def bound_arguments(
 def _passed(
     positional: list[ast.arg], call: tuple[ast.Call, Scope], library: ModuleLibrary
 ) -> tuple[dict[str, Value], bool]:
-    """The arguments by name, and whether there may be more that cannot be seen."""
+    """The arguments by name, and whether there may be unknown ones."""
     node, scope = call
     known: dict[str, Value] = {}
     is_open = False
@@ -206,14 +205,14 @@ _NAMED_KINDS: Final = {
     "DOUBLE_ARRAY": "list of floats",
     "STRING_ARRAY": "list of texts",
 }
-"""`Parameter.Type` of rclpy -> what the config calls it."""
+"""`Parameter.Type` of rclpy -> its name in configs."""
 _ARGUMENTS: Final = ("name", "value", "descriptor", "ignore_override")
 
 
 def declared_parameters(
     method: str, call: ast.Call, scope: Scope, library: ModuleLibrary
 ) -> tuple[CodeParameter, ...] | None:
-    """What `declare_parameter` or `declare_parameters` declares; None where that is computed."""
+    """What `declare_parameter` or `declare_parameters` declares; None if computed."""
     given: dict[str | None, ast.expr] = {k.arg: k.value for k in call.keywords}
     if method == "declare_parameter":
         given.update(zip(_ARGUMENTS, call.args, strict=False))
@@ -263,7 +262,7 @@ def _declared(
 
 
 def _is_static(descriptor: ast.expr | None) -> bool:
-    """Whether a parameter of this descriptor keeps to the type of its default, as is usual."""
+    """Whether a parameter with this descriptor keeps the type of its default, as usual."""
     match descriptor:
         case None:
             return True
@@ -273,7 +272,7 @@ def _is_static(descriptor: ast.expr | None) -> bool:
 
 
 def _kind(expression: ast.expr | None, scope: Scope, library: ModuleLibrary) -> str | None:
-    """The kind of a default that is written out, or of a type in its place."""
+    """The kind of a literal default, or of a type in its place."""
     match expression:
         case None:
             return None
@@ -308,19 +307,19 @@ _BRANCHES = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.Try, ast.IfExp, ast.M
              ast.FunctionDef, ast.AsyncFunctionDef, ast.ListComp, ast.SetComp, ast.DictComp,
              ast.GeneratorExp)  # fmt: skip
 _LEAVES = (ast.expr_context, ast.operator, ast.cmpop, ast.unaryop, ast.boolop, ast.Constant)
-"""Most nodes of a tree: none of them contains a name."""
+"""Most syntax nodes: they contain no names."""
 
 
 @dataclass(slots=True)
 class Registrations:
-    """What was found; the two `knows_` turn False where something could not be seen."""
+    """Everything that was found; the two `knows_` are False if something is unknown."""
 
     components: dict[tuple[ast.Call, ...], CodeComponent] = field(default_factory=dict)
-    """By the call, after the calls of the helper methods that lead to it."""
+    """By the call, preceded by the calls of helper methods that lead to it."""
     callbacks: dict[ast.Call, tuple[ast.Attribute, Module]] = field(default_factory=dict)
-    """The callbacks that are attributes of the node."""
+    """Callbacks that are attributes of the node."""
     without_base: tuple[Function, ClassSource] | None = None
-    """The constructor that runs none of its base classes'."""
+    """The constructor that does not call its base classes' constructors."""
     parameters: dict[str, CodeParameter] = field(default_factory=dict)
     knows_components: bool = True
     knows_parameters: bool = True
@@ -329,7 +328,7 @@ class Registrations:
 def registrations_of(
     lineage: Lineage, library: ModuleLibrary, *, has_arguments: bool
 ) -> Registrations:
-    """The components and parameters of a class; made with its defaults unless `has_arguments`."""
+    """The components and parameters of a class; uses its defaults unless `has_arguments`."""
     walk = _Walk(lineage, library, has_arguments=has_arguments)
     declared, walk.found.knows_parameters = class_parameters(lineage, library)
     walk.found.parameters.update(declared)
@@ -345,7 +344,7 @@ def registrations_of(
 
 
 _MOST_HELPER_CALLS: Final = 1_000
-"""Calls of helper methods that are followed with their arguments."""
+"""Maximum number of calls of helper methods followed with their arguments."""
 
 
 def _takes_names(function: Function) -> bool:
@@ -377,7 +376,7 @@ class _Walk:
         self.reaches_library = False
 
     def constructor(self, start: int, call: tuple[ast.Call, Scope] | None) -> None:
-        """The first constructor from `start` on, called with the arguments of `call`."""
+        """Follow the first constructor from `start` on, with the arguments of `call`."""
         reached = self._lineage.method("__init__", start)
         if reached is None:
             return
@@ -393,7 +392,7 @@ class _Walk:
                 self.found.without_base = (function, source)
 
     def _runs_no_base(self, function: Function) -> bool:
-        """Whether a constructor without an `__init__` in it cannot call one in another way."""
+        """Whether a constructor that does not mention `__init__` cannot call one otherwise."""
         if function.decorator_list:
             return False
         self_name = next((a.arg for a in (*function.args.posonlyargs, *function.args.args)), "")
@@ -406,7 +405,7 @@ class _Walk:
         return not any(found and _mentions(found[1], "__init__") for found in reached)
 
     def helper(self, name: str, call: ast.Call, scope: Scope, *, is_certain: bool) -> None:
-        """A method of the node that is called here; one that registers, with its arguments."""
+        """Follow a method of the node that is called here, with its arguments if it registers."""
         reached = self._lineage.method(name)
         if reached is None:
             return
@@ -427,7 +426,7 @@ class _Walk:
         self._calls = self._calls[:-1]
 
     def method(self, name: str, start: int, *, is_certain: bool) -> None:
-        """A method of the node, whatever it is called with."""
+        """Follow a method of the node, whatever its arguments."""
         reached = self._lineage.method(name, start)
         if reached is None or reached[1].name == "__init__":
             return
@@ -457,7 +456,7 @@ class _Walk:
             self._use(node.attr)
             return
         elif scope.is_self(node) and not source.is_of_library:
-            self._give_up()  # `self` is handed to something that may register more
+            self._give_up()  # `self` is passed to code that may register more
         is_certain = is_certain and not isinstance(node, _BRANCHES)
         for child in ast.iter_child_nodes(node):
             if child not in kept and not isinstance(child, _LEAVES):
@@ -466,7 +465,7 @@ class _Walk:
     def _call(
         self, call: ast.Call, index: int, source: ClassSource, scope: Scope, *, is_certain: bool
     ) -> tuple[ast.AST, ...]:
-        """Take note of a call; returns the children that need no further look."""
+        """Process a call; return the children that still need processing."""
         match call.func:
             case ast.Attribute(value=value, attr=name) if scope.is_self(value):
                 self._own_call(name, call, source, scope, is_certain=is_certain)
@@ -533,7 +532,7 @@ class _Walk:
             if is_certain:
                 self.found.parameters[parameter.name] = parameter
             else:
-                # Another branch may declare it of another kind.
+                # Another branch may declare it with another type.
                 of_any_kind = replace(parameter, kind=None)
                 self.found.parameters.setdefault(parameter.name, of_any_kind)
 
@@ -548,7 +547,7 @@ class _Walk:
             self.method(name, index + 1, is_certain=is_certain)
 
     def _explicit_base(self, index: int, call: ast.Call, scope: Scope) -> None:
-        """`Base.__init__(self, ...)`; a base that cannot be followed counts as the next one."""
+        """Follow `Base.__init__(self, ...)`; an unknown base counts as the next one."""
         base = call.func.value if isinstance(call.func, ast.Attribute) else call.func
         definition = self._library.definition(dotted_name(base, scope.module) or "")
         named = (
@@ -560,7 +559,7 @@ class _Walk:
         self.constructor(next(named, index + 1), (without_self, scope))
 
     def _use(self, name: str) -> None:
-        """`self.name` that is not called here: a callback, or a method that someone calls."""
+        """Follow `self.name` that is not called here: a callback, or a method called elsewhere."""
         if name.startswith("register_obk_"):
             self.found.knows_components = False
         elif name.startswith("declare_parameter"):

@@ -1,4 +1,4 @@
-"""Where a program takes the items of a set one after another, in an order that hashes decide.
+"""Find iteration over sets whose order depends on hashes.
 
 Sets of numbers, whose order is the same in each process, do not count. An empty set that is filled
 later counts if its annotation names other items.
@@ -23,7 +23,7 @@ _NUMBERS = frozenset(("int", "float", "bool", "complex"))
 
 
 def ordered_by_hash(block: CodeBlock) -> Iterator[ast.expr]:
-    """Every set whose order has an effect on what a block of code does."""
+    """Every set whose order affects what a block of code does."""
     sets = _Sets(block)
     harmless = {
         id(argument)
@@ -37,7 +37,7 @@ def ordered_by_hash(block: CodeBlock) -> Iterator[ast.expr]:
 
 
 def _taken(node: ast.AST, block: CodeBlock) -> list[ast.expr]:
-    """What a piece of syntax takes items from, in order."""
+    """The expressions whose items a syntax node takes in order."""
     match node:
         case ast.For(iter=items) | ast.AsyncFor(iter=items):
             return [items]
@@ -59,7 +59,7 @@ class _Sets:
         self._block = block
 
     def is_set(self, expression: ast.expr, *, follow_names: bool = True) -> bool:
-        """Whether an expression is a set for certain, and not one of numbers."""
+        """Whether an expression is definitely a set, and not one of numbers."""
         match expression:
             case ast.Set(elts=items):
                 return not all(map(_is_number, items))
@@ -96,13 +96,13 @@ class _Sets:
 _Bindings = dict[str, ast.Assign | ast.AnnAssign]
 
 
-@lru_cache(maxsize=1)  # the methods of a class are looked at one after another
+@lru_cache(maxsize=1)  # methods of one class are examined in sequence
 def _bound_in_class(owner: ast.ClassDef) -> _Bindings:
     return _bound_once(ast.walk(owner))
 
 
 def _bound_once(nodes: Iterable[ast.AST]) -> _Bindings:
-    """`name` or `self.name` -> the statement that binds it, if it is the only one."""
+    """`name` or `self.name` -> the only statement that binds it."""
     bindings: _Bindings = {}
     stores: dict[str, int] = {}
     for node in nodes:

@@ -1,6 +1,6 @@
-"""Names that a module uses and never binds, and attributes that a node never gets.
+"""Find names that a module uses but never binds, and attributes that a node never gets.
 
-What cannot be seen whole, such as `import *`, `exec` or `setattr`, gives no finding.
+Constructs that may bind unknown names, such as `import *`, `exec` or `setattr`, give no finding.
 """
 
 import ast
@@ -39,7 +39,7 @@ _SETS_UNSEEN = (
     "update_wrapper",
 )
 _OTHER_RUNS = ("TYPE_CHECKING", "version_info", "hexversion", "PY2", "PY3", "platform", "hasattr")
-"""Names in the test of an `if` for type checkers, other Pythons and other machines."""
+"""Names in `if` conditions for type checkers, other Python versions and other machines."""
 _ROS_NODE_MODULES = ("rclpy.node", "rclpy.lifecycle.node", "rclpy.lifecycle.managed_entity")
 
 
@@ -83,8 +83,8 @@ def check_names(
     Args:
         module: the module.
         trees: its syntax that runs.
-        reported: misspelt names that are a finding already; those that they mean are none.
-        severity: how much harm the use does.
+        reported: misspelt names that already have findings; the names that they mean are skipped.
+        severity: the severity of the findings.
     """
     bound = module.bound_names
     if bound is None:
@@ -117,7 +117,7 @@ def check_names(
 def check_callbacks(
     callbacks: Iterable[tuple[ast.Attribute, Module]], lineage: Lineage, library: ModuleLibrary
 ) -> Iterator[Diagnostic]:
-    """OBK424: registered callbacks that are no attribute of the node."""
+    """OBK424: registered callbacks that are not attributes of the node."""
     unknown = [c for c in callbacks if lineage.method(c[0].attr) is None]
     known = _attributes(lineage) if unknown else None
     unknown = [c for c in unknown if known is not None and c[0].attr not in known]
@@ -138,7 +138,7 @@ def check_callbacks(
 
 
 def _attributes(lineage: Lineage) -> frozenset[str] | None:
-    """Every attribute that the classes may give the node; None if some cannot be seen."""
+    """Every attribute that the classes may give the node; None if some are unknown."""
     if not lineage.is_whole:
         return None
     names: set[str] = set()
@@ -166,19 +166,19 @@ def _defined_in_class(node: ast.ClassDef) -> Iterator[str]:
 
 
 def _attributes_named(tree: ast.AST) -> Iterator[str]:
-    """Attributes that are assigned, whatever the object."""
+    """Attributes that are assigned on any object."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
             yield node.attr
 
 
 def check_base_constructor(function: Function, source: ClassSource) -> Iterator[Diagnostic]:
-    """OBK422: a constructor that leaves the node without its base class."""
+    """OBK422: a constructor that does not run its base class's constructor."""
     yield found(
         "OBK422",
         f"`{source.node.name}.__init__` does not call `super().__init__`",
         span_of(function, source.module.source),
-        help="begin it with `super().__init__(node_name)`, which makes the ROS node",
+        help="start it with `super().__init__(node_name)`, which creates the ROS node",
     )
 
 

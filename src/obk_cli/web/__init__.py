@@ -1,1 +1,1 @@
-"""`obk web`: a running stack as a page in the browser."""
+"""`obk web`: show a running stack as a page in the browser."""

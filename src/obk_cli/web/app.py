@@ -1,7 +1,7 @@
-"""The web server of a running stack's page: files, a stream of events, transitions.
+"""The web server of a running stack's page: files, an event stream, transitions.
 
-`web.auth` checks every request first. The stream polls the newest snapshot ten times a second;
-transitions wait in their own threads.
+`web.auth` checks every request first. The stream polls the newest snapshot ten times per second;
+transitions run in their own threads.
 """
 
 import asyncio
@@ -30,7 +30,6 @@ from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.parameters import Tuner, parameter_data
 from obk_cli.monitor.table import monitor_data
-from obk_cli.process.signals import until_interrupt
 from obk_cli.ros.types import fields_of, short_type
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, change_data
@@ -48,16 +47,16 @@ END_S: Final = 2
 
 
 def take_port(port: int) -> socket.socket:
-    """A socket that listens on this host only.
+    """Open a socket that listens on this host only.
 
     Args:
-        port: 0: one that is free.
+        port: the port; 0 for any free one.
 
     Raises:
-        CommandFailedError: it is in use, or this user may not use it.
+        CommandFailedError: the port is in use, or this user may not use it.
     """
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    # Connections of a server that has just ended do not hold its port.
+    # Connections of a server that has just ended must not block its port.
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((HOST, port))
@@ -72,7 +71,7 @@ def take_port(port: int) -> socket.socket:
 
 
 class WebServer:
-    """Serves until it is ended, or by Ctrl-C."""
+    """Serves until `end` is called, or until Ctrl-C."""
 
     def __init__(self) -> None:
         """Create the server without starting it."""
@@ -85,7 +84,7 @@ class WebServer:
         return self._is_ended or (self._server is not None and self._server.should_exit)
 
     def run(self, app: ASGIApp, listener: socket.socket) -> None:
-        """Serve on a port, until the end."""
+        """Serve on a port until `end` is called, or a signal arrives that uvicorn handles."""
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app,
@@ -99,15 +98,10 @@ class WebServer:
             )
         )
         self._server.should_exit = self._is_ended
-        serving = self._server.serve(sockets=[listener])
-        try:
-            with until_interrupt():  # raised by uvicorn after its shutdown
-                asyncio.run(serving)
-        finally:
-            serving.close()  # it may be interrupted before it starts
+        asyncio.run(self._server.serve(sockets=[listener]))
 
     def end(self) -> None:
-        """End soon; from any thread."""
+        """End the server soon; may be called from any thread."""
         self._is_ended = True
         if self._server is not None:
             self._server.should_exit = True
@@ -117,7 +111,7 @@ _SECOND: Final = 1e-9
 
 
 def view_data(view: StackView) -> dict[str, Any]:
-    """A stack without its log, with the transitions that are possible."""
+    """A stack without its log, with the transitions that are possible now."""
     data = monitor_data(view)
     del data["lines"]
     data["transitions"] = possible_transitions(view.state)
@@ -134,19 +128,19 @@ def lines_data(lines: Iterable[str]) -> list[str]:
 
 
 def samples_data(samples: Sequence[Sample]) -> list[list[float | None]]:
-    """Rows: a time [s since 1970], then the values."""
+    """Rows of a time [s since 1970] and the values."""
     return [[at_ns * _SECOND, *values] for at_ns, values in samples]
 
 
 def event(name: str, data: dict[str, Any]) -> str:
-    """A message of a stream of events.
+    """A message of an event stream.
 
     Source: https://html.spec.whatwg.org/multipage/server-sent-events.html
     """
     return f"event: {name}\ndata: {json_line(data)}\n\n"
 
 
-TOKEN: Final = "token"  # noqa: S105 - the word in front of it
+TOKEN: Final = "token"  # noqa: S105 - the parameter's name, no secret
 """The URL's parameter; the cookie `obk_PORT` and the header `X-Obk-Token` hold the same value."""
 POLL_S: Final = 0.1
 """Period of polling for changes [s]."""
@@ -168,14 +162,14 @@ FILES: Final[Mapping[str, Path]] = {
     **{path.name: path for path in PAGE.iterdir() if path.suffix in KINDS},
     **{name: LIBRARY / name for name in ("uPlot.iife.min.js", "uPlot.min.css")},
 }
-"""What the page consists of, by the last part of its URL."""
+"""The files of the page, by the last part of their URL."""
 
 History = Callable[[StackView, Sequence[FieldRequest]], list[dict[str, Any]]]
-"""Reads fields over the whole run of a view's stack, as `recorded_fields` returns them."""
+"""Reads fields over the whole run of a view's stack; returns the same as `recorded_fields`."""
 Update = Callable[[StackView], ConfigUpdate]
 """Finds what the parameters of a view's stack change in its config."""
 Change = Callable[[StackView, str, tuple[str, ...]], ChangeAnswer]
-"""Takes nodes, by full names, of a view's stack through a transition; without any the stack."""
+"""Takes nodes (full names) of a view's stack through a transition; no names: the whole stack."""
 
 
 class FieldSource(Protocol):
@@ -207,12 +201,12 @@ class PageApi:
 
         Args:
             snapshot: returns the newest snapshot.
-            fields: the fields that pages draw.
+            fields: the fields that pages plot.
             history: reads fields from the recording of a run.
-            change: carries transitions out.
+            change: executes transitions.
             tuner: reads and sets parameters.
             update: finds what the parameters change in the config.
-            is_ending: whether the streams are to end.
+            is_ending: whether the streams must end.
         """
         self._snapshot = snapshot
         self._fields = fields
@@ -223,11 +217,11 @@ class PageApi:
         self._is_ending = is_ending
 
     async def graph(self, _: Request) -> Response:
-        """The picture of the stack."""
+        """Return the picture of the stack."""
         return Response(self._snapshot().picture, media_type=KINDS[".svg"])
 
     async def fields(self, request: Request) -> Response:
-        """The fields of a topic that can be drawn."""
+        """Return the fields of a topic that can be plotted."""
         name = request.query_params.get("topic", "")
         view = self._snapshot().view
         types = {topic.topic: topic.msg_type for topic in view.topics} if view else {}
@@ -241,19 +235,19 @@ class PageApi:
         return JSONResponse({"type": msg_type, "fields": found})
 
     async def events(self, request: Request) -> Response:
-        """What changes, until the page is closed; `curve=TOPIC FIELD` asks for a field's values."""
+        """Stream changes until the page closes; `curve=TOPIC FIELD` requests a field's values."""
         requests = _field_requests(request)
         if len(requests) > MOST_CURVES:
             return _error_response(400, f"more than {MOST_CURVES} curves")
         return StreamingResponse(self._events(requests), media_type="text/event-stream")
 
     async def history(self, request: Request) -> Response:
-        """Fields over the whole run, from its recording; `curve=TOPIC FIELD` as for `events`."""
+        """Return fields over the whole run, from its recording; `curve` as for `events`."""
         requests, view = _field_requests(request), self._snapshot().view
         if len(requests) > MOST_CURVES:
             return _error_response(400, f"more than {MOST_CURVES} curves")
         if view is None:
-            return _error_response(404, "no stack runs")
+            return _error_response(404, "no stack is running")
         try:
             curves = await run_in_threadpool(self._history, view, requests)
         except ObkError as error:
@@ -261,7 +255,7 @@ class PageApi:
         return JSONResponse({"run": view.run, "curves": curves})
 
     async def change(self, request: Request) -> Response:
-        """A transition of a node or, without one, of the stack."""
+        """Execute a transition of a node or, if none is given, of the stack."""
         try:
             body = await request.json()
             transition, node, run = (str(body[key]) for key in ("transition", "node", "run"))
@@ -269,10 +263,10 @@ class PageApi:
             return _error_response(400, CHANGE)
         view = self._snapshot().view
         if transition not in TRANSITIONS:
-            return _error_response(400, f"there is no transition `{transition}`")
+            return _error_response(400, f"unknown transition `{transition}`")
         if view is not None and view.run != run:
             return _error_response(
-                409, f"the stack of {run or 'another host'} is not what runs now"
+                409, f"the stack of {run or 'another host'} is no longer running"
             )
         if view is None or (node and node not in {one.node for one in view.nodes}):
             return _error_response(404, f"no node {node}" if view else "no stack is running")
@@ -285,7 +279,7 @@ class PageApi:
         return JSONResponse(change_data(answer))
 
     async def parameters(self, _: Request) -> Response:
-        """The tunable parameters of all nodes."""
+        """Return the tunable parameters of all nodes."""
         view = self._snapshot().view
         found = await run_in_threadpool(self._tuner.of, view) if view is not None else {}
         nodes = [
@@ -306,7 +300,7 @@ class PageApi:
             return _error_response(404, f"no node {node}" if view else "no stack is running")
         if view.run != run:
             return _error_response(
-                409, f"the stack of {run or 'another host'} is not what runs now"
+                409, f"the stack of {run or 'another host'} is no longer running"
             )
         try:
             changed = await run_in_threadpool(self._tuner.set, view, node, name, text)
@@ -315,10 +309,10 @@ class PageApi:
         return JSONResponse({"success": True, "why": str(changed)})
 
     async def config_edit(self, _: Request) -> Response:
-        """What saving the parameters changes in the config; writes nothing."""
+        """Return what saving the parameters would change in the config; write nothing."""
         view = self._snapshot().view
         if view is None:
-            return _error_response(404, "no stack runs")
+            return _error_response(404, "no stack is running")
         try:
             update = await run_in_threadpool(self._update, view)
         except ObkError as error:
@@ -336,13 +330,13 @@ class PageApi:
             return _error_response(400, SAVING)
         view = self._snapshot().view
         if view is None or view.run != run:
-            return _error_response(409, f"the stack of {run} is not what runs now")
+            return _error_response(409, f"the stack of {run} is no longer running")
         try:
             update = await run_in_threadpool(self._update, view)
             data = update_data(update)
             if update.findings or data["digest"] != digest:
                 return _error_response(
-                    409, "the values or the config have changed; nothing is written"
+                    409, "the values or the config have changed; nothing was written"
                 )
             await run_in_threadpool(write_update, update)
         except ObkError as error:
@@ -364,7 +358,7 @@ class PageApi:
                 await asyncio.sleep(POLL_S)
 
     def _samples(self, until_ns: dict[FieldRequest, int]) -> dict[str, Any]:
-        """The samples since the last call; updates the times in `until_ns`."""
+        """Return the samples since the last call; update the times in `until_ns`."""
         curves = []
         for field_request, after_ns in until_ns.items():
             received = self._fields.data_after(field_request, after_ns)
@@ -382,12 +376,12 @@ class PageApi:
 
 
 def make_app(site: PageApi, *, token: str, port: int) -> ASGIApp:
-    """The application.
+    """Create the application.
 
     Args:
         site: handles the requests.
         token: required in every request.
-        port: of the server; cookies of one host are those of all its ports.
+        port: port of the server, because cookies of a host apply to all its ports.
     """
     cookie = f"obk_{port}"
 

@@ -26,7 +26,7 @@ HEADERS: Final = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Of every response: the page runs and fetches only what this server sends."""
+"""Headers of every response: the page runs and fetches only content of this server."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,10 +62,10 @@ def refusal(request: WebRequest, token: str) -> Refusal | None:
         return Refusal(status=403, why="this page is for 127.0.0.1 and localhost only")
     changes = request.method not in ("GET", "HEAD")
     if (changes or request.origin) and not is_of_the_page(request.origin or "", request.host):
-        return Refusal(status=403, why="only the page itself may ask this")
+        return Refusal(status=403, why="only the page itself may send this request")
     if not _is_any(request.tokens, token):
         return Refusal(
-            status=401, why="the token is missing or old: open the address that `obk web` printed"
+            status=401, why="the token is missing or outdated: open the URL that `obk web` printed"
         )
     return None
 

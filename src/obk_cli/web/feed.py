@@ -24,12 +24,12 @@ STOP_S: Final = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """What the page shows at one moment."""
+    """What the page shows at a given time."""
 
     number: int = 0
     """Increases with each snapshot."""
     view: StackView | None = None
-    """The last stack that was seen; None: none yet."""
+    """The last stack that was seen; None if there was none yet."""
     is_waiting: bool = True
     """Whether no stack is running."""
     picture: str = ""
@@ -67,7 +67,7 @@ class Feed:
         """Stop the thread.
 
         Raises:
-            ObkError: it had failed before.
+            ObkError: the thread had failed before.
         """
         self._follower.stop()
         self._thread.join(STOP_S)
@@ -78,7 +78,7 @@ class Feed:
         try:
             for view in self._follower.views():
                 self._snapshot = self._next(view)
-        except Exception as error:  # raised again where it is seen
+        except Exception as error:  # raised again by `stop`
             self._error = error
         finally:
             self._on_end()
@@ -100,9 +100,9 @@ class Feed:
 
 
 def live_picture(plan: Plan) -> str:
-    """An SVG whose boxes a page fills; empty without nodes, or if Graphviz cannot draw it.
+    """An SVG with boxes for a page to fill; empty without nodes, or if Graphviz cannot draw it.
 
-    The page then has no panel for it: everything else on it still works.
+    The page then has no panel for it, but otherwise works.
     """
     try:
         return emit_svg(graph_of(plan), is_live=True) if plan.nodes else ""

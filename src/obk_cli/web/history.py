@@ -1,4 +1,4 @@
-"""Read fields over a whole run from its recording, as the page's plots show them."""
+"""Read fields over a whole run from its recording, for the page's plots."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 __all__ = ["recorded_fields"]
 
 MOST_POINTS: Final = 20_000
-"""Of a line; of a longer one the page gets the extremes of so many spans."""
+"""Maximum number of points of a line; a longer line is reduced to the extremes of intervals."""
 
 
 @dataclass(slots=True)
 class _Line:
-    """One number, while the recording is read."""
+    """One line of a plot while the recording is read."""
 
     times_s: "list[Floats]" = field(default_factory=list)
     values: "list[Floats]" = field(default_factory=list)
@@ -39,15 +39,15 @@ class _Line:
 def recorded_fields(
     view: StackView, runs: Path, requests: Sequence[FieldRequest]
 ) -> list[dict[str, Any]]:
-    """The fields as the page takes them: `curve`, `fault` and, for each number, `lines`.
+    """The fields in the page's format: `curve`, `fault` and, for each number, `lines`.
 
-    A line has a label as in the live plots, and times of receipt [s since 1970] and values as
-    base64 of 64-bit floats.
+    A line has the same label as in the live plots, and times of receipt [s since 1970] and values
+    as base64 of 64-bit floats.
 
     Args:
         view: the stack.
         runs: the folder of all runs.
-        requests: the fields; what is wrong with one is its fault.
+        requests: the fields; a problem with a field is reported as its fault.
 
     Raises:
         CommandFailedError: the run has no recording on this host, it cannot be read, or the extra
@@ -56,8 +56,8 @@ def recorded_fields(
     path = runs / view.run / RECORDING
     if not view.run or not path.is_file():
         raise CommandFailedError(
-            f"{view.run or 'this stack'} is not recorded on this host, so only the last seconds "
-            "are known",
+            f"{view.run or 'this stack'} has no recording on this host, so only the last seconds "
+            "are available",
             help="launch with `obk launch --record` to see the whole run",
         )
     require_extra("mcap", "record")
@@ -83,7 +83,7 @@ def _read(run: "RecordedRun", requests: Sequence[FieldRequest]) -> Iterator[dict
                 except RecordingError as error:
                     faults[request] = str(error)
     for request, lines in found.items():
-        fault = faults.get(request, "" if lines else "the recording has no message of this topic")
+        fault = faults.get(request, "" if lines else "the recording has no messages of this topic")
         packed = [
             {"label": label, **packed_line(line.times_s, line.values, MOST_POINTS)}
             for label, line in lines.items()

@@ -47,7 +47,7 @@ __all__ = [
 SHOWN_S: Final = 30.0
 SAMPLES_HZ: Final = 50
 MOST_LINES: Final = 12
-"""Lines of one plot: more cannot be distinguished."""
+"""Maximum number of lines in a plot; more cannot be distinguished."""
 _NS: Final = 1_000_000_000
 _SLOT_NS: Final = _NS // SAMPLES_HZ
 _DEEPEST: Final = 4
@@ -64,7 +64,7 @@ class FieldRequest:
     topic: str
     """Full name."""
     field: str
-    """As `obk topic echo` takes it: `q_joints`, `q_joints[0]`."""
+    """In the syntax of `obk topic echo`: `q_joints`, `q_joints[0]`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +76,7 @@ class FieldData:
     samples: tuple[Sample, ...]
     """Oldest first."""
     fault: str
-    """Why there are no values; empty: no fault."""
+    """Why there are no values; empty if there are some."""
 
 
 class Trace:
@@ -85,7 +85,7 @@ class Trace:
     def __init__(self) -> None:
         """Start without values."""
         self.fault = ""
-        """Why there are no values; empty: no fault."""
+        """Why there are no values; empty if there are some."""
         self._labels: tuple[str, ...] = ()
         self._samples: deque[Sample] = deque()
         self._slot = -1
@@ -97,7 +97,7 @@ class Trace:
     def take(self, received_ns: int, numbers: Mapping[str, float]) -> None:
         """Keep a message's numbers, by label."""
         self._slot = received_ns // _SLOT_NS
-        self.fault = "" if numbers else "the newest message has no number there"
+        self.fault = "" if numbers else "the newest message has no number in this field"
         new = (label for label in numbers if label not in self._labels)
         self._labels += tuple(islice(new, MOST_LINES - len(self._labels)))
         self._samples.append((received_ns, tuple(numbers.get(label) for label in self._labels)))
@@ -111,11 +111,11 @@ class Trace:
 
 
 def numbers_in(value: Any, field: str) -> dict[str, float]:
-    """The first numbers and truth values in a field of a message, by label.
+    """The first numbers and booleans in a field of a message, by label.
 
     Args:
-        value: a number, an array, a message; `MISSING` has none.
-        field: its name.
+        value: a number, an array or a message; `MISSING` has no numbers.
+        field: the name of the field.
     """
     first = value[:MOST_LINES] if hasattr(value, "__getitem__") else value
     found = columns(plain_data(first), field)
@@ -124,13 +124,13 @@ def numbers_in(value: Any, field: str) -> dict[str, float]:
 
 
 def number_fields(msg_type: str, fields_of: FieldsOf) -> tuple[str, ...]:
-    """The fields of a message type that are worth drawing.
+    """The fields of a message type that are worth plotting.
 
-    Numbers, arrays of numbers and, before what is in them, messages of nothing but numbers.
+    Numbers, arrays of numbers and messages that contain only numbers, before their own fields.
 
     Args:
         msg_type: `pkg/Name`.
-        fields_of: where types are looked up.
+        fields_of: looks up the fields of types.
     """
     return tuple(_number_fields(Message(msg_type), "", fields_of, 0))
 
@@ -149,7 +149,7 @@ def _number_fields(kind: FieldType, name: str, fields_of: FieldsOf, depth: int) 
 
 
 KEPT_S: Final = 5.0
-"""How long a field without pages keeps its subscription [s]."""
+"""How long a field keeps its subscription after the last page has closed [s]."""
 
 
 class _Plot:
@@ -192,10 +192,10 @@ class Plots:
             return self._plots[request].trace.data_after(after_ns)
 
     def turn(self, participant: RosParticipant) -> None:
-        """Take the received messages; to be called several times a second.
+        """Process received messages; call this several times per second.
 
         Args:
-            participant: a participant in the stack's domain; another one means another stack.
+            participant: a participant in the stack's domain; a new one means another stack.
         """
         with self._lock:
             self._drop_unused()
@@ -227,12 +227,12 @@ class Plots:
             return
         msg_type = next(iter(participant.topic(request.topic).msg_types), None)
         if msg_type is None:
-            plot.trace.fault = "no node publishes or subscribes to this topic now"
+            plot.trace.fault = "no node currently publishes or subscribes to this topic"
             return
         plot.selection = parse_selection(request.field)
         kind = check_selection(plot.selection, short_type(msg_type), fields_of)
         if isinstance(kind.item if isinstance(kind, ArrayType) else kind, Text):
-            plot.trace.fault = f"`{request.field}` is text, not numbers"
+            plot.trace.fault = f"`{request.field}` contains text, not numbers"
             return
         plot.raw = participant.subscribe(request.topic, msg_type, find_type(msg_type))
         plot.trace.fault = ""

@@ -1,4 +1,4 @@
-"""Show and write what the tuned parameters of a stack change in its config."""
+"""Show and write the changes of a stack's tuned parameters to its config."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,30 +19,32 @@ from obk_cli.runs.folder import read_run
 __all__ = ["update_data", "update_of_stack"]
 
 TIMEOUT_S: Final = 5.0
-"""For each answer of a node [s]."""
+"""Limit for each answer of a node [s]."""
 
 
 def update_of_stack(
     view: StackView, runs: Path, environment: RosEnvironment, variables: Mapping[str, str]
 ) -> ConfigUpdate:
-    """What `obk param save` would write for a stack.
+    """The changes that `obk param save` would write for a stack.
 
     Args:
         view: the stack.
         runs: the folder of all runs.
-        environment: of ROS.
-        variables: stand in for `${VAR}` in the config.
+        environment: the ROS environment.
+        variables: values for `${VAR}` in the config.
 
     Raises:
-        CommandFailedError: the stack does not run on this host, its config is no file, or see
+        CommandFailedError: the stack is not running on this host, its config is not a file, or see
             `find_update`.
     """
     run = read_run(runs / view.run) if view.run else None
     folder = working_folder(run.pid) if run else None
     if run is None or folder is None or view.has_ended:
-        raise CommandFailedError("the config is known only of a stack that runs on this host")
+        raise CommandFailedError(
+            "the config is available only for a stack that is running on this host"
+        )
     if run.config == STANDARD_INPUT:
-        raise CommandFailedError("the stack was launched from the standard input, not from a file")
+        raise CommandFailedError("the stack was launched from standard input, not from a file")
     in_domain = {**environment.variables, DOMAIN: str(view.domain)}
     return find_update(
         str(folder / run.config),
@@ -53,7 +55,7 @@ def update_of_stack(
 
 
 def update_data(update: ConfigUpdate) -> dict[str, Any]:
-    """An update for the page; `digest` identifies the edit that the page shows."""
+    """An update in the page's format; `digest` identifies the edit that the page shows."""
     diff = update.diff()
     return {
         "config": update.config,

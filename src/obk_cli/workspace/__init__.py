@@ -1,1 +1,1 @@
-"""What a workspace holds: packages, programs, compiled messages, robot models."""
+"""The contents of a workspace: packages, programs, compiled messages, robot models."""

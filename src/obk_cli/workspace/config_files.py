@@ -1,4 +1,4 @@
-"""Find the configs of a workspace that a misspelt path may mean, and those that include a file."""
+"""Find the configs of a workspace that a misspelt path may refer to, or that include a file."""
 
 import os
 from collections.abc import Iterator
@@ -18,13 +18,13 @@ __all__ = ["configs_that_include", "did_you_mean_config"]
 
 _SUFFIXES: Final = (".yaml", ".yml")
 _CONFIG_DEPTH: Final = 3
-"""Folders below the workspace in which a config may lie."""
+"""Maximum depth of a config below the workspace [folders]."""
 _MOST: Final = 1_000
-"""Configs of a workspace that are looked at."""
+"""Maximum number of configs searched in a workspace."""
 
 
 def did_you_mean_config(path: str) -> str | None:
-    """What may be meant by a path where nothing is; None where something is, or nothing is near."""
+    """Suggest similar paths for a missing file; None if it exists, or none is similar."""
     written = Path(path)
     if path == STANDARD_INPUT or not written.name or os.path.lexists(written):
         return None
@@ -39,13 +39,13 @@ def did_you_mean_config(path: str) -> str | None:
 
 
 def _near(written: Path, configs: list[Path]) -> list[Path]:
-    """The configs whose names, without their endings, are near."""
+    """The configs with similar names, ignoring file extensions."""
     stems = near_names(written.stem, {config.stem for config in configs})
     return [config for stem in stems for config in configs if config.stem == stem]
 
 
 def _configs_in(folder: Path, deepest: int) -> Iterator[Path]:
-    """At most so many YAML files in a folder, and in those below it."""
+    """YAML files in a folder and its subfolders, up to a limit."""
     found = 0
     for parent, folders, names in os.walk(folder):
         depth = len(Path(parent).parts) - len(folder.parts)
@@ -60,12 +60,12 @@ def _configs_in(folder: Path, deepest: int) -> Iterator[Path]:
 
 
 def _from(here: Path, config: Path) -> str:
-    """The path as one would type it."""
+    """The path as a user would type it."""
     return str(config.relative_to(here) if config.is_relative_to(here) else config)
 
 
 def configs_that_include(path: str) -> tuple[str, ...]:
-    """The configs of its workspace that include a file, as paths from the present folder."""
+    """The configs of its workspace that include a file, as paths relative to the current folder."""
     if path == STANDARD_INPUT:
         return ()
     fragment = Path(path).resolve()
@@ -80,7 +80,7 @@ def configs_that_include(path: str) -> tuple[str, ...]:
 
 
 def _included_by(config: Path, name: str) -> Iterator[Path]:
-    """The files that a config includes itself; `name` stands in the text of the one looked for."""
+    """The files that a config itself includes; `name` must occur in the config's text."""
     if not config.is_file() or config.stat().st_size > LONGEST_FILE_BYTES:
         return
     data = read_bytes(str(config))

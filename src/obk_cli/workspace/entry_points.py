@@ -1,4 +1,4 @@
-"""Find the programs of a Python package: entry points and modules that shell scripts run."""
+"""Find the programs of a Python package: entry points, and modules run by shell scripts."""
 
 import ast
 import re
@@ -20,11 +20,11 @@ class EntryPoint:
     module: str
     function: str
     package_root: str = "."
-    """The folder to import from, relative to the package's own."""
+    """The folder to import from, relative to the package's folder."""
 
 
 def source_console_scripts(folder: Path) -> Mapping[str, EntryPoint]:
-    """Script name -> function of a package in source."""
+    """Script name -> function, for a package in source."""
     lines = (
         *_setup_py_lines(folder / "setup.py"),
         *_setup_cfg_lines(folder / "setup.cfg"),
@@ -34,10 +34,10 @@ def source_console_scripts(folder: Path) -> Mapping[str, EntryPoint]:
 
 
 def installed_console_scripts(package: str) -> Mapping[str, EntryPoint]:
-    """Script name -> function of an installed distribution of that name."""
+    """Script name -> function, for an installed distribution with this name."""
     if distribution_version(package) is None:
         return {}
-    from importlib import metadata  # slow to load, and seldom needed
+    from importlib import metadata  # slow to import, and rarely needed
 
     try:
         points = metadata.distribution(package).entry_points.select(group="console_scripts")
@@ -58,15 +58,15 @@ def _entries(lines: Iterable[str], folder: Path) -> Iterator[tuple[str, EntryPoi
 
 
 def _root_of(module: str, folder: Path) -> str:
-    """`src` for a package laid out that way, else the package's folder."""
+    """`src` for a package with that layout, otherwise the package's folder."""
     top = module.partition(".")[0]
     in_src = folder / "src" / top
     return "src" if in_src.exists() or in_src.with_suffix(".py").exists() else "."
 
 
 def _setup_py_lines(path: Path) -> Iterator[str]:
-    """The texts of `console_scripts` in `setup(entry_points={...})`."""
-    if not path.is_file():  # a pipe or a device might never end
+    """The strings of `console_scripts` in `setup(entry_points={...})`."""
+    if not path.is_file():  # reading a pipe or a device might never return
         return
     try:
         tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -88,7 +88,7 @@ def _texts(node: ast.AST) -> Iterator[str]:
 def _setup_cfg_lines(path: Path) -> Iterator[str]:
     if not path.is_file():
         return
-    import configparser  # seldom needed, as is `tomllib`
+    import configparser  # rarely needed, like `tomllib`
 
     parser = configparser.ConfigParser(interpolation=None)
     try:
@@ -119,7 +119,7 @@ _LONGEST_BYTES = 4096
 
 
 def module_run_by(program: Path) -> str | None:
-    """The module, None for any other program; one that also prepares the environment is another."""
+    """The module that a script runs; None for other programs or if it also sets up environments."""
     try:
         with program.open("rb") as file:
             text = file.read(_LONGEST_BYTES).decode("utf-8", errors="replace")

@@ -1,4 +1,4 @@
-"""The answers to what the stages ask: this machine's packages and models."""
+"""Look up packages and models on this machine, for the stages of the compiler."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -35,7 +35,7 @@ __all__ = ["MachineEnvironment"]
 class MachineEnvironment:
     """One run's view of the machine; every file is read at most once.
 
-    `note` gets the files that the answers depend on, each before it is read.
+    `note` receives each file on which the results depend, before it is read.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class MachineEnvironment:
         self._codes: dict[tuple[str, str], NodeCode | None] = {}
 
     def find_package_share(self, name: str) -> Path | None:
-        """The folder that holds a package's data."""
+        """The folder with a package's data."""
         return self.packages.find_package_share(name)
 
     def manifest_fault(self, package: str) -> CodeFault | None:
@@ -68,7 +68,7 @@ class MachineEnvironment:
         path = folder / "package.xml"
         self._note_all([path])
         source = self._source(path)
-        from xml.parsers import expat  # seldom needed
+        from xml.parsers import expat  # rarely needed
 
         parser = expat.ParserCreate()
         elements: list[str] = []
@@ -87,7 +87,7 @@ class MachineEnvironment:
         return CodeFault(message="has no `<name>`", place=source.path, span=start)
 
     def package_names(self) -> tuple[str, ...]:
-        """Every package that is there."""
+        """The names of all packages."""
         return self.packages.package_names()
 
     def message_packages(self) -> tuple[str, ...]:
@@ -101,13 +101,13 @@ class MachineEnvironment:
         return self.packages.message_names(package)
 
     def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
-        """The packages of the workspace that have the name of one of Obelisk's, and lack some."""
+        """The workspace packages that replace one of Obelisk's and lack something."""
         found = self.packages.replaced_messages()
         self._note_all(one.folder / "msg" for one in found)
         return found
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
-        """How an executable is started."""
+        """How to start an executable."""
         key = (package, executable)
         if key not in self._commands:
             self._note_all(self.packages.files_of(package) if self._note else ())
@@ -125,12 +125,12 @@ class MachineEnvironment:
         return self._codes[key]
 
     def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
-        """What in the source of an executable may differ between two lock-step runs."""
+        """Code of an executable that may differ between two lock-step runs."""
         command = self.find_executable(package, executable)
         return self._sources_of_nodes().hazards(command) if isinstance(command, Command) else ()
 
     def is_cpp(self, package: str, executable: str) -> bool:
-        """Whether an executable is in C++: built, declared, or in a package of that name."""
+        """Whether an executable is in C++: built, declared, or in a package named so."""
         command = self.find_executable(package, executable)
         if isinstance(command, ExecutableMissing):
             return command.declared_in is not None or (
@@ -139,7 +139,7 @@ class MachineEnvironment:
         return command.module is None and is_native(Path(command.arguments[0]))
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
-        """The facts of a model, None without MuJoCo."""
+        """The facts of a model; None without MuJoCo."""
         if path not in self._models:
             self._note_all(mjcf_files(path) if self._note else ())
             read = read_model_once(path, self._cache) if has_mujoco() else None
@@ -149,7 +149,7 @@ class MachineEnvironment:
         return self._models[path]
 
     def read_policy(self, path: Path) -> PolicyRead | PolicyFault | None:
-        """The lengths of a network, None without onnxruntime."""
+        """The lengths of a network; None without onnxruntime."""
         self._note_all([path] if self._note else ())
         if not has_onnxruntime():
             return None
@@ -167,7 +167,7 @@ class MachineEnvironment:
         return Span.at(source, line, start + 1, max(len(text.strip()), 1))
 
     def model_element(self, path: Path, kind: str, name: str) -> Span | None:
-        """Where a model defines an element."""
+        """The location where a model defines an element."""
         if path not in self._elements:
             self._elements[path] = {}
             for element in mjcf_elements(path):
@@ -201,7 +201,7 @@ class MachineEnvironment:
         return self._sources[path]
 
     def _shown(self, path: Path) -> str:
-        """The path as a person in the working folder would write it."""
+        """The path relative to the working folder, as a user would write it."""
         if path.is_relative_to(self._working_folder):
             return os.path.relpath(path, self._working_folder)
         return str(path)

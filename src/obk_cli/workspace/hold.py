@@ -1,6 +1,6 @@
-"""Find a law that holds a model's pose: choose setpoints and gains, and try them in a simulation.
+"""Find a control law that holds a model's pose: choose setpoints and gains, then simulate them.
 
-In: a model file that compiles. Out: a `Hold`. MuJoCo is imported when the first model is read.
+Reads a model file that compiles, and returns a `Hold`. MuJoCo is imported for the first model.
 
 Source: https://mujoco.readthedocs.io/en/stable/computation/index.html (actuation model):
 force = gain * ctrl + b0 + b1 * length + b2 * velocity, for a fixed gain and an affine bias.
@@ -21,33 +21,33 @@ from obk_cli.workspace.model_reader import import_mujoco
 __all__ = ["find_hold"]
 
 _KEYFRAMES: Final = ("ic", "home")
-"""The keyframes to hold, the best first; otherwise the first with a name."""
+"""Names of keyframes to hold, the best first; otherwise the first named keyframe is used."""
 _BANDWIDTHS: Final = (20.0, 35.0, 50.0, 70.0, 100.0)
-"""Of the motors' joints, the softest first [rad/s]."""
+"""Bandwidths of the motors' joints, the softest first [rad/s]."""
 _VELOCITY_GAIN: Final = 5.0
-"""Velocity [1/s] that a velocity servo is asked for, per distance from the pose."""
+"""Commanded velocity of a velocity servo, relative to the distance from the pose [1/s]."""
 _SMALL_DRIFT: Final = 0.01
-"""A stiffer law is not tried when joints stay this close to their pose [rad or m]."""
+"""If joints stay this close to their pose, no stiffer law is tried [rad or m]."""
 _TRIAL_S: Final = 2.0
 _LATE_PERIODS: Final = 2
-"""Age of the state that the controller computes with: one period of each node on the way."""
+"""Age of the state that the controller uses: one period for each node on the way."""
 Numbers = NDArray[np.float64]
 
 
 def find_hold(path: Path, period_s: float, *, shown: str) -> Hold:
-    """Return the law for the best keyframe of a model, otherwise for its start.
+    """Return the law for the best keyframe of a model, otherwise for its initial state.
 
     Args:
-        path: of a model that compiles.
-        period_s: of the controller.
-        shown: how an error names the model.
+        path: a model that compiles.
+        period_s: period of the controller [s].
+        shown: the model's name in errors.
 
     Raises:
         CommandFailedError: the model has no actuators, a driven joint has no name, or the
             simulation diverges under every law.
     """
     mujoco = import_mujoco()
-    mujoco.set_mju_user_warning(_drop)  # otherwise into a file in the working folder
+    mujoco.set_mju_user_warning(_drop)  # by default, warnings go to a file in the working folder
     model = mujoco.MjModel.from_xml_path(str(path))
     start = _Start.of(model)
     kinds = _Kinds.of(model, shown)
@@ -68,12 +68,12 @@ def find_hold(path: Path, period_s: float, *, shown: str) -> Hold:
 
 
 def _drop(_text: str) -> None:
-    """A law under which the model diverges is not taken."""
+    """Ignore warnings: a law with which the model diverges is rejected anyway."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Start:
-    """The state that is to be held."""
+    """The state to hold."""
 
     keyframe: str
     number: int | None
@@ -94,17 +94,17 @@ class _Start:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Kinds:
-    """What each actuator is, shape (nu,)."""
+    """The type of each actuator, shape (nu,)."""
 
     joints: NDArray[np.intp]
-    """The hinge or slide that it drives, -1 for none."""
+    """The hinge or slide that it drives; -1 for none."""
     are_motors: NDArray[np.bool_]
-    """Their force is a multiple of the control, and no position servo drives the same joint."""
+    """Force is a multiple of the control, and no position servo drives the same joint."""
     are_velocity_servos: NDArray[np.bool_]
-    """As above, the control is a velocity."""
+    """The same for a velocity as control."""
     are_position_servos: NDArray[np.bool_]
     share: Numbers
-    """Part of a joint's gain that each of its motors takes."""
+    """Fraction of a joint's gain for each of its motors."""
 
     @property
     def has_motors(self) -> bool:
@@ -112,7 +112,7 @@ class _Kinds:
 
     @property
     def is_torque(self) -> bool:
-        """Whether the simulator takes gains: every actuator is the only motor of its joint."""
+        """Whether the simulator applies gains: every actuator is the only motor of its joint."""
         return bool(self.are_motors.all() and (self.share == 1.0).all())
 
     @classmethod
@@ -121,20 +121,20 @@ class _Kinds:
         if model.nu == 0:
             raise CommandFailedError(
                 f"{shown} has neither actuators nor a hinge or slide joint with a name",
-                help="name the joints that motors are to drive",
+                help="name the joints to be driven by motors",
             )
         drives = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         scalar = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
         is_driving = np.isin(model.actuator_trntype, drives) & (model.actuator_gear[:, 0] != 0)
         joints = np.where(is_driving, model.actuator_trnid[:, 0], -1).astype(np.intp)
-        # Those without a joint stand for the last one here, and stay without.
+        # Actuators without a joint index the last one here, and are excluded later.
         is_driving &= np.isin(model.jnt_type[joints], scalar) if model.njnt else False
         joints = np.where(is_driving, joints, -1)
         for number, joint in enumerate(joints):
             if joint >= 0 and not model.joint(joint).name:
                 raise CommandFailedError(
                     f"{shown}: the joint that actuator {number} drives has no name",
-                    help="give it one: sensors and messages name their joints",
+                    help="name it: sensors and messages refer to joints by name",
                 )
         fixed = (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED) & (
             model.actuator_gainprm[:, 0] != 0
@@ -193,7 +193,7 @@ def _actuators(model: Any, start: _Start, kinds: _Kinds, bandwidth: float) -> li
             if kinds.are_motors[index]:
                 inertia = _inertia(model, data, dof) * kinds.share[index]
                 effort = gear * model.actuator_gainprm[index, 0]
-                # The simulator itself turns torques of joints into controls.
+                # The simulator itself converts joint torques to controls.
                 scale = 1.0 if kinds.is_torque else effort
                 actuator = replace(
                     actuator,
@@ -208,7 +208,7 @@ def _actuators(model: Any, start: _Start, kinds: _Kinds, bandwidth: float) -> li
 
 
 def _inertia(model: Any, data: Any, dof: int) -> float:
-    """What a joint has to move when the others are still [kg m2 or kg]."""
+    """Inertia that a joint moves while the others are still [kg m2 or kg]."""
     unit, moved = np.zeros(model.nv), np.zeros(model.nv)
     unit[dof] = 1.0
     import_mujoco().mj_mulM(model, data, moved, unit)
@@ -216,7 +216,7 @@ def _inertia(model: Any, data: Any, dof: int) -> float:
 
 
 def _setpoints(model: Any, start: _Start, kinds: _Kinds) -> Numbers:
-    """The keyframe's controls; without any, those that keep each position servo where it is."""
+    """The keyframe's controls; otherwise those that keep each position servo in place."""
     data = start.data
     if start.number is not None and model.key_ctrl[start.number].any():
         return np.array(model.key_ctrl[start.number])
@@ -230,7 +230,7 @@ def _setpoints(model: Any, start: _Start, kinds: _Kinds) -> Numbers:
 
 
 def _load(model: Any, data: Any, dof: int) -> float:
-    """Gravity's force on a joint [N m or N]; zero where the ground may carry the robot."""
+    """Gravity's force on a joint [N m or N]; zero if the ground may carry the robot."""
     root = model.body_rootid[model.dof_bodyid[dof]]
     first = model.body_jntadr[root]
     is_floating = first >= 0 and model.jnt_type[first] == import_mujoco().mjtJoint.mjJNT_FREE
@@ -238,7 +238,7 @@ def _load(model: Any, data: Any, dof: int) -> float:
 
 
 def _rounded(value: float) -> float:
-    return float(f"{value:.4g}") + 0.0  # no -0.0
+    return float(f"{value:.4g}") + 0.0  # avoids -0.0
 
 
 def _drift(model: Any, start: _Start, kinds: _Kinds, hold: Hold, period_s: float) -> float:

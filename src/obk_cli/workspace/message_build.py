@@ -64,7 +64,7 @@ _WORD = re.compile(r"[A-Za-z]\w+")
 _MESSAGE_MODULE = re.compile(r"\b(\w+)\.(?:msg|srv|action)\b")
 
 State = Literal["built", "missing", "changed", "installed"]
-"""`installed`: a prefix below has it with the same definitions, so the overlay needs none."""
+"""`installed`: an underlay has the same definitions, so the overlay does not need the package."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +74,7 @@ class SurveyedPackage:
     package: InterfacePackage
     state: State
     digest: str
-    """Of what it would be built from now; empty if it is installed."""
+    """Digest of everything that it would be built from; empty if it is installed."""
 
     @property
     def name(self) -> str:
@@ -83,42 +83,42 @@ class SurveyedPackage:
 
     @property
     def is_stale(self) -> bool:
-        """Whether it is to be built before it is used."""
+        """Whether it must be built before it is used."""
         return self.state in ("missing", "changed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """A workspace's message packages, each after those that it needs."""
+    """The message packages of a workspace, in dependency order."""
 
     workspace: Path
     packages: tuple[SurveyedPackage, ...]
     removed: tuple[str, ...]
-    """Packages that the overlay has and the workspace no more, or installed ones."""
+    """Packages in the overlay that the workspace no longer has, or that are now installed."""
     ros: str
     conflicts: "tuple[Conflict, ...]"
 
     @property
     def stale(self) -> tuple[SurveyedPackage, ...]:
-        """Those to be built."""
+        """Packages that must be built."""
         return tuple(package for package in self.packages if package.is_stale)
 
     @property
     def is_current(self) -> bool:
-        """Whether the overlay is what a build would make of it."""
+        """Whether a build would not change the overlay."""
         return not self.stale and not self.removed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conflict:
-    """Two packages of one name whose definitions differ; the first is used."""
+    """Two packages with the same name but different definitions; the first is used."""
 
     name: str
     used: Path
     other: Path
 
     def __str__(self) -> str:
-        return f"two packages are called {self.name}: {self.used} and {self.other}"
+        return f"two packages are named {self.name}: {self.used} and {self.other}"
 
 
 def find_message_packages(
@@ -126,11 +126,11 @@ def find_message_packages(
 ) -> tuple[tuple[InterfacePackage, ...], tuple[Conflict, ...]]:
     """The packages of a workspace with a definition in msg/, srv/ or action/, in build order.
 
-    Of two packages of one name the first counts, as for executables.
+    If two packages have the same name, the first is used, as for executables.
 
     Raises:
         PackageError: a manifest cannot be read.
-        DependencyError: packages need one another in a circle.
+        DependencyError: packages depend on each other in a cycle.
     """
     found: dict[str, InterfacePackage] = {}
     conflicts: list[Conflict] = []
@@ -146,9 +146,9 @@ def find_message_packages(
 
 
 def needed_packages(plan: Plan, packages: PackageIndex) -> frozenset[str]:
-    """The packages that a stack uses: of its nodes, of its messages, and all that these name.
+    """The packages that a stack uses: those of its nodes and messages, and their dependencies.
 
-    A package names another one in its manifest, or by an import of its messages.
+    A dependency is declared in the manifest, or implied by an import of messages.
     """
     ends = (end for node in plan.nodes for end in (*node.publishes, *node.subscribes))
     todo = [end.msg_type.partition("/")[0] for end in ends if end.msg_type]
@@ -165,7 +165,7 @@ def needed_packages(plan: Plan, packages: PackageIndex) -> frozenset[str]:
 
 
 def _named_in(source: Path) -> Iterator[str]:
-    """The packages that a manifest, a CMakeLists.txt and the Python code of a package name."""
+    """The packages mentioned in a package's manifest, CMakeLists.txt and Python code."""
     for file in (source / "package.xml", source / "CMakeLists.txt"):
         if file.is_file():
             yield from _WORD.findall(file.read_text(encoding="utf-8", errors="replace"))
@@ -175,10 +175,10 @@ def _named_in(source: Path) -> Iterator[str]:
 
 
 def refuse_conflicts(survey: Survey, names: Collection[str]) -> None:
-    """Reject two packages of one name if these packages, or what they depend on, need it.
+    """Reject duplicate packages if these packages, or their dependencies, include them.
 
     Raises:
-        PackageError: with the first such conflict.
+        PackageError: for the first such conflict.
     """
     needed = set(names)
     for one in reversed(survey.packages):
@@ -190,12 +190,12 @@ def refuse_conflicts(survey: Survey, names: Collection[str]) -> None:
 
 
 def survey_workspace(workspace: Path, underlays: Sequence[Path]) -> Survey:
-    """Compare the packages of a workspace with what its overlay was made from.
+    """Compare the packages of a workspace with those from which its overlay was built.
 
     Raises:
         PackageError: a manifest cannot be read.
-        DependencyError: packages need one another in a circle.
-        BuildToolError: there are packages, and no ROS 2 to build them against.
+        DependencyError: packages depend on each other in a cycle.
+        BuildToolError: there are packages, but no ROS 2 to build them against.
     """
     packages, conflicts = find_message_packages(workspace)
     record = read_record(workspace)
@@ -236,7 +236,7 @@ def _survey(
 
 
 def _has_same(package: InterfacePackage, folder: Path, files: set[str]) -> bool:
-    """Whether a folder has these definitions of a package, and the package no others."""
+    """Whether a folder has exactly these definitions of a package."""
     own = {interface.file for interface in package.interfaces}
     return own == files and all(
         (package.root / file).read_bytes() == (folder / file).read_bytes() for file in own
@@ -251,20 +251,20 @@ def _definitions(share: Path) -> Iterable[str]:
 def choose(
     survey: Survey, names: Collection[str], *, present: Collection[str]
 ) -> list[SurveyedPackage]:
-    """The packages that a build takes, in build order; without names, all.
+    """The packages to build, in build order; all of them if no names are given.
 
-    With names: those, what they need, and of those that are `present` in the overlay the ones that
-    use them: a message must not stay compiled against an older one that is in it.
+    With names: those packages, their dependencies, and packages `present` in the overlay that
+    depend on them, because these must not stay compiled against an older version.
 
     Raises:
-        MisuseError: the workspace has no message package of a name.
+        MisuseError: the workspace has no message package with a given name.
     """
     known = {one.name: one for one in survey.packages}
     for name in names:
         if name not in known:
             raise MisuseError(
-                f"no message package is called `{name}` in {survey.workspace}",
-                help=did_you_mean(name, known) or "`obk new msgs my_msgs` makes one",
+                f"no message package is named `{name}` in {survey.workspace}",
+                help=did_you_mean(name, known) or "create one with `obk new msgs my_msgs`",
             )
     chosen = set(names or known)
     for one in reversed(survey.packages):
@@ -277,16 +277,15 @@ def choose(
 
 
 def colcon_command(colcon: str, packages: Sequence[str], *, jobs: int | None) -> tuple[str, ...]:
-    """The arguments that have colcon build these packages of the folder it is started in."""
+    """The command that builds these packages of the current folder with colcon."""
     workers = ("--parallel-workers", str(jobs)) if jobs is not None else ()
     return (colcon, "build", *workers, "--packages-select", *packages)
 
 
 def find_colcon(environment: Mapping[str, str]) -> Path | None:
-    """The program, None where it is not installed or no ROS 2 is sourced that nodes would use.
+    """The colcon program; None if it is not installed, or nodes would use no sourced ROS 2.
 
-    In an environment with the ROS wheels a sourced ROS 2 is kept out, and not on
-    AMENT_PREFIX_PATH.
+    In an environment with ROS wheels, a sourced ROS 2 is ignored and not on AMENT_PREFIX_PATH.
     """
     program = shutil.which("colcon", path=environment.get("PATH"))
     own = Path(sys.prefix)
@@ -298,10 +297,10 @@ def find_colcon(environment: Mapping[str, str]) -> Path | None:
 
 
 def run_colcon(arguments: Sequence[str], workspace: Path, environment: Mapping[str, str]) -> None:
-    """Run colcon in a workspace to its end; its output goes to stderr.
+    """Run colcon in a workspace until it ends; its output goes to stderr.
 
     Raises:
-        CommandFailedError: it failed.
+        CommandFailedError: colcon failed.
     """
     try:
         done = subprocess.run(
@@ -312,26 +311,26 @@ def run_colcon(arguments: Sequence[str], workspace: Path, environment: Mapping[s
     if done.returncode:
         raise CommandFailedError(
             f"`{' '.join(arguments)}` failed with exit code {done.returncode}",
-            help="colcon's own words are above, and in the folder log/ of the workspace",
+            help="see colcon's output above, or in the folder log/ of the workspace",
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildOptions:
-    """How a workspace is built."""
+    """The options of a build."""
 
     environment: Mapping[str, str]
-    """Its AMENT_PREFIX_PATH lists what is below the overlay; colcon is found on its PATH."""
+    """AMENT_PREFIX_PATH lists the underlays; colcon is searched on PATH."""
     names: tuple[str, ...] = ()
-    """Packages to build; none: all."""
+    """Packages to build; empty: all."""
     is_clean: bool = False
-    """Whether what was compiled before is thrown away."""
+    """Whether previous build results are removed."""
     jobs: int | None = None
-    """Compilers at once; None: as many as there are processors."""
+    """Number of parallel compilers; None: the number of processors."""
     only_messages: bool = False
-    """Whether colcon is to leave out packages without messages."""
+    """Whether colcon skips packages without messages."""
     needed: frozenset[str] | None = None
-    """The packages that a stack uses; None: each of the workspace may be used."""
+    """The packages that a stack uses; None: any package of the workspace may be used."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -340,31 +339,31 @@ class BuildCallbacks:
 
     on_progress: Callable[[Progress], None] = lambda _: None
     on_note: Callable[[str], None] = lambda _: None
-    """Sentences: who is waited for, what colcon is asked."""
+    """Receives notes, such as waiting for another build, or the command of colcon."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildResult:
-    """What a build has done; names in build order."""
+    """The result of a build; names are in build order."""
 
     workspace: Path
     overlay: Path
     builder: Builder
     prefixes: tuple[Path, ...]
-    """Where the packages are now, to be put before every other prefix."""
+    """Where the packages are now; these prefixes go before all others."""
     built: tuple[str, ...]
     unchanged: tuple[str, ...]
     installed: tuple[str, ...]
-    """Packages that a prefix below has with the same definitions."""
+    """Packages with the same definitions in an underlay."""
     removed: tuple[str, ...]
     duration_s: float = field(compare=False)
 
 
 def survey_of(workspace: Path, environment: Mapping[str, str]) -> Survey:
-    """What a build in this environment would find to do.
+    """The survey for a build in this environment.
 
     Raises:
-        obk_interfaces.InterfaceError: a package cannot be read, or there is no ROS 2.
+        obk_interfaces.InterfaceError: a package cannot be read, or ROS 2 is missing.
     """
     own = (overlay_folder(workspace), *overlay_prefixes((workspace,)))
     return survey_workspace(workspace, underlays_of(environment, own))
@@ -373,15 +372,15 @@ def survey_of(workspace: Path, environment: Mapping[str, str]) -> Survey:
 def build_workspace(
     workspace: Path, options: BuildOptions, callbacks: BuildCallbacks | None = None
 ) -> BuildResult:
-    """Build the message packages of a workspace, those only that have changed.
+    """Build the message packages of a workspace that have changed.
 
-    Of two builds at once the second one waits.
+    If two builds run at once, the second waits.
 
     Raises:
-        MisuseError: a name is no message package of the workspace.
+        MisuseError: a name does not match a message package of the workspace.
         CommandFailedError: colcon failed, the workspace cannot be written, or another build of it
             does not end.
-        obk_interfaces.InterfaceError: a definition is wrong, or the compiler failed.
+        obk_interfaces.InterfaceError: a definition is invalid, or the compiler failed.
     """
     started = monotonic_s()
     reported = callbacks or BuildCallbacks()
@@ -391,7 +390,7 @@ def build_workspace(
     if _has_nothing_to_do(survey, options, colcon):
         return _outcome(survey, (), started)
     with build_lock(workspace, reported.on_note):
-        # Another build may have done it meanwhile.
+        # Another build may have finished in the meantime.
         survey = survey_of(workspace, options.environment)
         chosen = _check(survey, options)
         if colcon is not None:
@@ -410,7 +409,7 @@ def _check(survey: Survey, options: BuildOptions) -> list[SurveyedPackage]:
 
 def _has_nothing_to_do(survey: Survey, options: BuildOptions, colcon: Path | None) -> bool:
     if colcon is not None and not options.only_messages:
-        return False  # what it builds besides only colcon knows
+        return False  # only colcon knows what else it builds
     return survey.is_current and not options.is_clean
 
 
@@ -477,7 +476,7 @@ def _by_colcon(
             rmtree(workspace / "install" / name, ignore_errors=True)
     if names:
         command = colcon_command(str(colcon), names, jobs=options.jobs)
-        callbacks.on_note(f"a ROS 2 is sourced: {' '.join(command)}")
+        callbacks.on_note(f"building with the sourced ROS 2: {' '.join(command)}")
         run_colcon(command, workspace, options.environment)
     stage = new_overlay(workspace, with_current=False)
     prefixes = _colcon_prefixes(workspace, [one.name for one in chosen])
@@ -486,7 +485,7 @@ def _by_colcon(
 
 
 def _colcon_prefixes(workspace: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Where colcon has installed packages: one prefix for all, or one for each."""
+    """The prefixes in which colcon has installed packages: one for all, or one for each."""
     install = workspace / "install"
     merged = [install] if (install / "share").is_dir() else []
     alone = [install / name for name in names if (install / name / "share").is_dir()]
@@ -496,7 +495,7 @@ def _colcon_prefixes(workspace: Path, names: Sequence[str]) -> tuple[str, ...]:
 def _record(
     survey: Survey, chosen: Sequence[SurveyedPackage], builder: Builder, prefixes: tuple[str, ...]
 ) -> OverlayRecord:
-    """The record of the new overlay; packages that stay keep their entry of the old one."""
+    """The record of the new overlay; unchanged packages keep their entry of the old one."""
     before = read_record(survey.workspace)
     packages = dict(before.packages) if before and before.builder == builder else {}
     known = {one.name for one in survey.packages}

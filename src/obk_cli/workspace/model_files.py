@@ -1,7 +1,7 @@
-"""Collect the files of a robot's model, so that a workspace has a copy that stands alone.
+"""Collect the files of a robot's model, so that a workspace has a self-contained copy.
 
-In: an MJCF or URDF file. Out: files in memory, by their paths in the model's folder of the
-workspace. The copy, with what the model lacks, is read once more before it is handed on.
+Reads an MJCF or URDF file and returns files in memory, with their paths in the workspace's model
+folder. The copy is completed and read again before it is returned.
 """
 
 import os
@@ -29,31 +29,31 @@ from obk_cli.workspace.package_index import PackageIndex
 __all__ = ["ModelCopy", "copy_model"]
 
 _FOLDER = PurePosixPath("model")
-"""Of the workspace."""
+"""Folder of the workspace."""
 _ASSETS = "assets"
-"""The folder of the meshes of a URDF, below the model's."""
+"""Folder for the meshes of a URDF, within the model's folder."""
 _USUAL_PERIOD_S = 0.002
 _XACRO = "ros.org/wiki/xacro"
-"""In the namespace of xacro's elements."""
+"""Part of the namespace of xacro elements."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelCopy:
-    """A model in a workspace."""
+    """A copied model in a workspace."""
 
     robot: RobotModel
     files: tuple[RenderedFile, ...]
 
 
 def copy_model(path: Path, stack: str) -> ModelCopy:
-    """Copy a model with its files, add the sensors that it lacks, and find a law that holds it.
+    """Copy a model with its files, add missing sensors, and find a law that holds its pose.
 
     Args:
         path: an MJCF or URDF file.
-        stack: its name; that of the file with what the model lacks.
+        stack: name of the stack, and of the file with the added elements.
 
     Raises:
-        CommandFailedError: the file is no model, or one that cannot be simulated or copied.
+        CommandFailedError: the file is not a model, or cannot be simulated or copied.
     """
     require_extra("mujoco", "sim")
     root = _parsed(path)
@@ -89,7 +89,7 @@ def copy_model(path: Path, stack: str) -> ModelCopy:
 
 
 def _parsed(path: Path) -> ElementTree.Element | None:
-    """The XML, None where MuJoCo is to name what is wrong with it."""
+    """The XML tree; None if MuJoCo should report what is wrong with it."""
     try:
         return ElementTree.fromstring(path.read_bytes())
     except OSError as fault:
@@ -101,7 +101,7 @@ def _parsed(path: Path) -> ElementTree.Element | None:
 def _refuse_xacro(path: Path, root: ElementTree.Element | None) -> None:
     if root is not None and any(_XACRO in element.tag for element in root.iter()):
         raise CommandFailedError(
-            f"{path} is a xacro file, from which a URDF is made first",
+            f"{path} is a xacro file; convert it to URDF first",
             help=f"xacro {shlex.quote(str(path))} > {path.name.partition('.')[0]}.urdf",
         )
 
@@ -131,7 +131,7 @@ def _help_for(message: str, path: Path) -> str | None:
     root = _parsed(path)
     if root is not None and root.tag in ("mujoco", "robot"):
         return None
-    return "an MJCF file (`<mujoco>`) or a URDF file (`<robot>`) was expected"
+    return "expected an MJCF file (`<mujoco>`) or a URDF file (`<robot>`)"
 
 
 def _require_files(missing: Sequence[str], shown: str, where: str) -> None:
@@ -141,7 +141,7 @@ def _require_files(missing: Sequence[str], shown: str, where: str) -> None:
     raise CommandFailedError(
         f"{shown}: {'a file' if is_one else f'{len(missing)} files'} of the model "
         f"{'is' if is_one else 'are'} missing: {list_names(missing, most=3)}",
-        help=f"they were looked for {where}; meshes of a clone may need `git lfs pull`",
+        help=f"searched {where}; meshes in a git clone may need `git lfs pull`",
     )
 
 
@@ -149,12 +149,12 @@ Files = Mapping[PurePosixPath, bytes]
 
 
 def _from_mjcf(path: Path) -> tuple[Files, PurePosixPath]:
-    """The model's files as they are, from the folder around all of them, and the main one."""
+    """The model's files unchanged, relative to their common folder, and the main file."""
     for relative, _ in _read(path, shown=str(path)).referenced_files:
         if Path(relative).is_absolute():
             raise CommandFailedError(
-                f"{path}: the model names the file {relative} by its absolute path",
-                help="write it relative to the model's file, so that the copy finds its own",
+                f"{path}: the model refers to the file {relative} by its absolute path",
+                help="make the path relative to the model's file, so that the copy works too",
             )
     places = {place.absolute() for file in mjcf_files(path) for place in (file, *_assets(file))}
     normal = {Path(os.path.normpath(place)) for place in places}
@@ -167,19 +167,19 @@ def _from_mjcf(path: Path) -> tuple[Files, PurePosixPath]:
 
 
 def _assets(model: Path) -> Iterator[Path]:
-    """The files that a model names and that are there; one that is attached has its own folder."""
+    """The existing files of a model; those of an attached model have their own folder."""
     read = read_model_bounded(model)
     for names in read.referenced_files if isinstance(read, ModelRead) else ():
         yield from (place for name in names if (place := model.parent / name).is_file())
 
 
 def _from_urdf(path: Path, root: ElementTree.Element, folder: Path) -> tuple[Files, PurePosixPath]:
-    """A URDF as MJCF, which has a place for actuators and sensors, and its meshes.
+    """Convert a URDF to MJCF, which supports actuators and sensors, with its meshes.
 
     Args:
-        path: of the URDF.
-        root: its content, which is changed.
-        folder: where it is written with its meshes; MuJoCo reads it there.
+        path: the URDF.
+        root: its XML tree, which is modified.
+        folder: where to write it with its meshes for MuJoCo.
     """
     compiler = root.find("mujoco/compiler")
     if compiler is None:
@@ -218,7 +218,7 @@ def _missing(path: Path) -> tuple[str, ...]:
 
 
 def _copy_names(meshes: Iterable[str]) -> dict[str, str]:
-    """A mesh as the URDF names it -> its name in one folder, where meshes of packages meet."""
+    """Mesh name in the URDF -> its name in the folder shared by meshes of all packages."""
     copies: dict[str, str] = {}
     for name in meshes:
         stem, suffix = Path(name).stem, Path(name).suffix
@@ -234,7 +234,7 @@ def _packages_around(path: Path) -> PackageIndex:
 
 
 def _mesh_file(name: str, path: Path, folder: str, packages: PackageIndex) -> Path | None:
-    """The file of a URDF's mesh: in the package that it names, or from the URDF's folder."""
+    """The file of a URDF's mesh: in the package that it names, or relative to the URDF's folder."""
     scheme, _, rest = name.rpartition("://")
     if scheme == "package":
         package, _, rest = rest.partition("/")
@@ -247,7 +247,7 @@ def _mesh_file(name: str, path: Path, folder: str, packages: PackageIndex) -> Pa
 
 
 def _is_package(folder: Path, name: str) -> bool:
-    """Whether it is the folder of a ROS package of that name."""
+    """Whether it is the folder of a ROS package with this name."""
     if folder.name == name:
         return True
     manifest = folder / "package.xml"
@@ -263,7 +263,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _free_name(stack: str, main: PurePosixPath, files: Iterable[PurePosixPath]) -> PurePosixPath:
-    """Beside the model's file, from where MuJoCo looks for assets."""
+    """A free name beside the model's file, relative to which MuJoCo looks for assets."""
     taken = set(files)
     names = (main.with_name(f"{stack}{suffix}.xml") for suffix in ("", "_model", "_robot"))
     return next(name for name in names if name not in taken)
@@ -277,6 +277,6 @@ def _write(folder: Path, files: Files) -> None:
 
 
 def _period(facts: ModelFacts) -> float:
-    """About 2 ms, in whole steps of the simulation [s]."""
+    """About 2 ms, as a whole number of simulation steps [s]."""
     steps = max(1, round(_USUAL_PERIOD_S / facts.timestep))
     return float(f"{steps * facts.timestep:.6g}")

@@ -1,12 +1,11 @@
-"""The facts of a MuJoCo model, read by MjSpec: meshes may be missing, and if none is, it compiles.
+"""Read the facts of a MuJoCo model with MjSpec. Meshes may be missing; otherwise it is compiled.
 
-A path in; facts, or why there are none. MuJoCo is imported when the first model is read, and its
-errors end here.
+Returns the facts, or why they cannot be read. MuJoCo is imported for the first model, and its
+errors are converted here.
 
-Loading MuJoCo takes longer than everything else that a check does, so the facts of a model that did
-not change are kept in the user's cache folder. An entry is JSON under a hash of MuJoCo's version
-and of the content of every file of the model; one that cannot be read or written counts as not
-there.
+Loading MuJoCo takes longer than the rest of a check, so the facts of unchanged models are kept in
+the user's cache folder. An entry is JSON, named after a hash of MuJoCo's version and the content of
+all files of the model. An entry that cannot be read or written counts as missing.
 """
 
 import contextlib
@@ -47,7 +46,7 @@ _SENSOR_SECTION = "sensor"
 _FORMAT = 5
 _MOST_ENTRIES = 256
 _OTHER_FILES = (b"<attach", b"<model", b"<robot")
-"""What may bring further files along; such models are always read."""
+"""Elements that may refer to further files; such models are always read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +54,7 @@ class MjcfElement:
     """One named element; line and column of its `<`, from 1."""
 
     kind: str
-    """`sensor` for every sensor type, else the tag."""
+    """`sensor` for every sensor type, otherwise the tag."""
     name: str
     path: Path
     line: int
@@ -63,7 +62,7 @@ class MjcfElement:
 
 
 def mjcf_elements(path: Path) -> Iterator[MjcfElement]:
-    """The named elements and the options of a model, in the order of its files.
+    """The named elements and options of a model, in the order of its files.
 
     A file that is missing or not XML is skipped without a finding: loading the model reports it.
     """
@@ -72,13 +71,13 @@ def mjcf_elements(path: Path) -> Iterator[MjcfElement]:
 
 
 def mjcf_files(path: Path) -> Iterator[Path]:
-    """The files of a model: its own, those that it includes or attaches; missing ones too."""
+    """The files of a model: its own, and those that it includes or attaches, even missing ones."""
     for scan in _scans(path, lambda scan: [*scan.includes, *scan.attached]):
         yield scan.path
 
 
 def _scans(path: Path, named: Callable[["_Scan"], list[Path]]) -> Iterator["_Scan"]:
-    """A model's files, each once, however often and by whatever way it is named."""
+    """A model's files, each once, however often it is referred to."""
     waiting = [path]
     seen: set[str] = set()
     while waiting:
@@ -92,22 +91,22 @@ def _scans(path: Path, named: Callable[["_Scan"], list[Path]]) -> Iterator["_Sca
 
 
 class _Scan:
-    """One file's walk, up to its end or its first fault."""
+    """Scans one file, up to its end or its first fault."""
 
     def __init__(self, path: Path, folder: Path) -> None:
         self.path = path
         self.found: list[MjcfElement] = []
         self.includes: list[Path] = []
         self.attached: list[Path] = []
-        """Whole models that this one takes parts of."""
+        """Other models of which this one uses parts."""
         self._folder = folder
         self._open: list[str] = []
-        # As MuJoCo reads it, whatever encoding the file declares.
+        # Like MuJoCo, ignore the encoding that the file declares.
         self._parser = expat.ParserCreate("utf-8")
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = lambda _: self._open.pop()
         with contextlib.suppress(OSError, expat.ExpatError):
-            if path.is_file():  # a pipe or a device might never end
+            if path.is_file():  # reading a pipe or a device might never return
                 self._parser.Parse(path.read_bytes(), True)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -141,10 +140,10 @@ def has_mujoco() -> bool:
 
 
 def read_model(path: Path) -> ModelRead | ModelFault:
-    """The facts of a model file.
+    """Read the facts of a model file.
 
     Raises:
-        ImportError: MuJoCo is not installed; ask `has_mujoco` first.
+        ImportError: MuJoCo is not installed; check `has_mujoco` first.
     """
     mujoco = import_mujoco()
     try:
@@ -157,7 +156,7 @@ def read_model(path: Path) -> ModelRead | ModelFault:
     if missing and _has_odd_file(referenced, path):
         return ModelRead(facts=facts, referenced_files=referenced, missing_files=missing)
     fault = _compile_fault(spec)
-    # A file of an attached model is in that one's folder: if the model compiles, none is missing.
+    # A file of an attached model is in that model's folder: if the model compiles, none is missing.
     is_without = bool(missing) and fault is not None
     return ModelRead(
         facts=facts,
@@ -176,7 +175,7 @@ def _has_odd_file(referenced: Iterable[tuple[str, str]], path: Path) -> bool:
 
 
 def _compile_fault(spec: Any) -> ModelFault | None:
-    """What is wrong with a model that could be read: only now the names in it are looked up."""
+    """Why a readable model cannot be compiled; only compiling looks up the names in it."""
     try:
         spec.compile()
     except (ValueError, import_mujoco().FatalError) as error:
@@ -185,7 +184,7 @@ def _compile_fault(spec: Any) -> ModelFault | None:
 
 
 def import_mujoco() -> Any:
-    """MuJoCo without its window system, whose search for libraries takes longer than the model."""
+    """Import MuJoCo without its window system, which searches slowly for libraries."""
     chosen = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = "disable"
     try:
@@ -199,7 +198,7 @@ def import_mujoco() -> Any:
 
 def _fault(error: Exception) -> ModelFault:
     # MuJoCo quotes names byte by byte. If they are not UTF-8, its message becomes this exception,
-    # or is lost, depending on the version of Python.
+    # or is lost, depending on the Python version.
     if isinstance(error, UnicodeDecodeError):
         text = error.object.decode(errors="replace")
     else:
@@ -213,13 +212,13 @@ def _fault(error: Exception) -> ModelFault:
 
 
 def _referenced_files(spec: Any, path: Path) -> tuple[tuple[str, str], ...]:
-    """Meshes, height fields, skins and textures: under their folder, and as written."""
+    """Meshes, height fields, skins and textures: path below their folder, and as written."""
     compiler = spec.compiler
     shapes = (element.file for element in (*spec.meshes, *spec.hfields, *spec.skins))
     images = (file for texture in spec.textures for file in (texture.file, *texture.cubefiles))
     named = ((compiler.meshdir, shapes), (compiler.texturedir, images))
     referenced = ((folder, file) for folder, files in named for file in files if file)
-    # A file of an included model comes with its folder in front, its `meshdir` not yet applied.
+    # A file of an included model is prefixed with its folder, but its `meshdir` is not applied yet.
     return tuple(
         (
             str(Path(folder) / os.path.relpath(file, path.parent))
@@ -232,14 +231,14 @@ def _referenced_files(spec: Any, path: Path) -> tuple[tuple[str, str], ...]:
 
 
 def missing_files(referenced: Iterable[tuple[str, str]], path: Path) -> tuple[str, ...]:
-    """The files that are in neither place, of those that the model at `path` wants."""
+    """The files in neither place, of those to which the model at `path` refers."""
     folder = path.parent
     return tuple(
         dict.fromkeys(
             relative
             for relative, written in referenced
-            # `Path.is_file` raises at a name that no file can have, and in a closed folder. A pipe
-            # is no file: MuJoCo would wait for it.
+            # `Path.is_file` raises for invalid names and in unreadable folders. A pipe is not a
+            # file, because MuJoCo would wait for it.
             if not os.path.isfile(folder / written)  # noqa: PTH113
             and not os.path.isfile(folder / relative)  # noqa: PTH113
         )
@@ -248,23 +247,23 @@ def missing_files(referenced: Iterable[tuple[str, str]], path: Path) -> tuple[st
 
 _CPU_S: Final = 60
 _DEADLINE_S: Final = 300
-"""For the process as a whole [s]: on a busy machine it waits for its turn to compute."""
+"""Limit for the process [s]; on a busy machine it may wait for processor time."""
 _MEMORY_BYTES: Final = 4 * 1024**3
 
 
 def read_model_bounded(path: Path) -> ModelRead | ModelFault:
-    """As `read_model`, whatever the file makes of the process that reads it.
+    """Like `read_model`, but safe against files that hang or crash the process.
 
     Raises:
-        ImportError: MuJoCo is not installed; ask `has_mujoco` first.
+        ImportError: MuJoCo is not installed; check `has_mujoco` first.
     """
     odd = next(filter(_is_odd, mjcf_files(path)), None)
     if odd is not None:
-        return ModelFault(message=f"`{odd}` is no ordinary file")
+        return ModelFault(message=f"`{odd}` is not a regular file")
     import_mujoco()
     here, there = os.pipe()
     with warnings.catch_warnings():
-        # Threads of this process are no harm to a child that touches nothing of theirs.
+        # Threads of this process do not affect a child that touches nothing of theirs.
         warnings.simplefilter("ignore", DeprecationWarning)
         pid = os.fork()
     if pid == 0:
@@ -277,13 +276,13 @@ def read_model_bounded(path: Path) -> ModelRead | ModelFault:
 
 
 def _is_odd(path: Path) -> bool:
-    """Whether it exists and is no regular file: MuJoCo would wait for a pipe."""
-    # The methods of `Path` raise for a name that no file can have.
+    """Whether it exists and is not a regular file: MuJoCo would wait for a pipe."""
+    # The methods of `Path` raise for invalid names.
     return os.path.exists(path) and not os.path.isfile(path)  # noqa: PTH110, PTH113
 
 
 def _read_answer(output: bytes) -> ModelRead | ModelFault | None:
-    import msgspec  # only here: a model that is in the cache needs no process
+    import msgspec  # only here: a cached model needs no process
 
     try:
         data = json.loads(output)
@@ -295,15 +294,15 @@ def _read_answer(output: bytes) -> ModelRead | ModelFault | None:
 
 def _end_of(exit_code: int) -> str:
     if exit_code == -signal.SIGXCPU:
-        return f"MuJoCo wants more than {_CPU_S} s of computing to read it"
+        return f"MuJoCo needs more than {_CPU_S} s of CPU time to read it"
     if exit_code == -signal.SIGALRM:
-        return f"MuJoCo has not read it within {_DEADLINE_S} s"
+        return f"MuJoCo did not read it within {_DEADLINE_S} s"
     how = signal.Signals(-exit_code).name if exit_code < 0 else f"exit code {exit_code}"
-    return f"MuJoCo crashed while it read it ({how})"
+    return f"MuJoCo crashed while reading it ({how})"
 
 
 def _answer(path: Path, pipe: int) -> NoReturn:
-    """In the child: read, answer, end, and leave alone what belongs to the parent."""
+    """In the child: read, answer and exit, without touching the parent's resources."""
     try:
         faulthandler.disable()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
@@ -317,7 +316,7 @@ def _answer(path: Path, pipe: int) -> NoReturn:
         nowhere = os.open(os.devnull, os.O_RDWR)
         for output in (1, 2):
             os.dup2(nowhere, output)
-        # MuJoCo would write its warnings into a file in the working directory.
+        # By default, MuJoCo writes warnings to a file in the working directory.
         import_mujoco().set_mju_user_warning(_drop)
         with os.fdopen(pipe, "w", encoding="utf-8") as answer:
             json.dump(asdict(read_model(path)), answer)
@@ -327,11 +326,11 @@ def _answer(path: Path, pipe: int) -> NoReturn:
 
 
 def _drop(_text: str) -> None:
-    """Takes a warning of MuJoCo's and does nothing."""
+    """Ignore a warning of MuJoCo."""
 
 
 def cache_folder(environment: Mapping[str, str]) -> Path | None:
-    """Where entries are kept, None where the user has no place for them."""
+    """The folder for cache entries; None if the user has none."""
     home = environment.get("HOME", "")
     given = environment.get("XDG_CACHE_HOME", "")
     if not given and not (home and Path(home).is_dir()):
@@ -340,7 +339,7 @@ def cache_folder(environment: Mapping[str, str]) -> Path | None:
 
 
 def read_model_once(path: Path, folder: Path | None) -> ModelRead | ModelFault:
-    """The facts of a model; `folder` is the cache, None for none.
+    """Read the facts of a model, using the cache in `folder`; None for no cache.
 
     Raises:
         ImportError: MuJoCo is not installed.
@@ -362,11 +361,11 @@ def read_model_once(path: Path, folder: Path | None) -> ModelRead | ModelFault:
 
 
 def _key(path: Path) -> str | None:
-    """The hash of all that the facts come from, None where that is not known."""
+    """The hash of everything that determines the facts; None if unknown."""
     digests = []
     try:
         for file in mjcf_files(path):
-            if not file.is_file():  # a pipe or a device might never end
+            if not file.is_file():  # reading a pipe or a device might never return
                 return None
             data = file.read_bytes()
             if any(mark in data for mark in _OTHER_FILES):
@@ -381,7 +380,7 @@ def _key(path: Path) -> str | None:
 
 
 def _read_entry(entry: Path) -> tuple[ModelFacts, tuple[tuple[str, str], ...], bool] | None:
-    """Facts, referenced files, and whether all of those were there and the model compiled."""
+    """Facts, referenced files, and whether all files existed and the model compiled."""
     try:
         held = json.loads(entry.read_text(encoding="utf-8"))
         facts = held["facts"]

@@ -1,4 +1,4 @@
-"""The Python source behind an executable, found by path: read, never imported or run."""
+"""Find the Python source of an executable by path; it is read, never imported or run."""
 
 import io
 import re
@@ -30,8 +30,8 @@ _LONGEST_SCRIPT_BYTES = 1_000_000
 class NodeSources:
     """Finds and reads the source of nodes.
 
-    `shown` gives the path to show; `note` gets every file that is looked for,
-    before it is read.
+    `shown` returns the path to show; `note` receives every file that is searched for, before it is
+    read.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class NodeSources:
         self._folders: dict[tuple[str, tuple[Path, ...]], tuple[Path, ...]] = {}
 
     def read(self, command: Command) -> NodeCode | None:
-        """What the source of a command defines, None if it is not Python or not found."""
+        """What the source of a command defines; None if it is not Python or not found."""
         if command.module is not None:
             return self._read_module(command.module, command.function, command.python_path)
         program = Path(command.arguments[0])
@@ -68,10 +68,10 @@ class NodeSources:
         return self._read_module(runs[1], None, ()) if runs else None
 
     def hazards(self, command: Command) -> tuple[Diagnostic, ...]:
-        """What in the source of a command may differ between two lock-step runs."""
+        """Code of a command that may differ between two lock-step runs."""
         if command.module is None:
             return ()
-        # Only `obk validate --for-test` and lock-step runs ask.
+        # Only `obk validate --for-test` and lock-step runs need them.
         from obk_cli.source_analysis.hazards import find_hazards
 
         path, installed = command.python_path, (command.module.partition(".")[0],)
@@ -87,7 +87,7 @@ class NodeSources:
         installed = (module.partition(".")[0],)
         module = self._entry_module(module, function, path)
         if path and self._find(module, path, installed) is None:
-            # A package that is laid out in a way of its own is not looked for further.
+            # A package with an unusual layout is not searched any further.
             top = self._folders[module.partition(".")[0], path]
             return _no_module(module, top[0]) if top else None
         return read_node_code(
@@ -105,7 +105,7 @@ class NodeSources:
     def _import_places(
         self, path: tuple[Path, ...], installed: Iterable[str], *, runs_here: bool
     ) -> ImportPlaces:
-        """Where the imports of a node lead; `runs_here` if this Python runs it."""
+        """Where a node's imports are searched; `runs_here` if this Python runs it."""
         return ImportPlaces(
             may_exist=lambda name: self._may_exist(name, path, installed, runs_here=runs_here),
             siblings=lambda name: self._siblings(name, path, installed),
@@ -121,7 +121,7 @@ class NodeSources:
         )
 
     def _message_names(self, module: str) -> tuple[str, ...] | None:
-        """The messages of `<package>.msg`, None if the package's definitions are not found."""
+        """The messages of `<package>.msg`; None if the package's definitions are not found."""
         package, _, submodule = module.partition(".")
         replaced = package in OBELISK_MESSAGES and package in self._packages.source_packages
         if submodule != "msg" or replaced:  # OBK413 reports what a replaced package lacks
@@ -147,7 +147,7 @@ class NodeSources:
         return any(_may_hold(place, rest) for place in places)
 
     def _is_installed(self, top: str) -> bool:
-        """Whether this Python, or a ROS installation that is sourced, may have a package."""
+        """Whether this Python, or a sourced ROS installation, may have a package."""
         if top in sys.stdlib_module_names or top in self._packages.source_packages:
             return True
         in_prefix = (
@@ -162,7 +162,7 @@ class NodeSources:
     def _siblings(
         self, module: str, path: tuple[Path, ...], installed: Iterable[str]
     ) -> tuple[str, ...]:
-        """The modules of the package that a module would be in, or the workspace's packages."""
+        """The modules of the package that would contain a module, or the workspace's packages."""
         package, _, _ = module.rpartition(".")
         if not package:
             return tuple(self._packages.source_packages)
@@ -213,7 +213,7 @@ class NodeSources:
         return None
 
     def _tops(self, top: str, path: tuple[Path, ...], may_be_installed: bool) -> Iterable[Path]:
-        """Where a top-level package or module may stand, its suffix left off."""
+        """Possible locations of a top-level package or module, without suffix."""
         sources = self._packages.source_packages.values()
         for root in (*path, *(r for s in sources for r in (s, s / "src"))):
             if (root / top).is_dir() or (root / top).with_suffix(".py").is_file():
@@ -228,7 +228,7 @@ class NodeSources:
 
 
 def _spec_of(top: str) -> ModuleSpec | None:
-    """Where this Python finds a package; nothing of it is imported."""
+    """Where this Python finds a package, without importing it."""
     try:
         return find_spec(top)
     except (ImportError, ValueError, AttributeError):
@@ -236,7 +236,7 @@ def _spec_of(top: str) -> ModuleSpec | None:
 
 
 def _may_hold(package: Path, rest: str) -> bool:
-    """Whether a package has, or building may give it, a module that is no `.py` file."""
+    """Whether a package has, or may get when built, a module that is not a `.py` file."""
     stem = package.joinpath(*rest.split("."))
     if stem.is_dir() or not stem.parent.is_dir():
         return stem.is_dir()
@@ -247,13 +247,13 @@ def _may_hold(package: Path, rest: str) -> bool:
 
 def _no_module(module: str, top: Path) -> CodeFault:
     return CodeFault(
-        message=f"is not there, although the entry point names the module `{module}`",
+        message=f"does not exist, although the entry point names the module `{module}`",
         place=str(top.joinpath(*module.split(".")[1:]).with_suffix(".py")),
     )
 
 
 def _script_text(path: Path) -> str:
-    """The text of a program that starts with `#!`, empty for any other."""
+    """The text of a program that starts with `#!`; empty for any other."""
     try:
         with path.open("rb") as file:
             data = file.read(_LONGEST_SCRIPT_BYTES) if file.read(2) == b"#!" else b""
@@ -263,7 +263,7 @@ def _script_text(path: Path) -> str:
 
 
 def _python_text(path: Path) -> str | None:
-    """The text of a Python file in the encoding that it names, None if that cannot be read."""
+    """The text of a Python file in its declared encoding; None if it cannot be read."""
     try:
         data = path.read_bytes()
         encoding, _ = tokenize.detect_encoding(io.BytesIO(data).readline)

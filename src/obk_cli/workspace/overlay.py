@@ -1,7 +1,7 @@
 """Read, use and replace the overlay of compiled messages, `<workspace>/.obk/overlay`.
 
-The overlay is a link. A new one is built beside it from hard links, and then the link is moved, so
-that no process sees an incomplete overlay.
+The overlay is a symbolic link. A new one is built beside it from hard links, then the link is
+replaced, so that no process sees an incomplete overlay.
 """
 
 import fcntl
@@ -41,7 +41,7 @@ __all__ = [
 Builder = Literal["obk", "colcon"]
 
 FOLDER: Final = ".obk"
-"""Of a workspace; all that `obk build` makes is in it."""
+"""Folder in a workspace with everything that `obk build` creates."""
 RECORD: Final = "overlay.json"
 
 
@@ -50,9 +50,9 @@ class BuiltPackage:
     """One package of an overlay."""
 
     source: str
-    """Its folder, seen from the workspace."""
+    """Its folder, relative to the workspace."""
     digest: str
-    """Of everything that it was made from."""
+    """Digest of everything that it was built from."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,27 +64,27 @@ class OverlayRecord:
     ros: str
     """The ROS 2 that it was built against."""
     prefixes: tuple[str, ...]
-    """Where the packages are installed, `.` for the overlay itself."""
+    """Where the packages are installed; `.` is the overlay itself."""
     packages: Mapping[str, BuiltPackage]
 
 
 def overlay_folder(workspace: Path) -> Path:
-    """The overlay of a workspace, whether it is there or not."""
+    """The path of a workspace's overlay, which may not exist."""
     return workspace / FOLDER / "overlay"
 
 
 def build_folder(workspace: Path) -> Path:
-    """Where the packages are compiled; kept, so that unchanged ones need not be again."""
+    """The folder for build results; kept, so that unchanged packages are not rebuilt."""
     return workspace / FOLDER / "build"
 
 
 def read_record(workspace: Path) -> OverlayRecord | None:
-    """What is in the overlay, None if there is none that can be read, or another user's."""
+    """The record of the overlay; None if it is missing, unreadable or another user's."""
     if is_untrusted(workspace / FOLDER):
         return None
     try:
         record = json.loads((overlay_folder(workspace) / RECORD).read_bytes())
-        import msgspec  # only if there is an overlay, for the start-up time of `obk validate`
+        import msgspec  # only if there is an overlay, to keep `obk validate` fast
 
         return msgspec.convert(record, OverlayRecord)
     except (OSError, ValueError, RecursionError):
@@ -92,7 +92,7 @@ def read_record(workspace: Path) -> OverlayRecord | None:
 
 
 def overlay_prefixes(workspaces: Iterable[Path]) -> tuple[Path, ...]:
-    """The prefixes of the workspaces' overlays, the first workspace's first."""
+    """The prefixes of the workspaces' overlays, in the order of the workspaces."""
     found: list[Path] = []
     for workspace in workspaces:
         record = read_record(workspace)
@@ -104,12 +104,12 @@ def overlay_prefixes(workspaces: Iterable[Path]) -> tuple[Path, ...]:
 
 
 def with_overlays(variables: Mapping[str, str], overlays: Sequence[Path]) -> dict[str, str]:
-    """The variables of a process that is to find these prefixes first, the nearest one first."""
+    """The variables of a process that searches these prefixes first, the nearest one first."""
     before: dict[str, list[Path]] = {
         "AMENT_PREFIX_PATH": [*overlays],
         "LD_LIBRARY_PATH": [prefix / "lib" for prefix in overlays],
         "PYTHONPATH": [*_python_folders(overlays)],
-        # Read at the start of every Python of this environment, also where PYTHONPATH is not.
+        # Read at startup by every Python of this environment, even without PYTHONPATH.
         "OBK_OVERLAY_PATH": [*overlays],
     }
     merged = dict(variables)
@@ -121,7 +121,7 @@ def with_overlays(variables: Mapping[str, str], overlays: Sequence[Path]) -> dic
 
 
 def import_from(overlays: Sequence[Path]) -> None:
-    """Let this process import the packages of overlays; those it has imported stay."""
+    """Let this process import the packages of overlays; already imported ones are kept."""
     folders = [str(folder) for folder in _python_folders(overlays)]
     sys.path[:0] = [folder for folder in folders if folder not in sys.path]
 
@@ -137,7 +137,7 @@ def underlays_of(environment: Mapping[str, str], overlays: Iterable[Path]) -> tu
 def _python_folders(prefixes: Iterable[Path]) -> Iterable[Path]:
     version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
     for prefix in prefixes:
-        # The second one is where Debian's Python has colcon install.
+        # colcon installs into the second one with Debian's Python.
         places = (
             Path("lib", version, "site-packages"),
             Path("local/lib", version, "dist-packages"),
@@ -152,24 +152,24 @@ SETUP: Final = """\
 export OBK_OVERLAY_PATH="{overlay}${{OBK_OVERLAY_PATH:+:$OBK_OVERLAY_PATH}}"
 """
 TURN_S: Final = 900.0
-"""How long another build may take [s]."""
+"""Limit for another build [s]."""
 POLL_S: Final = 0.05
 
 
 def new_overlay(workspace: Path, *, with_current: bool) -> Path:
-    """A folder that is to become the overlay; `with_current`: with what the present one holds."""
+    """Create the folder of a new overlay; `with_current` links the content of the current one."""
     folder = Path(tempfile.mkdtemp(dir=workspace / FOLDER, prefix=STAGE))
     folder.chmod(0o755)
     now = overlay_folder(workspace)
     if with_current and now.is_dir():
-        # Links, as no file of a prefix is ever written in place.
+        # Hard links are safe, because no file of a prefix is ever written in place.
         shutil.copytree(now, folder, dirs_exist_ok=True, copy_function=os.link)
     return folder
 
 
 def replace_overlay(workspace: Path, folder: Path, record: OverlayRecord) -> None:
-    """Have a new folder be the overlay from now on, and remove the old one."""
-    (folder / RECORD).unlink(missing_ok=True)  # a link to the old one's
+    """Make a new folder the overlay, and remove the old one."""
+    (folder / RECORD).unlink(missing_ok=True)  # a hard link to the old one's
     data = {"about": ABOUT, "workspace": str(workspace), **asdict(record)}
     write_text(folder / RECORD, json.dumps(data, indent=1) + "\n")
     link = overlay_folder(workspace)
@@ -189,10 +189,10 @@ def _remove_others(workspace: Path, kept: Path) -> None:
 
 @contextmanager
 def build_lock(workspace: Path, on_wait: Callable[[str], None]) -> Iterator[None]:
-    """Hold the one right to build in a workspace; waits for another build to end.
+    """Hold the exclusive right to build in a workspace; waits for another build to end.
 
-    `on_wait` is called once with the build that is waited for. What an interrupted build left
-    behind is removed.
+    `on_wait` is called once with the build that it waits for. Leftovers of an interrupted build are
+    removed.
 
     Raises:
         CommandFailedError: the workspace cannot be written or has another user's overlay, or the
@@ -201,11 +201,11 @@ def build_lock(workspace: Path, on_wait: Callable[[str], None]) -> Iterator[None
     folder = workspace / FOLDER
     if is_untrusted(folder):
         raise CommandFailedError(
-            f"{folder} is another user's", help="keep the packages in a folder of your own"
+            f"{folder} belongs to another user", help="move the packages to a folder of your own"
         )
     try:
         folder.mkdir(exist_ok=True)
-        write_text(folder / ".gitignore", "# Made by `obk build`.\n*\n")
+        write_text(folder / ".gitignore", "# Created by `obk build`.\n*\n")
         file = (folder / "build.lock").open("a+")
     except OSError as error:
         raise CommandFailedError(
@@ -231,7 +231,7 @@ def _wait(descriptor: int, path: Path, on_wait: Callable[[str], None]) -> None:
         owner = path.read_text().strip()
         who = f"process {owner}" if owner else "another process"
         if not has_reported:
-            on_wait(f"{who} builds in this workspace; waiting for it")
+            on_wait(f"waiting for {who}, which is building in this workspace")
             has_reported = True
         if time.monotonic() > deadline:
             raise CommandFailedError(

@@ -43,15 +43,15 @@ _CMAKE_COMMENT: Final = re.compile(r"#.*")
 _CMAKE_PROJECT: Final = re.compile(r"\bproject\s*\(\s*\"?([\w.-]+)", re.IGNORECASE)
 _CMAKE_EXECUTABLE: Final = re.compile(r"\badd_executable\s*\(\s*\"?([\w.${}-]+)", re.IGNORECASE)
 _DEEPEST = 6
-"""Folders below a workspace in which a package may lie."""
+"""Maximum depth of a package below a workspace [folders]."""
 
 
 def find_workspace(start: Path) -> Path:
-    """The workspace around a folder: the nearest one up with a `src` folder or `.git`.
+    """The workspace that contains a folder: the nearest ancestor with a `src` folder or `.git`.
 
     Otherwise the nearest of the folder and the two above it that contains a package, otherwise the
-    folder itself. The search ends at the home folder and before folders that other users can fill,
-    such as `/tmp`, and folders of another user.
+    folder itself. The search stops at the home folder, and before folders that other users can
+    write to, such as `/tmp`, and folders of another user.
     """
     folder = start.resolve()
     chain = tuple(_folders_up(folder))
@@ -65,7 +65,7 @@ def find_workspace(start: Path) -> Path:
 
 
 def _folders_up(folder: Path) -> Iterator[Path]:
-    """A folder and those above it in which a workspace of its owner may begin."""
+    """A folder and its ancestors that may be a workspace of its owner."""
     owners = {os.geteuid(), _owner_and_mode(folder)[0]}
     home = Path(os.path.realpath(Path("~").expanduser()))
     yield folder
@@ -77,7 +77,7 @@ def _folders_up(folder: Path) -> Iterator[Path]:
 
 
 def _owner_and_mode(folder: Path) -> tuple[int, int]:
-    """The owner and the permissions of a folder; one that does not exist is this user's."""
+    """The owner and permissions of a folder; one that does not exist counts as this user's."""
     try:
         found = folder.stat()
     except OSError:
@@ -86,8 +86,8 @@ def _owner_and_mode(folder: Path) -> tuple[int, int]:
 
 
 def is_workspace(folder: Path) -> bool:
-    """Whether a folder is one by itself: with packages in `src`, or a checkout."""
-    # The `src` of a package holds its C++.
+    """Whether a folder itself is a workspace: with packages in `src`, or a checkout."""
+    # The `src` folder of a package contains its C++ code.
     has_packages = (folder / "src").is_dir() and not (folder / "package.xml").is_file()
     is_checkout = (folder / ".git").exists() and not is_untrusted(folder / ".git")
     return is_checkout or (has_packages and not is_untrusted(folder / "src"))
@@ -103,7 +103,7 @@ def _has_package_inside(folder: Path) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class PackageIndex:
-    """The packages that a stack can use; what was found once is remembered."""
+    """The packages that a stack can use; caches its results."""
 
     workspaces: tuple[Path, ...]
     prefixes: tuple[Path, ...]
@@ -132,7 +132,7 @@ class PackageIndex:
 
     @cached_property
     def left_out_packages(self) -> Mapping[str, Path]:
-        """Name -> folder of the packages in folders of the workspaces that are not searched."""
+        """Name -> folder of packages in folders of the workspaces that are not searched."""
         packages: dict[str, Path] = {}
         for workspace in self.workspaces:
             for unsearched in _unsearched_folders(workspace, 0):
@@ -141,12 +141,12 @@ class PackageIndex:
         return packages
 
     def message_names(self, package: str) -> tuple[str, ...] | None:
-        """The messages that a package defines, None if there is no such package."""
+        """The messages that a package defines; None if the package does not exist."""
         share = self.find_package_share(package)
         return None if share is None else tuple(f.stem for f in _listed(share / "msg", ".msg"))
 
     def message_definition(self, package: str, name: str) -> str | None:
-        """The text that defines a message, None if there is none that can be read."""
+        """The definition of a message; None if it does not exist or cannot be read."""
         share = self.find_package_share(package)
         if share is None:
             return None
@@ -157,7 +157,7 @@ class PackageIndex:
             return None
 
     def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
-        """The packages of the workspaces with the name of one of Obelisk's that lack some of it.
+        """The packages of the workspaces that replace one of Obelisk's and lack something.
 
         Fields are compared with the installed package, if there is one.
         """
@@ -190,7 +190,7 @@ class PackageIndex:
         return tuple(name for name, folder in sources if _listed(folder / "msg", ".msg"))
 
     def find_package_share(self, name: str) -> Path | None:
-        """The folder that holds a package's data: its source folder or `share/<name>`."""
+        """The folder with a package's data: its source folder or `share/<name>`."""
         source = self.source_packages.get(name)
         if source is not None:
             return source
@@ -198,13 +198,13 @@ class PackageIndex:
         return next((share for share in shares if _is_folder(share)), None)
 
     def has_package(self, name: str) -> bool:
-        """Whether a package of that name is anywhere."""
+        """Whether a package with this name exists anywhere."""
         if self.find_package_share(name) is not None:
             return True
         return any(_is_folder(prefix / "lib" / name) for prefix in self.prefixes)
 
     def package_names(self) -> tuple[str, ...]:
-        """Every package that is there, for did-you-mean."""
+        """The names of all packages, for suggestions."""
         names = set(self.source_packages)
         for prefix in self.prefixes:
             shares = prefix / "share" / "ament_index" / "resource_index" / "packages"
@@ -212,16 +212,16 @@ class PackageIndex:
         return tuple(sorted(names))
 
     def files_of(self, package: str) -> tuple[Path, ...]:
-        """The files that define the executables of a source package, missing ones too."""
+        """The files that define the executables of a source package, even missing ones."""
         folder = self.source_packages.get(package)
         return tuple(folder / name for name in _PACKAGE_FILES) if folder else ()
 
     def searched(self) -> tuple[str, ...]:
-        """The places that are looked through, for a message."""
+        """The places that are searched, for messages."""
         return (*(f"{w} (sources)" for w in self.workspaces), *(str(p) for p in self.prefixes))
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
-        """The command of an executable: from source, else installed, else by its lib folder."""
+        """The command of an executable: from source, otherwise installed, otherwise in `lib`."""
         source = self.source_packages.get(package)
         in_source = source_console_scripts(source) if source else {}
         if executable in in_source:
@@ -250,7 +250,7 @@ class PackageIndex:
         )
 
     def _without_execute_bit(self, package: str, executable: str) -> Path | None:
-        """A program of that name that cannot be run."""
+        """A program with that name that lacks the execute bit."""
         source = self.source_packages.get(package)
         folders = (
             *([source / "scripts"] if source else []),
@@ -260,7 +260,7 @@ class PackageIndex:
         return next((program for program in programs if os.path.isfile(program)), None)  # noqa: PTH113
 
     def _unsourced(self, package: str, executable: str) -> Path | None:
-        """A program of that name that colcon installed in a workspace, in either of its layouts."""
+        """A program with that name that colcon installed in a workspace, in either layout."""
         prefixes = (p for w in self.workspaces for p in (w / "install" / package, w / "install"))
         programs = (prefix / "lib" / package / executable for prefix in prefixes)
         return next((program for program in programs if os.path.isfile(program)), None)  # noqa: PTH113
@@ -273,7 +273,7 @@ class PackageIndex:
         return {path.name: path for path in _listed(folder / "scripts") if _is_program(path)}
 
     def _lib_programs(self, package: str) -> Mapping[str, Path]:
-        """Programs in `<prefix>/lib/<package>` of all prefixes, the first prefix winning."""
+        """Programs in `<prefix>/lib/<package>` of all prefixes; the first prefix wins."""
         programs: dict[str, Path] = {}
         for prefix in self.prefixes:
             for path in _listed(prefix / "lib" / package):
@@ -285,7 +285,7 @@ class PackageIndex:
 def _python_command(entry: EntryPoint, root: Path | None, found_in: str) -> Command:
     code = f"import sys; from {entry.module} import {entry.function}; sys.exit({entry.function}())"
     return Command(
-        # -P: what lies in the working folder is no library.
+        # -P: files in the working folder must not shadow libraries.
         arguments=(sys.executable, "-P", "-c", code),
         python_path=(root / entry.package_root,) if root else (),
         found_in=found_in,
@@ -295,7 +295,7 @@ def _python_command(entry: EntryPoint, root: Path | None, found_in: str) -> Comm
 
 
 def _is_folder(path: Path) -> bool:
-    """Whether there is such a folder; a name that none can have, one too long, is no error."""
+    """Whether the folder exists; False for an invalid or too long name."""
     return os.path.isdir(path)  # noqa: PTH112  (`Path.is_dir` raises)
 
 
@@ -304,7 +304,7 @@ def _program_command(program: Path, found_in: str) -> Command:
 
 
 def is_native(program: Path) -> bool:
-    """Whether a program is machine code, as compilers of C++ write it."""
+    """Whether a program is machine code, as compiled from C++."""
     try:
         with program.open("rb") as file:
             return file.read(len(_ELF)) == _ELF
@@ -313,9 +313,9 @@ def is_native(program: Path) -> bool:
 
 
 def _cmake_that_declares(package: Path, executable: str) -> Path | None:
-    """The CMakeLists.txt of a package's sources, if it declares an executable of that name."""
+    """The CMakeLists.txt of a package in source, if it declares an executable with that name."""
     path = package / "CMakeLists.txt"
-    if not path.is_file():  # a pipe or a device might never end
+    if not path.is_file():  # reading a pipe or a device might never return
         return None
     try:
         text = _CMAKE_COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace"))
@@ -341,7 +341,7 @@ def _listed(folder: Path, suffix: str = "") -> tuple[Path, ...]:
 
 
 def _fields(definition: Path) -> tuple[str, ...]:
-    """The fields of a message, none if the file cannot be read."""
+    """The fields of a message; empty if the file cannot be read."""
     try:
         text = definition.read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -350,17 +350,17 @@ def _fields(definition: Path) -> tuple[str, ...]:
 
 
 def package_folders(workspace: Path) -> Iterator[Path]:
-    """The folders with a package.xml below a workspace, as far as they are searched."""
+    """The folders with a package.xml below a workspace, within the search depth."""
     yield from _package_folders(workspace, 0)
 
 
 def package_names_in(workspace: Path) -> tuple[str, ...]:
-    """The names of the packages whose sources are in a workspace."""
+    """The names of the packages in a workspace."""
     return tuple(sorted({_package_name(folder) for folder in package_folders(workspace)}))
 
 
 def _package_folders(folder: Path, depth: int) -> Iterator[Path]:
-    """Folders with a package.xml; a package is not looked into for further ones."""
+    """Folders with a package.xml; packages within packages are ignored."""
     if _has(folder, "COLCON_IGNORE"):
         return
     manifest = folder / "package.xml"
@@ -372,7 +372,7 @@ def _package_folders(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def _has(folder: Path, name: str) -> bool:
-    """Whether a folder has a file; a workspace may have thousands of folders to ask."""
+    """Whether a folder has a file; fast, because a workspace may have thousands of folders."""
     return os.path.exists(f"{folder}/{name}")  # noqa: PTH110  (several times as fast as pathlib's)
 
 
@@ -387,7 +387,7 @@ def _searched_children(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def _searched_names(folder: Path) -> Sequence[str]:
-    """The names of the folders in one, in order; a workspace may have many files beside them."""
+    """The sorted names of subfolders; fast, because a workspace may have many other files."""
     try:
         with os.scandir(folder) as entries:
             folders = [entry.name for entry in entries if _is_searched(entry)]
@@ -401,31 +401,31 @@ def _is_searched(entry: "os.DirEntry[str]") -> bool:
         return False
     try:
         return entry.is_dir()
-    except OSError:  # a link in a circle
+    except OSError:  # a circular link
         return False
 
 
 def _is_foreign(folder: Path) -> bool:
-    """Whether it is an environment of Python, or was put there by another user."""
+    """Whether it is a Python environment, or was created by another user."""
     return _has(folder, "pyvenv.cfg") or is_untrusted(folder)
 
 
 def _leads_back(folder: Path) -> bool:
-    """Whether it is a link to a folder that it is in itself, whose content would come again."""
+    """Whether it is a link to a folder that contains it, whose content would be found again."""
     if not folder.is_symlink():
         return False
     return Path(os.path.realpath(folder.parent)).is_relative_to(os.path.realpath(folder))
 
 
 def _unsearched_folders(folder: Path, depth: int) -> Iterator[Path]:
-    """The folders below one that are passed by because building writes into them."""
+    """The folders below one that are skipped because builds write into them."""
     yield from (folder / name for name in UNSEARCHED if (folder / name).is_dir())
     for child in _searched_children(folder, depth):
         yield from _unsearched_folders(child, depth + 1)
 
 
 def _package_name(folder: Path) -> str:
-    """The name in a package.xml; where it cannot be read, or has none, the folder's name."""
+    """The name in a package.xml; the folder's name if it is unreadable or missing."""
     try:
         text = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -435,12 +435,12 @@ def _package_name(folder: Path) -> str:
 
 
 def owner_of_module(name: str) -> str | None:
-    """Who has a module name that must not be had twice, in words that follow "is"."""
+    """The owner of a reserved module name, as words after "is"; None if it is free."""
     return "a module of Python's standard library" if name in sys.stdlib_module_names else None
 
 
 def owner_of_package(name: str, *, own_folder: Path, index: PackageIndex) -> str | None:
-    """Who has a package name, in words that follow "is"; what is in `own_folder` does not count."""
+    """The owner of a package name, as words after "is"; `own_folder` does not count."""
     module = owner_of_module(name)
     if module is not None:
         return module
@@ -450,7 +450,7 @@ def owner_of_package(name: str, *, own_folder: Path, index: PackageIndex) -> str
     if share is not None and not _inside(share, own_folder):
         return f"a ROS package ({share})"
     spec = importlib.util.find_spec(name)
-    # A folder without `__init__.py` on the path is no module, whatever Python makes of it.
+    # A folder without `__init__.py` on the path does not count, even if Python can import it.
     if spec is None or spec.origin is None or _inside(Path(spec.origin), own_folder):
         return None
     return f"an installed Python module ({spec.origin})"

@@ -1,10 +1,10 @@
-"""An ament prefix for packages that run from source, so that nodes find their files.
+"""Create an ament prefix for packages that run from source, so that nodes find their files.
 
-`get_package_share_directory("my_pkg")` gives a folder of links: to everything in the package's
+`get_package_share_directory("my_pkg")` returns a folder of links: to everything in the package's
 source folder, and to what its setup.py, setup.cfg or CMakeLists.txt would install below
-`share/my_pkg`. Where the package is installed too, the rest of its share folder and its programs
-are linked as well. Nothing is run: expressions in a setup.py that only Python could evaluate are
-left out.
+`share/my_pkg`. If the package is also installed, the rest of its share folder and its programs are
+linked as well. No code is run: expressions in a setup.py that only Python could evaluate are
+skipped.
 """
 
 import ast
@@ -22,23 +22,23 @@ __all__ = ["make_share_prefix", "with_prefix"]
 _INDEX: Final = Path("share/ament_index/resource_index/packages")
 _NOT_LINKED: Final = ("__pycache__", "build", "install", "log")
 Links = dict[str, "Path | Links"]
-"""The content of a folder: name -> what it links to, or a folder of links."""
+"""The content of a folder: name -> target of its link, or a folder of links."""
 
 
 def make_share_prefix(prefix: Path, packages: PackageIndex) -> Path | None:
-    """Write the prefix of the workspaces' packages; None if they have none.
+    """Write the prefix of the workspaces' packages; return None if they have none.
 
     Args:
-        prefix: a folder that does not exist; no process may look for packages in it yet.
+        prefix: a folder that does not exist; no process may search it yet.
         packages: the workspaces, and the prefixes that may have the packages installed.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the prefix cannot be written.
     """
     if not packages.source_packages:
         return None
     (prefix / _INDEX).mkdir(parents=True)
-    # The manifests in it are links: a search for packages must not find them a second time.
+    # Its manifests are links, so mark the folder: a search must not find the packages twice.
     (prefix / "COLCON_IGNORE").touch()
     for name, source in packages.source_packages.items():
         if package_name_fault(name) is not None:
@@ -54,7 +54,7 @@ def make_share_prefix(prefix: Path, packages: PackageIndex) -> Path | None:
 
 
 def with_prefix(variables: Mapping[str, str], prefix: Path | None) -> Mapping[str, str]:
-    """The variables of a process that is to find this prefix first."""
+    """The variables of a process that searches this prefix first."""
     if prefix is None:
         return variables
     inherited = variables.get("AMENT_PREFIX_PATH", "")
@@ -93,7 +93,7 @@ def _children(folder: Path) -> Links:
 
 
 def _add(links: Links, parts: tuple[str, ...], path: Path) -> None:
-    """Link a file or folder at a place, also where a folder above it is a link so far."""
+    """Link a file or folder at a place, even if a folder above it is currently a link."""
     if not parts:
         return
     name, *rest = parts
@@ -116,7 +116,7 @@ def _add(links: Links, parts: tuple[str, ...], path: Path) -> None:
 
 
 def _add_missing(links: Links, more: Links) -> None:
-    """Link what a second folder of the same package has besides."""
+    """Link the additional content of a second folder of the same package."""
     for name, path in more.items():
         present = links.get(name)
         if present is None:
@@ -145,22 +145,22 @@ def _write(folder: Path, links: Links) -> None:
 
 
 def _cmake_files(source: Path) -> Iterator[tuple[str, Path]]:
-    """What `install(FILES ...)` and `install(DIRECTORY ...)` of a CMakeLists.txt install where."""
+    """What `install(FILES ...)` and `install(DIRECTORY ...)` in CMakeLists.txt put where."""
     for command, words in cmake_calls(_text_of(source / "CMakeLists.txt")):
         if command != "install" or "DESTINATION" not in words[:-1]:
             continue
         place = words.index("DESTINATION")
         kind, names, target = words[0], words[1:place], words[place + 1]
         for name in names if kind in ("FILES", "DIRECTORY") else ():
-            # With a slash at its end, the content of the folder is installed, not the folder.
+            # With a trailing slash, the content of the folder is installed, not the folder.
             is_content = kind == "DIRECTORY" and name.endswith("/")
             path = source / name
             yield (target if is_content else f"{target}/{path.name}"), path
 
 
 def _setup_cfg_files(source: Path) -> Iterator[tuple[str, Path]]:
-    """What `[options.data_files]` of a setup.cfg installs where."""
-    import configparser  # seldom needed
+    """What `[options.data_files]` in a setup.cfg installs, and where."""
+    import configparser  # rarely needed
 
     parser = configparser.ConfigParser(interpolation=None, delimiters=("=",))
     try:
@@ -174,7 +174,7 @@ def _setup_cfg_files(source: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _setup_py_files(source: Path) -> Iterator[tuple[str, Path]]:
-    """What `data_files` of a setup.py installs where."""
+    """What `data_files` in a setup.py installs, and where."""
     try:
         tree = ast.parse(_text_of(source / "setup.py"))
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -192,7 +192,7 @@ def _setup_py_files(source: Path) -> Iterator[tuple[str, Path]]:
 
 
 class _Values:
-    """The values of a setup.py's expressions, as far as they are plain; others are None."""
+    """The plain values of a setup.py's expressions; others are None."""
 
     def __init__(self, source: Path) -> None:
         self._source = source
@@ -200,7 +200,7 @@ class _Values:
         self.data_files: list[object] = []
 
     def take(self, statement: ast.stmt) -> None:
-        """Read an assignment or a call of the module."""
+        """Evaluate an assignment or a call of the module."""
         match statement:
             case ast.Assign(targets=[ast.Name(id=name)], value=value):
                 self._names[name] = self._value(value)
@@ -222,7 +222,7 @@ class _Values:
                     self.data_files += found if isinstance(found, list) else []
 
     def _grow(self, name: str, more: object) -> None:
-        """Add to a list; what cannot be evaluated is left out."""
+        """Append to a list; values that cannot be evaluated are skipped."""
         present = self._names.get(name)
         grown = _sum(present, more)
         self._names[name] = present if grown is None else grown
@@ -286,7 +286,7 @@ def _last_name(function: ast.expr) -> str:
 def _glob(source: Path, pattern: str) -> Iterator[Path]:
     try:
         yield from sorted(source.glob(pattern))
-    except (ValueError, NotImplementedError, OSError):  # no pattern of files below the package
+    except (ValueError, NotImplementedError, OSError):  # not a pattern for files in the package
         return
 
 

@@ -1,1 +1,1 @@
-"""Sweeps: run closed-loop tests for many seeds and values of parameters, in many processes."""
+"""Sweeps: run closed-loop tests for many seeds and parameter values, in many processes."""

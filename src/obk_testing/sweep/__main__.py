@@ -1,7 +1,7 @@
-"""Run a sweep: `python -m obk_testing.sweep REQUEST`, which `obk sweep` starts.
+"""Run a sweep: `python -m obk_testing.sweep REQUEST`, started by `obk sweep`.
 
-REQUEST is a `SweepRequest` as JSON. Exit code 0: all cases passed; 1: one did not, or the config
-has errors; 2: the request is wrong; 130: interrupted.
+REQUEST is a `SweepRequest` as JSON. Exit codes: 0 if all cases passed; 1 if a case failed or the
+config has errors; 2 if the request is invalid; 130 if interrupted.
 """
 
 import json
@@ -46,21 +46,21 @@ from obk_testing.sweep.worker import machine
 __all__ = ["SweepRequest", "run_sweep"]
 
 _LINE_S: Final = 10.0
-"""Between two lines of progress where they are not overwritten [s]."""
+"""Time between two progress lines if they cannot be overwritten [s]."""
 _CODE: Final = frozenset({".py"})
 _MODELS: Final = frozenset({".xml", ".mjcf", ".urdf", ".obj", ".stl", ".msh", ".png"})
 _OF_ANY_RUN: Final = ("cores", "system")
-"""What the bits of a run do not depend on."""
+"""Properties of the machine that do not affect the bits of a run."""
 _BUILT: Final = frozenset({"__pycache__", "build", ".git", ".venv"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepRequest:
-    """What to run."""
+    """The arguments of a sweep."""
 
     config: str
     tests: Sequence[str] = ()
-    """As pytest takes them, absolute paths; none: the smoke test."""
+    """Tests as for pytest, absolute paths; empty for the smoke test."""
     seeds: int = 1
     vary: Sequence[str] = ()
     is_grid: bool = False
@@ -70,36 +70,36 @@ class SweepRequest:
     output: str | None = None
     is_restart: bool = False
     case_limit_s: float = 600.0
-    """Wall time that a case may take [s]."""
+    """Maximum wall time of a case [s]."""
     overrides: Sequence[str] = ()
     is_json: bool = False
 
 
 class _Progress:
-    """Counts, failures, rate and time left, on the standard error."""
+    """Shows counts, failures, rate and remaining time on stderr."""
 
     def __init__(self, count: int, done: int, bad: int) -> None:
         self._count, self._done, self._bad = count, done, bad
         self._before = done
-        self._begin = time.monotonic()
-        self._printed = self._begin
+        self._start = time.monotonic()
+        self._printed = self._start
         self._on_terminal = sys.stderr.isatty()
 
     def add(self, *, is_bad: bool) -> None:
-        """Count a case that has ended."""
+        """Count a finished case."""
         self._done += 1
         self._bad += is_bad
         now = time.monotonic()
         if now - self._printed >= (0.1 if self._on_terminal else _LINE_S):
             self._printed = now
-            self._print(self._text(now - self._begin))
+            self._print(self._text(now - self._start))
 
     def note(self, text: str) -> None:
-        """Print a line that stays."""
+        """Print a permanent line."""
         print(f"{self._clear()}{visible(text)}", file=sys.stderr, flush=True)
 
     def end(self) -> None:
-        """Remove the line that was overwritten."""
+        """Remove the progress line."""
         print(self._clear(), end="", file=sys.stderr, flush=True)
 
     def _text(self, seconds: float) -> str:
@@ -120,7 +120,7 @@ class _Progress:
 
 
 def run_sweep(request: SweepRequest) -> int:
-    """Run the cases that have no result yet, and report all; the exit code.
+    """Run the cases without a result, report all cases, and return the exit code.
 
     Raises:
         ObkError: the sweep cannot run.
@@ -172,13 +172,13 @@ def run_sweep(request: SweepRequest) -> int:
     else:
         print(summary_text(summary, str(page)))
     if not is_complete:
-        print("interrupted; the same command continues", file=sys.stderr)
+        print("interrupted; run the same command again to continue", file=sys.stderr)
         return EXIT_INTERRUPTED
     return EXIT_DONE if summary.all_passed else EXIT_FAILED
 
 
 def _checked(config: Path, varied: Sequence[Varied], overrides: Sequence[str]) -> CompiledStack:
-    """Compile the config as it is, and with the ends of every range."""
+    """Compile the config unchanged, and with the ends of every range."""
     compiled = compile_stack(config, overrides)
     for each in varied:
         for value in each.ends():
@@ -204,12 +204,12 @@ def _require_tests(worker: WorkerProcess, request: SweepRequest) -> tuple[FoundT
         )
     if hello.left_out:
         count = with_number(hello.left_out, "test")
-        print(f"without {count} that do not use `stack`", file=sys.stderr)
+        print(f"skipping {count} without the fixture `stack`", file=sys.stderr)
     return hello.tests
 
 
 def _inputs(compiled: CompiledStack, tests: Sequence[str]) -> Iterator[Path]:
-    """The files that results depend on."""
+    """Yield the files that results depend on."""
     yield from files_of_config(compiled.config, dict(os.environ))
     for name in tests:
         yield Path(name)
@@ -239,7 +239,7 @@ def _run(
     first: WorkerProcess,
     inputs: Mapping[str, str],
 ) -> bool:
-    """Run the cases without a result; whether all of them have ended."""
+    """Run the cases without a result, and return whether all of them have finished."""
     rows = {} if request.is_restart else store.rows()
     pending = [case for case in cases if case.key not in rows]
     bad = sum(rows[case.key].is_bad for case in cases if case.key in rows)
@@ -252,7 +252,7 @@ def _run(
     progress = _Progress(len(cases), done, bad)
     try:
         with _engine(request, config, store.scratch, first, cases[0]) as engine:
-            if request.is_restart:  # not before everything that may be wrong has been found
+            if request.is_restart:  # only after everything that can fail was checked
                 store.clear()
                 store.require_same_inputs(inputs)
             seen = set(store.notes())
@@ -301,7 +301,7 @@ def _engine(
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """While entered, SIGTERM ends the sweep as Ctrl-C does."""
+    """Make SIGTERM end the sweep like Ctrl-C while entered."""
 
     def interrupt(*_: Any) -> NoReturn:
         raise KeyboardInterrupt
@@ -314,7 +314,7 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 
 def main() -> None:
-    """Run the sweep of the command line."""
+    """Run the sweep in the command-line argument."""
     try:
         sys.exit(run_sweep(SweepRequest(**json.loads(sys.argv[1]))))
     except ObkError as error:

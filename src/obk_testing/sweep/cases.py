@@ -1,7 +1,7 @@
-"""The cases of a sweep, each a test with a seed and changes of the config, and their results.
+"""The cases of a sweep, each a test with a seed and changes to the config, and their results.
 
-Cases are a function of the command line and of the tests alone, so every engine, on any number of
-workers, runs the same ones.
+Cases depend only on the command line and the tests, so every engine runs the same cases, with any
+number of workers.
 """
 
 import hashlib
@@ -37,19 +37,19 @@ __all__ = [
 
 Outcome = Literal["passed", "failed", "skipped", "died"]
 _SEED: Final = re.compile(r"(?<=[\[-])seed0(?=[\]-])")
-"""The part of a test's id that pytest makes of the first seed."""
+"""The part of a test's id that pytest generates for the first seed."""
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE: Final = re.compile(rf"({_NUMBER})\.\.({_NUMBER})(?::(\d+))?")
 _DIGITS: Final = 6
-"""Significant digits of a value that is drawn, few enough to be typed again."""
+"""Significant digits of a random value, few enough to type it again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundTest:
-    """A test that takes `stack`."""
+    """A test that uses the fixture `stack`."""
 
     node_id: str
-    """The id that pytest has for it, relative to the config's folder; of seed 0 if it takes one."""
+    """Its pytest id, relative to the config's folder; for seed 0 if it uses `seed`."""
     takes_seed: bool
 
     @property
@@ -61,7 +61,7 @@ class FoundTest:
         return name.replace("[-", "[").replace("--", "-").replace("-]", "]").removesuffix("[]")
 
     def node_id_of(self, seed: int) -> str:
-        """The id for a seed."""
+        """Return the id for a seed."""
         return _SEED.sub(f"seed{seed}", self.node_id, count=1) if self.takes_seed else self.node_id
 
 
@@ -70,22 +70,22 @@ class SweepCase:
     """One run of one test."""
 
     test: str
-    """Its id without the seed."""
+    """Test id without the seed."""
     node_id: str
     seed: int | None
-    """None: the test takes none."""
+    """None if the test does not use `seed`."""
     overrides: tuple[tuple[str, str], ...] = ()
-    """Path of the config -> value, as `--set` takes them."""
+    """Path in the config -> value, as for `--set`."""
 
     @property
     def key(self) -> str:
-        """Identifies the case in every sweep."""
+        """Identifies the case across sweeps."""
         text = json.dumps([self.node_id, self.overrides])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """The overrides as `--set` takes them."""
+        """The overrides in the form of `--set`."""
         return tuple(f"{path}={value}" for path, value in self.overrides)
 
 
@@ -96,11 +96,11 @@ class Row:
     key: str
     outcome: Outcome
     why: str = ""
-    """The first line of the failed assertion, or what else went wrong."""
+    """The first line of the failed assertion, or another reason."""
     metrics: Mapping[str, Any] = field(default_factory=dict)
-    """What the test has recorded with `record_property`."""
+    """Values that the test recorded with `record_property`."""
     digest: str = ""
-    """Of all trials of the case; empty if it started none."""
+    """Digest of all trials of the case; empty if it started none."""
     seconds: float = 0.0
     """Wall time [s]."""
     worker: str = ""
@@ -111,39 +111,39 @@ class Row:
         return self.outcome in ("failed", "died")
 
     def data(self) -> dict[str, Any]:
-        """The row for JSON."""
+        """Convert the row for JSON."""
         return asdict(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Varied:
-    """A value of the config that is varied."""
+    """A value in the config that is varied."""
 
     path: str
     low: float = 0.0
     high: float = 0.0
     steps: int | None = None
-    """Values of a range in a grid."""
+    """Number of values of a range in a grid."""
     values: tuple[str, ...] = ()
     """The values of a list; empty for a range."""
     is_integer: bool = False
 
     def ends(self) -> tuple[str, ...]:
-        """The values to check before the first case: the ends of the range, or the whole list."""
+        """Values to check before the first case: the ends of the range, or the whole list."""
         return self.values or (self._text(self.low), self._text(self.high))
 
     def grid(self) -> tuple[str, ...]:
-        """All values of a grid.
+        """Return all values of a grid.
 
         Raises:
-            MisuseError: a range without a number of values.
+            MisuseError: a range has no number of values.
         """
         if self.values:
             return self.values
         if self.steps is None:
             raise MisuseError(
-                f"`--vary {self.path}`: a grid needs the number of values of a range",
-                help=f"write it behind the range: `{self.path}={self.low:g}..{self.high:g}:5`",
+                f"`--vary {self.path}`: a grid needs the number of values in the range",
+                help=f"append it to the range: `{self.path}={self.low:g}..{self.high:g}:5`",
             )
         last = max(self.steps - 1, 1)
         width = self.high - self.low
@@ -151,7 +151,7 @@ class Varied:
         return tuple(dict.fromkeys(drawn))
 
     def sample(self, count: int) -> list[str]:
-        """One value in each of so many equal parts of the range, in an order drawn by the path."""
+        """Draw one value from each of `count` equal parts of the range, in random order by path."""
         draw = random.Random(f"obk sweep {self.path} {count}")  # noqa: S311 - not for security
         parts = list(range(count))
         draw.shuffle(parts)
@@ -165,10 +165,10 @@ class Varied:
 
 
 def parse_varied(text: str) -> Varied:
-    """Read `PATH=LOW..HIGH`, `PATH=LOW..HIGH:COUNT` or `PATH=VALUE,VALUE,...`.
+    """Parse `PATH=LOW..HIGH`, `PATH=LOW..HIGH:COUNT` or `PATH=VALUE,VALUE,...`.
 
     Raises:
-        MisuseError: it is none of them.
+        MisuseError: the text has none of these forms.
     """
     path, equals, values = text.partition("=")
     found = _RANGE.fullmatch(values)
@@ -195,10 +195,10 @@ def parse_varied(text: str) -> Varied:
 def with_types_of_config(
     varied: Sequence[Varied], config: Path, variables: Mapping[str, str]
 ) -> tuple[Varied, ...]:
-    """Check that the config has what is varied; integers stay integers.
+    """Check that the config has the varied values; integer ranges yield integers.
 
     Raises:
-        MisuseError: a path does not exist, or its value is of another kind.
+        MisuseError: a path does not exist, or its value has another type.
     """
     tree, _ = _load(config, variables)
     paths = [each.path for each in varied]
@@ -208,12 +208,12 @@ def with_types_of_config(
 
 
 def files_of_config(config: Path, variables: Mapping[str, str]) -> tuple[Path, ...]:
-    """The config and the files that it includes."""
+    """Return the config and the files that it includes."""
     return tuple(Path(source.path).absolute() for source in _load(config, variables)[1])
 
 
 def _load(config: Path, variables: Mapping[str, str]) -> tuple[Tree | None, Sequence[SourceFile]]:
-    """The values of a config with its includes, and the files they stand in."""
+    """Load the values of a config with its includes, and their source files."""
     data = read_bytes(str(config))
     if isinstance(data, str):
         raise MisuseError(f"`{config}` cannot be read: {data}")
@@ -232,7 +232,7 @@ def _typed(varied: Varied, found: TreeScalar) -> Varied:
         return varied
     if not is_number:
         raise MisuseError(
-            f"`--vary {varied.path}`: a range is of numbers, and the value is {kind_of(found)} "
+            f"`--vary {varied.path}`: a range needs a number, but the value is {kind_of(found)} "
             f"({place})",
             help=f"list its values: `{varied.path}=A,B`",
         )
@@ -240,9 +240,9 @@ def _typed(varied: Varied, found: TreeScalar) -> Varied:
         return varied
     if not (varied.low.is_integer() and varied.high.is_integer()):
         raise MisuseError(
-            f"`--vary {varied.path}`: the value is an integer ({place}), "
+            f"`--vary {varied.path}`: the value is an integer ({place}), but "
             f"{varied.low:g}..{varied.high:g} is not a range of integers",
-            help="write the value in the config with a decimal point if it is a number of any kind",
+            help="to vary it continuously, write it in the config with a decimal point",
         )
     return Varied(
         path=varied.path, low=varied.low, high=varied.high, steps=varied.steps, is_integer=True
@@ -250,7 +250,7 @@ def _typed(varied: Varied, found: TreeScalar) -> Varied:
 
 
 def _value_at(tree: Tree | None, path: str) -> TreeScalar:
-    """The scalar at a path of the config."""
+    """Return the scalar at a path in the config."""
     done = ""
     for step in re.findall(r"[^.\[\]]+|\[\d+\]", path):
         if step.startswith("["):
@@ -263,17 +263,17 @@ def _value_at(tree: Tree | None, path: str) -> TreeScalar:
     what = "nothing" if tree is None else kind_of(tree)
     first = "[0]" if isinstance(tree, TreeList) else ".NAME"
     raise MisuseError(
-        f"`--vary {path}`: there is {what}, not a single value",
+        f"`--vary {path}`: expected a single value, found {what}",
         help=f"vary one of its values, such as `{path}{first}`",
     )
 
 
 def _item(tree: Tree | None, number: int, path: str, done: str) -> Tree | None:
     if isinstance(tree, TreeMap) and number == 0:
-        return tree  # a mapping stands for a list of one
+        return tree  # a mapping counts as a list of one
     if not isinstance(tree, TreeList) or number >= len(tree.items):
         count = len(tree.items) if isinstance(tree, TreeList) else 0
-        raise MisuseError(f"`--vary {path}`: `{done}` has {count} items, no [{number}]")
+        raise MisuseError(f"`--vary {path}`: `{done}` has {count} items, so no [{number}]")
     return tree.items[number]
 
 
@@ -297,13 +297,14 @@ def make_cases(
     is_grid: bool = False,
     overrides: Sequence[str] = (),
 ) -> tuple[SweepCase, ...]:
-    """All cases, in order.
+    """Return all cases, in order.
 
     Args:
-        tests: what is run for every point.
-        seeds: how many seeds; with `varied` and no grid, how many samples, each with its own seed.
-        varied: values of the config.
-        is_grid: every combination of values with every seed, not a Latin hypercube.
+        tests: the tests to run at every point.
+        seeds: number of seeds; with `varied` and no grid, the number of samples, which have one
+            seed each.
+        varied: the varied values.
+        is_grid: whether to combine all values with every seed, instead of a Latin hypercube.
         overrides: `path=value` for all cases.
     """
     fixed = [(path, value) for path, _, value in (each.partition("=") for each in overrides)]

@@ -1,7 +1,7 @@
-"""Run the cases of a sweep on a Dask cluster, of this machine or of several.
+"""Run the cases of a sweep on a Dask cluster, on this machine or several.
 
-Every Dask worker runs cases in processes of its own, as `LocalEngine` does. It uses the workspace
-at the same path if its files are the same there, and otherwise a copy that the sweep ships.
+Every Dask worker runs cases in separate processes, like `LocalEngine`. It uses the workspace at the
+same path if it has the same files there, otherwise a copy that the sweep sends.
 """
 
 import hashlib
@@ -41,7 +41,7 @@ _CONNECT_S: Final = 10
 
 
 class DaskEngine:
-    """Workers of a Dask cluster."""
+    """The workers of a Dask cluster."""
 
     def __init__(
         self,
@@ -56,21 +56,21 @@ class DaskEngine:
         digest: str,
         is_shipped: bool = False,
     ) -> None:
-        """Connect, and prepare every worker.
+        """Connect to the cluster, and prepare every worker.
 
         Args:
             config: absolute path.
-            tests: as a worker process takes them.
+            tests: as for `WorkerProcess`.
             scratch: a folder for temporary files.
-            scheduler: address; None: start a cluster on this machine.
-            workers: of that cluster.
-            limit_s: wall time that a case may take [s].
+            scheduler: address; None to start a cluster on this machine.
+            workers: number of workers in that cluster.
+            limit_s: maximum wall time of a case [s].
             probe: the case that every worker runs first.
-            digest: of the probe case on this machine; empty if it started no trial.
-            is_shipped: use the copy of the workspace even where the same files exist.
+            digest: digest of the probe case on this machine; empty if it started no trial.
+            is_shipped: whether to use the copy of the workspace even if the same files exist.
 
         Raises:
-            CommandFailedError: the scheduler does not answer.
+            CommandFailedError: the scheduler does not respond.
         """
         self._digest = digest
         self._resources = ExitStack()
@@ -82,8 +82,8 @@ class DaskEngine:
         except OSError as error:
             self._resources.close()
             raise CommandFailedError(
-                f"the Dask scheduler at {scheduler} does not answer: {error}",
-                help="`dask scheduler` starts one, `dask worker ADDRESS` a worker",
+                f"the Dask scheduler at {scheduler} does not respond: {error}",
+                help="run `dask scheduler` to start one, and `dask worker ADDRESS` for a worker",
             ) from error
         workspace = find_workspace(config.parent)
         runner = _CaseRunner(
@@ -105,7 +105,7 @@ class DaskEngine:
         self.close()
 
     def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
-        """The results of cases, in the order in which they end."""
+        """Yield the results of cases as they finish."""
         waiting = iter(cases)
         submitted: dict[str, SweepCase] = {}
 
@@ -117,7 +117,7 @@ class DaskEngine:
                 futures.append(future)
             return futures
 
-        # Some more than can run, so that no worker waits for the network.
+        # Submit more cases than can run, so that no worker waits for the network.
         ahead = 2 * max(1, sum(self._client.nthreads().values()))
         futures = as_completed(submit(ahead), loop=self._client.loop)
         for future in futures:
@@ -126,7 +126,7 @@ class DaskEngine:
 
     def close(self) -> None:
         """End the workers' processes, and the cluster if it was started here."""
-        # A cluster that has ended has no workers to clean up.
+        # If the cluster has ended, there are no workers to clean up.
         with suppress(OSError, TimeoutError, ValueError):
             self._client.unregister_worker_plugin(self._name)
         self._resources.close()
@@ -158,14 +158,14 @@ class DaskEngine:
         if not probe.digest:
             raise CommandFailedError(
                 f"the Dask worker on {name} cannot run the first case: {probe.why}",
-                help="it needs the same installation as this machine: Python, packages, messages",
+                help="install the same Python, packages and messages as on this machine",
             )
-        note = f"worker {name} computes other bits (CPU {cpu}): its results are statistics"
+        note = f"worker {name} is not bitwise equal (CPU {cpu}): its results are statistics"
         return Placed(row=row, note=f"{note}, not replays")
 
 
 class _CaseRunner(WorkerPlugin):
-    """What a Dask worker has for the cases of a sweep."""
+    """Runs the cases of a sweep in a Dask worker."""
 
     def __init__(
         self,
@@ -185,7 +185,7 @@ class _CaseRunner(WorkerPlugin):
         self._limit_s = limit_s
 
     def setup(self, worker: Worker) -> None:
-        """Prepare a Dask worker; called by Dask on each, also on those that join later."""
+        """Prepare a Dask worker; called by Dask on each worker, including those that join later."""
         self._scratch = Path(worker.local_directory) / self.name
         self._scratch.mkdir(exist_ok=True)
         if self._is_shipped or not self._has_same_files():
@@ -201,7 +201,7 @@ class _CaseRunner(WorkerPlugin):
             each.close()
 
     def run(self, case: SweepCase) -> tuple[Row, Row, str]:
-        """Run a case; also gives the result of the probe case on this machine, and its CPU."""
+        """Run a case; also return the result of the probe case on this machine, and its CPU."""
         try:
             process = self._idle.get_nowait()
         except queue.Empty:
@@ -243,7 +243,7 @@ def _run_case(name: str, case: SweepCase) -> tuple[Row, Row, str]:
 
 
 def zipped(workspace: Path) -> bytes:
-    """The files of a workspace and its compiled messages, without what else is built."""
+    """Zip the files of a workspace and its compiled messages, without other build results."""
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         for folder, folders, files in os.walk(workspace):
@@ -253,7 +253,7 @@ def zipped(workspace: Path) -> bytes:
                 if path.is_file():
                     archive.write(path, path.relative_to(workspace))
         overlay = overlay_folder(workspace)
-        for path in sorted(overlay.rglob("*")):  # a link, which walking does not follow
+        for path in sorted(overlay.rglob("*")):  # a link, which `os.walk` does not follow
             if path.is_file() and "__pycache__" not in path.parts:
                 archive.write(path, path.relative_to(workspace))
     return data.getvalue()

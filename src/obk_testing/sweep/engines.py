@@ -1,9 +1,9 @@
-"""Run the cases of a sweep in processes of this machine.
+"""Run the cases of a sweep in processes on this machine.
 
-Every engine runs cases in `WorkerProcess`es: interpreters of their own with a fixed hash seed and
-one thread for linear algebra. So no result depends on the engine, the order or the number of
-workers. `ProcessPoolExecutor` does not fit: it ends all workers when one dies, and a Dask worker,
-which is a daemon, may not start one.
+Every engine runs cases in `WorkerProcess`es: separate interpreters with a fixed hash seed and one
+thread for linear algebra. So no result depends on the engine, the order or the number of workers.
+`ProcessPoolExecutor` is not suitable: it ends all workers if one dies. It also cannot be used in a
+Dask worker, because a daemon process may not start child processes with it.
 """
 
 import json
@@ -32,10 +32,10 @@ from obk_testing.sweep.worker import Hello, WorkerSettings
 __all__ = ["Engine", "LocalEngine", "Placed", "RestartingWorker", "WorkerProcess"]
 
 _CASES_A_WORKER: Final = 200
-"""Cases after which a worker is replaced: every trial leaves 0.3 MB behind."""
+"""Number of cases after which a worker is replaced, because every trial leaks 0.3 MB."""
 _ATTEMPTS: Final = 2
 _END_S: Final = 10.0
-"""How long a worker may take to end after its last case [s]."""
+"""Timeout for a worker to end after its last case [s]."""
 _ENVIRONMENT: Final = {
     "PYTHONHASHSEED": "0",
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
@@ -59,25 +59,25 @@ class Engine(Protocol):
     """Runs cases."""
 
     def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
-        """The results of cases, in the order in which they end."""
+        """Yield the results of cases as they finish."""
 
     def close(self) -> None:
-        """End all workers, at once if they are busy."""
+        """End all workers, immediately if they are busy."""
 
 
 class _WorkerDiedError(Exception):
-    """A worker ended in the middle of a case; the text says how."""
+    """A worker ended in the middle of a case; the message says how."""
 
 
 class _TimeLimitError(Exception):
-    """A case took longer than it may; its worker was ended."""
+    """A case exceeded its time limit; its worker was ended."""
 
 
 class WorkerProcess:
     """A process that runs one case at a time."""
 
     def __init__(self, config: Path, tests: Sequence[str], scratch: Path) -> None:
-        """Start it and wait until it has collected the tests.
+        """Start the process, and wait until it has collected the tests.
 
         Args:
             config: absolute path.
@@ -85,18 +85,18 @@ class WorkerProcess:
             scratch: the folder for its temporary files.
 
         Raises:
-            CommandFailedError: it cannot collect them.
+            CommandFailedError: it cannot collect the tests.
         """
         self.cases = 0
         self._resources = ExitStack()
-        # Removed by this process, because a worker that is killed leaves its files behind.
+        # This process removes the folder, because a killed worker leaves its files behind.
         folder = self._resources.enter_context(
             tempfile.TemporaryDirectory(prefix="worker-", dir=scratch, ignore_cleanup_errors=True)
         )
         self._errors = self._resources.enter_context(
             (Path(folder) / "errors").open("w+", encoding="utf-8", errors="replace")
         )
-        # A Dask worker does not have the variables of the sweep.
+        # A Dask worker does not have the sweep's environment variables.
         overlays = overlay_prefixes([find_workspace(config.parent)])
         environment = with_overlays(os.environ, overlays)
         self._process = subprocess.Popen(
@@ -122,7 +122,7 @@ class WorkerProcess:
 
     @property
     def pid(self) -> int:
-        """The process id."""
+        """Process id."""
         return self._process.pid
 
     def run(self, case: SweepCase, limit_s: float) -> Row:
@@ -130,21 +130,21 @@ class WorkerProcess:
 
         Args:
             case: the case.
-            limit_s: wall time that it may take [s].
+            limit_s: maximum wall time [s].
 
         Raises:
             _WorkerDiedError: the process ended.
-            _TimeLimitError: the case took longer; the process is ended.
+            _TimeLimitError: the case exceeded the limit; the process was killed.
         """
         self.cases += 1
         return Row(**self._ask(asdict(case), limit_s))
 
     def kill(self) -> None:
-        """End it at once; a case that is running fails."""
+        """Kill the process; a running case fails."""
         self._process.kill()
 
     def close(self) -> None:
-        """Let it end, and remove what it leaves."""
+        """Let the process end, and remove its files."""
         with self._resources:
             assert self._process.stdin is not None
             assert self._process.stdout is not None
@@ -163,7 +163,7 @@ class WorkerProcess:
             self._process.stdin.write(json.dumps(data) + "\n")
             self._process.stdin.flush()
             if limit_s is not None:
-                # Nothing is buffered here: a worker writes one line for each that it reads.
+                # Nothing is buffered here: a worker writes one line per line that it reads.
                 answers = select.poll()
                 answers.register(self._process.stdout, select.POLLIN)
                 if not answers.poll(limit_s * 1e3):
@@ -174,14 +174,16 @@ class WorkerProcess:
             line = ""
         if not line.endswith("\n"):
             with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_END_S)  # its own exit code says more than that of a kill
+                self._process.wait(
+                    _END_S
+                )  # its own exit code is more informative than that of a kill
             self._process.kill()
             raise _WorkerDiedError(self._end())
         answer: dict[str, Any] = json.loads(line)
         return answer
 
     def _end(self) -> str:
-        """How the process ended, with the last line that it printed."""
+        """Describe how the process ended, with the last line that it printed."""
         code = self._process.wait()
         how = f"exit code {code}"
         if code < 0:
@@ -192,7 +194,7 @@ class WorkerProcess:
 
 
 class RestartingWorker:
-    """Runs cases in a worker that is replaced when it dies or hangs, and after many cases."""
+    """Runs cases in a worker that is replaced if it dies or hangs, and after many cases."""
 
     def __init__(
         self,
@@ -203,14 +205,14 @@ class RestartingWorker:
         limit_s: float,
         first: WorkerProcess | None = None,
     ) -> None:
-        """Take over a first worker, if there is one.
+        """Create it, optionally with a first worker.
 
         Args:
-            config: as a worker takes it, like `tests` and `scratch`.
-            tests: as a worker takes them.
-            scratch: as a worker takes it.
-            limit_s: wall time that a case may take [s].
-            first: a worker that has started already.
+            config: absolute path.
+            tests: as for `WorkerProcess`.
+            scratch: as for `WorkerProcess`.
+            limit_s: maximum wall time of a case [s].
+            first: a worker that has already started.
         """
         self._config, self._tests, self._scratch = config, tests, scratch
         self._limit_s = limit_s
@@ -218,7 +220,7 @@ class RestartingWorker:
         self._is_closed = False
 
     def run(self, case: SweepCase) -> Row:
-        """Run a case, once more if the worker dies."""
+        """Run a case, and retry once if the worker dies."""
         how = ""
         for _ in range(_ATTEMPTS):
             worker = self._started()
@@ -243,7 +245,7 @@ class RestartingWorker:
         return Row(key=case.key, outcome="died", why=why, worker=socket.gethostname())
 
     def kill(self) -> None:
-        """End the worker at once, from any thread."""
+        """Kill the worker; thread-safe."""
         self._is_closed = True
         if self._worker is not None:
             self._worker.kill()
@@ -267,7 +269,7 @@ class RestartingWorker:
 
 
 class LocalEngine:
-    """Worker processes of this machine."""
+    """Worker processes on this machine."""
 
     def __init__(
         self,
@@ -279,15 +281,15 @@ class LocalEngine:
         limit_s: float,
         first: WorkerProcess | None = None,
     ) -> None:
-        """Take over a first worker; the others start with the first case.
+        """Create it, optionally with a first worker; the others start with the first case.
 
         Args:
             config: absolute path.
-            tests: as a worker takes them.
-            scratch: as a worker takes it.
-            workers: how many.
-            limit_s: wall time that a case may take [s].
-            first: one that has started already.
+            tests: as for `WorkerProcess`.
+            scratch: as for `WorkerProcess`.
+            workers: number of workers.
+            limit_s: maximum wall time of a case [s].
+            first: a worker that has already started.
         """
         firsts = (first, *(None for _ in range(workers - 1)))
         self._workers = [
@@ -303,11 +305,11 @@ class LocalEngine:
         self.close()
 
     def map(self, cases: Iterable[SweepCase]) -> Iterator[Placed]:
-        """The results of cases, in the order in which they end."""
+        """Yield the results of cases as they finish."""
         self._waiting = deque(cases)
         results: queue.SimpleQueue[Row | BaseException] = queue.SimpleQueue()
         count = len(self._waiting)
-        # A worker ends with the thread that has started it, so threads last as long as workers.
+        # A worker ends with the thread that started it, so threads live as long as workers.
         for worker in self._workers[:count]:
             thread = threading.Thread(target=self._serve, args=[worker, results], daemon=True)
             self._threads.append(thread)
@@ -319,7 +321,7 @@ class LocalEngine:
             yield Placed(row=result)
 
     def close(self) -> None:
-        """End all workers, at once if they are busy."""
+        """End all workers, immediately if they are busy."""
         self._waiting.clear()
         for worker in self._workers:
             if self._threads:

@@ -1,7 +1,7 @@
-"""The report of a sweep: one HTML file that needs no network and no script.
+"""The report of a sweep: a single HTML file without scripts or external resources.
 
-It has the pass rate of each test and over each parameter, distributions of what tests recorded,
-the worst cases with the commands that run them again, and what the results depend on.
+It shows the pass rate of each test and over each parameter, distributions of recorded values, the
+worst cases with the commands that repeat them, and everything that the results depend on.
 """
 
 import math
@@ -47,15 +47,15 @@ overflow-wrap:anywhere}td:first-child{color:var(--dim);white-space:nowrap}
 _WIDTH: Final = 320
 _HEIGHT: Final = 110
 _FOOT: Final = 30
-"""Below a chart, for its labels."""
+"""Space below a chart for its labels."""
 _HEAD: Final = 14
-"""Above a chart, for the counts."""
+"""Space above a chart for the counts."""
 _BARS: Final = 20
 _LONGEST_LABEL: Final = 8
 
 
 def report_page(summary: Summary) -> str:
-    """The report as HTML."""
+    """Return the report as HTML."""
     body = "\n".join(_body(summary))
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -97,7 +97,7 @@ def _head(summary: Summary) -> Iterator[str]:
     yield f'<p>{ended}, <span class="{kind}">{verdict}</span></p>'
     yield f'<p class="dim"><code>{escape(summary.config)}</code>, {busy} of computing</p>'
     if done < summary.count:
-        yield "<p>The sweep was interrupted; the same command continues it.</p>"
+        yield "<p>The sweep was interrupted; run the same command again to continue it.</p>"
     for note in summary.notes:
         yield f'<p class="bad">{escape(note)}</p>'
 
@@ -117,7 +117,7 @@ def _test_card(test: str, results: Sequence[Result]) -> str:
 
 
 def _rates_chart(parts: Sequence[PassRate]) -> str:
-    """The share of cases that passed, a bar for each value or part of the range."""
+    """Chart the share of passed cases, with one bar per value or part of the range."""
     step = _WIDTH / max(len(parts), 1)
     bars, labels = [], []
     for number, part in enumerate(parts):
@@ -139,7 +139,7 @@ def _rates_chart(parts: Sequence[PassRate]) -> str:
 
 
 def _histogram(values: Sequence[float]) -> str:
-    """How often a metric had which value."""
+    """Chart how often each value of a metric occurred."""
     low, high = min(values), max(values)
     counts = [0] * (_BARS if high > low else 1)
     for value in values:
@@ -148,9 +148,9 @@ def _histogram(values: Sequence[float]) -> str:
     step = _WIDTH / len(counts)
     bars = []
     for number, count in enumerate(counts):
-        begin = low + number * (high - low) / len(counts)
+        start = low + number * (high - low) / len(counts)
         end = low + (number + 1) * (high - low) / len(counts)
-        title = f"<title>{begin:.4g} to {end:.4g}: {with_number(count, 'case')}</title>"
+        title = f"<title>{start:.4g} to {end:.4g}: {with_number(count, 'case')}</title>"
         bar = _bar("hist", number * step + 0.5, step - 1, count / max(counts))
         bars.append(f"<g>{title}{bar}</g>")
     labels = [
@@ -223,7 +223,7 @@ def _worst(summary: Summary) -> Iterator[str]:
 
 
 def _short(label: str) -> str:
-    """A label that fits below a bar."""
+    """Shorten a label to fit below a bar."""
     with suppress(ValueError):
         return f"{float(label):.3g}"
     return label if len(label) <= _LONGEST_LABEL else f"{label[: _LONGEST_LABEL - 1]}…"

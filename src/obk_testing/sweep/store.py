@@ -1,7 +1,7 @@
-"""The results of a sweep on disk, and the inputs that they were computed from.
+"""Store the results of a sweep, and the inputs that they were computed from.
 
-`sweep.sqlite` has the table `rows` (see `_TABLES`), a row for every case that has ended; a sweep
-that was interrupted, even by SIGKILL, goes on from there.
+`sweep.sqlite` has the table `rows` (see `_TABLES`) with a row per finished case. If a sweep was
+interrupted, even by SIGKILL, the next one continues from there.
 """
 
 import fcntl
@@ -42,17 +42,17 @@ _SHOWN: Final = 3
 
 
 class SweepStore:
-    """The results in one folder; one sweep at a time can have it open."""
+    """The results in a folder; only one sweep at a time can have it open."""
 
     def __init__(self, folder: Path, *, restart: bool = False) -> None:
-        """Open a folder, or make it.
+        """Open a folder, creating it if necessary.
 
         Args:
-            folder: where the results are.
-            restart: replace a database that cannot be read; `clear` removes results.
+            folder: the folder with the results.
+            restart: whether to replace an unreadable database; `clear` removes results.
 
         Raises:
-            CommandFailedError: another sweep has it open, or it cannot be written.
+            CommandFailedError: another sweep has the folder open, or it cannot be written.
         """
         self.folder = folder
         try:
@@ -66,9 +66,9 @@ class SweepStore:
             os.close(self._lock)
             raise CommandFailedError(
                 f"another sweep is running in {folder}",
-                help="wait for its end, or choose another folder with `--output`",
+                help="wait until it ends, or choose another folder with `--output`",
             ) from error
-        self._remove_scratch()  # of a sweep that was killed
+        self._remove_scratch()  # left by a killed sweep
         self.scratch.mkdir()
         try:
             self._database = _opened(folder / _FILE)
@@ -80,7 +80,8 @@ class SweepStore:
                 return
             os.close(self._lock)
             raise CommandFailedError(
-                f"{folder / _FILE} cannot be used: {error}", help="`--restart` makes a new one"
+                f"{folder / _FILE} cannot be used: {error}",
+                help="use `--restart` to create a new one",
             ) from error
 
     def __enter__(self) -> Self:
@@ -97,7 +98,7 @@ class SweepStore:
         return self.folder / _SCRATCH
 
     def rows(self) -> dict[str, Row]:
-        """All results, by the key of their case."""
+        """Return all results, by the key of their case."""
         found = self._database.execute(
             "SELECT key, outcome, why, metrics, digest, seconds, worker FROM rows"
         )
@@ -122,7 +123,7 @@ class SweepStore:
             self._database.execute("DELETE FROM notes")
 
     def add(self, case: SweepCase, row: Row) -> None:
-        """Keep a result."""
+        """Store a result."""
         with self._database:
             self._database.execute(
                 "INSERT OR REPLACE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
@@ -141,22 +142,22 @@ class SweepStore:
             )
 
     def notes(self) -> tuple[str, ...]:
-        """What is special about the results."""
+        """Return notes on special properties of the results."""
         return tuple(note for (note,) in self._database.execute("SELECT note FROM notes"))
 
     def add_note(self, note: str) -> None:
-        """Keep a note, once."""
+        """Store a note, without duplicates."""
         with self._database:
             self._database.execute("INSERT OR IGNORE INTO notes VALUES (?)", (note,))
 
     def require_same_inputs(self, hashes: Mapping[str, str]) -> None:
-        """Check that existing results were computed from the same files, and keep their hashes.
+        """Check that existing results were computed from the same files, and store their hashes.
 
         Args:
             hashes: name of an input -> hash.
 
         Raises:
-            MisuseError: an input has changed since.
+            MisuseError: an input has changed since then.
         """
         count: int = self._database.execute("SELECT count(*) FROM rows").fetchone()[0]
         before = dict(self._database.execute("SELECT path, hash FROM inputs"))
@@ -166,7 +167,7 @@ class SweepStore:
             raise MisuseError(
                 f"{', '.join(changed[:_SHOWN])}{more} changed since {count} cases of "
                 f"{self.folder} ran, so they cannot be continued",
-                help="`--restart` runs them again; `--output FOLDER` keeps them",
+                help="use `--restart` to run them again, or `--output FOLDER` to keep them",
             )
         with self._database:
             self._database.executemany(
@@ -179,7 +180,7 @@ class SweepStore:
 
 def _opened(path: Path) -> sqlite3.Connection:
     database = sqlite3.connect(path)
-    # A row is written before the next one; only a power failure can lose the last ones.
+    # A row is written before the next one; only a power failure can lose the last rows.
     database.execute("PRAGMA journal_mode=WAL")
     database.execute("PRAGMA synchronous=NORMAL")
     database.executescript(_TABLES)
@@ -187,7 +188,7 @@ def _opened(path: Path) -> sqlite3.Connection:
 
 
 def hashes_of(paths: Iterable[Path], around: Path) -> dict[str, str]:
-    """SHA-256 of files, by their path, relative to a folder if they are in it."""
+    """Return the SHA-256 of files, by path, which is relative to `around` if possible."""
     hashes = {}
     for path in sorted(set(paths)):
         if path.is_file():
@@ -197,7 +198,7 @@ def hashes_of(paths: Iterable[Path], around: Path) -> dict[str, str]:
 
 
 def installed_sources() -> dict[str, str]:
-    """One hash for the modules of the engine and of the run-time library."""
+    """Return one hash over the modules of the engine and the runtime library."""
     source = Path(__file__).parents[2]
     digest = hashlib.sha256()
     for package in ("obelisk_py", "obelisk_spec", "obk_testing"):

@@ -1,4 +1,4 @@
-"""Sum the results of a sweep up: pass rates, worst cases, distributions; as text and JSON."""
+"""Summarize a sweep: pass rates, worst cases and distributions, as text and JSON."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,14 +20,14 @@ _BAD: Final[tuple[Outcome, ...]] = ("died", "failed")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """A case that has ended."""
+    """A finished case."""
 
     case: SweepCase
     row: Row
 
     @property
     def title(self) -> str:
-        """What sets the case apart from others of its test."""
+        """What distinguishes the case from others of its test."""
         seed = () if self.case.seed is None else (f"seed {self.case.seed}",)
         return ", ".join((*seed, *self.case.settings)) or "the only case"
 
@@ -38,7 +38,7 @@ class PassRate:
 
     label: str
     low: float | None
-    """Of the part; None: a single value."""
+    """Lower end of the part; None for a single value."""
     high: float | None
     passed: int
     count: int
@@ -46,36 +46,36 @@ class PassRate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """A sweep up to now."""
+    """The state of a sweep."""
 
     name: str
     config: str
-    """As the user gave it."""
+    """Path as given by the user."""
     results: tuple[Result, ...]
-    """In the order of cases."""
+    """Results in the order of cases."""
     count: int
-    """Cases that the sweep has."""
+    """Number of cases in the sweep."""
     varied: tuple[str, ...]
-    """Paths of the config."""
+    """Paths in the config."""
     notes: tuple[str, ...]
     machine: Mapping[str, str]
     engine: str
 
     @property
     def outcomes(self) -> Mapping[Outcome, int]:
-        """How many cases ended how."""
+        """Number of cases per outcome."""
         return Counter(result.row.outcome for result in self.results)
 
     @property
     def bad(self) -> tuple[Result, ...]:
-        """The cases that failed or could not be run, those first."""
+        """The cases that could not be run, then those that failed."""
         return tuple(
             result for kind in _BAD for result in self.results if result.row.outcome == kind
         )
 
     @property
     def all_passed(self) -> bool:
-        """Whether every case has ended and none is bad."""
+        """Whether every case has finished and none is bad."""
         return len(self.results) == self.count and not self.bad
 
     @property
@@ -87,7 +87,7 @@ class Summary:
         return {name: tuple(results) for name, results in grouped.items()}
 
     def metrics(self, test: str) -> Mapping[str, tuple[tuple[Result, float], ...]]:
-        """The numbers that a test has recorded: name -> case and value."""
+        """Return the numbers that a test recorded: name -> pairs of case and value."""
         found: dict[str, list[tuple[Result, float]]] = defaultdict(list)
         for result in self.tests[test]:
             for name, value in result.row.metrics.items():
@@ -96,7 +96,7 @@ class Summary:
         return {name: tuple(values) for name, values in found.items()}
 
     def worst(self) -> tuple[tuple[Result, str], ...]:
-        """Bad cases, then those with the extremes of a metric; each with what it stands out by."""
+        """Return bad cases, then those with an extreme of a metric; each with what is special."""
         found = {result.case.key: (result, str(result.row.outcome)) for result in self.bad}
         found = dict(islice(found.items(), _MOST_WORST))
         for test in self.tests:
@@ -107,11 +107,11 @@ class Summary:
         return tuple(found.values())[:_MOST_WORST]
 
     def rerun_command(self, case: SweepCase) -> str:
-        """The command that runs a case again."""
+        """Return the command that repeats a case."""
         return rerun_command(self.config, case.settings, case.node_id)
 
     def parts(self, test: str, path: str) -> tuple[PassRate, ...]:
-        """How a test did over the values of a parameter."""
+        """Return the pass rates of a test over the values of a parameter."""
         results = self.tests[test]
         texts = [dict(result.case.overrides)[path] for result in results]
         listed = tuple(dict.fromkeys(texts))
@@ -144,8 +144,8 @@ def _parts_of_range(results: Sequence[Result], numbers: Sequence[float]) -> Iter
     for result, number in zip(results, numbers, strict=True):
         grouped[min(int((number - low) / width), _PARTS - 1)].append(result)
     for place, group in enumerate(grouped):
-        begin, end = low + place * width, low + (place + 1) * width
-        yield _part(f"{begin:.4g} to {end:.4g}", begin, end, group)
+        start, end = low + place * width, low + (place + 1) * width
+        yield _part(f"{start:.4g} to {end:.4g}", start, end, group)
 
 
 def _part(label: str, low: float | None, high: float | None, group: Sequence[Result]) -> PassRate:
@@ -155,7 +155,7 @@ def _part(label: str, low: float | None, high: float | None, group: Sequence[Res
 
 
 def duration_text(seconds: float) -> str:
-    """`5 min 12 s`."""
+    """Format a duration, `5 min 12 s`."""
     whole = round(seconds)
     hours, minutes, rest = whole // 3600, whole // 60 % 60, whole % 60
     if hours:
@@ -164,7 +164,7 @@ def duration_text(seconds: float) -> str:
 
 
 def summary_text(summary: Summary, report: str) -> str:
-    """The summary for a terminal."""
+    """Format the summary for a terminal."""
     lines: list[str] = []
     for test, results in summary.tests.items():
         counted = [result for result in results if result.row.outcome != "skipped"]
@@ -197,7 +197,7 @@ def _parts_text(path: str, parts: Sequence[PassRate]) -> Iterator[str]:
 
 
 def summary_json(summary: Summary, report: str, database: str) -> dict[str, Any]:
-    """The summary for programs."""
+    """Return the summary for programs."""
     return {
         "ok": summary.all_passed,
         "config": summary.config,

@@ -1,12 +1,12 @@
-"""A process that runs cases of a sweep: `python -m obk_testing.sweep.worker`.
+"""Run cases of a sweep in a process: `python -m obk_testing.sweep.worker`.
 
-It runs pytest with a loop of its own, so a test means the same as under `obk test`: fixtures,
-marks, `conftest.py` and rewritten assertions all work. The config is loaded once. Every case has
-fixtures of its own, but for those of the session.
+It runs pytest with a custom loop, so tests behave as under `obk test`: fixtures, marks,
+`conftest.py` and rewritten assertions all work. The config is loaded once. Every case has its own
+fixtures, except those of session scope.
 
-Standard input: a line of JSON for the sweep (`WorkerSettings`), then a `SweepCase` a line.
-Standard output: a line for the worker (`Hello`), then one for each case (`Row`). What tests and
-nodes print goes to the standard error.
+Standard input: a line of JSON for the sweep (`WorkerSettings`), then one `SweepCase` per line.
+Standard output: a line for the worker (`Hello`), then one per case (`Row`). Output of tests and
+nodes goes to stderr.
 """
 
 import ctypes
@@ -39,32 +39,32 @@ _LIBRARIES: Final = ("obelisk-cli", "mujoco", "numpy", "pytest")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerSettings:
-    """What a worker runs."""
+    """The settings of a worker."""
 
     config: str
     """Absolute path."""
     tests: tuple[str, ...]
-    """Files, folders or tests for pytest, absolute paths; none: the smoke test."""
+    """Files, folders or tests for pytest, absolute paths; empty for the smoke test."""
     parent: int
-    """The process that it ends with."""
+    """Id of the process with which it ends."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hello:
-    """What a worker reports when it is ready."""
+    """The report of a worker when it is ready."""
 
     tests: tuple[FoundTest, ...]
     files: tuple[str, ...]
     """The modules of the tests."""
     left_out: int
-    """Tests that do not take `stack`."""
+    """Number of tests without the fixture `stack`."""
     problem: str
     """Why tests could not be collected; empty if they could."""
     machine: Mapping[str, str]
 
 
 def machine() -> dict[str, str]:
-    """What the bits of a run depend on besides its inputs."""
+    """Return everything besides the inputs on which the bits of a run depend."""
     cpu = re.search(r"^model name\s*: (.*)$", _text(Path("/proc/cpuinfo")), re.MULTILINE)
     versions = {name: distribution_version(name) or "" for name in _LIBRARIES}
     return {
@@ -81,11 +81,11 @@ def _text(path: Path) -> str:
 
 
 class _CaseLoop:
-    """The pytest plugin that finds the tests of a sweep and runs cases as they come."""
+    """The pytest plugin that finds the tests of a sweep and runs cases on request."""
 
     def __init__(self, settings: WorkerSettings, cases: TextIO, results: TextIO) -> None:
         self._config = Path(settings.config)
-        # Ids that name parameters, as reports have them: without the seed.
+        # Ids with parameters, in the form of reports: without the seed.
         self._variants = tuple(f"::{_name(test)}" for test in settings.tests if _parameters(test))
         self._cases = cases
         self._results = results
@@ -94,13 +94,13 @@ class _CaseLoop:
         self._digest = ""
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """Keep why a module cannot be imported."""
+        """Record why a module cannot be imported."""
         if report.failed:
             self._problems.append(str(report.longrepr))
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        """Serve cases until the input ends."""
+        """Run cases until the input ends."""
         found = {
             FoundTest(
                 node_id=_id_of(item, self._config.parent), takes_seed="seed" in item.fixturenames
@@ -127,7 +127,7 @@ class _CaseLoop:
             case = case_of(json.loads(line))
             if case.test in items:
                 row = self._run(items[case.test], case)
-            else:  # on another machine than the one that has chosen the cases
+            else:  # on a machine other than the one that selected the cases
                 why = hello.problem.strip().rpartition("\n")[2].removeprefix("E").strip()
                 row = Row(key=case.key, outcome="died", why=why, worker=_worker())
             self._send(row.data())
@@ -138,18 +138,18 @@ class _CaseLoop:
         session.config.option.seeds = f"={case.seed or 0}"
         session.config.option.stack_set = list(case.settings)
         self._reports, self._digest = [], ""
-        begin = perf_counter()
+        start = perf_counter()
         item = _item_of(pattern, case.node_id, self._config.parent)
-        # Only what belongs to the session outlives a case, so that none depends on those before.
+        # Only session-scoped objects outlive a case, so that no case depends on earlier ones.
         item.config.hook.pytest_runtest_protocol(item=item, nextitem=session)
-        return _row(case, self._reports, self._digest, perf_counter() - begin)
+        return _row(case, self._reports, self._digest, perf_counter() - start)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
         self, item: pytest.Item, call: pytest.CallInfo[None]
     ) -> Iterator[None]:
-        """Take the digest of the trials while they exist."""
-        from obk_testing.plugin import trials_of  # pytest has to load it first
+        """Compute the digest of the trials while they exist."""
+        from obk_testing.plugin import trials_of  # pytest must load it first
 
         if call.when == "call":
             digests = [result.digest() for result in trials_of(item)]
@@ -166,38 +166,38 @@ class _CaseLoop:
 
 
 def case_of(data: Mapping[str, Any]) -> SweepCase:
-    """A case from JSON."""
+    """Decode a case from JSON."""
     overrides = tuple((path, value) for path, value in data["overrides"])
     return SweepCase(**{**data, "overrides": overrides})
 
 
 def _name(test: str) -> str:
-    """What pytest selects in a file, `test_push[down]`."""
+    """Return the part of a test's id after the file, `test_push[down]`."""
     return test.partition("::")[2]
 
 
 def _parameters(test: str) -> str:
-    """The end of it that names parameters, `[down]`; empty if there is none."""
+    """Return the parameters in a test's id, `[down]`; empty if there are none."""
     _, bracket, rest = _name(test).partition("[")
     return f"{bracket}{rest}"
 
 
 def _id_of(item: pytest.Item, folder: Path) -> str:
-    """The id of a test relative to a folder; pytest has none for tests outside of it."""
+    """Return a test's id relative to a folder; pytest has no such id for tests outside it."""
     if item.path == _SMOKE_TEST:
         return item.name.removeprefix("test_")
     return f"{os.path.relpath(item.path, folder)}::{item.nodeid.partition('::')[2]}"
 
 
 def _item_of(pattern: pytest.Function, node_id: str, folder: Path) -> pytest.Item:
-    """Make a test for the seed that the session's options name, as collection does."""
+    """Create a test for the seed in the session's options, as collection does."""
     collector: Any = pattern.parent  # a module or a class
-    made = collector.ihook.pytest_pycollect_makeitem(
+    collected = collector.ihook.pytest_pycollect_makeitem(
         collector=collector,
         name=pattern.originalname,
         obj=getattr(collector.obj, pattern.originalname),
     )
-    items = [item for item in made if _id_of(item, folder) == node_id]
+    items = [item for item in collected if _id_of(item, folder) == node_id]
     session = pattern.session
     session.config.hook.pytest_collection_modifyitems(
         session=session, config=session.config, items=items
@@ -227,7 +227,7 @@ def _worker() -> str:
 
 
 def _why(report: pytest.TestReport) -> str:
-    """The first line of what a failed test shows."""
+    """Return the first line of a failed test's message, with its location."""
     crash = getattr(report.longrepr, "reprcrash", None)
     text = str(report.longrepr) if crash is None else str(crash.message)
     first = re.sub(r"^(AssertionError|Failed): ", "", text.strip().partition("\n")[0])
@@ -242,8 +242,8 @@ def _reason(report: pytest.TestReport) -> str:
 
 
 def main() -> None:
-    """Run the cases of the standard input."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one
+    """Run the cases from standard input."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process handles Ctrl-C
     cases = os.fdopen(os.dup(0), encoding="utf-8")
     results = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)

@@ -1,4 +1,4 @@
-"""The benchmarks are no part of what is installed: their tests put the checkout on the path."""
+"""Add the checkout to `sys.path`, because the benchmarks are not installed."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Goals against results: what is met, what is explained, what was not measured."""
+"""Goals that are met, not met, or not measured, and their reasons."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def test_a_goal_is_met_not_met_or_not_measured():
     assert "| c | ≤ 1 | | not measured |" in page
 
 
-def test_a_reason_stands_once_below_the_table_and_only_where_it_is_needed():
+def test_a_reason_is_listed_once_below_the_table_and_only_if_needed():
     goals = {
         "Section": [
             _goal("a", most=0.0, why="first"),
@@ -38,12 +38,12 @@ def test_a_reason_stands_once_below_the_table_and_only_where_it_is_needed():
 
 
 @pytest.mark.parametrize("section", GOALS)
-def test_every_goal_has_a_limit_and_a_section_starts_with_a_name_of_its_own(section):
+def test_every_goal_has_a_limit_and_a_section_does_not_start_with_the_same(section):
     goals = GOALS[section]
     assert all(goal.least is not None or goal.most is not None for goal in goals)
     assert not goals[0].what.startswith("the same")
 
 
-def test_results_that_are_not_there_leave_every_goal_not_measured():
+def test_without_results_no_goal_is_measured():
     page = "\n".join(goals_page(GOALS, {}))
     assert page.count("not measured") == sum(map(len, GOALS.values()))

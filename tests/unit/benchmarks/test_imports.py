@@ -1,4 +1,4 @@
-"""Benchmarks and tools are run rarely: a name that moved away must not wait for that day."""
+"""Import all benchmarks and tools, which run rarely, to find names that have moved."""
 
 import importlib
 import sys

@@ -1,4 +1,4 @@
-"""What a soak does, what counts as growth in it, when a rate is judged."""
+"""The plan of a soak, and its verdicts on growth and rates."""
 
 import random
 from collections import Counter
@@ -18,7 +18,7 @@ from benchmarks.soak.stack import Stack
 
 
 def samples(rss_of: Any, count: int = 60) -> list[dict[str, Any]]:
-    """A process of two minutes, sampled every 2 s."""
+    """Samples of a process every 2 s, for two minutes."""
     return [
         {
             "time_s": 2.0 * n,
@@ -49,10 +49,10 @@ def node(standing: str) -> dict[str, Any]:
     return {"node": "/a", "rates": [rate]}
 
 
-def test_the_first_deck_has_every_trouble_and_ends_with_no_one_looking_on() -> None:
+def test_the_first_deck_has_every_fault_and_ends_without_observers() -> None:
     deck = first_deck(random.Random(3))
     assert Counter(deck) == Counter({*DECK, "reload"})
-    assert deck[-1] == "onlookers_leave"
+    assert deck[-1] == "observers_leave"
     assert "freeze" not in first_deck(random.Random(3), is_frozen=False)
 
 
@@ -69,8 +69,8 @@ def test_a_straight_line_grows_by_its_slope_without_noise() -> None:
     assert growth([0.0, 1.0], [5.0, 7.0]).grown == 0.0
 
 
-def test_noise_is_the_standard_error_of_what_has_grown() -> None:
-    # Rests 0.2, -0.6, 0.6, -0.2 of a line with slope -0.2: sqrt(0.8 / 2 / 5) over 3 s.
+def test_noise_is_the_standard_error_of_growth() -> None:
+    # Residuals 0.2, -0.6, 0.6, -0.2 of a line with slope -0.2: sqrt(0.8 / 2 / 5) over 3 s.
     found = growth([0.0, 1.0, 2.0, 3.0], [1.0, 0.0, 1.0, 0.0])
     assert (found.grown, found.noise) == (pytest.approx(-0.6), pytest.approx(0.08**0.5 * 3))
 
@@ -82,7 +82,7 @@ def test_noise_and_a_warm_start_are_flat() -> None:
     assert all(one["is_flat"] for one in found)
 
 
-def test_a_leak_is_not() -> None:
+def test_a_leak_is_not_flat() -> None:
     found = verdicts(samples(lambda n: 80.0 + n))
     assert [one["count"] for one in found if not one["is_flat"]] == ["rss_mb"]
 
@@ -93,11 +93,11 @@ def test_in_a_short_run_more_memory_is_allowed(least_mb: float, is_flat: bool) -
     assert next(one for one in found if one["count"] == "rss_mb")["is_flat"] is is_flat
 
 
-def test_a_process_that_lived_too_short_is_not_judged() -> None:
+def test_a_short_lived_process_is_not_judged() -> None:
     assert not verdicts(samples(lambda n: 80.0 + n, count=40))
 
 
-def test_files_in_shared_memory_that_become_more_are_growth() -> None:
+def test_more_and_more_files_in_shared_memory_are_growth() -> None:
     shared = [
         {"time_s": 2.0 * n, "who": "shared memory", "pid": 0, "shm_files": n} for n in range(60)
     ]
@@ -115,7 +115,7 @@ def test_files_in_shared_memory_that_become_more_are_growth() -> None:
         ([second(idle_percent=3.0)], True),
     ],
 )
-def test_a_second_in_which_the_machine_could_keep_no_rate_is_void(
+def test_a_second_in_which_the_machine_cannot_keep_a_rate_is_void(
     seconds: list[BareSecond], void: bool
 ) -> None:
     assert is_void(seconds) is void
@@ -130,7 +130,7 @@ def test_a_broken_rate_is_a_fault_unless_its_second_is_void() -> None:
     assert rates.faults == ["7 s: /a timer: 900 of 1000 Hz"]
 
 
-def test_the_verdict_says_where_rates_were_never_judged() -> None:
+def test_the_verdict_mentions_that_rates_were_never_judged() -> None:
     assert verdict(True, Rates(judged=1, void=9)) == "sound"
     assert verdict(True, Rates(void=9)) == "sound; rates were not judged"
     assert verdict(False, Rates(judged=1)) == "NOT sound"
@@ -150,17 +150,17 @@ def test_a_config_is_changed_and_changed_back(tmp_path: Path) -> None:
     assert example.read_text() == text
 
 
-def test_a_traceback_is_a_complaint_and_a_warning_is_none(tmp_path: Path) -> None:
+def test_a_traceback_is_found_and_a_warning_is_ignored(tmp_path: Path) -> None:
     stack = Stack(home=tmp_path, config=tmp_path / "dummy.yaml")
-    assert stack.complaints() == []
-    (tmp_path / "complaints.log").write_text(
+    assert stack.tracebacks() == []
+    (tmp_path / "stderr.log").write_text(
         "warning: x\nTraceback (most recent call last):\n"
         '  File "a.py", line 1, in <module>\n    f()\nKeyError: 1\nbye\n'
     )
-    assert stack.complaints() == ["KeyError: 1"]
+    assert stack.tracebacks() == ["KeyError: 1"]
 
 
-def test_the_picture_is_drawn_the_same_from_the_same_samples(tmp_path: Path) -> None:
+def test_the_same_samples_give_the_same_plot(tmp_path: Path) -> None:
     shared = {"time_s": 0.0, "who": "shared memory", "pid": 0, "shm_files": 4}
     result = {
         "samples": [*samples(lambda n: 80.0, 3), shared],

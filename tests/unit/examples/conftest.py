@@ -1,4 +1,4 @@
-"""The hardware example's own modules, importable as its programs import them."""
+"""Make the modules of the hardware example importable, as its programs import them."""
 
 import importlib.util
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 HARDWARE = Path(__file__).resolve().parents[3] / "examples" / "hardware"
 
 sys.path.insert(0, str(HARDWARE / "src" / "udp_motor_robot"))
-# Not the folder: its demo.py would be found by everybody who looks for a module of that name.
+# Do not add the folder, because its demo.py would shadow other modules of that name.
 spec = importlib.util.spec_from_file_location("device", HARDWARE / "device.py")
 assert spec is not None
 assert spec.loader is not None

@@ -1,4 +1,4 @@
-"""The simulated drive of the hardware example: its joint, its watchdog, whom it follows."""
+"""The simulated drive of the hardware example: joint, watchdog, and choice of sender."""
 
 import socket
 import subprocess
@@ -33,13 +33,13 @@ def run(drive: Drive, steps: int) -> None:
 
 
 def hold(drive: Drive, mode: Mode, value: float, steps: int) -> None:
-    """Command the same at each step."""
+    """Send the same command at each step."""
     for sequence in range(drive.commands, drive.commands + steps):
         send(drive, sequence, mode, value)
         drive.step()
 
 
-def test_the_joint_goes_where_it_is_reported_to() -> None:
+def test_the_joint_moves_to_the_commanded_position() -> None:
     drive = Drive()
     hold(drive, Mode.POSITION, 0.5, steps=1000)
     assert drive.position == pytest.approx(0.5, abs=1e-3)
@@ -67,7 +67,7 @@ def test_without_commands_the_motor_is_off_until_the_next_one() -> None:
     assert drive.state().faults is Fault.NONE
 
 
-def test_listening_does_not_feed_the_watchdog() -> None:
+def test_a_keep_alive_does_not_reset_the_watchdog() -> None:
     drive = Drive()
     send(drive, 0, value=1.0)
     for sequence in range(1, 100):
@@ -89,7 +89,7 @@ def test_overspeed_switches_off_until_zero_torque_is_commanded() -> None:
     assert drive.faults is Fault.NONE
 
 
-def test_old_commands_and_those_of_others_are_dropped_while_it_is_commanded() -> None:
+def test_old_commands_and_other_senders_are_ignored_while_it_is_commanded() -> None:
     drive = Drive()
     send(drive, 10, value=0.5)
     send(drive, 10, value=0.1)
@@ -104,7 +104,7 @@ def test_old_commands_and_those_of_others_are_dropped_while_it_is_commanded() ->
     assert drive.listener == OTHER
 
 
-def test_a_listener_is_forgotten_when_nothing_is_heard_of_it() -> None:
+def test_a_silent_listener_is_forgotten() -> None:
     drive = Drive()
     send(drive, 0)
     run(drive, 1001)
@@ -146,11 +146,11 @@ def test_the_program_answers_and_ends_cleanly(number: int) -> None:
         assert process.stdout.read().startswith("device: off after ")
 
 
-def test_a_port_that_is_taken_is_reported() -> None:
+def test_a_port_in_use_is_reported() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = str(taken.getsockname()[1])
         with running("--port", port) as process:
             assert process.wait(DEADLINE_S) == 1
             assert process.stderr is not None
-            assert process.stderr.read().startswith(f"device: port {port} cannot be had: ")
+            assert process.stderr.read().startswith(f"device: cannot use port {port}: ")

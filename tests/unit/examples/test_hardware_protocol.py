@@ -1,4 +1,4 @@
-"""The datagrams of the hardware example, and the computer's end of the line."""
+"""The datagrams of the hardware example, and the computer's end of the connection."""
 
 import math
 import socket
@@ -16,14 +16,14 @@ def state(sequence: int) -> State:
     return State(sequence=sequence, time_s=1.0, position=0.0, velocity=0.0, faults=Fault.NONE)
 
 
-def test_the_bytes_are_those_that_are_written_down() -> None:
+def test_the_bytes_match_the_documented_format() -> None:
     assert COMMAND.pack().hex() == "4f424d43 07000000 02000000 000000000000e0bf".replace(" ", "")
     assert STATE.pack().hex() == (
         "4f424d53 09000000 000000000000f83f 000000000000d03f 00000000000000c0 01000000"
     ).replace(" ", "")
 
 
-def test_what_is_packed_is_read_back() -> None:
+def test_packed_datagrams_can_be_unpacked() -> None:
     assert Command.unpack(COMMAND.pack()) == COMMAND
     assert State.unpack(STATE.pack()) == STATE
 
@@ -41,14 +41,14 @@ def test_what_is_packed_is_read_back() -> None:
     ],
     ids=["empty", "short", "long", "magic", "mode", "nan", "inf"],
 )
-def test_what_is_no_command_is_none(data: bytes) -> None:
+def test_an_invalid_command_is_none(data: bytes) -> None:
     assert Command.unpack(data) is None
 
 
 @pytest.mark.parametrize(
     "data", [b"", STATE.pack()[:-1], b"X" + STATE.pack()[1:], STATE.pack()[:8] + b"\xff" * 28]
 )
-def test_what_is_no_state_is_none(data: bytes) -> None:
+def test_an_invalid_state_is_none(data: bytes) -> None:
     assert State.unpack(data) is None
 
 
@@ -56,13 +56,13 @@ def test_what_is_no_state_is_none(data: bytes) -> None:
     ("sequence", "last", "ahead"),
     [(5, 4, 1), (9, 4, 5), (4, 4, 0), (3, 4, -1), (0, SEQUENCES - 1, 1), (SEQUENCES - 1, 0, -1)],
 )
-def test_sequence_numbers_go_round(sequence: int, last: int, ahead: int) -> None:
+def test_sequence_numbers_wrap_around(sequence: int, last: int, ahead: int) -> None:
     assert steps_ahead(sequence, last) == ahead
 
 
 @pytest.fixture
 def line() -> Iterator[socket.socket]:
-    """The drive's end, with no one behind it."""
+    """The drive's end of the connection, without a drive."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         line.bind(("127.0.0.1", 0))
         line.settimeout(10.0)
@@ -77,28 +77,28 @@ def link(line: socket.socket) -> Iterator[DriveLink]:
     link.close()
 
 
-def test_the_newest_state_counts_and_the_rest_is_counted(
+def test_the_newest_state_is_returned_and_faults_are_counted(
     line: socket.socket, link: DriveLink
 ) -> None:
     for datagram in (state(5).pack(), state(9).pack(), state(8).pack(), b"noise", state(10).pack()):
         line.send(datagram)
     newest = link.newest()
     assert newest == state(10)
-    assert link.troubles == {
+    assert link.faults == {
         "states lost": 3,
         "states out of order": 1,
-        "datagrams that are no states": 1,
+        "invalid datagrams": 1,
     }
     assert link.newest() is None
 
 
-def test_old_states_are_no_sign_of_life(line: socket.socket, link: DriveLink) -> None:
+def test_old_states_do_not_count_as_received(line: socket.socket, link: DriveLink) -> None:
     line.send(state(5).pack())
     link.newest()
-    heard_at_s = link.heard_at_s
+    received_at_s = link.received_at_s
     line.send(state(5).pack())
     assert link.newest() is None
-    assert link.heard_at_s == heard_at_s
+    assert link.received_at_s == received_at_s
 
 
 def test_commands_are_counted_and_closing_stops_the_motor(
@@ -106,25 +106,27 @@ def test_commands_are_counted_and_closing_stops_the_motor(
 ) -> None:
     link.send(Mode.POSITION, 0.5)
     link.close()
-    heard = [Command.unpack(line.recv(100)) for _ in range(2)]
-    assert heard == [
+    received = [Command.unpack(line.recv(100)) for _ in range(2)]
+    assert received == [
         Command(sequence=0, mode=Mode.POSITION, value=0.5),
         Command(sequence=1, mode=Mode.TORQUE, value=0.0),
     ]
 
 
-def test_no_one_at_the_other_end_is_counted_and_no_exception(
+def test_a_missing_drive_is_counted_and_raises_no_exception(
     line: socket.socket, link: DriveLink
 ) -> None:
     line.close()
     for _ in range(3):
         link.send(Mode.POSITION, 0.5)
-    assert link.troubles["commands not sent"] > 0
+    assert link.faults["commands not sent"] > 0
     assert link.newest() is None
     assert link.ask(0.02) is None
 
 
-def test_what_came_before_the_question_is_no_answer(line: socket.socket, link: DriveLink) -> None:
+def test_a_state_received_before_the_request_is_not_its_answer(
+    line: socket.socket, link: DriveLink
+) -> None:
     line.send(state(5).pack())
     assert link.ask(0.02) is None
 
@@ -133,7 +135,7 @@ def test_what_came_before_the_question_is_no_answer(line: socket.socket, link: D
     ("host", "port", "error"),
     [("255.255.255.255", 1, PermissionError), ("127.0.0.1", 70_000, OverflowError)],
 )
-def test_an_address_that_cannot_be_used_leaves_no_socket(
+def test_an_unusable_address_leaves_no_open_socket(
     host: str, port: int, error: type[Exception]
 ) -> None:
     with pytest.raises(error):

@@ -1,4 +1,4 @@
-"""The start hook of the interpreter, in environments that are made up of empty files."""
+"""The start hook of the interpreter, in fake environments of empty files."""
 
 import json
 import os
@@ -22,7 +22,7 @@ print(json.dumps([os.getpid(), sys.path, *(os.environ.get(n, "").split(":") for 
 
 @pytest.fixture
 def prefix(tmp_path: Path, repository: Path) -> Path:
-    """An environment with the start hook and nothing else."""
+    """An environment with only the start hook."""
     prefix = tmp_path / "env"
     (prefix / SITE).mkdir(parents=True)
     shutil.copy(repository / "interfaces" / "obk_ros_env.py", prefix / SITE)
@@ -31,7 +31,7 @@ def prefix(tmp_path: Path, repository: Path) -> Path:
 
 @pytest.fixture
 def sourced(tmp_path: Path) -> Path:
-    """A ROS 2 as a shell may have sourced it."""
+    """A ROS 2 that a shell may have sourced."""
     sourced = tmp_path / "opt"
     (sourced / SITE / "rclpy").mkdir(parents=True)
     (sourced / "lib" / "librcl.so").touch()
@@ -79,7 +79,7 @@ def test_wheels_keep_a_sourced_ros_out_and_the_rest_of_the_shell_in(
     assert python == ["/mine/python"]
 
 
-def test_a_sourced_ros_is_left_alone_where_there_are_no_wheels(prefix: Path, sourced: Path) -> None:
+def test_a_sourced_ros_is_kept_if_there_are_no_wheels(prefix: Path, sourced: Path) -> None:
     _, ament, libraries, python = start(
         prefix,
         AMENT_PREFIX_PATH=str(sourced),

@@ -1,4 +1,4 @@
-"""The field layouts of the messages: what robots in the field speak, so nothing here may change."""
+"""The field layouts of the messages, which must not change because deployed robots use them."""
 
 from pathlib import Path
 

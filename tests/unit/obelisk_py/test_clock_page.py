@@ -52,7 +52,7 @@ def test_the_time_is_that_of_the_newest_step(descriptors: ClockDescriptors) -> N
     assert page.time_ns == 3 * MS
 
 
-def test_a_process_is_woken_once_when_its_time_has_come(descriptors: ClockDescriptors) -> None:
+def test_a_process_is_woken_once_at_its_time(descriptors: ClockDescriptors) -> None:
     page, writer = ClockPage(descriptors), ClockWriter(descriptors)
     page.set_due(2 * MS)
     writer.advance(MS)
@@ -79,11 +79,11 @@ def test_a_closed_page_asks_for_no_wake_up(descriptors: ClockDescriptors) -> Non
 def test_a_jump_back_wakes_every_process(descriptors: ClockDescriptors) -> None:
     page, writer = ClockPage(descriptors), ClockWriter(descriptors)
     writer.restart(0)
-    assert page.epoch == 0  # the first start of a run is no jump
+    assert page.epoch == 0  # the first start of a run is not a jump
     page.set_due(2 * MS)
     writer.advance(2 * MS)
     assert is_signalled(page.wake_fd)
-    # As a simulator does that was started again.
+    # As after a restart of a simulator.
     writer = ClockWriter(descriptors)
     writer.restart(0)
     assert (page.time_ns, page.epoch) == (0, 1)

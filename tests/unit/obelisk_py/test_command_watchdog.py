@@ -1,4 +1,4 @@
-"""The age of commands, the thread that watches it, and what the log reports of it."""
+"""The age of commands, the thread that monitors it, and its log messages."""
 
 import threading
 import time
@@ -30,7 +30,7 @@ def test_nothing_is_counted_before_the_first_command(age):
     assert not age.is_stale
 
 
-def test_a_command_is_too_old_right_after_its_deadline_and_not_at_it(age):
+def test_a_command_is_too_old_right_after_its_deadline_but_not_at_it(age):
     age.accept(10.0)
     assert age.deadline_s == 10.5
     assert age.look(10.5) is None
@@ -53,7 +53,7 @@ def test_each_command_counts_again(age):
     assert age.look(19.9 + 0.6) == pytest.approx(0.6)
 
 
-def test_the_command_that_ends_the_silence_reports_how_long_it_was(age):
+def test_the_command_that_ends_the_silence_reports_its_duration(age):
     age.accept(10.0)
     age.look(10.6)
     assert age.accept(12.5) == pytest.approx(2.5)
@@ -62,7 +62,7 @@ def test_the_command_that_ends_the_silence_reports_how_long_it_was(age):
     assert age.look(13.2) == pytest.approx(0.6)
 
 
-def test_how_long_none_has_come_is_known_while_the_newest_is_too_old(age):
+def test_the_duration_without_a_command_is_known_while_the_newest_is_too_old(age):
     assert age.silence_s(9.0) is None
     age.accept(10.0)
     assert age.silence_s(11.0) is None
@@ -72,15 +72,15 @@ def test_how_long_none_has_come_is_known_while_the_newest_is_too_old(age):
     assert age.silence_s(13.5) is None
 
 
-def test_a_command_that_is_late_but_comes_before_anybody_looks_is_in_time(age):
+def test_a_late_command_that_arrives_before_the_check_is_in_time(age):
     age.accept(10.0)
     assert age.accept(11.0) is None
     assert age.look(11.4) is None
 
 
-def test_a_command_that_comes_while_someone_looks_is_in_time():
+def test_a_command_that_arrives_during_the_check_is_in_time():
     class Overtaken(CommandAge):
-        """Another thread's command comes right after the first look at the deadline."""
+        """Another thread's command arrives right after the first check of the deadline."""
 
         is_overtaken = False
 
@@ -110,7 +110,7 @@ def test_a_pause_does_not_count(age):
     assert age.accept(31.0) == pytest.approx(11.0)
 
 
-def test_after_forgetting_nothing_is_counted_until_a_command_comes(age):
+def test_after_forgetting_nothing_is_counted_until_a_command_arrives(age):
     age.accept(10.0)
     age.look(11.0)
     age.forget()
@@ -131,7 +131,7 @@ def _watchdog(max_age_s):
     return age, WatchdogThread(lambda: age.deadline_s, check), reported
 
 
-def test_it_reports_of_a_command_that_none_follows():
+def test_it_reports_a_command_that_no_other_follows():
     age, watchdog, reported = _watchdog(0.01)
     watchdog.start()
     age.accept(time.monotonic())
@@ -140,7 +140,7 @@ def test_it_reports_of_a_command_that_none_follows():
     assert watchdog.stop(DEADLINE_S)
 
 
-def test_it_reports_again_after_commands_have_come_again():
+def test_it_reports_again_after_commands_have_returned():
     age, watchdog, reported = _watchdog(0.01)
     age.accept(time.monotonic())
     watchdog.start()
@@ -152,7 +152,7 @@ def test_it_reports_again_after_commands_have_come_again():
     assert watchdog.stop(DEADLINE_S)
 
 
-def test_it_ends_at_once_although_its_deadline_is_far():
+def test_it_ends_immediately_although_its_deadline_is_far():
     age, watchdog, reported = _watchdog(1e9)
     age.accept(time.monotonic())
     watchdog.start()
@@ -180,7 +180,7 @@ def test_a_silence_is_reported_once_a_grace_is_over(silences):
     assert silences.due_s is None
 
 
-def test_that_commands_come_again_is_news_only_after_it_was_reported_that_none_came(silences):
+def test_the_return_of_commands_is_reported_only_after_their_absence_was(silences):
     silences.begin(100.0)
     assert not silences.end(0.2)
     assert silences.report(100.5, None) == "commands stopped 1x, for 0.200 s at most"
@@ -203,7 +203,7 @@ def test_silences_now_and_then_are_counted_and_reported_each_ten_seconds(silence
     assert reported[1][1] == "commands stopped 50x, for 0.100 s at most"
 
 
-def test_a_silence_that_lasts_is_reported_as_such_among_others(silences):
+def test_a_lasting_silence_is_reported_as_such_among_others(silences):
     silences.begin(100.0)
     silences.report(100.5, 0.55)
     silences.end(0.6)
@@ -211,10 +211,10 @@ def test_a_silence_that_lasts_is_reported_as_such_among_others(silences):
         silences.begin(second)
     assert silences.due_s == 100.5 + SILENCE_PERIOD_S
     text = silences.report(110.5, 8.55)
-    assert text == "commands stopped 2x, and none has come for 8.550 s"
+    assert text == "commands stopped 2x, most recently for 8.550 s"
 
 
-def test_what_is_forgotten_is_not_reported(silences):
+def test_forgotten_entries_are_not_reported(silences):
     silences.begin(100.0)
     silences.forget()
     assert silences.due_s is None
@@ -223,7 +223,7 @@ def test_what_is_forgotten_is_not_reported(silences):
 
 
 class World:
-    """RejectionLog at one rate, and what is reported of them."""
+    """RejectionLog at one rate, and its reports."""
 
     def __init__(self):
         self.now_s = 50.0
@@ -256,7 +256,7 @@ def test_only_rejections_are_an_error_after_a_second_and_then_reported_rarely(wo
     assert [time_s for time_s, _ in errors] == pytest.approx([51.0, 61.0, 71.0], abs=0.11)
     assert all(report.is_lasting for _, report in errors)
     assert errors[0][1].text.startswith("control rejected: `u[0]` is nan (1")
-    assert "since the start; nothing else was received for 1." in errors[0][1].text
+    assert "since the start; no valid message was received for 1." in errors[0][1].text
     assert errors[0][1].text.endswith("`obk topic echo` shows what the controller sends")
 
 
@@ -282,7 +282,7 @@ def test_accepted_messages_in_between_leave_it_a_warning(world):
     assert not any(report.is_lasting for _, report in reported)
 
 
-def test_without_an_end_sentence_nothing_is_an_error():
+def test_without_an_end_message_nothing_is_an_error():
     now_s = 0.0
     late = RejectionLog("late control applied", lambda: now_s)
     late.add("its stamp is old")

@@ -1,4 +1,4 @@
-"""Programs that share a process: what the launcher's file lists, and how one is run."""
+"""Programs that share a process: the launcher's file, and how each is run."""
 
 import json
 import sys
@@ -41,7 +41,7 @@ def program(function: str | None) -> Program:
         (None, "__main__/--x/y"),
     ],
 )
-def test_a_program_ends_as_in_a_process_of_its_own(function: str | None, code: object) -> None:
+def test_a_program_ends_as_in_its_own_process(function: str | None, code: object) -> None:
     before = list(sys.argv)
     with pytest.raises(SystemExit) as end:
         program(function).run()
@@ -49,7 +49,7 @@ def test_a_program_ends_as_in_a_process_of_its_own(function: str | None, code: o
     assert sys.argv == before
 
 
-def test_the_file_gives_the_programs_in_its_order(tmp_path: Path) -> None:
+def test_the_file_lists_the_programs_in_order(tmp_path: Path) -> None:
     path = tmp_path / "composed.json"
     listed = [
         {"node": "/ns/a", "module": "m", "function": "main", "arguments": ["--ros-args"]},

@@ -1,4 +1,4 @@
-"""Names that are kept for existing code."""
+"""Names that exist for existing code."""
 
 import subprocess
 import sys
@@ -106,7 +106,7 @@ def test_a_config_is_found_in_the_share_folder_of_a_package(
 
 
 @pytest.mark.parametrize("text", ["- a\n", "a: [\n"])
-def test_a_file_that_is_no_config_is_named(tmp_path: Path, text: str) -> None:
+def test_an_invalid_config_file_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "arm.yaml").write_text(text)
     with pytest.raises(ObeliskConfigError, match=r"arm\.yaml"):
         load_config_file(tmp_path / "arm.yaml")
@@ -121,13 +121,13 @@ def test_the_parameters_of_a_node_are_those_that_the_compiler_writes() -> None:
     for process in plan.nodes:
         node = config["onboard"][process.section]
         found = get_parameters_dict(node[0] if isinstance(node, list) else node)
-        # Whose time a node takes is decided for the whole stack.
+        # The time source of a node is decided for the whole stack.
         assert found.keys() == process.parameters.keys() - {USE_SIM_TIME}
         same = [name for name in found if name not in ("params_path", "mujoco_setting")]
         assert {name: found[name] for name in same} == {n: process.parameters[n] for n in same}
 
 
-def test_parameters_hold_groups_and_parameters_of_the_nodes_own() -> None:
+def test_parameters_contain_groups_and_custom_parameters() -> None:
     node = {
         "callback_groups": {"fast": "ReentrantCallbackGroup"},
         "timers": {"key": "tick", "timer_period_sec": 0.1, "callback_group": "fast"},

@@ -1,4 +1,4 @@
-"""Delivery past DDS: who gets a message, in which order, and when DDS takes over."""
+"""Delivery without DDS: recipients, order, and the switch to DDS."""
 
 import gc
 import os
@@ -43,7 +43,7 @@ BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class Dds:
-    """What rclpy's publisher stands on: notes what is sent."""
+    """The fake base of rclpy's publisher, which records the sent messages."""
 
     def __init__(self) -> None:
         self.sent: list[Any] = []
@@ -76,7 +76,7 @@ class Dds:
 
 
 class World:
-    """A publisher, its DDS, and the buffers that are open."""
+    """A publisher, its DDS, and the open buffers."""
 
     def __init__(self, qos: QoSProfile = RELIABLE, message_class: type[Any] = Int64) -> None:
         self.message_class = message_class
@@ -97,7 +97,7 @@ class World:
     def listen(
         self, qos: QoSProfile = RELIABLE, message_class: type[Any] | None = None
     ) -> MessageBuffer:
-        """Open a buffer; DDS knows it at once."""
+        """Open a buffer; DDS discovers it immediately."""
         kind = message_class or self.message_class
         codec = codec_for(kind)
         assert codec is not None
@@ -109,7 +109,7 @@ class World:
 
 
 def taken(box: MessageBuffer) -> list[Any]:
-    """The messages that wait."""
+    """The waiting messages."""
     messages = []
     while (item := box.take()) is not None:
         messages.append(item[0])
@@ -125,7 +125,7 @@ def test_without_a_listener_outside_nothing_is_sent() -> None:
     assert world.dds.sent == []
 
 
-def test_each_gets_a_copy_of_its_own() -> None:
+def test_each_subscription_gets_its_own_copy() -> None:
     world = World(message_class=Float64MultiArray)
     one, other = world.listen(), world.listen()
     message = Float64MultiArray(data=[1.0])
@@ -145,7 +145,7 @@ def test_with_a_listener_outside_all_get_it_by_dds() -> None:
     assert taken(box) == []
 
 
-def test_without_a_local_subscription_everything_goes_through_dds() -> None:
+def test_without_a_local_subscription_everything_uses_dds() -> None:
     world = World()
     world.publisher.publish(Int64(data=1))
     assert world.dds.sent == [Int64(data=1)]
@@ -174,13 +174,13 @@ def test_a_buffer_that_dds_does_not_match_gets_nothing(
 ) -> None:
     world = World(publisher)
     box = world.listen(qos, kind)
-    # One listener is counted, from outside; the buffer is not the one.
+    # One subscription counts, from outside; the buffer does not.
     world.publisher.publish(Int64(data=1))
     assert world.dds.sent == [Int64(data=1)]
     assert taken(box) == []
 
 
-def test_nothing_overtakes_what_dds_still_holds_for_a_subscription() -> None:
+def test_no_message_overtakes_those_that_dds_still_holds() -> None:
     world = World()
     box = world.listen()
     world.dds.listeners = 2
@@ -194,7 +194,7 @@ def test_nothing_overtakes_what_dds_still_holds_for_a_subscription() -> None:
     assert taken(box) == [Int64(data=3)]
 
 
-def test_nothing_overtakes_what_was_on_its_way_when_a_subscription_came() -> None:
+def test_no_message_overtakes_those_in_transit_when_a_subscription_was_created() -> None:
     world = World()
     boxes: list[MessageBuffer] = []
     world.dds.on_send = lambda: boxes.append(world.listen())
@@ -205,12 +205,12 @@ def test_nothing_overtakes_what_was_on_its_way_when_a_subscription_came() -> Non
     assert len(world.dds.sent) == 2
 
 
-def test_one_who_goes_while_one_comes_is_not_taken_for_the_other() -> None:
+def test_a_leaving_and_a_joining_subscription_are_not_confused() -> None:
     world = World()
     box = world.listen()
 
     def change() -> None:
-        world.topic.close(box)  # and the one that DDS counts is from outside
+        world.topic.close(box)  # and the one that DDS counts is outside
 
     world.dds.on_count = change
     world.publisher.publish(Int64(data=1))
@@ -218,7 +218,7 @@ def test_one_who_goes_while_one_comes_is_not_taken_for_the_other() -> None:
     assert taken(box) == []
 
 
-def test_bytes_are_handed_over_too() -> None:
+def test_bytes_are_passed_on_too() -> None:
     world = World()
     box = world.listen()
     world.publisher.publish(bytes(serialize_message(Int64(data=5))))
@@ -226,7 +226,7 @@ def test_bytes_are_handed_over_too() -> None:
     assert not world.dds.sent
 
 
-def test_what_is_no_message_of_the_class_is_rejected() -> None:
+def test_messages_of_another_class_are_rejected() -> None:
     world = World()
     box = world.listen()
     with pytest.raises(TypeError, match="Expected"):
@@ -254,21 +254,21 @@ def test_a_publisher_that_is_destroyed_leaves_the_answer_to_rclpy() -> None:
 
 
 def buffer(depth: int = 3) -> MessageBuffer:
-    """An empty one."""
+    """An empty buffer."""
     codec = codec_for(Int64)
     assert codec is not None
     return MessageBuffer(Int64, QoSProfile(depth=depth), codec)
 
 
 def numbers(box: MessageBuffer) -> list[int]:
-    """All that waits, taken."""
+    """Take all waiting messages."""
     taken = []
     while (item := box.take()) is not None:
         taken.append(item[0].data)
     return taken
 
 
-def test_messages_come_out_in_the_order_in_which_they_came_in() -> None:
+def test_messages_leave_in_order_of_arrival() -> None:
     box = buffer()
     for number in range(3):
         box.put(Int64(data=number))
@@ -282,7 +282,7 @@ def test_one_more_than_the_depth_drops_the_oldest() -> None:
     assert numbers(box) == [3, 4]
 
 
-def test_bytes_come_out_as_a_message() -> None:
+def test_bytes_are_delivered_as_a_message() -> None:
     codec = codec_for(Int64)
     assert codec is not None
     box = buffer()
@@ -302,7 +302,7 @@ def test_each_message_signals_unless_another_user_is_to_be_reported() -> None:
         os.eventfd_read(box.signal_fd)
 
 
-def test_dds_is_empty_only_as_of_the_mark_that_was_there_before_it_was_looked_at() -> None:
+def test_dds_counts_as_empty_only_up_to_the_mark_before_the_check() -> None:
     box = buffer()
     mark = box.dds_mark
     box.mark_dds_empty(mark)
@@ -330,7 +330,7 @@ def subscription(
     *,
     raw: bool = False,
 ) -> Subscription:
-    """One without a middleware."""
+    """A publisher without a middleware."""
     handle = MagicMock()
     handle.get_logger_name.return_value = "node"
     return Subscription(
@@ -395,7 +395,7 @@ def test_a_subscription_keeps_its_buffer_and_a_buffer_no_subscription() -> None:
     ],
     ids=["bytes", "infos", "late joining"],
 )
-def test_what_only_dds_gives_is_taken_from_dds(by_dds: Subscription) -> None:
+def test_messages_only_from_dds_are_taken_from_dds(by_dds: Subscription) -> None:
     assert buffer_of(by_dds) is None
 
 
@@ -427,7 +427,7 @@ def test_depth_and_reliability_need_no_dds(qos: QoSProfile) -> None:
         qos_profile_system_default,
     ],
 )
-def test_what_else_a_profile_asks_for_is_left_to_dds(qos: QoSProfile) -> None:
+def test_other_settings_of_a_profile_are_left_to_dds(qos: QoSProfile) -> None:
     assert not is_plain(qos)
 
 

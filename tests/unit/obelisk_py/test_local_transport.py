@@ -1,4 +1,4 @@
-"""The local transport over real sockets: who is reached, and in which order messages come."""
+"""The local transport over real sockets: recipients and message order."""
 
 import socket
 import subprocess
@@ -44,7 +44,7 @@ PACK = CODEC.pack
 
 
 def gid(number: int) -> bytes:
-    """Of a subscription in another process."""
+    """The address of a subscription in another process."""
     return bytes([99] * 12) + number.to_bytes(4, "big")
 
 
@@ -64,16 +64,16 @@ GREETING = Greeting(publisher=PUBLISHER, packets=3)
 
 
 def stamped(message: bytes, number: int, packets: int = 1) -> bytes:
-    """A packet."""
+    """Build a packet."""
     return message + packed_stamp(0, packets, number)
 
 
 def contents(packet: bytes) -> tuple[bytes, int]:
-    """The message of a packet, and how many went through DDS before."""
+    """The message in a packet, and the number of messages sent through DDS before it."""
     return packet[: -len(stamped(b"", 0))], number_of(packet)
 
 
-def test_a_greeting_names_its_publisher_and_nothing_else_is_one() -> None:
+def test_a_greeting_names_its_publisher_and_nothing_else_is_a_greeting() -> None:
     assert greeting_of(bytes(GREETING)) == GREETING
     assert greeting_of(bytes(GREETING)[:-1]) is None
     assert greeting_of(bytes(len(bytes(GREETING)))) is None
@@ -84,13 +84,13 @@ def test_a_packet_ends_with_its_stamp() -> None:
     assert (stamp.published_ns, stamp.packets, stamp.number) == (1, 2, 2**40)
 
 
-def test_a_folder_that_others_can_enter_is_refused(path: Path) -> None:
+def test_a_folder_that_others_can_enter_is_rejected(path: Path) -> None:
     path.chmod(0o701)
     with pytest.raises(PermissionError, match="0700"):
         SocketFolder(str(path))
 
 
-def test_there_is_no_folder_without_the_variable_or_after_the_run(
+def test_the_folder_is_missing_without_the_variable_or_after_the_run(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.delenv(LOCAL_TRANSPORT_VARIABLE, raising=False)
@@ -110,14 +110,14 @@ def test_a_socket_is_reached_below_a_path_longer_than_an_address(tmp_path: Path)
         connection.close()
 
 
-def test_what_a_killed_process_leaves_is_no_socket(folder: SocketFolder, path: Path) -> None:
+def test_leftovers_of_a_killed_process_are_not_sockets(folder: SocketFolder, path: Path) -> None:
     folder.listen(gid(1), DEPTH).close()
     assert (path / f"{gid(1).hex()}-{DEPTH}").exists()
     assert folder.connect(gid(1), DEPTH) is None
     assert folder.connect(gid(2), DEPTH) is None
 
 
-def test_the_other_end_has_to_be_of_the_same_user(
+def test_the_other_end_must_belong_to_the_same_user(
     folder: SocketFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sockets_module, "peer_process", lambda _connection: None)
@@ -126,7 +126,7 @@ def test_the_other_end_has_to_be_of_the_same_user(
 
 
 class Graph:
-    """What DDS knows: the subscriptions of the topic."""
+    """The subscriptions of the topic that DDS knows."""
 
     def __init__(self) -> None:
         self.endpoints: list[SubscriptionEndpoint] = []
@@ -174,11 +174,11 @@ def sender(folder: SocketFolder, graph: Graph) -> Iterator[LocalSender]:
 
 
 def nothing() -> None:
-    """What DDS does with a message here."""
+    """Send a message through the fake DDS."""
 
 
 def accepted(listener: socket.socket) -> socket.socket:
-    """The connection of the one publisher; its greeting is read."""
+    """The connection of the only publisher, after its greeting."""
     connection, _ = listener.accept()
     connection.setblocking(False)
     greeting = greeting_of(connection.recv(100))
@@ -191,7 +191,7 @@ def accepted(listener: socket.socket) -> socket.socket:
 def confirmed(
     sender: LocalSender, count: int, *listeners: socket.socket
 ) -> Iterator[list[socket.socket]]:
-    """Let subscriptions confirm a message of DDS; their connections, once DDS is bypassed."""
+    """Let subscriptions confirm a DDS message; return their connections, after DDS is bypassed."""
     assert not sender.covers(count, 0)
     sender.send_through_dds(nothing)
     with ExitStack() as stack:
@@ -218,7 +218,7 @@ def test_dds_is_bypassed_once_each_has_confirmed_a_message_of_it(
             assert contents(connection.recv(100)) == (b"message", 1)
 
 
-def test_a_count_that_is_right_by_chance_is_no_reason_to_bypass_dds(
+def test_an_accidentally_matching_count_does_not_bypass_dds(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     """One has a socket and is not matched yet; the matched one is outside."""
@@ -268,7 +268,7 @@ def test_a_large_message_is_left_to_dds(
         assert not sender.send(bytes(LARGEST_MESSAGE + 1))
 
 
-def test_who_has_got_a_message_by_its_socket_drops_the_one_of_dds(
+def test_a_subscription_that_received_by_socket_drops_the_dds_message(
     folder: SocketFolder, graph: Graph, sender: LocalSender
 ) -> None:
     graph.add(1)
@@ -319,7 +319,7 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
     assert sender.peers == ()
 
 
-def test_who_does_not_read_gets_the_newest_messages_later() -> None:
+def test_a_subscription_that_does_not_read_gets_the_newest_messages_later() -> None:
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     near.setblocking(False)
     peer = Peer(near, gid(1), 3, bytes(GREETING))
@@ -337,7 +337,7 @@ def test_who_does_not_read_gets_the_newest_messages_later() -> None:
 
 
 class Reader:
-    """What DDS holds for the subscription."""
+    """The messages that DDS holds for the subscription."""
 
     def __init__(self) -> None:
         self.samples: deque[Sample] = deque()
@@ -369,7 +369,7 @@ class Subscription:
         return connection
 
     def read(self) -> None:
-        """Read what the sockets hold."""
+        """Read from the sockets."""
         for _ in range(3):  # the socket, then its connections, then the rest
             self.worker.run_ready(0)
 
@@ -406,7 +406,7 @@ def test_packets_are_delivered_in_their_order(subscription: Subscription) -> Non
         assert subscription.taken() == [0, 1, 2, 3, 4]
 
 
-def test_a_packet_waits_for_what_went_through_dds_before(subscription: Subscription) -> None:
+def test_a_packet_waits_for_earlier_dds_messages(subscription: Subscription) -> None:
     with subscription.connect() as publisher:
         publisher.send(packet(3, 2))
         subscription.read()
@@ -420,7 +420,7 @@ def test_a_packet_waits_for_what_went_through_dds_before(subscription: Subscript
         assert subscription.taken() == [4]
 
 
-def test_what_was_taken_before_the_connection_is_known(subscription: Subscription) -> None:
+def test_messages_taken_before_the_connection_are_known(subscription: Subscription) -> None:
     subscription.dds.hold(1, 7)
     assert subscription.taken() == [1]
     with subscription.connect() as publisher:
@@ -429,7 +429,7 @@ def test_what_was_taken_before_the_connection_is_known(subscription: Subscriptio
         assert subscription.taken() == [2]
 
 
-def test_packets_precede_what_went_through_dds_later(subscription: Subscription) -> None:
+def test_packets_precede_later_dds_messages(subscription: Subscription) -> None:
     with subscription.connect() as publisher:
         subscription.read()
         publisher.send(packet(1, 0))
@@ -452,12 +452,12 @@ def test_a_message_of_dds_waits_for_packets_that_the_socket_did_not_take(
     subscription.dds.hold(501, 1)
     got: list[int] = []
 
-    def all_have_come() -> bool:
+    def all_have_arrived() -> bool:
         subscription.worker.run_ready(0.01)
         got.extend(subscription.taken())
         return len(got) >= 501
 
-    eventually(all_have_come, "all messages")
+    eventually(all_have_arrived, "all messages")
     assert got == list(range(1, 502))
     peer.close()
     subscription.close()
@@ -490,7 +490,7 @@ def test_a_packet_does_not_wait_for_ever_for_a_message_that_dds_lost(
     subscription = Subscription(folder, best_effort)
     got: list[int] = []
 
-    def has_come() -> list[int]:
+    def has_arrived() -> list[int]:
         subscription.worker.run_ready(0.01)
         got.extend(subscription.taken())
         return got
@@ -499,7 +499,7 @@ def test_a_packet_does_not_wait_for_ever_for_a_message_that_dds_lost(
         publisher.send(packet(1, 5))
         subscription.read()
         assert subscription.taken() == []
-        eventually(has_come, "the packet")
+        eventually(has_arrived, "the packet")
         publisher.send(packet(2, 5))
         subscription.read()
         assert subscription.taken() == [2]
@@ -517,7 +517,7 @@ def test_only_the_newest_messages_are_kept(subscription: Subscription) -> None:
 
 
 @pytest.mark.parametrize("is_accepted", [True, False], ids=["connected", "not accepted yet"])
-def test_what_was_sent_before_a_stop_is_kept_and_nothing_can_be_sent_after(
+def test_messages_sent_before_a_stop_are_kept_and_later_ones_cannot_be_sent(
     folder: SocketFolder, path: Path, is_accepted: bool
 ) -> None:
     subscription = Subscription(folder, QoSProfile(depth=DEPTH))

@@ -36,7 +36,7 @@ def test_the_wire_does_not_know_the_older_names() -> None:
 
 
 @pytest.mark.parametrize("name", ["Imu", "sensor_msgs/Imu", "sensor_msgs/msg/Imu"])
-def test_a_class_is_found_by_every_spelling_of_its_name(name: str) -> None:
+def test_a_class_is_found_by_every_form_of_its_name(name: str) -> None:
     assert message_class(name) is Imu
 
 
@@ -47,12 +47,12 @@ def test_a_class_reports_its_full_name() -> None:
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("PositionSetpont", r"`PositionSetpont` is not known; near names: PositionSetpoint"),
+        ("PositionSetpont", r"`PositionSetpont` is not known; similar names: PositionSetpoint"),
         ("nope_msgs/msg/Nope", r"the package `nope_msgs` is not installed"),
         ("sensor_msgs/msg/Nope", r"`sensor_msgs` has no message `Nope`"),
     ],
 )
-def test_a_name_that_is_no_message_is_reported_apart(name: str, sentence: str) -> None:
+def test_an_unknown_message_name_is_reported_separately(name: str, sentence: str) -> None:
     with pytest.raises(ObeliskMsgError, match=sentence):
         message_class(name)
 
@@ -85,7 +85,7 @@ def test_field_names_of_the_other_layout_are_added_to_either(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class PositionSetpoint:
-        """As it was in 2024."""
+        """The class as in 2024."""
 
         u: list[float]
 

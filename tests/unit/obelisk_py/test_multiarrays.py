@@ -1,4 +1,4 @@
-"""Arrays in messages: the strides are a contract with every other reader and writer."""
+"""Arrays in messages: the strides are a contract with all other readers and writers."""
 
 from math import prod
 
@@ -17,7 +17,7 @@ SHAPES = array_shapes(min_dims=1, max_dims=4, max_side=5)
 
 
 @given(arrays(np.float64, SHAPES, elements=st.floats(-9, 9)), st.integers(0, 7))
-def test_an_array_comes_back_equal_in_both_forms(array: NDArray[np.float64], offset: int) -> None:
+def test_an_array_round_trips_in_both_forms(array: NDArray[np.float64], offset: int) -> None:
     message = np_to_multiarray(array)
     message.layout.data_offset = offset
     message.data = [-1.0] * offset + [*message.data]
@@ -28,7 +28,7 @@ def test_an_array_comes_back_equal_in_both_forms(array: NDArray[np.float64], off
 
 
 @given(arrays(np.uint8, SHAPES), st.data())
-def test_every_element_is_where_the_contract_has_it(
+def test_every_element_is_at_the_position_of_the_contract(
     array: NDArray[np.uint8], draw: st.DataObject
 ) -> None:
     index = draw.draw(st.tuples(*(st.integers(0, size - 1) for size in array.shape)))
@@ -38,7 +38,7 @@ def test_every_element_is_where_the_contract_has_it(
 
 
 @given(st.lists(st.integers(1, 3), min_size=1, max_size=3), st.data())
-def test_what_the_contract_can_read_is_read_by_it(shape: list[int], draw: st.DataObject) -> None:
+def test_layouts_that_the_contract_allows_are_read(shape: list[int], draw: st.DataObject) -> None:
     strides = draw.draw(st.tuples(*(st.integers(0, 9) for _ in shape)))
     message = np_to_multiarray(np.zeros(shape))
     for dim, stride in zip(message.layout.dim, strides, strict=True):
@@ -79,7 +79,7 @@ def test_a_layout_longer_than_the_data_is_rejected(strides: tuple[int, int]) -> 
     for dim, stride in zip(message.layout.dim, strides, strict=True):
         dim.stride = stride
     message.data = [0.0, 1.0, 2.0]
-    with pytest.raises(ObeliskMsgError, match=r"elements .* holds 3"):
+    with pytest.raises(ObeliskMsgError, match=r"elements .* has 3"):
         multiarray_to_np(message)
 
 
@@ -92,7 +92,7 @@ def test_an_axis_without_elements_has_no_data() -> None:
     assert multiarray_to_np(np_to_multiarray(np.zeros((3, 0)))).shape == (3, 0)
 
 
-def test_what_is_not_a_number_and_labels_that_do_not_fit_are_rejected() -> None:
+def test_values_that_are_no_numbers_and_mismatched_labels_are_rejected() -> None:
     with pytest.raises(ObeliskMsgError, match="complex"):
         np_to_multiarray(np.zeros(2, np.complex128))
     with pytest.raises(ObeliskMsgError, match="1 labels"):

@@ -1,4 +1,4 @@
-"""Ticks, their lateness and the expected rate, with a clock that the test moves."""
+"""Ticks, their lateness and the expected rate, with a clock controlled by the test."""
 
 from collections.abc import Iterable
 
@@ -20,7 +20,7 @@ MS = 1_000_000
 
 
 class _World:
-    """A clock, a counter, an expected rate; the ticks of a second come before it is read."""
+    """A clock, a counter, an expected rate; the ticks of a second happen before it is read."""
 
     def __init__(self, expected_hz: float) -> None:
         self.now_ns: int | None = 10 * S
@@ -35,11 +35,11 @@ class _World:
         )
 
     def second(self, ticks_ms: Iterable[float] = (), late_ns: int = 0) -> Rate:
-        """A second with ticks at these times from its beginning [ms]."""
+        """Simulate a second with ticks at these times after its start [ms]."""
         return self.after(1.0, ticks_ms, late_ns)
 
     def after(self, seconds: float, ticks_ms: Iterable[float] = (), late_ns: int = 0) -> Rate:
-        """The rate read after another time than a second."""
+        """The rate read after a time other than a second."""
         assert self.now_ns is not None
         for tick_ms in ticks_ms:
             self.counter.tick(self.now_ns + round(tick_ms * MS), late_ns)
@@ -84,7 +84,7 @@ def test_the_first_second_is_forgiven_the_next_is_off_and_two_are_broken() -> No
         ((5.0, 1.0), ["off", "broken"]),
     ],
 )
-def test_what_is_broken_was_off_for_two_seconds_however_the_reads_come(
+def test_a_broken_rate_was_off_for_two_seconds_for_any_times_of_reading(
     reads_s: tuple[float, ...], standings: list[str]
 ) -> None:
     world = _World(100.0)
@@ -119,7 +119,7 @@ def test_a_timer_that_stops_is_off_although_its_last_ticks_were_in_time() -> Non
 
 
 def test_ticks_are_not_split_by_the_reading() -> None:
-    """A timer of 3 Hz has now three and now four ticks in a second."""
+    """A timer of 3 Hz has three or four ticks in a second."""
     world = _World(3.0)
     for n in range(6):
         ticks = [t - 1000 * n for t in [m * 1000 / 3 + 30 for m in range(100)]]
@@ -137,7 +137,7 @@ def test_a_timer_slower_than_the_reports_is_not_off_between_its_ticks() -> None:
     assert seen[-1] == "broken"
 
 
-def test_what_catches_up_is_not_off() -> None:
+def test_a_rate_that_catches_up_is_not_off() -> None:
     world = _World(2.0)
     world.second([500, 999])
     world.second([450, 999])
@@ -155,7 +155,7 @@ def test_while_no_rate_is_expected_none_is_broken_and_the_next_second_is_ignored
     assert standings == ["kept", "kept", "off"]
 
 
-def test_while_simulated_time_stands_still_nothing_is_broken() -> None:
+def test_while_simulated_time_is_paused_nothing_is_broken() -> None:
     world = _World(100.0)
     for _ in range(3):
         world.second(every(20))
@@ -183,7 +183,7 @@ def test_a_restarted_rate_ignores_ticks_before() -> None:
 
 
 class _Listing(TickCounter):
-    """Keeps what it is reported of lateness."""
+    """Stores the lateness reports."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -233,7 +233,7 @@ def test_a_timer_that_starts_again_has_skipped_nothing() -> None:
     assert timer.counter.overruns == 0
 
 
-def test_samples_that_do_not_come_are_counted() -> None:
+def test_missing_samples_are_counted() -> None:
     counter = TickCounter()
     times_ns = [20 * MS, 40 * MS, 100 * MS, 0, 20 * MS]
     ticks = SampleTicks(counter, period_ns=20 * MS, clock=iter(times_ns).__next__)
@@ -255,7 +255,7 @@ def counted(late_ns: list[int]) -> TickCounter:
 
 
 @given(st.lists(LATE_NS, min_size=1, max_size=300))
-def test_what_is_read_is_never_too_little_and_at_most_a_sixteenth_too_much(
+def test_reported_percentiles_are_never_too_low_and_at_most_a_sixteenth_too_high(
     late_ns: list[int],
 ) -> None:
     ordered = sorted(late_ns)
@@ -269,7 +269,7 @@ def test_less_than_a_microsecond_is_nothing_and_ahead_of_time_too() -> None:
     assert late_ns_of(counted([-5, 0, 999]).buckets, SHARES) == (0.0, 0.0, 0.0)
 
 
-def test_hours_of_lateness_are_counted_as_the_longest_there_is() -> None:
+def test_hours_of_lateness_are_counted_in_the_last_bucket() -> None:
     (longest,) = late_ns_of(counted([10**13]).buckets, (1.0,))
     assert longest > 120e9
 

@@ -1,4 +1,4 @@
-"""Registrations of the three generations of the Python API, and what is wrong with some."""
+"""Registrations in the three generations of the Python API, and errors in them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -91,7 +91,7 @@ def test_a_default_has_two_names() -> None:
         (TIMER, ("x",), {"calback": callback}, "unexpected argument `calback`.*`callback`"),
     ],
 )
-def test_a_wrong_argument_is_named_with_what_was_expected(
+def test_an_invalid_argument_is_named_with_the_expected_one(
     kind: ComponentKind, positional: Sequence[Any], named: Mapping[str, Any], sentence: str
 ) -> None:
     with pytest.raises(ObeliskConfigError, match=sentence) as caught:

@@ -1,4 +1,4 @@
-"""The numbers in messages: found where they are not finite, and set to zero."""
+"""Numbers in messages: finding values that are not finite, and setting them to zero."""
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -88,7 +88,7 @@ def test_the_first_number_that_is_not_finite_is_named(message, found):
     assert non_finite_number(message) == found
 
 
-def test_an_array_of_fixed_size_is_looked_at_too():
+def test_an_array_of_fixed_size_is_checked_too():
     imu = Imu()
     imu.orientation_covariance[4] = float("nan")
     assert non_finite_number(imu) == "`orientation_covariance[4]` is nan"

@@ -1,4 +1,4 @@
-"""Settings of components: where they come from, and what is wrong with them."""
+"""Settings of components: their sources, and errors in them."""
 
 import re
 from typing import Any
@@ -26,7 +26,7 @@ def publisher(**changes: Any) -> RegisteredComponent:
     return RegisteredComponent(kind=ComponentKind.PUBLISHER, **values)
 
 
-def test_the_own_parameter_wins_over_the_entry_and_the_default() -> None:
+def test_its_parameter_wins_over_the_entry_and_the_default() -> None:
     node = parse_node_settings("publishers: [{key: pub_ctrl, topic: /entry}]")
     component = publisher(default="{topic: /default}")
     assert find_settings(component, "{topic: /own}", node) == {"key": "pub_ctrl", "topic": "/own"}
@@ -44,7 +44,7 @@ def test_key_and_ros_parameter_name_the_same_component(identity: str) -> None:
         assert settings["topic"] == "/x"
 
 
-def test_of_several_entries_the_own_one_is_taken() -> None:
+def test_the_matching_one_of_several_entries_is_used() -> None:
     node = parse_node_settings("publishers: [{key: pub_a, topic: /a}, {key: pub_b, topic: /b}]")
     settings = find_settings(publisher(ros_parameter=None, key="pub_b"), "", node)
     assert settings == {"key": "pub_b", "topic": "/b"}
@@ -77,8 +77,8 @@ def test_qos_is_taken() -> None:
     ("raw", "sentence"),
     [
         ({}, "has no `topic`"),
-        ({"topic": "/a b"}, "`topic` is `/a b`, no topic name: ' ' is not a letter"),
-        ({"topic": "/x/{nod}"}, "no topic name: '{' is not a letter"),
+        ({"topic": "/a b"}, "invalid topic name `/a b`: ' ' is not a letter"),
+        ({"topic": "/x/{nod}"}, "invalid topic name `/x/{nod}`: '{' is not a letter"),
         ({"topic": "/x", "history_depth": 0}, "`history_depth` is 0, expected a whole number"),
         ({"topic": "/x", "history_depth": True}, "`history_depth` is True"),
         ({"topic": "/x", "history_depth": 2**31}, "from 1 to 2147483647"),
@@ -111,7 +111,7 @@ def test_a_period_is_a_number_above_zero(period: object) -> None:
         ({"max_age_sec": 0.1, "stale_action": "damp"}, StalePolicy(max_age_s=0.1, action="damp")),
     ],
 )
-def test_how_old_a_command_may_become_is_taken(
+def test_the_maximum_age_of_a_command_is_read(
     raw: dict[str, object], policy: StalePolicy | None
 ) -> None:
     assert stale_policy(publisher(), raw) == policy
@@ -131,7 +131,7 @@ def test_how_old_a_command_may_become_is_taken(
         ),
     ],
 )
-def test_an_age_or_an_action_that_is_none_is_named(raw: dict[str, object], fault: str) -> None:
+def test_an_invalid_age_or_action_is_named(raw: dict[str, object], fault: str) -> None:
     with pytest.raises(
         ObeliskConfigError, match=re.escape(f"the publisher `pub_ctrl_setting`: {fault}")
     ):
@@ -151,16 +151,16 @@ def test_obelisk_settings_of_another_shape_are_rejected(text: str) -> None:
     ("own", "settings"),
     [("{key: 3, topic: /x}", ""), ("", "publishers: [{key: 3, topic: /x}]")],
 )
-def test_a_key_that_is_no_text_is_named(own: str, settings: str) -> None:
-    with pytest.raises(ObeliskConfigError, match="`key` is 3, expected a text"):
+def test_a_key_that_is_not_text_is_named(own: str, settings: str) -> None:
+    with pytest.raises(ObeliskConfigError, match="`key` is 3, expected a string"):
         check_component(publisher(), own, settings)
 
 
-def test_a_table_finds_every_spelling_and_lists_what_exists() -> None:
+def test_a_table_finds_every_format_and_lists_existing_names() -> None:
     table: ComponentTable[int] = ComponentTable(ComponentKind.PUBLISHER)
     table.add("pub_ctrl", publisher().names | {"asdf"}, 7)
     for name in ("pub_ctrl", "pub_ctrl_setting", "publisher_ctrl", "asdf"):
         assert table[name] == 7
     assert list(table) == ["pub_ctrl"]
-    with pytest.raises(KeyError, match="no publisher `nope`; there are: pub_ctrl"):
+    with pytest.raises(KeyError, match="no publisher `nope`; existing: pub_ctrl"):
         table["nope"]

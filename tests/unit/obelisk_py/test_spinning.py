@@ -1,4 +1,4 @@
-"""The gate, as the nodes and as the launcher have it."""
+"""The gate, as used by the nodes and by the launcher."""
 
 import os
 import threading
@@ -13,14 +13,14 @@ from obk_cli.launch.commands import closed_gate, gate_path
 from ...waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
 
-def test_without_a_gate_there_is_no_wait(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_a_gate_nothing_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv(GATE_VARIABLE, raising=False)
     wait_at_startup_barrier()
     monkeypatch.setenv(GATE_VARIABLE, str(gate_path(tmp_path)))
     wait_at_startup_barrier()
 
 
-def test_a_closed_gate_holds_until_it_opens(
+def test_a_closed_gate_blocks_until_it_opens(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(GATE_VARIABLE, str(gate_path(tmp_path)))

@@ -35,7 +35,7 @@ def test_the_first_call_is_within_a_period_at_the_phase_of_the_stage(
     timer = StoppedTimer(now_ns, ClockType.STEADY_TIME)
     start_in_step(timer, stage)  # type: ignore[arg-type]
     assert now_ns < timer.first_ns <= now_ns + PERIOD_NS
-    assert timer.first_ns % PERIOD_NS == stage * PERIOD_NS // 10
+    assert timer.first_ns % PERIOD_NS == stage * PERIOD_NS // 8
     assert timer.timer_period_ns == PERIOD_NS
 
 

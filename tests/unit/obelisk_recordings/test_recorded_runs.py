@@ -1,4 +1,4 @@
-"""Recordings read as arrays, compared with what was written and with an independent decoder."""
+"""Recordings read as arrays, compared with the written data and with an independent decoder."""
 
 import json
 import struct
@@ -54,7 +54,7 @@ MSG: demo_msgs/Vec
 float64 x
 float64 y
 """
-# A comment without a unit would hide that of the line above.
+# A comment without a unit would hide the unit in the line above.
 ARM = ARM.replace("float32 current [A]", "float32 current # [A]")
 
 
@@ -177,7 +177,7 @@ def test_messages_in_the_other_order_of_bytes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 @pytest.mark.parametrize("use_chunking", [True, False])
-def test_any_form_of_the_file_gives_the_messages_in_the_order_of_receipt(
+def test_any_form_of_the_file_gives_the_messages_in_order_of_receipt(
     compression: CompressionType, use_chunking: bool, tmp_path: Path
 ) -> None:
     path = tmp_path / "a.mcap"
@@ -198,10 +198,10 @@ def test_any_form_of_the_file_gives_the_messages_in_the_order_of_receipt(
     assert sum(len(part) for part in run.parts(["/a"])) == 9
 
 
-def test_a_file_that_breaks_off_is_read_up_to_there(tmp_path: Path) -> None:
+def test_a_truncated_file_is_read_up_to_its_end(tmp_path: Path) -> None:
     whole = written(tmp_path / "a.mcap", (arm(n, data=bytes(30_000)) for n in range(200)))
     data = whole.read_bytes()
-    # The content is compressed well; cut within the chunks.
+    # The content is compressed, so cut within the chunks.
     whole.write_bytes(data[: int(len(data) * 0.6)])
     run = open_run(whole)
     assert not run.bag.is_complete
@@ -239,12 +239,12 @@ def test_a_run_is_opened_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (lambda run: run["amr"], "available: `/robot/arm`"),
         (lambda run: run["arm"]["qq"], "did you mean `q`"),
         (lambda run: run["arm"]["q[2]"], "has only 2 items"),
-        (lambda run: run["arm"]["last[0]"], "is no array"),
+        (lambda run: run["arm"]["last[0]"], "is not an array"),
         (lambda run: run["arm"].joint("kne", "q"), "did you mean `knee`"),
         (lambda run: list(run["arm"].signals("forc")), "did you mean `force`"),
     ],
 )
-def test_what_is_not_there_is_reported_with_what_is(
+def test_a_missing_name_is_reported_with_the_existing_ones(
     look: Any, reported: str, tmp_path: Path
 ) -> None:
     run = open_run(written(tmp_path / "a.mcap", map(arm, range(2))))
@@ -262,17 +262,17 @@ def test_an_attribute_that_no_message_has_is_an_attribute_error(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("definition", "data", "reported"),
     [
-        ("uint8[] data\n", struct.pack("<I", 100) + b"few", "100 bytes were expected"),
-        ("string data\n", struct.pack("<I", 2**32 - 1), "bytes were expected"),
-        (f"Id[] data\n{BAR}\nMSG: d/Id\nuint8[16] id\n", b"\xff" * 4, "bytes were expected"),
-        ("uint8[999999999] data\n", b"", "bytes were expected"),
+        ("uint8[] data\n", struct.pack("<I", 100) + b"few", "expected 100 bytes"),
+        ("string data\n", struct.pack("<I", 2**32 - 1), "bytes, only "),
+        (f"Id[] data\n{BAR}\nMSG: d/Id\nuint8[16] id\n", b"\xff" * 4, "bytes, only "),
+        ("uint8[999999999] data\n", b"", "bytes, only "),
         (f"A a\n{BAR}\nMSG: d/A\nA a\n", bytes(100), "contains itself"),
         ("Gone data\n", bytes(8), "does not define"),
         ("wstring data\n", bytes(8), "wstring"),
         ("float64\n", bytes(8), "has the line"),
     ],
 )
-def test_messages_and_definitions_that_are_not_sound_are_reported(
+def test_invalid_messages_and_definitions_are_reported(
     tmp_path: Path, definition: str, data: bytes, reported: str
 ) -> None:
     path = tmp_path / "a.mcap"

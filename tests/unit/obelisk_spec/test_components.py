@@ -19,7 +19,7 @@ def test_the_parameter_and_the_key_name_one_component() -> None:
 
 
 @pytest.mark.parametrize("name", ["pub_ctrl", "pub_ctrl_setting", "publisher_ctrl"])
-def test_the_seeds_other_spelling_is_found(name: str) -> None:
+def test_the_seeds_other_name_is_found(name: str) -> None:
     assert set(component_spellings(name)) == {
         "pub_ctrl",
         "pub_ctrl_setting",
@@ -28,11 +28,11 @@ def test_the_seeds_other_spelling_is_found(name: str) -> None:
     }
 
 
-def test_a_name_of_the_users_own_has_no_other_spelling() -> None:
+def test_a_custom_name_has_no_other_name() -> None:
     assert component_spellings("joystick_sub_setting") == ("joystick_sub", "joystick_sub_setting")
 
 
-def test_the_base_classes_components_are_known_by_every_spelling() -> None:
+def test_the_base_classes_components_are_known_by_every_name() -> None:
     assert standard_component("subscriber_est") == "sub_est"
     assert standard_component("timer_ctrl_setting") == "timer_ctrl"
     assert standard_component("asdf") is None
@@ -77,7 +77,7 @@ def test_other_text_is_an_error_that_quotes_it(text: str) -> None:
 
 
 @given(st.dictionaries(st.text(), VALUES, max_size=4))
-def test_what_is_written_is_read_back_equal(value: dict[str, object]) -> None:
+def test_written_data_is_read_back_equal(value: dict[str, object]) -> None:
     text = format_setting(value)
     assert "\n" not in text
     assert parse_mapping(text) == value

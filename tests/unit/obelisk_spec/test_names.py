@@ -23,16 +23,16 @@ def test_topic_names(name: str) -> None:
         ("", "it is empty"),
         ("/", "it ends with `/`"),
         ("/a/", "it ends with `/`"),
-        ("/a//b", "it holds `//`"),
+        ("/a//b", "it contains `//`"),
         ("/3a", "`3a` starts with a digit"),
         ("/a-b", "'-' is not a letter, digit or `_`"),
         ("/a b", "' ' is not a letter, digit or `_`"),
         ("~a", "`~` must be followed by `/`"),
-        ("a/~/b", "`~` may stand only at the start"),
+        ("a/~/b", "`~` is only allowed at the start"),
         ("/ä", "'ä' is not a letter, digit or `_`"),
     ],
 )
-def test_what_is_no_topic_name_says_why(name: str, reason: str) -> None:
+def test_an_invalid_topic_name_is_reported_with_the_reason(name: str, reason: str) -> None:
     assert topic_name_fault(name) == reason
 
 
@@ -40,7 +40,7 @@ def test_namespaces() -> None:
     assert namespace_fault("/") is None
     assert namespace_fault("/left/arm") is None
     assert namespace_fault("left") is None
-    assert namespace_fault("/left//arm") == "it holds `//`"
+    assert namespace_fault("/left//arm") == "it contains `//`"
     assert namespace_fault("~/left") == "'~' is not a letter, digit or `_`"
 
 
@@ -58,7 +58,7 @@ def test_node_names() -> None:
         ("a" * 256, "it is longer than 255 characters"),
     ],
 )
-def test_what_is_no_node_name_says_why(name: str, reason: str) -> None:
+def test_an_invalid_node_name_is_reported_with_the_reason(name: str, reason: str) -> None:
     assert node_name_fault(name) == reason
 
 
@@ -69,15 +69,15 @@ def test_package_names() -> None:
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("src/demo", "it may hold only letters, digits, `_` and `-`"),
-        ("de mo", "it may hold only letters, digits, `_` and `-`"),
+        ("src/demo", "it may contain only letters, digits, `_` and `-`"),
+        ("de mo", "it may contain only letters, digits, `_` and `-`"),
         ("a", "it needs at least two characters"),
         ("", "it needs at least two characters"),
         ("3d", "it must start with a letter"),
         ("_demo", "it must start with a letter"),
     ],
 )
-def test_what_is_no_package_name_says_why(name: str, reason: str) -> None:
+def test_an_invalid_package_name_is_reported_with_the_reason(name: str, reason: str) -> None:
     assert package_name_fault(name) == reason
 
 

@@ -1,4 +1,4 @@
-"""Limits, units and moments of effect in a descriptor's text, written and read again."""
+"""Limits, units and times of effect in a descriptor's text survive writing and reading."""
 
 import pytest
 from hypothesis import given
@@ -23,7 +23,7 @@ words = st.text("abcdefg /^2", max_size=12).map(str.strip)
         ),
     )
 )
-def test_what_is_written_is_read(notes: ParameterNotes) -> None:
+def test_written_notes_are_read_back(notes: ParameterNotes) -> None:
     assert parse_notes(notes.text(has_range_field=False)) == notes
 
 

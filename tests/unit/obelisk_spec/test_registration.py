@@ -12,11 +12,11 @@ from obelisk_spec.registration import (
 
 
 class Message:
-    """Stands for a message class."""
+    """A fake message class."""
 
 
 def callback() -> None:
-    """Stands for a callback."""
+    """A fake callback."""
 
 
 def described(value: object) -> str | ArgumentKind:

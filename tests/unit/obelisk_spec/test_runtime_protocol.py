@@ -1,4 +1,4 @@
-"""Rates on /diagnostics survive the way through a status; foreign web requests are recognized."""
+"""Rates on /diagnostics survive conversion to a status; foreign web requests are detected."""
 
 import pytest
 from hypothesis import given

@@ -50,7 +50,7 @@ def codes(block: dict[str, Any], parameters: dict[str, Any] | None = None) -> li
     return [fault.code for fault in check_sim(block, parameters or {}, FACTS)]
 
 
-def test_a_sound_block_has_no_findings() -> None:
+def test_a_valid_block_has_no_findings() -> None:
     imu = group("ObkImu", names={"acc": "accelerometer", "rot": "framequat"})
     pose = group("sensor_msgs/Imu", names=imu["sensor_names"])
     block = {"sensor_settings": [group(), group("ObkJointEncoders")], "viz_geoms": {"box": "box"}}
@@ -127,7 +127,7 @@ def test_a_camera_of_the_model_is_accepted_and_a_typo_reported() -> None:
     assert fault.help == "did you mean `front`?"
 
 
-def test_a_keyframe_that_is_not_there_is_a_fault_of_the_parameters() -> None:
+def test_a_missing_keyframe_is_a_fault_of_the_parameters() -> None:
     (fault,) = check_sim({"model_xml_path": "m"}, {"ic_keyframe": "hom"}, FACTS)
     assert fault.path == ("params", "ic_keyframe")
     assert fault.meant == "home"
@@ -149,7 +149,7 @@ def test_of_a_great_many_missing_sensors_only_the_first_are_compared() -> None:
     assert [fault.help for fault in faults[98:102]] == ["did you mean `dq`?"] * 2 + [None] * 2
 
 
-def test_without_a_model_only_what_needs_none_is_checked() -> None:
+def test_without_a_model_only_model_independent_settings_are_checked() -> None:
     block = {"model_xml_path": "m", "sensor_settings": [group(names={"x": "gyro"})]}
     assert [fault.code for fault in check_sim(block, {}, None)] == ["OBK305"]
 
@@ -164,7 +164,7 @@ def test_without_a_model_only_what_needs_none_is_checked() -> None:
         ("ObkImu", {"acc": "accelerometer", "q": "framequats"}, "did you mean `framequat`?"),
     ],
 )
-def test_a_wrong_sensor_type_is_reported_once_with_the_right_one(
+def test_an_invalid_sensor_type_is_reported_once_with_the_valid_one(
     msg_type: str, names: dict[str, str], help: str
 ) -> None:
     block = {"model_xml_path": "m", "sensor_settings": [group(msg_type, names=names)]}
@@ -193,7 +193,7 @@ def test_a_misspelt_sensor_name_is_reported_once() -> None:
         ),
     ],
 )
-def test_a_block_of_the_wrong_shape_has_no_other_findings(
+def test_a_block_of_an_invalid_shape_has_no_other_findings(
     block: dict[str, Any], place: tuple[str | int, ...]
 ) -> None:
     faults = check_sim(block, {}, FACTS)
@@ -232,7 +232,7 @@ def test_a_frame_is_the_world_or_a_thing_of_the_model(frame: str | None) -> None
     assert scan_faults(GRID, "PointCloud2", frame=frame, points_in="frame") == []
 
 
-def test_an_unknown_frame_is_reported_where_points_are_given_in_it() -> None:
+def test_an_unknown_frame_is_reported_for_points() -> None:
     (message,) = scan_faults(GRID, "PointCloud2", frame="wold", points_in="frame")
     assert message.startswith("frame `wold` ")
 
@@ -401,7 +401,7 @@ def test_noise_is_a_number_or_one_for_each_axis(noise: dict[str, Any]) -> None:
         ({"seed": True}, "OBK103", "seed"),
     ],
 )
-def test_invalid_noise_is_reported_at_its_place(
+def test_invalid_noise_is_reported_at_its_location(
     given: dict[str, Any], code: str, path: str
 ) -> None:
     assert noise_faults(**given) == [(code, path)]
@@ -416,6 +416,6 @@ def test_noise_of_a_field_is_for_sensors_that_the_message_takes(msg_type: str) -
         assert "OBK306" not in codes({"sensor_settings": [settings]})
 
 
-def test_noise_is_not_reported_if_its_sensor_has_a_wrong_type() -> None:
+def test_noise_is_not_reported_if_its_sensor_has_an_invalid_type() -> None:
     settings = group("ObkJointEncoders", names={"q": "jointpso"}, noise={"joint_pos": {}})
     assert codes({"sensor_settings": [settings]}) == ["OBK305"]

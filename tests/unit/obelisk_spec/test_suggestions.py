@@ -16,13 +16,13 @@ def test_letter_case_does_not_count() -> None:
     assert near_names("OBKIMU", ["ObkImu", "other"]) == ("ObkImu",)
 
 
-def test_what_exists_is_listed_where_nothing_is_near() -> None:
+def test_existing_names_are_listed_if_none_is_similar() -> None:
     assert did_you_mean("zzz", ["alpha", "beta"]) == "available: `alpha`, `beta`"
     assert did_you_mean("alpa", ["alpha", "beta"]) == "did you mean `alpha`?"
     assert did_you_mean("alpa", []) is None
 
 
-def test_several_names_may_be_meant() -> None:
+def test_several_names_may_be_suggested() -> None:
     assert ask_for(["alpha", "beta"]) == "did you mean `alpha` or `beta`?"
     assert ask_for([]) is None
 

@@ -42,7 +42,7 @@ def test_every_setting_is_used():
         (("out.png", "", "640x5000", 0), "640x5000", "16 to 4096"),
     ],
 )
-def test_an_invalid_setting_is_an_error_with_what_is_expected(settings, value, expected):
+def test_an_invalid_setting_is_an_error_with_the_expected_values(settings, value, expected):
     with pytest.raises(VideoError) as caught:
         read_video(*settings)
     message = str(caught.value)

@@ -7,7 +7,7 @@ from obk_cli.diagnostics.source import Span
 
 
 class Nowhere:
-    """Knows nothing; what a stack says by itself is still checked."""
+    """Finds nothing; errors within a stack are still found."""
 
     def find_package_share(self, name: str) -> Path | None:
         return None

@@ -6,7 +6,7 @@ __all__ = ["node"]
 
 
 def node(name: str, section: str = "control", **others: object) -> PlannedNode:
-    """A node at the top of the graph, but for the fields that are given."""
+    """A node at the top of the graph, except for the given fields."""
     fields: dict[str, object] = {
         "node": name,
         "namespace": "/",

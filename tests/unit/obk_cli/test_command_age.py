@@ -1,4 +1,4 @@
-"""`max_age_sec` and `stale_action` from the config to the robot, in either spelling."""
+"""`max_age_sec` and `stale_action` from the config to the robot, in either format."""
 
 import pytest
 
@@ -70,7 +70,7 @@ def test_the_robot_gets_it_with_its_subscriber_and_in_all_settings(text: str) ->
     assert {**own, "ros_parameter": "sub_ctrl_setting"} == entry
 
 
-def test_both_spellings_come_to_the_same_plan() -> None:
+def test_both_formats_compile_to_the_same_plan() -> None:
     older, newer = (lower(text).nodes[0].parameters for text in (OLDER, NEWER))
     assert older == newer
 

@@ -11,7 +11,7 @@ from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile
 
 CASES = Path(__file__).parents[2] / "cases"
 DUMMY = Path(__file__).parents[3] / "examples" / "dummy" / "dummy.yaml"
-SOUND = (CASES / "accept/OBK004/topic_twice.yaml").read_text()
+VALID_TEXT = (CASES / "accept/OBK004/topic_twice.yaml").read_text()
 
 
 def options(folder: Path, **more: tuple[str, ...]) -> Options:
@@ -28,7 +28,7 @@ def codes(outcome: Outcome) -> list[str]:
     return [diagnostic.code for diagnostic in outcome.diagnostics]
 
 
-@pytest.mark.parametrize("text", [SOUND, "control: [", ""])
+@pytest.mark.parametrize("text", [VALID_TEXT, "control: [", ""])
 @pytest.mark.parametrize("is_enabled", [True, False])
 def test_garbage_is_collected_afterwards_as_it_was_before(text: str, is_enabled: bool) -> None:
     was_enabled = gc.isenabled()
@@ -50,7 +50,7 @@ def test_a_file_that_cannot_be_read_is_a_finding(tmp_path: Path) -> None:
     )
 
 
-def test_a_file_that_is_not_there_may_be_meant_to_be_one_that_is(
+def test_a_missing_file_gets_a_suggestion_of_an_existing_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "stack.yaml").touch()
@@ -59,14 +59,14 @@ def test_a_file_that_is_not_there_may_be_meant_to_be_one_that_is(
     assert fault.help == "did you mean `stack.yaml`?"
 
 
-def test_a_sound_config_has_a_plan() -> None:
-    outcome = compile_text(SOUND)
+def test_a_valid_config_has_a_plan() -> None:
+    outcome = compile_text(VALID_TEXT)
     assert outcome.diagnostics == ()
     assert outcome.plan is not None
     assert [p.section for p in outcome.plan.nodes] == ["control", "estimation", "robot"]
 
 
-def test_programs_whose_source_says_what_they_spin_are_known() -> None:
+def test_programs_whose_source_shows_what_they_spin_are_known() -> None:
     outcome = compile_config(str(DUMMY), options(DUMMY.parent))
     assert outcome.plan is not None
     gated = gated_executables(outcome.plan, outcome.environment)
@@ -74,14 +74,15 @@ def test_programs_whose_source_says_what_they_spin_are_known() -> None:
 
 
 def test_compiling_twice_gives_equal_plans() -> None:
-    assert compile_text(SOUND).plan == compile_text(SOUND).plan
+    assert compile_text(VALID_TEXT).plan == compile_text(VALID_TEXT).plan
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        SOUND.replace("topic: /arm/joints", "topic: /arm/sensor  # obk: ignore[OBK203]", 1),
-        SOUND.replace("topic: /arm/joints", "topic: /arm/sensor", 1) + "obk: {ignore: [OBK203]}\n",
+        VALID_TEXT.replace("topic: /arm/joints", "topic: /arm/sensor  # obk: ignore[OBK203]", 1),
+        VALID_TEXT.replace("topic: /arm/joints", "topic: /arm/sensor", 1)
+        + "obk: {ignore: [OBK203]}\n",
     ],
 )
 def test_a_finding_may_be_silenced_in_the_config(text: str) -> None:
@@ -91,18 +92,20 @@ def test_a_finding_may_be_silenced_in_the_config(text: str) -> None:
 
 
 def test_a_family_may_be_silenced_for_a_run() -> None:
-    assert codes(compile_text(SOUND, ignore=("OBK4", "OBK2"))) == []
-    assert codes(compile_text(SOUND.replace("/est\n", "/e\n", 1), ignore=("OBK4", "OBK2"))) == []
+    assert codes(compile_text(VALID_TEXT, ignore=("OBK4", "OBK2"))) == []
+    assert (
+        codes(compile_text(VALID_TEXT.replace("/est\n", "/e\n", 1), ignore=("OBK4", "OBK2"))) == []
+    )
 
 
-def test_what_no_plan_could_be_made_of_is_always_heard() -> None:
-    outcome = compile_text(SOUND.replace("    executable: controller\n", ""), ignore=("OBK",))
+def test_findings_that_prevent_a_plan_are_never_silenced() -> None:
+    outcome = compile_text(VALID_TEXT.replace("    executable: controller\n", ""), ignore=("OBK",))
     assert codes(outcome) == ["OBK102"]
     assert outcome.plan is None
 
 
-def test_a_code_that_silences_nothing_is_reported_where_it_was_asked_for() -> None:
-    outcome = compile_text(f"{SOUND}obk: {{ignore: [OBK013]}}\n", ignore=("OBK4", "OBK9", ""))
+def test_a_code_that_silences_nothing_is_reported_at_its_location() -> None:
+    outcome = compile_text(f"{VALID_TEXT}obk: {{ignore: [OBK013]}}\n", ignore=("OBK4", "OBK9", ""))
     assert [(str(d.span), d.code, d.message) for d in outcome.diagnostics] == [
         ("<command line>:1:10", "OBK014", "unknown rule `OBK9`"),
         ("<command line>:1:10", "OBK014", "unknown rule ``"),
@@ -119,33 +122,33 @@ def test_a_code_that_silences_nothing_is_reported_where_it_was_asked_for() -> No
         ("everything", "list the rules with `obk explain`"),
     ],
 )
-def test_a_code_that_is_none_is_reported_with_the_one_that_was_meant(
-    written: str, help: str
-) -> None:
+def test_an_unknown_code_is_reported_with_a_suggestion(written: str, help: str) -> None:
     assert near_codes(written) == help
 
 
-def test_of_many_codes_that_are_none_only_the_first_are_compared_with_those_that_are() -> None:
-    text = SOUND + "vars:\n" + "".join(f"  a{i}: 1 # obk: ignore[OBK9{i}]\n" for i in range(60))
+def test_of_many_unknown_codes_only_the_first_are_compared_with_known_ones() -> None:
+    text = (
+        VALID_TEXT + "vars:\n" + "".join(f"  a{i}: 1 # obk: ignore[OBK9{i}]\n" for i in range(60))
+    )
     helps = [fault.help for fault in compile_text(text).diagnostics if fault.code == "OBK014"]
     assert (len(helps), helps.count(None)) == (60, 10)
 
 
-def test_many_keys_that_are_none_are_reported_without_comparing_all() -> None:
-    faults = compile_text(SOUND + "".join(f"x{i}: 1\n" for i in range(500)) + "jostick: 1\n")
+def test_many_unknown_keys_are_reported_without_comparing_all() -> None:
+    faults = compile_text(VALID_TEXT + "".join(f"x{i}: 1\n" for i in range(500)) + "jostick: 1\n")
     assert faults.diagnostics[0].code == "OBK101"
     assert not any("did you mean" in (fault.help or "") for fault in faults.diagnostics[-20:])
 
 
 def test_overrides_come_last() -> None:
-    outcome = compile_text(SOUND, overrides=("control[0].name=mpc", "config=other"))
+    outcome = compile_text(VALID_TEXT, overrides=("control[0].name=mpc", "config=other"))
     assert outcome.plan is not None
     assert outcome.plan.name == "other"
     assert outcome.plan.nodes[0].node == "obelisk_control_mpc"
 
 
 def test_independent_faults_are_all_found_in_one_run() -> None:
-    text = SOUND.replace("timer_period_sec: 0.01", "timer_period_sec: -1", 1)
+    text = VALID_TEXT.replace("timer_period_sec: 0.01", "timer_period_sec: -1", 1)
     text = text.replace("executable: estimator", "executable: estimator\n    nmae: x")
     text = text.replace("/arm/joints", "/arm/sensor", 1).replace("config: arm", "config: 3")
     assert codes(compile_text(text)) == ["OBK103", "OBK104", "OBK101", "OBK203"]
@@ -154,24 +157,24 @@ def test_independent_faults_are_all_found_in_one_run() -> None:
 @pytest.mark.parametrize(
     ("text", "code"),
     [
-        ("/${NONE}/est".join(SOUND.split("/arm/est", 1)), "OBK011"),
-        ("/${NONE}/est".join(SOUND.rsplit("/arm/est", 1)), "OBK011"),
-        (SOUND + "? [a, b]\n: c\n", "OBK003"),
-        (SOUND + "? {a: b}\n: c\n", "OBK003"),
-        (SOUND + "'': c\n", "OBK003"),
+        ("/${NONE}/est".join(VALID_TEXT.split("/arm/est", 1)), "OBK011"),
+        ("/${NONE}/est".join(VALID_TEXT.rsplit("/arm/est", 1)), "OBK011"),
+        (VALID_TEXT + "? [a, b]\n: c\n", "OBK003"),
+        (VALID_TEXT + "? {a: b}\n: c\n", "OBK003"),
+        (VALID_TEXT + "'': c\n", "OBK003"),
     ],
 )
 def test_one_cause_is_reported_once(text: str, code: str) -> None:
     assert codes(compile_text(text)) == [code]
 
 
-def test_a_file_that_holds_null_is_empty() -> None:
+def test_a_file_with_null_is_empty() -> None:
     (fault,) = compile_text("~\n").diagnostics
     assert fault.message == "the file is empty, not a config"
 
 
 def compile_files(files: dict[str, str]) -> list[str]:
-    """What is found in `main.yaml`, none of whose files is on a disk."""
+    """The findings in `main.yaml`, whose files are all in memory."""
 
     def read(path: str) -> bytes | str:
         return files[path].encode() if path in files else "file not found"
@@ -213,7 +216,7 @@ def test_the_bytes_of_a_config_count_and_not_its_letters(letter: str, is_too_lon
     assert any("OBK007" in fault for fault in found) == is_too_long
 
 
-def test_a_file_whose_name_stands_for_the_standard_input_is_a_file() -> None:
+def test_a_file_named_like_the_standard_input_is_a_file() -> None:
     assert compile_files({"main.yaml": 'include: "-"\n', "./-": "vars: 1\n"}) == []
     (fault,) = compile_files({"main.yaml": 'include: "-"\n', "-": "vars: 1\n"})
     assert "included file `-` cannot be read: file not found" in fault

@@ -1,4 +1,4 @@
-"""Configs that are valid for the reference compile: what is harmless is at most a warning."""
+"""Configs that compile in the reference implementation have at most warnings."""
 
 import json
 import re
@@ -71,7 +71,7 @@ def setting(outcome: Outcome, section: str, parameter: str) -> Mapping[str, obje
         ("topic: /est", "qos: {history_depth: 9.0}, topic: /est", []),
     ],
 )
-def test_what_does_no_harm_is_at_most_an_info(
+def test_harmless_findings_are_at_most_infos(
     tmp_path: Path, right: str, written: str, findings: list[str]
 ) -> None:
     assert right in CONFIG
@@ -80,7 +80,7 @@ def test_what_does_no_harm_is_at_most_an_info(
     assert outcome.plan is not None
 
 
-def test_what_has_no_effect_does_not_reach_the_node(tmp_path: Path) -> None:
+def test_settings_without_effect_do_not_reach_the_node(tmp_path: Path) -> None:
     text = CONFIG.replace("0.01}", "0.01, history_depth: 10, callback_group: none}")
     assert setting(compiled(tmp_path, text), "control", "timer_ctrl_setting") == {
         "key": "timer_ctrl",
@@ -103,7 +103,7 @@ def test_of_two_components_with_one_key_the_first_is_used(tmp_path: Path) -> Non
     assert "/unknown" not in process(outcome, "control").parameters["obelisk_settings"]
 
 
-def test_an_empty_list_takes_the_place_of_the_included_one(tmp_path: Path) -> None:
+def test_an_empty_list_replaces_the_included_one(tmp_path: Path) -> None:
     outer = "include: inner.yaml\ncontrol: {name: a, timers: []}\n"
     inner = CONFIG.replace("- pkg: demo", "- name: a\n    pkg: demo")
     kept = compiled(tmp_path, "include: inner.yaml\n", {"inner.yaml": inner})
@@ -146,7 +146,7 @@ def test_external_topics_of_an_included_file_are_merged_by_name(tmp_path: Path) 
     assert found(compiled(tmp_path, outer, {"inner.yaml": inner})) == []
 
 
-def test_a_topic_that_is_read_outside_is_no_loose_end(tmp_path: Path) -> None:
+def test_a_topic_with_an_outside_subscriber_is_no_loose_end(tmp_path: Path) -> None:
     unread = CONFIG.replace(
         "publishers: [{key: pub_est,",
         "publishers: [{key: pub_path, topic: /path, msg_type: nav_msgs/Path}, {key: pub_est,",
@@ -166,7 +166,7 @@ def test_a_loop_may_be_closed_outside(tmp_path: Path) -> None:
 FRAGMENT = CONFIG[: CONFIG.index("robot:\n")] + "robot: {name: arm, respawn: true}\n"
 
 
-def test_a_fragment_is_checked_for_what_it_contains(tmp_path: Path) -> None:
+def test_a_fragment_is_checked_for_its_content(tmp_path: Path) -> None:
     (tmp_path / "src").mkdir()
     alone = compiled(tmp_path, FRAGMENT)
     assert "error OBK102" in found(alone)
@@ -273,7 +273,7 @@ MODEL = (
 
 
 @pytest.mark.mujoco
-def test_a_simulator_ignores_what_only_the_hardware_has(tmp_path: Path) -> None:
+def test_a_simulator_ignores_hardware_settings(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_text(MODEL)
     outcome = compiled_here(tmp_path, SIMULATED)
     assert found(outcome) == ["info OBK406"]
@@ -310,7 +310,7 @@ def test_whole_numbers_may_have_a_decimal_point(tmp_path: Path, entry: str) -> N
 
 
 @pytest.mark.mujoco
-def test_both_names_of_a_key_with_one_value_are_no_error(tmp_path: Path) -> None:
+def test_both_names_of_a_key_with_equal_values_are_no_error(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_text(MODEL)
     head, tail = SIMULATED.split("dt: 0.01, msg")
     both = compiled_here(tmp_path, f"{head}dt: 0.01, sensor_type: ObkJointEncoders, msg{tail}")
@@ -374,7 +374,7 @@ SLOW = "  timers: [{key: timer_est, timer_period_sec: 0.002}]\nrobot:\n"
 
 
 @pytest.mark.mujoco
-def test_a_long_sensor_period_is_found_beside_slow_sensors(tmp_path: Path) -> None:
+def test_a_long_sensor_period_is_found_next_to_slow_sensors(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_text(MODEL)
     slow = "{topic: /slow, dt: 1.0, msg_type: ObkJointEncoders, sensor_names: {angle: jointpos}}"
     text = SIMULATED.replace("sensor_settings: [", f"sensor_settings: [{slow}, ")
@@ -388,7 +388,7 @@ def test_a_long_sensor_period_is_found_beside_slow_sensors(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("slow", ["0.05", "1.0"])
-def test_a_long_period_is_found_beside_slow_timers_of_the_user(tmp_path: Path, slow: str) -> None:
+def test_a_long_period_is_found_next_to_slow_timers_of_the_user(tmp_path: Path, slow: str) -> None:
     text = CONFIG.replace("0.01", "0.002").replace("robot:\n", SLOW)
     text += f"  timers: [{{key: timer_log, timer_period_sec: {slow}}}]\n"
     assert found(compiled(tmp_path, text)) == []
@@ -443,7 +443,7 @@ def test_an_executable_that_is_not_ready_has_its_command(
     (tmp_path / "src/cpp/scripts/script").chmod(0o755)
 
 
-def test_what_a_comment_declares_is_no_executable(tmp_path: Path) -> None:
+def test_a_declaration_in_a_comment_is_no_executable(tmp_path: Path) -> None:
     text = CONFIG.replace("pkg: demo\n  executable: e", "pkg: cpp\n  executable: old")
     (fault,) = compiled_here(tmp_path, text).diagnostics
     assert fault.code == "OBK402"

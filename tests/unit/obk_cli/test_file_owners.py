@@ -1,4 +1,4 @@
-"""Where everybody may put something, what another user put there is never run."""
+"""Files by another user in world-writable folders are never run."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from obk_cli.workspace.overlay import FOLDER, RECORD, build_lock, overlay_prefix
 from obk_cli.workspace.package_index import PackageIndex, is_workspace, package_names_in
 
 ANOTHER = 54321
-"""The number of a user who is neither this one nor root."""
+"""The ID of a user other than this one and root."""
 BUILT = {"source": "demo_msgs", "digest": "1"}
 REPORTED = {
     "builder": "obk",
@@ -33,7 +33,7 @@ Give = Callable[[Path], None]
 
 @pytest.fixture
 def shared(tmp_path: Path) -> Path:
-    """A folder such as /tmp, with one of this user's in it."""
+    """A folder such as /tmp, which contains one of this user's folders."""
     folder = tmp_path / "shared"
     (folder / "mine").mkdir(parents=True)
     folder.chmod(0o1777)
@@ -42,7 +42,7 @@ def shared(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def give_away(monkeypatch: pytest.MonkeyPatch) -> Give:
-    """Has a file belong to another user than this process."""
+    """Make a file appear to belong to another user."""
 
     def give(path: Path) -> None:
         if os.geteuid() == 0:
@@ -60,14 +60,14 @@ def package(folder: Path) -> Path:
 
 
 def overlay(workspace: Path) -> Path:
-    """An overlay with a package in it."""
+    """An overlay with a package."""
     folder = workspace / FOLDER / "overlay"
     folder.mkdir(parents=True)
     (folder / RECORD).write_text(json.dumps(REPORTED))
     return folder
 
 
-def test_a_folder_for_everybody_makes_what_others_put_there_theirs(
+def test_in_a_world_writable_folder_files_belong_to_their_owners(
     shared: Path, give_away: Give
 ) -> None:
     (shared / "link").symlink_to("mine")
@@ -87,7 +87,7 @@ def test_it_makes_no_workspace(shared: Path, give_away: Give, mark: str) -> None
     assert not is_workspace(shared)
 
 
-def test_it_is_no_package_beside_a_config(shared: Path, give_away: Give) -> None:
+def test_it_is_no_package_next_to_a_config(shared: Path, give_away: Give) -> None:
     package(shared / "demo")
     assert package_names_in(shared) == ("demo",)
     give_away(shared / "demo")
@@ -108,19 +108,19 @@ def test_it_is_no_overlay(shared: Path, give_away: Give) -> None:
     assert overlay_prefixes([shared]) == ()
     assert folder not in PackageIndex.around(shared, shared, {}).prefixes
     with (
-        pytest.raises(CommandFailedError, match=r"\.obk is another user's"),
+        pytest.raises(CommandFailedError, match=r"\.obk belongs to another user"),
         build_lock(shared, print),
     ):
         pass
 
 
-def test_what_lies_in_a_folder_of_ones_own_may_be_anybodys(shared: Path, give_away: Give) -> None:
+def test_in_a_private_folder_files_of_any_owner_are_used(shared: Path, give_away: Give) -> None:
     package(shared / "mine" / "demo")
     give_away(shared / "mine" / "demo")
     assert package_names_in(shared / "mine") == ("demo",)
 
 
-def test_it_is_no_place_for_runs_and_its_runs_are_nobodys(shared: Path, give_away: Give) -> None:
+def test_it_cannot_contain_runs_and_its_runs_are_ignored(shared: Path, give_away: Give) -> None:
     runs = shared / "logs" / "runs"
     pid, started = this_process()
     run = Run(name="s", pid=pid, started=started, domain=80, config="c.yaml", nodes=("/a",))
@@ -128,5 +128,5 @@ def test_it_is_no_place_for_runs_and_its_runs_are_nobodys(shared: Path, give_awa
     assert list(live_folders(runs)) == [folder]
     give_away(shared / "logs")
     assert live_folders(runs) == {}
-    with pytest.raises(PermissionError, match="it is another user's"):
+    with pytest.raises(PermissionError, match="it belongs to another user"):
         claim_run(runs, run, datetime(2031, 2, 3, 4, 5, 7))

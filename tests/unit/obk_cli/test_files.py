@@ -1,4 +1,4 @@
-"""Reading of user files; writing of whole files, with their permissions."""
+"""Reading user files; writing whole files, with their permissions."""
 
 import os
 import stat
@@ -42,7 +42,7 @@ def test_a_standard_input_that_was_closed_is_reported(monkeypatch: pytest.Monkey
     assert read_bytes(STANDARD_INPUT) == "the stream is closed"
 
 
-def test_what_never_ends_is_read_in_part() -> None:
+def test_endless_files_are_read_in_part() -> None:
     read = read_bytes("/dev/zero")
     assert isinstance(read, bytes)
     assert len(read) == LONGEST_FILE_BYTES + 1
@@ -66,7 +66,7 @@ def test_a_file_that_may_not_be_written_is_not_reported_as_one_that_may_not_be_r
         ("\0", "embedded null"),
     ],
 )
-def test_what_is_no_file_says_so(tmp_path: Path, name: str, reason: str) -> None:
+def test_paths_that_are_no_files_are_reported(tmp_path: Path, name: str, reason: str) -> None:
     (tmp_path / "loop").symlink_to("loop")
     reported = read_bytes(f"{tmp_path}/{name}")
     assert isinstance(reported, str)
@@ -75,7 +75,7 @@ def test_what_is_no_file_says_so(tmp_path: Path, name: str, reason: str) -> None
 
 @pytest.fixture
 def mask() -> Iterator[int]:
-    """A user who lets his group write and others nothing."""
+    """A user whose umask allows the group to write, and others nothing."""
     before = os.umask(0o027)
     yield 0o027
     os.umask(before)
@@ -101,12 +101,12 @@ def test_a_file_that_is_replaced_keeps_its_permissions(tmp_path: Path) -> None:
     assert (path.read_text(), mode_of(path)) == ("pass\n", 0o755)
 
 
-def test_what_is_its_owners_alone_is_so(tmp_path: Path) -> None:
+def test_private_files_are_private(tmp_path: Path) -> None:
     write_text(tmp_path / "run.json", "{}", mode=STATE_MODE)
     assert mode_of(tmp_path / "run.json") == 0o600
 
 
-def test_a_file_that_holds_it_already_is_left_alone(tmp_path: Path) -> None:
+def test_a_file_with_the_same_content_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     write_text(path, "{}")
     before = path.stat()
@@ -115,7 +115,7 @@ def test_a_file_that_holds_it_already_is_left_alone(tmp_path: Path) -> None:
     assert (after.st_ino, after.st_ctime_ns) == (before.st_ino, before.st_ctime_ns)
 
 
-def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
+def test_a_link_is_kept_and_its_file_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("file")
     for text in ("first", "second"):
         assert write_text(tmp_path / "link", text)
@@ -123,7 +123,7 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
         assert (tmp_path / "file").read_text() == text
 
 
-def test_a_pipe_takes_the_data_and_stays_a_pipe(tmp_path: Path) -> None:
+def test_a_pipe_receives_the_data_and_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
     read: list[str] = []
@@ -136,12 +136,12 @@ def test_a_pipe_takes_the_data_and_stays_a_pipe(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_name_that_is_no_utf8_is_written_as_it_is(tmp_path: Path) -> None:
+def test_a_name_with_invalid_utf8_is_written_unchanged(tmp_path: Path) -> None:
     write_text(tmp_path / "setup.sh", os.fsdecode(b"caf\xe9"))
     assert (tmp_path / "setup.sh").read_bytes() == b"caf\xe9"
 
 
-def test_what_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failures_leave_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "plan.json"
     path.write_bytes(b"old")
 
@@ -166,7 +166,7 @@ def test_mode_and_link_stay(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("may_give", [True, False])
-def test_the_owner_stays_where_the_system_lets_it(
+def test_the_owner_is_kept_if_the_system_allows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, may_give: bool
 ) -> None:
     path = tmp_path / "c.yaml"
@@ -185,7 +185,7 @@ def test_the_owner_stays_where_the_system_lets_it(
     assert path.read_bytes() == b"new"
 
 
-def test_a_disk_that_fails_at_the_end_leaves_the_old_file_and_nothing_else(
+def test_a_disk_that_fails_at_the_end_leaves_only_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "c.yaml"

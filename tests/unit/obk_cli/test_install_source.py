@@ -1,4 +1,4 @@
-"""The command that installs obk from where the running one came from."""
+"""The command that installs obk from the source of the running one."""
 
 import importlib.metadata
 import json
@@ -17,7 +17,7 @@ HOST = "https://git.invalid/lab/obelisk.git"
 
 
 def installed(source: InstallSource, *extras: str) -> list[str]:
-    """Return what follows `pip install`."""
+    """Return the arguments after `pip install`."""
     words = shlex.split(source.pip_install(*extras))
     assert words[:2] == ["pip", "install"]
     return words[2:]
@@ -40,7 +40,7 @@ def clone(tmp_path: Path) -> Path:
     return clone
 
 
-def test_a_git_url_keeps_its_commit_and_brings_the_messages() -> None:
+def test_a_git_url_keeps_its_commit_and_includes_the_messages() -> None:
     record = {"url": HOST, "vcs_info": {"vcs": "git", "commit_id": COMMIT}}
     tool, messages = map(Requirement, installed(parse_direct_url(record), "ros", "sim"))
     assert (tool.name, tool.extras) == ("obelisk-cli", {"ros", "sim"})
@@ -58,7 +58,7 @@ def test_a_folder_is_installed_as_it_was(tmp_path: Path) -> None:
     assert source.is_local
 
 
-def test_the_messages_are_found_beside_a_wheel() -> None:
+def test_the_messages_are_found_next_to_a_wheel() -> None:
     wheel = "file:///dist/obelisk_cli-0.1.0-py3-none-any.whl"
     source = parse_direct_url({"url": wheel, "archive_info": {}})
     *find, requirement = installed(source, "ros")
@@ -113,7 +113,7 @@ def test_a_remote_on_this_machine_is_of_no_use_elsewhere(clone: Path, scheme: st
     assert source.for_other_machines() == source
 
 
-def test_an_unpublished_commit_stays_a_folder(clone: Path) -> None:
+def test_an_unpublished_commit_is_installed_from_the_folder(clone: Path) -> None:
     git(clone, "commit", "--quiet", "--allow-empty", "--message", "mine")
     source = InstallSource(folder=clone, is_editable=True)
     assert source.for_other_machines() == InstallSource(folder=clone)
@@ -133,7 +133,9 @@ def test_a_folder_in_another_repository_is_not_that_repository(clone: Path) -> N
         ("ssh://git@git.invalid:22/lab/obelisk", "ssh://git@git.invalid:22/lab/obelisk"),
     ],
 )
-def test_a_remote_becomes_a_url_of_pip_without_secrets(clone: Path, remote: str, url: str) -> None:
+def test_a_remote_is_converted_to_a_pip_url_without_secrets(
+    clone: Path, remote: str, url: str
+) -> None:
     git(clone, "remote", "set-url", "origin", remote)
     other = InstallSource(folder=clone).for_other_machines()
     assert other.git.rpartition("@")[0] == f"git+{url}"

@@ -1,4 +1,4 @@
-"""Configs with thousands of faults, and files far too long: bounded time and memory."""
+"""Configs with thousands of faults, and huge files, take bounded time and memory."""
 
 import subprocess
 import sys
@@ -34,7 +34,7 @@ for folder in map(str.strip, sys.stdin):
             os._exit(0)
     print("exit code", os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
-"""Compiles in each folder that it reads a line of, in a process of its own; imports only once."""
+"""Compiles in each folder read from standard input, in its own process; imports only once."""
 IMU = "msg_type: sensor_msgs/msg/Imu"
 
 
@@ -72,7 +72,7 @@ def clash() -> str:
 
 @pytest.fixture(scope="module")
 def compiler() -> Iterator[subprocess.Popen[str]]:
-    """What compiles in bounded time and memory."""
+    """Compile in bounded time and memory."""
     pipe = subprocess.PIPE
     with subprocess.Popen(
         [sys.executable, "-c", COMPILE],
@@ -141,6 +141,6 @@ def test_the_rest_of_a_rule_is_counted_in_a_last_finding() -> None:
     faults = [found("OBK204", f"fault {i}", Span.at(source, i, 1)) for i in range(1, 6)]
     assert [str(fault) for fault in counted(faults, most=3)[2:]] == [
         "f.yaml:3:1: info[OBK204]: fault 3",
-        "f.yaml:4:1: info[OBK204]: and 2 more of this rule; the first of them is here",
+        "f.yaml:4:1: info[OBK204]: and 2 more findings of this rule, the first of them here",
     ]
     assert counted(faults, most=5) == tuple(faults)

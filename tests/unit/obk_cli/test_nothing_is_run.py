@@ -1,4 +1,4 @@
-"""Checking runs nothing: a workspace full of traps, and every command that only reads it."""
+"""Checking executes nothing: a workspace full of traps, and every command that only reads it."""
 
 import os
 import subprocess
@@ -34,7 +34,7 @@ estimation:
     - {key: pub_x, topic: /x, msg_type: EstimatedState, ros_parameter: pub_x_setting}
 """
 SHADOWS = ("rclpy", "mujoco", "numpy", "yaml", "typer", "json", "sitecustomize", "conftest")
-"""Modules that Python would find in the working folder first, if it looked there."""
+"""Modules that Python would import from the working folder, if it searched there."""
 
 
 @pytest.fixture
@@ -85,9 +85,7 @@ def test_a_command_that_only_reads_runs_nothing_of_a_workspace(
 
 
 @pytest.mark.parametrize("code", ["import conftest", "import demo.run"])
-def test_the_traps_spring_where_something_is_run(
-    workspace: Path, tmp_path: Path, code: str
-) -> None:
+def test_the_traps_trigger_if_something_is_run(workspace: Path, tmp_path: Path, code: str) -> None:
     sprung = tmp_path / "sprung"
     path = os.pathsep.join((str(workspace), str(workspace / "src" / "demo")))
     subprocess.run(

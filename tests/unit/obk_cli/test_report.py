@@ -17,7 +17,7 @@ FINDING = found(
 )
 
 
-def test_a_report_word_for_word() -> None:
+def test_a_report_literally() -> None:
     assert report_text([FINDING], colour=False) == (
         "f.yaml:2:5: error[OBK101]: no such key\n"
         "  2 | \tb: xyz\n"
@@ -29,7 +29,7 @@ def test_a_report_word_for_word() -> None:
     )
 
 
-def test_an_info_is_one_line_unless_all_is_asked_for() -> None:
+def test_an_info_is_one_line_unless_verbose() -> None:
     infos = [
         found("OBK204", f"nothing reads `/{name}`", Span.at(SOURCE, line, 1), help="remove it")
         for name, line in (("a", 1), ("b", 3))
@@ -50,14 +50,14 @@ def test_an_info_is_one_line_unless_all_is_asked_for() -> None:
     ]
 
 
-def test_what_a_value_holds_can_neither_break_the_line_nor_reach_the_terminal() -> None:
+def test_values_can_neither_break_the_line_nor_reach_the_terminal() -> None:
     finding = found("OBK101", "no `a\nb`", Span.at(SOURCE, 1, 1), help="not \x1b[2J\u2028\u202e")
     headline, _, _, help = report_text([finding], colour=False).split("\n")
     assert headline == r"f.yaml:1:1: error[OBK101]: no `a\nb`"
     assert help == r"  help: not \x1b[2J\u2028\u202e"
 
 
-def test_of_a_long_line_the_part_around_the_place_is_shown() -> None:
+def test_the_part_around_the_location_is_shown_of_a_long_line() -> None:
     source = SourceFile.of("f.yaml", f"{'a' * 300}xyz{'b' * 300}")
     finding = found("OBK101", "no such key", Span.at(source, 1, 301, 3))
     _, shown, mark = report_text([finding], colour=False).splitlines()
@@ -87,7 +87,7 @@ def test_the_summary_counts() -> None:
     assert summary(["f", "g"], [], colour=False) == "2 files: no findings"
 
 
-def test_json_has_every_place_with_its_end() -> None:
+def test_json_has_every_location_with_its_end() -> None:
     report = json.loads(report_json(["f.yaml"], [FINDING]))
     assert report["counts"] == {"error": 1, "warning": 0, "info": 0}
     assert report["diagnostics"] == [
@@ -116,7 +116,7 @@ def test_json_has_every_place_with_its_end() -> None:
     ]
 
 
-CURED = found(
+FIXABLE = found(
     "OBK101",
     "no such key",
     Span.at(SOURCE, 2, 2),
@@ -124,8 +124,8 @@ CURED = found(
 )
 
 
-def test_json_has_the_edits_of_a_certain_cure() -> None:
-    report = json.loads(report_json(["f.yaml"], [CURED]))
+def test_json_has_the_edits_of_a_safe_fix() -> None:
+    report = json.loads(report_json(["f.yaml"], [FIXABLE]))
     assert report["diagnostics"][0]["fix"] == {
         "edits": [
             {
@@ -155,11 +155,11 @@ def test_an_edit_of_a_last_line_without_an_end_stays_within_the_file() -> None:
     assert (edit["end_line"], edit["end_column"]) == (2, 5)
 
 
-def test_sarif_has_the_edits_of_a_certain_cure() -> None:
-    (run,) = json.loads(report_sarif([CURED, FINDING]))["runs"]
-    cured, other = run["results"]
+def test_sarif_has_the_edits_of_a_safe_fix() -> None:
+    (run,) = json.loads(report_sarif([FIXABLE, FINDING]))["runs"]
+    fixed, other = run["results"]
     assert "fixes" not in other
-    (fix,) = cured["fixes"]
+    (fix,) = fixed["fixes"]
     assert fix["artifactChanges"] == [
         {
             "artifactLocation": {"uri": "f.yaml"},
@@ -185,7 +185,7 @@ def test_sarif_has_the_edits_of_a_certain_cure() -> None:
         }
     ]
     assert fix["description"]["text"]
-    Sarif.model_validate_json(report_sarif([CURED]))
+    Sarif.model_validate_json(report_sarif([FIXABLE]))
 
 
 def test_github_gets_one_line_for_each_finding() -> None:
@@ -207,7 +207,7 @@ def test_an_independent_reader_takes_the_sarif_log() -> None:
     assert result.message.text == "no such key\nremove it"
 
 
-def test_sarif_has_the_rules_and_every_place() -> None:
+def test_sarif_has_the_rules_and_every_location() -> None:
     spaced = found("OBK204", "unread", Span.at(SourceFile.of("/a b.yaml", "x"), 1, 1))
     log = json.loads(report_sarif([FINDING, spaced]))
     (run,) = log["runs"]

@@ -1,4 +1,4 @@
-"""`obk` where the machine lacks something: a sentence, and nothing that looks like our fault."""
+"""`obk` on a machine that lacks something: a message, and no internal error."""
 
 import errno
 import io
@@ -13,12 +13,12 @@ from obk_cli import errors
 from obk_cli.cli.main import main
 from obk_cli.errors import pythonpath_shadow, resource_error
 
-SOUND = Path(__file__).parents[2] / "cases/accept/OBK004/topic_twice.yaml"
+VALID_CONFIG = Path(__file__).parents[2] / "cases/accept/OBK004/topic_twice.yaml"
 OBK = Path(sys.executable).with_name("obk")
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
-    """Have `obk validate` come to an error that no one expects."""
+    """Make `obk validate` fail with an unexpected error."""
 
     def fail(*_: object) -> None:
         raise error
@@ -44,7 +44,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
         ),
     ],
 )
-def test_what_the_machine_lacks_is_reported_in_a_sentence(
+def test_missing_resources_of_the_machine_are_reported_with_a_message(
     error: Exception,
     reported: str,
     capsys: pytest.CaptureFixture[str],
@@ -52,7 +52,7 @@ def test_what_the_machine_lacks_is_reported_in_a_sentence(
 ) -> None:
     failing(monkeypatch, error)
     with pytest.raises(SystemExit) as ended:
-        main(["validate", str(SOUND)])
+        main(["validate", str(VALID_CONFIG)])
     assert ended.value.code == 1
     assert capsys.readouterr().err == f"error: {reported}\n"
 
@@ -66,7 +66,7 @@ def test_what_the_machine_lacks_is_reported_in_a_sentence(
         BlockingIOError(errno.EAGAIN, "write could not complete without blocking", 3),
     ],
 )
-def test_other_errors_are_no_lack(error: Exception) -> None:
+def test_other_errors_are_not_missing_resources(error: Exception) -> None:
     assert resource_error(error) is None
 
 
@@ -79,7 +79,7 @@ def test_a_trace_that_cannot_be_kept_is_reported_of_nevertheless(
     failing(monkeypatch, ZeroDivisionError("boom"))
     monkeypatch.setattr("tempfile.NamedTemporaryFile", full)
     with pytest.raises(SystemExit) as ended:
-        main(["validate", str(SOUND)])
+        main(["validate", str(VALID_CONFIG)])
     assert ended.value.code == 1
     reported = (
         "this is a bug in obk (ZeroDivisionError: boom); run `obk --debug` to see the traceback"
@@ -94,7 +94,7 @@ def test_a_standard_stream_that_is_closed_leads_nowhere(
     for name in ("stdin", "stdout", "stderr"):
         monkeypatch.setattr(sys, name, None if name == closed else io.StringIO())
     with pytest.raises(SystemExit) as ended:
-        main(["validate", "-" if closed == "stdin" else str(SOUND)])
+        main(["validate", "-" if closed == "stdin" else str(VALID_CONFIG)])
     stream = getattr(sys, closed)
     assert ended.value.code == (1 if closed == "stdin" else 0)
     assert stream.name == os.devnull
@@ -105,7 +105,7 @@ def test_a_standard_stream_that_is_closed_leads_nowhere(
 def test_a_working_folder_that_was_removed_is_reported(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
     gone.mkdir()
-    command = f"cd '{gone}' && rmdir '{gone}' && exec '{OBK}' validate '{SOUND}'"
+    command = f"cd '{gone}' && rmdir '{gone}' && exec '{OBK}' validate '{VALID_CONFIG}'"
     ended = subprocess.run(
         ["/bin/sh", "-c", command], capture_output=True, text=True, timeout=60, check=False
     )
@@ -130,12 +130,12 @@ def test_an_output_on_a_full_disk_is_reported() -> None:
         ("click", "x = 1", "No module named 'click."),
     ],
 )
-def test_a_module_in_the_place_of_a_library_is_named(
+def test_a_module_that_shadows_a_library_is_named(
     tmp_path: Path, module: str, text: str, reported: str
 ) -> None:
     (tmp_path / f"{module}.py").write_text(text)
     ended = subprocess.run(
-        [OBK, "validate", SOUND],
+        [OBK, "validate", VALID_CONFIG],
         capture_output=True,
         text=True,
         timeout=60,
@@ -149,7 +149,7 @@ def test_a_module_in_the_place_of_a_library_is_named(
     assert ended.stderr.endswith("\n  help: unset PYTHONPATH\n")
 
 
-def test_what_fails_in_obk_itself_is_its_own_fault_wherever_it_lies(
+def test_internal_failures_are_reported_as_such_anywhere(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(Path(errors.__file__).parents[1]))

@@ -1,4 +1,4 @@
-"""What of a node's escape sequences reaches the terminal."""
+"""The escape sequences of a node that reach the terminal."""
 
 import pytest
 
@@ -30,7 +30,7 @@ from obk_cli.terminal import escaped, only_colour, plain, visible
         "\x7f",
     ],
 )
-def test_what_is_no_colour_is_taken_out(sequence: str) -> None:
+def test_other_escape_sequences_than_colours_are_removed(sequence: str) -> None:
     assert only_colour(f"a{sequence}b") == "ab"
     assert plain(f"a{sequence}b") == "ab"
 
@@ -51,15 +51,15 @@ def test_tabs_and_letters_of_all_languages_stay() -> None:
     assert only_colour("\tgrün 机器人 °") == "\tgrün 机器人 °"
 
 
-def test_bytes_that_are_no_text_are_taken_out() -> None:
+def test_invalid_utf8_is_removed() -> None:
     assert plain(b"caf\xe9".decode(errors="surrogateescape")) == "caf"
 
 
-def test_what_must_not_be_lost_is_escaped() -> None:
+def test_characters_that_must_not_be_lost_are_escaped() -> None:
     assert escaped("a\x1b[2J\x9b31m\n\tb\x7f") == r"a\u001b[2J\u009b31m\n\tb\u007f"
     assert escaped("\u202etxt\u2028") == r"\u202etxt\u2028"
     assert escaped("grün 机器人 °") == "grün 机器人 °"
 
 
-def test_columns_stay_where_control_characters_are_shown_as_a_sign() -> None:
+def test_columns_are_kept_if_control_characters_are_shown_as_symbols() -> None:
     assert visible("a\x1b[2J\tb\x00") == "a\ufffd[2J\tb\ufffd"

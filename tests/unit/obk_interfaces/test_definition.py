@@ -35,7 +35,7 @@ def problems_of(text: str, *, kind: str = "msg", name: str = "Robot") -> list[st
         "uint8 MODE_A = 1 # the first\nuint8\tmode\n",
     ],
 )
-def test_what_rosidl_accepts_is_accepted(text: str) -> None:
+def test_definitions_that_rosidl_accepts_are_accepted(text: str) -> None:
     assert problems_of(text) == []
 
 
@@ -43,7 +43,7 @@ def test_what_rosidl_accepts_is_accepted(text: str) -> None:
     ("word", "languages"),
     [("short", "C and C++"), ("class", "C++ and Python"), ("from", "Python"), ("xor", "C++")],
 )
-def test_a_keyword_is_rejected_with_its_place_and_languages(word: str, languages: str) -> None:
+def test_a_keyword_is_rejected_with_its_location_and_languages(word: str, languages: str) -> None:
     assert problems_of(f"float64 x\n  int32 {word}\n") == [
         f"msg/Robot.msg:2:9: field `{word}` is a keyword of {languages}: "
         "the generated code would not compile\n"
@@ -51,7 +51,7 @@ def test_a_keyword_is_rejected_with_its_place_and_languages(word: str, languages
     ]
 
 
-def test_every_problem_of_a_file_is_reported_at_once() -> None:
+def test_all_problems_of_a_file_are_reported_together() -> None:
     found = problems_of("floa64 x\nint32 Big\nint32 low_value = 3\nint32\nfloat64 x\n")
     assert [line.partition("\n")[0] for line in found] == [
         "msg/Robot.msg:1:1: the type `floa64` is not known",
@@ -94,7 +94,7 @@ def test_an_invalid_type_has_examples(wrong: str) -> None:
 )
 def test_a_wrong_number_of_sections_is_reported(kind: str, text: str, has: int, wants: int) -> None:
     assert problems_of(text, kind=kind) == [
-        f"{kind}/Robot.{kind}:1:1: {has} lines `---`, where a .{kind} file has {wants}"
+        f"{kind}/Robot.{kind}:1:1: {has} lines `---`, expected {wants} in a .{kind} file"
     ]
 
 
@@ -133,6 +133,6 @@ def test_an_invalid_name_of_a_constant_is_rejected_in_linear_time(name: str) -> 
 
 
 @pytest.mark.parametrize("line", ["float64 float", "int32 int", "Wheel wheel_"])
-def test_a_name_that_is_part_of_its_type_has_its_own_place(line: str) -> None:
+def test_a_name_that_is_part_of_its_type_has_its_own_location(line: str) -> None:
     (problem,) = problems_of(f"{line}\n")
     assert problem.startswith(f"msg/Robot.msg:1:{line.index(' ') + 2}: ")

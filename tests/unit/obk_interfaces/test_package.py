@@ -109,13 +109,13 @@ def test_a_folder_without_packages_is_an_error(tmp_path: Path) -> None:
         discover([tmp_path])
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     with pytest.raises(PackageError) as caught:
         discover([tmp_path / "none"])
     assert str(caught.value).endswith(str(tmp_path / "none"))
 
 
-def test_broken_xml_is_reported_with_its_place(tmp_path: Path) -> None:
+def test_broken_xml_is_reported_with_its_location(tmp_path: Path) -> None:
     manifest = write_package(tmp_path, "a_msgs") / "package.xml"
     manifest.write_text("<package>\n  <name>a_msgs</nam>\n</package>")
     with pytest.raises(PackageError) as caught:
@@ -124,7 +124,7 @@ def test_broken_xml_is_reported_with_its_place(tmp_path: Path) -> None:
 
 
 def growing(times: int) -> str:
-    """Entities that each stand for so many of the one before, the last one called `e`."""
+    """Entities that each contain several of the previous one; the last one is called `e`."""
     lines = [f'<!ENTITY {name} "{f"&{before};" * times}">' for before, name in pairwise("abcde")]
     return "".join(['<!ENTITY a "haha">', *lines])
 
@@ -170,11 +170,11 @@ def test_a_manifest_in_an_unknown_encoding_is_reported(tmp_path: Path, encoding:
     folder = write_package(tmp_path, "a_msgs")
     manifest = folder / "package.xml"
     manifest.write_text(f'<?xml version="1.0" encoding="{encoding}"?>\n{manifest.read_text()}')
-    with pytest.raises(PackageError, match=r"package\.xml:1:1: .*UTF-8 can$"):
+    with pytest.raises(PackageError, match=r"package\.xml:1:1: .*use UTF-8$"):
         discover([tmp_path])
 
 
-def test_hidden_files_beside_a_definition_are_ignored(tmp_path: Path) -> None:
+def test_hidden_files_next_to_a_definition_are_ignored(tmp_path: Path) -> None:
     folder = write_package(tmp_path, "a_msgs")
     (folder / "msg/.#A.msg").symlink_to("me@host.1234")
     (folder / "msg/.B.msg").write_text("half of it")

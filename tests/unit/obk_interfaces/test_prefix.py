@@ -1,4 +1,4 @@
-"""Where installed packages and their headers are found."""
+"""The locations of installed packages and their headers."""
 
 import importlib.util
 from importlib.machinery import ModuleSpec
@@ -56,7 +56,7 @@ def test_dependencies_are_followed_through_the_layers_nearest_first(tmp_path: Pa
     assert closure == {"b_msgs": near, "service_msgs": service, "c_msgs": far}
 
 
-def test_headers_are_searched_beside_and_inside_package_folders(tmp_path: Path) -> None:
+def test_headers_are_searched_next_to_and_inside_package_folders(tmp_path: Path) -> None:
     include = tmp_path / "include"
     (include / "std_msgs" / "std_msgs").mkdir(parents=True)
     (include / "flat").mkdir()

@@ -1,4 +1,4 @@
-"""Libraries, units and command lines: compilers, and what keeps the result relocatable."""
+"""Libraries, units and command lines: compilers, and relocatable results."""
 
 import sysconfig
 from pathlib import Path
@@ -56,7 +56,7 @@ def test_run_paths_are_relative_to_the_library(tree: PackageTree, tmp_path: Path
     assert (lib / "lib").resolve() == tree.install / "lib"
 
 
-def test_the_module_brings_the_type_supports_that_are_opened_by_name(tree: PackageTree) -> None:
+def test_the_module_loads_the_type_supports_that_are_opened_by_name(tree: PackageTree) -> None:
     module = libraries_of(tree, [])[-1]
     assert module.forced_links == (
         "my_msgs__rosidl_typesupport_fastrtps_c",
@@ -86,7 +86,7 @@ def test_clashing_sources_stay_alone_and_the_others_are_one_unit(tree: PackageTr
     assert len({object_of(library, unit, tree.objects) for unit in units}) == 3
 
 
-def test_a_missing_compiler_names_what_to_install(
+def test_a_missing_compiler_names_the_package_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -117,7 +117,7 @@ def test_a_compiler_of_the_environment_keeps_its_options(
     assert find_compilers() == ((str(compiler), "-m64"), (str(compiler),))
 
 
-def test_missing_python_headers_name_what_to_install(
+def test_missing_python_headers_name_the_package_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     paths = {"include": str(tmp_path), "platinclude": str(tmp_path)}

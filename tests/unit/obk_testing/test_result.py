@@ -1,4 +1,4 @@
-"""What a run left, by name: topics built by hand, no node runs."""
+"""The result of a run, by name, with topics built by hand and without nodes."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -39,7 +39,7 @@ def states(*angles: float) -> StateLog:
 
 
 def topic(name: str, *messages: Any, begin_place: int = 0, times_ms: Iterable[int] = ()) -> Topic:
-    """A topic that published these messages, by default one each millisecond."""
+    """A topic that published these messages, by default one per millisecond."""
     made = Topic(name, type(messages[0]), is_watched=False)
     times = [*times_ms] or range(len(messages))
     made.log = [
@@ -134,7 +134,7 @@ def test_the_newest_message_at_a_time() -> None:
         log.at(0.005)
 
 
-def test_a_misspelt_topic_and_field_are_answered_with_the_nearest() -> None:
+def test_a_misspelt_topic_and_field_get_a_suggestion() -> None:
     run = result(topic("/arm/est", estimate(1, 2)), ways={"/imu": "/imu: no node subscribes"})
     with pytest.raises(LookupError, match="did you mean `/arm/est`"):
         run["/arm/ets"]
@@ -155,7 +155,7 @@ def test_arrays_of_varying_length_are_named() -> None:
         log["data[1]"]
 
 
-def test_a_result_ends_where_it_was_taken() -> None:
+def test_a_result_ends_at_its_time() -> None:
     made = topic("/x", *numbers(1, 2))
     run = result(made)
     assert made.log is not None
@@ -164,7 +164,7 @@ def test_a_result_ends_where_it_was_taken() -> None:
     assert len(run["/x"]) == 2
 
 
-def test_what_a_test_looks_at_is_noted() -> None:
+def test_topics_read_by_a_test_are_recorded() -> None:
     run = result(topic("/pose", pose(1)))
     _ = run["/pose"].pose.position.x
     assert ("/pose", "pose.position.x") in run.facts.looked_at
@@ -216,7 +216,7 @@ def test_close_to_compares_the_positions_of_the_simulator() -> None:
 
 def test_close_to_needs_something_to_compare() -> None:
     one = result(topic("/est", estimate(1, 2)))
-    with pytest.raises(LookupError, match="no simulator"):
+    with pytest.raises(LookupError, match="no MuJoCo simulator"):
         one.close_to(one, atol=1.0)
 
 

@@ -1,4 +1,4 @@
-"""Schedules that a seed draws, and the bring-up of a real run, read from its events."""
+"""Random schedules by seed, and the bring-up of a real run, read from its events."""
 
 import json
 from dataclasses import replace
@@ -46,7 +46,7 @@ def write_run(folder: Path, **activated_ms: float) -> Path:
                 }
             )
     text = "".join(json.dumps(event) + "\n" for event in events)
-    (folder / "events.jsonl").write_text(text + '{"time": 1795')  # killed while it wrote
+    (folder / "events.jsonl").write_text(text + '{"time": 1795')  # killed while writing
     return folder
 
 
@@ -57,7 +57,7 @@ def test_times_count_from_the_middle_of_the_simulators_first_activation(tmp_path
     assert bring_up_times("run/events.jsonl", PLAN, tmp_path) == expected
 
 
-def test_what_a_node_reports_of_its_activation_comes_before_the_launchers_view(tmp_path):
+def test_a_nodes_report_of_its_activation_precedes_the_launchers_view(tmp_path):
     run = write_run(tmp_path / "run", robot=10.0, control=28.5)
     events = (run / "events.jsonl").read_text().rpartition("\n")[0]
     reports = [
@@ -73,7 +73,7 @@ def test_what_a_node_reports_of_its_activation_comes_before_the_launchers_view(t
     ("first_output_s", "start_s"),
     [
         (None, 0.008),
-        (0.0085, 0.008),  # by a message, before its first tick
+        (0.0085, 0.008),  # from a message, before its first tick
         (0.012, 0.008),
         (0.0159, 0.008),
         (0.016, 0.012),
@@ -96,7 +96,7 @@ def test_a_node_without_inputs_begins_with_the_tick_before_its_first_message(
     assert bring_up_times(run, plan)["/control"] == pytest.approx(start_s, abs=1e-9)
 
 
-def test_a_node_that_was_active_before_the_simulator_is_active_at_once(tmp_path):
+def test_a_node_that_was_active_before_the_simulator_is_active_immediately(tmp_path):
     run = write_run(tmp_path / "run", control=5.0, robot=10.0)
     assert bring_up_times(run, PLAN) == {"/control": 0.0, "/robot": 0.0}
 
@@ -112,7 +112,7 @@ def test_measured_takes_the_newest_whole_run_of_the_stack(tmp_path):
     assert bring_up_times("measured", PLAN, environment=environment)["/control"] == 0.022
 
 
-def test_without_a_run_the_error_names_what_measures_one(tmp_path):
+def test_without_a_run_the_error_names_the_command_that_measures_one(tmp_path):
     with pytest.raises(CommandFailedError) as raised:
         bring_up_times("measured", PLAN, environment={"OBK_HOME": str(tmp_path)})
     assert "obk launch" in str(raised.value.help)
@@ -125,7 +125,7 @@ def test_a_path_without_the_nodes_is_an_error(tmp_path, given):
         bring_up_times(given, PLAN, tmp_path)
 
 
-def test_times_that_are_given_stay_as_they_are():
+def test_given_times_are_kept():
     assert bring_up_times({"control": 0.02}, PLAN) == {"control": 0.02}
 
 

@@ -1,4 +1,4 @@
-"""What the smoke test finds wrong with a run."""
+"""The errors in a run that the smoke test finds."""
 
 import numpy as np
 import pytest
@@ -31,17 +31,17 @@ def problems(*topics: object, promised: dict[str, float] | None = None) -> list[
     return [*problems_of(result(*topics), promised or {})]
 
 
-def test_a_sound_run_has_no_problem() -> None:
+def test_a_valid_run_has_no_problem() -> None:
     assert problems(at_rate("/x", 100), promised={"/x": 100.0}) == []
 
 
 @pytest.mark.parametrize("rate_hz", [50, 125])
-def test_a_topic_has_the_rate_that_the_config_promises(rate_hz: int) -> None:
+def test_a_topic_has_the_rate_that_the_config_expects(rate_hz: int) -> None:
     (problem,) = problems(at_rate("/x", rate_hz), promised={"/x": 100.0})
     assert problem == f"/x is published at {rate_hz:.1f} Hz, expected 100 Hz"
 
 
-def test_a_topic_that_is_never_published_has_a_wrong_rate() -> None:
+def test_an_unpublished_topic_has_a_wrong_rate() -> None:
     assert problems(promised={"/x": 1.0}) == ["/x is published at 0.0 Hz, expected 1 Hz"]
 
 

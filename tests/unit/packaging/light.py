@@ -1,7 +1,7 @@
-"""Runs `obk` as if nothing were installed but obelisk-cli and what it needs by itself.
+"""Run `obk` as if only obelisk-cli and its required dependencies were installed.
 
-In: command lines as JSON in the first argument, carried out one after another. Out: for each its
-exit code, output and errors, as JSON.
+Takes command lines as JSON in the first argument and runs them one after another. Prints the exit
+code, output and errors of each as JSON.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ SITE = sysconfig.get_path("purelib")
 
 
 def needed(distribution: str) -> set[str]:
-    """A distribution's name and the names of those that it needs without any extra."""
+    """The name of a distribution and the names of its dependencies without extras."""
     found, wanted = set[str](), [distribution]
     while wanted:
         name = wanted.pop()
@@ -35,7 +35,7 @@ def normal(name: str) -> str:
 
 
 class Light:
-    """Finds of what is installed only the modules of some distributions."""
+    """Finds only the modules of some installed distributions."""
 
     find_distributions = staticmethod(PathFinder.find_distributions)
 

@@ -1,4 +1,4 @@
-"""What the two distributions hold, as their builder finds it; `make wheel` tries what is built."""
+"""The contents of the two distributions, as found by their builder; `make wheel` tries them."""
 
 import re
 import subprocess
@@ -11,7 +11,7 @@ from hatchling.builders.wheel import WheelBuilder
 
 @pytest.fixture(scope="module")
 def kept(repository: Path) -> set[str]:
-    """The files that git keeps."""
+    """The files in git."""
     if not (repository / ".git").exists():
         pytest.skip("what git keeps is known in a checkout only")
     listing = subprocess.run(
@@ -22,7 +22,7 @@ def kept(repository: Path) -> set[str]:
 
 def in_sdist(root: Path) -> set[str]:
     found = {file.relative_path for file in SdistBuilder(str(root)).recurse_included_files()}
-    return found | {"pyproject.toml", ".gitignore"}  # always in it, by the builder's own hand
+    return found | {"pyproject.toml", ".gitignore"}  # the builder always adds it
 
 
 def test_a_source_distribution_has_every_file_that_git_keeps(
@@ -54,7 +54,7 @@ def test_the_pages_of_an_index_have_no_link_into_the_checkout(repository: Path) 
         assert [target for target in targets if not target.startswith("https://")] == []
 
 
-def test_the_page_of_an_index_names_extras_that_there_are(repository: Path) -> None:
+def test_the_page_of_an_index_names_existing_extras(repository: Path) -> None:
     core = WheelBuilder(str(repository)).metadata.core
     (named,) = re.findall(r"pip install 'obelisk-cli\[(.+)\]'", core.readme)
     assert set(named.split(",")) <= core.optional_dependencies.keys()

@@ -1,4 +1,4 @@
-"""What obk does without its extras: no ROS 2, no MuJoCo, no numpy; and what it says of the rest."""
+"""`obk` without its extras: no ROS 2, no MuJoCo, no numpy; and its messages about missing ones."""
 
 import json
 import os
@@ -30,7 +30,7 @@ LIGHT = {
     "migrate": ["my_robot/my_robot.yaml"],
     "schema": [],
 }
-"""Verb -> arguments with which it needs no extra, in this order."""
+"""Command -> arguments with which it needs no extra, in this order."""
 NEEDS = {
     "launch": ("ros", ["my_robot/my_robot.yaml"]),
     "rehearse": ("ros", ["my_robot/my_robot.yaml"]),
@@ -50,15 +50,15 @@ NEEDS = {
     "sweep": ("test", ["my_robot/my_robot.yaml"]),
     "web": ("web", []),
 }
-"""Verb -> the extra that it asks for first, and arguments."""
+"""Command -> the extra that it needs first, and arguments."""
 FAILS_WITHOUT_A_RUN = {"stop", "logs"}
 
 Result = tuple[int, str, str]
 
 
 @pytest.fixture(scope="module")
-def said(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
-    """Verb -> its exit code, output and errors, all from one process."""
+def output(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
+    """Command -> its exit code, output and errors, all from one process."""
     reported = {**LIGHT, **{verb: arguments for verb, (_, arguments) in NEEDS.items()}}
     folder = tmp_path_factory.mktemp("light")
     environment = {
@@ -87,25 +87,25 @@ def test_every_command_is_tried() -> None:
 
 
 @pytest.mark.parametrize("verb", LIGHT)
-def test_a_command_that_needs_no_extra(said: Callable[[str], Result], verb: str) -> None:
-    code, out, err = said(verb)
+def test_a_command_that_needs_no_extra(output: Callable[[str], Result], verb: str) -> None:
+    code, out, err = output(verb)
     assert "fault of obk" not in err
     assert "ROS 2 is not available" not in out + err
     assert (code, out != "") == ((1, False) if verb in FAILS_WITHOUT_A_RUN else (0, True)), err
 
 
 @pytest.mark.parametrize("verb", NEEDS)
-def test_a_command_that_needs_one_says_which_and_how(
-    said: Callable[[str], Result], verb: str
+def test_a_command_that_needs_one_reports_which_and_how(
+    output: Callable[[str], Result], verb: str
 ) -> None:
-    code, out, err = said(verb)
+    code, out, err = output(verb)
     extra, _ = NEEDS[verb]
     assert (code, out) == (1, "")
     assert err.startswith("error: ")
     assert f"help: install it with `{install_command(extra)}`" in err
 
 
-def test_the_document_reports_the_same(repository: Path) -> None:
+def test_the_document_agrees(repository: Path) -> None:
     text = (repository / "docs" / "how-to" / "installing.md").read_text()
     _, _, parts = text.partition("\nWithout extras these commands work:")
     listed, _, rest = parts.partition("Every other command")
@@ -118,7 +118,7 @@ def test_the_document_reports_the_same(repository: Path) -> None:
 
 
 def test_without_mujoco_a_config_is_checked_but_for_its_model(
-    said: Callable[[str], Result],
+    output: Callable[[str], Result],
 ) -> None:
-    _, out, _ = said("validate")
+    _, out, _ = output("validate")
     assert "info[OBK300]: MuJoCo is not installed" in out

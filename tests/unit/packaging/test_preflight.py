@@ -32,7 +32,7 @@ def test_the_supported_pythons_pass(
 
 
 @pytest.mark.parametrize("version", [(3, 8), (3, 10), (3, 14)])
-def test_another_python_is_reported_how_to_choose(
+def test_another_python_is_rejected_with_a_hint_how_to_choose_one(
     preflight: ModuleType, monkeypatch: pytest.MonkeyPatch, version: tuple[int, int]
 ) -> None:
     monkeypatch.setattr(sys, "version_info", (*version, 0))
@@ -43,24 +43,24 @@ def test_another_python_is_reported_how_to_choose(
     )
 
 
-def test_a_machine_without_wheels_is_pointed_to_the_sourced_ros(
+def test_a_machine_without_wheels_gets_a_hint_to_source_ros(
     preflight: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine="aarch64"))
     assert preflight.ros_fault("wheels") == (
-        "there are no ROS 2 wheels for aarch64: install ROS 2 Jazzy, source it, "
+        "no ROS 2 wheels exist for aarch64: install ROS 2 Jazzy, source it, "
         "and run: make setup ROS=system"
     )
 
 
-def test_the_system_ros_has_to_be_sourced(
+def test_the_system_ros_must_be_sourced(
     preflight: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     assert preflight.ros_fault("system").startswith("ROS=system, but no ROS 2 is sourced")
 
 
-def test_the_system_ros_has_to_fit_the_python(
+def test_the_system_ros_must_match_the_python(
     preflight: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros/jazzy")
@@ -68,7 +68,7 @@ def test_the_system_ros_has_to_fit_the_python(
     assert "cannot import rclpy: use the Python that" in preflight.ros_fault("system")
 
 
-def test_another_source_of_ros_is_answered_with_the_two_there_are(preflight: ModuleType) -> None:
+def test_an_unknown_source_of_ros_is_rejected_with_the_valid_ones(preflight: ModuleType) -> None:
     assert preflight.ros_fault("docker") == (
-        "ROS=docker is not known: say ROS=wheels (the default) or ROS=system"
+        "unknown value ROS=docker: use ROS=wheels (the default) or ROS=system"
     )

@@ -1,4 +1,4 @@
-"""One version: the project's, repeated where other files need it, and in the changelog."""
+"""All files repeat the version of the project, and `make release` changes it everywhere."""
 
 import re
 import shutil
@@ -22,7 +22,7 @@ def project_version(root: Path) -> str:
 
 
 def versions(root: Path) -> list[str]:
-    """Every version of ours that stands in a checkout."""
+    """All versions of the project in a checkout."""
     files = [
         *root.glob("*.toml"),
         *root.glob("interfaces/*.toml"),
@@ -38,7 +38,7 @@ def test_every_file_has_the_version_of_the_project(repository: Path) -> None:
     assert set(found) == {project_version(repository)}
 
 
-def test_the_changelog_ends_with_the_version_or_says_that_it_is_to_be(repository: Path) -> None:
+def test_the_changelog_has_the_version_as_released_or_upcoming(repository: Path) -> None:
     text = (repository / "CHANGELOG.md").read_text()
     (first, undated), *released = HEADING.findall(text)
     assert (first, undated) == ("Unreleased", "")
@@ -76,7 +76,7 @@ def release(checkout: Path, version: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-def test_a_release_puts_its_version_everywhere_and_closes_what_was_unreleased(
+def test_a_release_sets_all_versions_and_dates_the_unreleased_entries(
     checkout: Path,
 ) -> None:
     before = (checkout / "CHANGELOG.md").read_text()
@@ -90,16 +90,16 @@ def test_a_release_puts_its_version_everywhere_and_closes_what_was_unreleased(
     assert before.partition("### Added")[2] == after.partition("### Added")[2]
 
 
-def test_a_version_that_is_none_not_above_the_last_or_the_same_again_changes_nothing(
+def test_an_invalid_or_old_version_or_an_empty_changelog_changes_nothing(
     checkout: Path,
 ) -> None:
     release(checkout, "7.8.9")
     text = (checkout / "pyproject.toml").read_text()
     for version, complaint in (
-        ("8.0", "release: `8.0` is no version such as 0.2.0\n"),
-        ("7.8.9", "release: 7.8.9 is not above 7.8.9, the last one\n"),
-        ("7.8.8", "release: 7.8.8 is not above 7.8.9, the last one\n"),
-        ("7.9.0", "release: there is nothing under `Unreleased` in CHANGELOG.md\n"),
+        ("8.0", "release: `8.0` is not a version such as 0.2.0\n"),
+        ("7.8.9", "release: 7.8.9 is not newer than 7.8.9, the last release\n"),
+        ("7.8.8", "release: 7.8.8 is not newer than 7.8.9, the last release\n"),
+        ("7.9.0", "release: CHANGELOG.md has no entries under `Unreleased`\n"),
     ):
         done = release(checkout, version)
         assert (done.returncode, done.stderr) == (1, complaint)

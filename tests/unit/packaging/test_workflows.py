@@ -1,4 +1,4 @@
-"""The project's own workflow, and the actions that it, its documents and its templates take."""
+"""The project's own workflow, and the actions that it, its documents and its templates use."""
 
 import re
 import tomllib
@@ -30,7 +30,7 @@ def steps(workflow: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield from job["steps"]
 
 
-def test_it_may_read_the_repository_and_nothing_else(workflow: dict[str, Any]) -> None:
+def test_it_may_only_read_the_repository(workflow: dict[str, Any]) -> None:
     assert workflow["permissions"] == {"contents": "read"}
     assert not any("permissions" in job for job in workflow["jobs"].values())
     checkouts = [step for step in steps(workflow) if "checkout" in step.get("uses", "")]
@@ -55,7 +55,9 @@ def test_an_action_has_one_major_version_wherever_it_is_taken(repository: Path) 
     assert {"actions/checkout", "actions/setup-python"} < majors.keys()
 
 
-def test_it_calls_what_a_person_calls(workflow: dict[str, Any], repository: Path) -> None:
+def test_it_runs_the_commands_that_developers_run(
+    workflow: dict[str, Any], repository: Path
+) -> None:
     targets = re.findall(r"(?m)^([\w-]+):", (repository / "Makefile").read_text())
     called = [step["run"] for step in steps(workflow) if "run" in step]
     ours = [line for line in called if "apt-get" not in line]
@@ -66,7 +68,7 @@ def test_it_calls_what_a_person_calls(workflow: dict[str, Any], repository: Path
     }
 
 
-def test_every_python_that_is_promised_is_tried(workflow: dict[str, Any], repository: Path) -> None:
+def test_every_supported_python_is_tested(workflow: dict[str, Any], repository: Path) -> None:
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     promised = re.findall(r"Python :: (3\.\d+)", "\n".join(project["classifiers"]))
     newer = workflow["jobs"]["newer-python"]["strategy"]["matrix"]["python"]

@@ -1,6 +1,6 @@
-"""Being here puts this folder on the import path of the tests, so that they need no install.
+"""Adds this folder to the import path of the tests, so that they need no installation.
 
-Messages of the workspace are found where `obk build` puts them.
+Messages of the workspace are imported from the folder of `obk build`.
 """
 
 import sys

@@ -7,7 +7,7 @@ package_name = "udp_motor_robot"
 setup(
     name=package_name,
     version="0.1.0",
-    description="A robot of one motor whose drive is spoken to over UDP.",
+    description="A robot node for one motor whose drive is connected over UDP.",
     maintainer="The Obelisk developers",
     license="MIT",
     packages=find_packages(exclude=["test"]),
@@ -16,7 +16,7 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest"]},  # has `colcon test` run pytest
+    extras_require={"test": ["pytest"]},  # makes `colcon test` run pytest
     zip_safe=True,
     entry_points={
         "console_scripts": [

@@ -1,8 +1,8 @@
-"""The library's own rclpy executor, for nodes that run loops at 1 kHz.
+"""An rclpy executor for nodes with loops at 1 kHz.
 
-`event_loop_executor` is what users see. It runs `worker`s (a thread and its epoll each), which call
-the `handlers` of the nodes' entities. `rcl_listeners` lets the middleware signal them without the
-interpreter lock; `waitset_thread` waits for what rcl has no listener for.
+`event_loop_executor` is the public interface. Its `worker`s (a thread with an epoll each) call the
+`handlers` of the nodes' entities. `rcl_listeners` lets the middleware signal the workers without
+the interpreter lock. `waitset_thread` waits for the entities for which rcl has no listener.
 """
 
 from obelisk_py.core.executor.event_loop_executor import EventLoopExecutor

@@ -1,12 +1,12 @@
-"""`EventLoopExecutor`: runs the callbacks of nodes, driven by events instead of by wait sets.
+"""`EventLoopExecutor`: run the callbacks of nodes, driven by events instead of wait sets.
 
-It runs the nodes' callbacks on the thread that spins, and on further threads if `num_threads` is
-above 1. A callback's exception comes out of the spin function. With one thread it does what rclpy's
-`SingleThreadedExecutor` does, at a fraction of the cost of a callback; a custom callback group is
-treated as mutually exclusive.
+Callbacks run on the thread that spins, and on further threads if `num_threads` is above 1. The spin
+function raises the exception of a callback. With one thread, the executor behaves like rclpy's
+`SingleThreadedExecutor`, at a fraction of the cost per callback. It treats a custom callback group
+as mutually exclusive.
 
-Behind it stand a `_WorkerPool` (threads, started, paused and stopped as one) and a
-`_HandlerRegistry` (which handler stands for which entity, and on which workers).
+A `_WorkerPool` starts, pauses and stops the threads together. A `_HandlerRegistry` maps entities to
+their handlers and handlers to workers.
 """
 
 import threading
@@ -48,7 +48,7 @@ from obelisk_py.core.shared_clock import SharedClock
 
 __all__ = ["EventLoopExecutor"]
 
-# epoll's timeout is bounded; a longer wait is repeated.
+# epoll limits the timeout; longer waits are repeated.
 _LONGEST_WAIT_S = 3600.0
 _END_OF_PROCESS_S = 2.0
 
@@ -57,35 +57,35 @@ class EventLoopExecutor(Executor):
     """An rclpy executor for loops at high rates."""
 
     def __init__(self, num_threads: int = 1, *, context: Context | None = None) -> None:
-        """Make an executor without nodes.
+        """Create an executor without nodes.
 
         Args:
-            num_threads: at least 1; a mutually exclusive callback group keeps to one of them, a
-                reentrant one runs on all.
-            context: None takes the default one.
+            num_threads: at least 1; a mutually exclusive callback group runs on one of the threads,
+                a reentrant group on all of them.
+            context: None uses the default context.
 
         Raises:
             ValueError: `num_threads` below 1.
         """
         context = get_default_context() if context is None else context
-        # Before the base, whose constructor may call `wake`.
+        # Before the base class, whose constructor may call `wake`.
         self._pool = _WorkerPool(num_threads, context, weakref.ref(self))
         super().__init__(context=context)
         if num_threads < 1:
             raise ValueError(f"num_threads is {num_threads}, expected at least 1")
-        # Also at the end of the process, for a program that shuts nothing down.
+        # Stops the threads at the end of the process if the program never calls `shutdown`.
         self._finalizer = weakref.finalize(self, self._pool.stop, _END_OF_PROCESS_S)
 
     def follow(self, page: ClockPage) -> None:
-        """Run the timers of nodes that follow this clock page; called before the first spin."""
+        """Run timers by the simulated time of a clock page; call this before the first spin."""
         self._pool.follow(page)
 
     def wake(self) -> None:
-        """Check what changed: entities of a node, or the awaited future."""
+        """Make a spinning thread check for changed entities or a completed future."""
         self._pool.interrupt(entities_changed=True)
 
     def add_node(self, node: Node) -> bool:
-        """Run a node's callbacks from now on; false if they are run already."""
+        """Start running a node's callbacks; false if the node was already added."""
         added = bool(super().add_node(node))
         self.wake()
         return added
@@ -99,17 +99,17 @@ class EventLoopExecutor(Executor):
     def create_task(
         self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
     ) -> Task:
-        """Run a function or coroutine while this executor spins; from any thread.
+        """Schedule a function or coroutine to run while this executor spins; thread-safe.
 
         Returns:
-            A future of its result.
+            The future result.
         """
         task = Task(callback, args, kwargs, executor=self)
         self._pool.task_queue.put(partial(_run_task, task))
         return task
 
     def spin(self) -> None:
-        """Run callbacks until `shutdown`, or until the context ends."""
+        """Run callbacks until `shutdown` is called or the context is shut down."""
         with self._spinning() as worker:
             self._run(worker, None, None)
 
@@ -117,8 +117,8 @@ class EventLoopExecutor(Executor):
         """Run callbacks until a future is done or cancelled.
 
         Args:
-            future: what is waited for.
-            timeout_sec: no longer than this [s]; without end if None or below 0.
+            future: the future to wait for.
+            timeout_sec: maximum time to wait [s]; no limit if None or negative.
         """
         with self._spinning() as worker, self._woken_by(future):
             self._run(worker, future, _end_s(timeout_sec))
@@ -127,10 +127,10 @@ class EventLoopExecutor(Executor):
         """Wait for one callback and run it.
 
         Args:
-            timeout_sec: wait no longer than this [s]; without end if None or below 0.
+            timeout_sec: maximum time to wait [s]; no limit if None or negative.
 
         Raises:
-            ExternalShutdownException: the context has ended.
+            ExternalShutdownException: the context was shut down.
         """
         with self._spinning() as worker:
             self._run_once(worker, None, _end_s(timeout_sec))
@@ -138,10 +138,10 @@ class EventLoopExecutor(Executor):
     def spin_once_until_future_complete(
         self, future: Future, timeout_sec: float | TimeoutObject | None = None
     ) -> None:
-        """As `spin_once`, but wait no longer than until the future is done.
+        """Like `spin_once`, but stop waiting when the future is done.
 
         Raises:
-            ExternalShutdownException: the context has ended.
+            ExternalShutdownException: the context was shut down.
         """
         timeout_s = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
         with self._spinning() as worker, self._woken_by(future):
@@ -150,21 +150,22 @@ class EventLoopExecutor(Executor):
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Stop spinning and release all nodes.
 
-        Called within a callback it returns at once, and the executor stops after the callback.
+        If called within a callback, it returns immediately and the executor stops after the
+        callback.
 
         Args:
-            timeout_sec: wait no longer than this for callbacks that run [s]; without end if None
-                or below 0.
+            timeout_sec: maximum time to wait for running callbacks [s]; no limit if None or
+                negative.
 
         Returns:
-            Whether nothing runs any more.
+            Whether everything stopped in time.
         """
         timeout_s = None if timeout_sec is None or timeout_sec < 0 else timeout_sec
         self._is_shutdown = True
         ended = self._pool.stop(timeout_s)
         if ended:
-            # Not the base's, which destroys a guard condition that a thread of rclpy may be about
-            # to trigger after a signal; that crashes.
+            # Does not call the base class, which destroys a guard condition. A signal thread of
+            # rclpy may be about to trigger it, which would crash.
             with self._nodes_lock:
                 self._nodes = set()
         return ended
@@ -211,7 +212,7 @@ class EventLoopExecutor(Executor):
     def _spinning(self) -> Iterator[Worker]:
         pool = self._pool
         if not pool.spinning.acquire(blocking=False):
-            raise RuntimeError("this executor is spinning already")
+            raise RuntimeError("this executor is already spinning")
         try:
             pool.start()
             yield pool.worker
@@ -244,7 +245,7 @@ def _is_done(future: Future) -> bool:
 
 
 def _end_s(timeout_s: float | None) -> float | None:
-    """When a wait is over, on the monotonic clock [s]; None for never."""
+    """End of a wait on the monotonic clock [s]; None if it has no limit."""
     return None if timeout_s is None or timeout_s < 0 else time.monotonic() + timeout_s
 
 
@@ -255,7 +256,7 @@ def _wait_s(end_s: float) -> float:
 class _WorkerPool:
     """The workers of an executor; the thread that spins runs the first one.
 
-    The others have threads of their own, which run while the executor spins and rest otherwise.
+    Each other worker has its own thread, which runs only while the executor spins.
     """
 
     def __init__(
@@ -264,18 +265,18 @@ class _WorkerPool:
         context: Context,
         executor: ExecutorReference,
     ) -> None:
-        """Put the parts together; nothing runs yet.
+        """Create the workers without starting them.
 
         Args:
-            num_threads: workers.
-            context: its end is reported.
-            executor: its nodes are run.
+            num_threads: number of workers.
+            context: its shutdown interrupts the first worker.
+            executor: the executor whose nodes the workers run.
         """
         self.spinning = threading.Lock()
         """Held by the thread that spins."""
         self.is_stopped = False
         self.fault: BaseException | None = None
-        """What a callback raised on a worker other than the first, or what ended the wait set."""
+        """Exception raised by a callback on another worker or by the wait set's thread."""
         self.task_queue = TaskQueue()
         self._is_closed = False
         self._executor = executor
@@ -288,7 +289,7 @@ class _WorkerPool:
         self._threads: tuple[threading.Thread, ...] = ()
 
     def follow(self, page: ClockPage) -> None:
-        """Watch a clock page."""
+        """Run timers by the simulated time of a clock page."""
         timers = SimulatedTimers(page)
         for worker in self._workers:
             worker.add(timers, shared=len(self._workers) > 1)
@@ -307,19 +308,19 @@ class _WorkerPool:
             worker.interrupt()
 
     def run_posted(self, worker: Worker) -> bool:
-        """What a worker does when interrupted; true if a callback of the user ran."""
+        """Do a worker's work after an interrupt; true if a user callback ran."""
         if self._registry.is_outdated:
             self._update()
         return worker.run_posted()
 
     def sync(self) -> None:
-        """Follow a change of the nodes now, unless a thread spins, which then does it."""
+        """Apply changes of the nodes now, unless another thread spins and will apply them."""
         with self._registry.lock:
             if self.worker.thread_id is None and not self.is_stopped:
                 self._update()
 
     def start(self) -> None:
-        """The calling thread, which holds `spinning`, becomes the first worker's."""
+        """Run the first worker on the calling thread, which holds `spinning`."""
         self._own(self.worker)
         self.worker.is_interrupted = True
         if self.is_stopped:
@@ -335,7 +336,7 @@ class _WorkerPool:
         self._may_run.set()
 
     def pause(self) -> None:
-        """The calling thread leaves; the other workers rest after their callbacks."""
+        """Detach the calling thread and let the other workers pause after their callbacks."""
         self._may_run.clear()
         for worker in self._workers[1:]:
             worker.interrupt()
@@ -344,7 +345,7 @@ class _WorkerPool:
     def stop(self, timeout_s: float | None) -> bool:
         """Stop all threads and release everything; false if that takes longer than `timeout_s`.
 
-        Called within a callback it only requests the stop, which follows after the callback.
+        If called within a callback, it only requests the stop, which happens after the callback.
         """
         self.is_stopped = True
         self._may_run.set()
@@ -360,13 +361,13 @@ class _WorkerPool:
             self.spinning.release()
 
     def close(self, end_s: float | None = None) -> bool:
-        """Release everything, on the thread that holds `spinning`, once stopped.
+        """Release everything after a stop; the calling thread holds `spinning`.
 
         Args:
-            end_s: do not wait for threads beyond this time of the monotonic clock [s].
+            end_s: when to stop waiting for threads, on the monotonic clock [s].
 
         Returns:
-            Whether all threads had ended.
+            Whether all threads have ended.
         """
         for thread in self._threads:
             thread.join(_left_s(end_s))
@@ -399,7 +400,7 @@ class _WorkerPool:
                         worker.is_interrupted = False
                         self.run_posted(worker)
                     worker.run_ready(-1)
-            except BaseException as fault:  # raised by the thread that spins
+            except BaseException as fault:  # the thread that spins raises it again
                 worker.is_interrupted = True
                 self._on_event(fault)
             finally:
@@ -424,11 +425,11 @@ def _left_s(end_s: float | None) -> float | None:
 
 
 class _HandlerRegistry:
-    """The handlers of all entities, kept equal to what the nodes have.
+    """The handlers of all entities, kept in sync with the nodes.
 
-    A mutually exclusive callback group stays on one worker, so that exclusion costs nothing; a
-    reentrant one runs on all. A handler that has to go is disabled at once, is removed from each
-    worker on that worker's own thread, and is closed when it was removed from the last.
+    A mutually exclusive callback group stays on one worker, so exclusion costs nothing. A reentrant
+    group runs on all workers. To retire a handler, the registry disables it immediately, removes it
+    from each worker on the worker's own thread, and closes it after the last removal.
     """
 
     def __init__(
@@ -441,14 +442,14 @@ class _HandlerRegistry:
         self.is_outdated = False
         """Whether entities were added or destroyed since the last `update`."""
         self.lock = threading.RLock()
-        """Held while a worker gets or loses its thread, so that `update` sees one or the other."""
+        """Held while a worker gets or loses its thread, so that `update` sees a stable state."""
         self.simulated_timers: SimulatedTimers | None = None
-        """None: no node follows a clock page."""
+        """None if the executor follows no clock page."""
         self._workers = workers
         self._task_queue = task_queue
         self._waitset = waitset
         self._executor = executor
-        # By identity; a handler keeps its entity, so the number is not given to another one.
+        # Keyed by `id`; a handler keeps its entity alive, so the id is not reused.
         self._handlers: dict[int, EntityHandler] = {}
         self._retiring: dict[EntityHandler, set[Worker]] = {}
         self._waitset_handlers: dict[int, WaitSetHandler] = {}
@@ -466,13 +467,13 @@ class _HandlerRegistry:
             self._update_waitset(nodes)
 
     def clear(self) -> None:
-        """Remove every handler; only while no worker has a thread."""
+        """Remove every handler; call this only while no worker has a thread."""
         self.update(())
         for worker in self._workers:
             self.release(worker)
 
     def release(self, worker: Worker) -> None:
-        """Remove from a worker, which no thread runs, the handlers that have to go."""
+        """Remove retiring handlers from a worker that no thread runs."""
         with self.lock:
             for handler in list(self._retiring):
                 self._remove(handler, worker)
@@ -480,12 +481,12 @@ class _HandlerRegistry:
     def _add(self, key: int, make: Callable[..., EntityHandler], entity: Any) -> None:
         try:
             handler = make(entity, self._executor)
-        except InvalidHandle:  # destroyed meanwhile
+        except InvalidHandle:  # the entity was destroyed in the meantime
             return
         try:
             handler.enable()
         except RuntimeError:
-            handler.disable()  # a listener may be set, which would write to a closed descriptor
+            handler.disable()  # clears a listener, which would write to a closed descriptor
             handler.close()
             raise
         workers = self._workers_of(handler.group)
@@ -524,7 +525,7 @@ class _HandlerRegistry:
         return [self._worker_of(group)]
 
     def _worker_of(self, group: CallbackGroup) -> Worker:
-        """A group's worker; a new group's is the one with the fewest."""
+        """Return a group's worker; a new group gets the worker with the fewest groups."""
         if group not in self._groups:
             taken = list(self._groups.values())
             self._groups[group] = min(self._workers, key=taken.count)

@@ -1,8 +1,8 @@
-"""Handlers of timers, subscriptions, services, clients and QoS events: they call the user.
+"""Handlers that run the callbacks of timers, subscriptions, services, clients and QoS events.
 
-A handler keeps its entity's rcl structure alive and has one eventfd, to which the middleware writes
-when there is something to take. A timer's handler has a kernel timer too. A handler stops after any
-callback during which its worker was interrupted, because that callback may have destroyed the
+A handler keeps its entity's rcl structure alive and owns an eventfd, which the middleware signals
+when data is available. A timer's handler also owns a kernel timer. A handler returns after any
+callback during which its worker was interrupted, because the callback may have destroyed the
 entity.
 """
 
@@ -54,7 +54,7 @@ __all__ = [
 ]
 
 ExecutorReference = Callable[[], Executor | None]
-"""Gives the executor; None when it was garbage-collected."""
+"""Returns the executor; None if it was garbage-collected."""
 
 RCLError: Any = rclpy_implementation.RCLError
 _IMMEDIATELY_NS = 1
@@ -63,40 +63,40 @@ _ANY_JUMP = JumpThreshold(
 )
 
 _MESSAGES_PER_TURN = 32
-"""After so many messages the other handlers get a turn."""
+"""Number of messages after which the other handlers get a turn."""
 _DROP_LOG_PERIOD_S = 1.0
 
 
 class EntityHandler(ABC):
-    """An entity, and the eventfd that is signalled when it has something to take."""
+    """An entity and the eventfd that is signalled when it has data."""
 
     entity: Any
     kind: ClassVar[EntityKind]
     waits_for_group = True
     unshared_sources: Sequence[EventSource] = ()
-    """What one worker watches beside the handler, also if several watch that."""
+    """Further event sources that only one worker watches, even if several watch the handler."""
 
     def __init__(self, entity: Any, executor: ExecutorReference) -> None:
-        """Keep the entity from being destroyed until `close`.
+        """Keep the entity alive until `close`.
 
         Args:
-            entity: of rclpy.
+            entity: an rclpy entity.
             executor: runs futures and coroutines of the entity's callbacks.
 
         Raises:
-            InvalidHandle: it is destroyed already.
+            InvalidHandle: the entity is already destroyed.
         """
         self.entity = entity
         self.group = entity.callback_group
         self.is_shared = False
-        """Whether several workers watch it, which may run it at the same time."""
+        """Whether several workers watch it and may run it concurrently."""
         self._executor = executor
         self._handle = self._handle_of(entity)
         self._handle.__enter__()
         self._signal_fd = open_eventfd()
 
     def enable(self) -> None:
-        """Set the listener, and signal once for what arrived before."""
+        """Set the listener, and signal once for data that arrived before."""
         set_listener(self.kind, self._handle.pointer, self._signal_fd)
         os.eventfd_write(self._signal_fd, 1)
 
@@ -105,11 +105,11 @@ class EntityHandler(ABC):
         clear_listener(self.kind, self._handle.pointer)
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
-        """What a worker calls, by descriptor."""
+        """The functions that a worker calls, by file descriptor."""
         return {self._signal_fd: partial(self._run, worker)}
 
     def close(self) -> None:
-        """Release the entity, after it was disabled and no worker watches it."""
+        """Release the entity; call this after `disable`, when no worker watches it any more."""
         os.close(self._signal_fd)
         self._handle.__exit__(None, None, None)
 
@@ -120,7 +120,7 @@ class EntityHandler(ABC):
         return entity.handle
 
     def _requeue(self, worker: Worker, signal_fd: int) -> None:
-        """Have the rest taken: later, or meanwhile by another worker."""
+        """Schedule the remaining data, for this worker's next turn or for another worker."""
         if self.is_shared:
             os.eventfd_write(signal_fd, 1)
         else:
@@ -131,12 +131,12 @@ class EntityHandler(ABC):
 
 
 class SubscriptionHandler(EntityHandler):
-    """Calls the user with each message, from DDS or from a publisher of this process."""
+    """Runs the callback for each message, from DDS or from a publisher in this process."""
 
     kind = EntityKind.SUBSCRIPTION
 
     def __init__(self, entity: Subscription, executor: ExecutorReference, *, node: Node) -> None:
-        """Args as in the base; `node` is that of the subscription."""
+        """Keep the subscription of `node` alive until `close`."""
         super().__init__(entity, executor)
         self._take = self._handle.take_message
         self._codec = codec_for(entity.msg_type)
@@ -149,17 +149,17 @@ class SubscriptionHandler(EntityHandler):
         self._receiver: LocalReceiver | None = None
 
     def enable(self) -> None:
-        """Set the listener, and open the buffer to publishers of this process."""
+        """Set the listener, and open the buffer to publishers in this process."""
         super().enable()
         if self._buffer is not None:
-            # DDS may already hold messages, which no later one may overtake.
+            # DDS may already hold messages, and later messages must not overtake them.
             self._buffer.mark_dds()
             self._topic.open(self._buffer)
             self._receiver = open_receiver(self._node, self.entity, self._buffer)
             self.unshared_sources = () if self._receiver is None else (self._receiver,)
 
     def disable(self) -> None:
-        """Clear the listener."""
+        """Clear the listener, and close the buffer to publishers."""
         if self._buffer is not None:
             self._topic.close(self._buffer)
         if self._receiver is not None:
@@ -167,7 +167,7 @@ class SubscriptionHandler(EntityHandler):
         super().disable()
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
-        """What a worker calls when DDS or the buffer has a message."""
+        """The functions that a worker calls when DDS or the buffer has a message."""
         buffer = self._buffer
         if buffer is None:
             return super().ready_callbacks(worker)
@@ -178,7 +178,7 @@ class SubscriptionHandler(EntityHandler):
         return {**super().ready_callbacks(worker), buffer.signal_fd: run_buffered}
 
     def close(self) -> None:
-        """Release the subscription; messages in its buffer wait for the next handler."""
+        """Release the subscription; messages in its buffer stay there for the next handler."""
         if self._buffer is not None:
             self._buffer.wake = self._buffer.signal
         if self._receiver is not None:
@@ -186,7 +186,7 @@ class SubscriptionHandler(EntityHandler):
         super().close()
 
     def _deliver_received(self, worker: Worker, run_buffered: ReadyCallback) -> bool:
-        """Deliver what came by a socket, unless the group waits."""
+        """Deliver messages received from a socket, unless the callback group is blocked."""
         assert self._buffer is not None
         if not worker.is_blocked(self.group):
             return run_buffered()
@@ -199,7 +199,7 @@ class SubscriptionHandler(EntityHandler):
     def _deliver(
         self, worker: Worker, take: Callable[[], tuple[Any, Any] | None], signal_fd: int
     ) -> bool:
-        """Call the user with each message that can be taken; `signal_fd` announced them."""
+        """Run the callback for each available message; `signal_fd` announced them."""
         subscription = self.entity
         ran = False
         for _ in range(_MESSAGES_PER_TURN):
@@ -226,7 +226,7 @@ class SubscriptionHandler(EntityHandler):
         return ran
 
     def _next(self) -> tuple[Any, Any] | None:
-        """The oldest message: those in the buffer were published before those in DDS."""
+        """Take the oldest message; messages in the buffer are older than those in DDS."""
         if self._receiver is not None:
             return self._receiver.take()
         buffer = self._buffer
@@ -250,7 +250,7 @@ class SubscriptionHandler(EntityHandler):
         return None if taken is None else (codec.unpack(taken[0]), taken[1])
 
     def _log_drop(self, error: ObeliskMsgError) -> None:
-        # rclpy's throttle belongs to a logger, and `get_logger` makes a new one each time.
+        # rclpy throttles per logger object, and `get_logger` returns a new one each time.
         now_s = time.monotonic()
         if now_s >= self._next_drop_log_s:
             self._next_drop_log_s = now_s + _DROP_LOG_PERIOD_S
@@ -258,7 +258,7 @@ class SubscriptionHandler(EntityHandler):
             get_logger(self.entity.logger_name).error(text)
 
     def _inspect(self, callback: Callable[..., Any]) -> None:
-        """Find out once, instead of at every message, how to call a callback."""
+        """Determine how to call a callback, once instead of for every message."""
         self._callback = callback
         self._is_coroutine = inspect.iscoroutinefunction(callback)
         self._takes_info = self.entity._callback_type is Subscription.CallbackType.WithMessageInfo
@@ -273,7 +273,7 @@ class SubscriptionHandler(EntityHandler):
 
 
 class ServiceHandler(EntityHandler):
-    """Answers requests."""
+    """Responds to requests to a service."""
 
     kind = EntityKind.SERVICE
 
@@ -293,7 +293,7 @@ class ServiceHandler(EntityHandler):
         self._answer(await self.entity.callback(request, self.entity.srv_type.Response()), header)
 
     def _answer(self, response: Any, header: Any) -> None:
-        # A callback that destroys its own service cannot answer any more.
+        # If a callback destroyed its own service, the response can no longer be sent.
         with suppress(InvalidHandle):
             self.entity.send_response(response, header)
 
@@ -301,8 +301,8 @@ class ServiceHandler(EntityHandler):
 class ClientHandler(EntityHandler):
     """Completes the futures of requests.
 
-    A response calls no code of the user, so it is taken even while a coroutine of the group is
-    suspended: that coroutine may be what waits for it.
+    Taking a response runs no user code, so it does not wait for a suspended coroutine of the
+    callback group. That coroutine may be waiting for the response.
     """
 
     kind = EntityKind.CLIENT
@@ -314,7 +314,7 @@ class ClientHandler(EntityHandler):
         if header is None:
             return False
         self._requeue(worker, self._signal_fd)
-        # A request that was cancelled is not pending any more.
+        # A cancelled request is no longer pending.
         with suppress(KeyError):
             future = client.get_pending_request(header.request_id.sequence_number)
             future._set_executor(self._executor())
@@ -323,19 +323,19 @@ class ClientHandler(EntityHandler):
 
 
 class QosEventHandler(EntityHandler):
-    """Calls the user with QoS events, such as an incompatible publisher.
+    """Runs the callback for QoS events, such as an incompatible publisher.
 
-    In a wait set these events would wake it at every message of their subscription.
+    In a wait set, these events would cause a wake-up for every message of their subscription.
     """
 
     kind = EntityKind.EVENT
 
     def enable(self) -> None:
-        """Set the listener; the middleware itself reports earlier events."""
+        """Set the listener; the middleware then also reports earlier events."""
         set_listener(self.kind, self._handle.pointer, self._signal_fd)
 
     def _handle_of(self, entity: Any) -> Any:
-        # rclpy exposes it to its wait set only.
+        # rclpy exposes the event only to its own wait set.
         return entity._EventHandler__event
 
     def _run(self, worker: Worker) -> bool:
@@ -355,7 +355,7 @@ class QosEventHandler(EntityHandler):
 
 
 class TimerCallbackHandler(EntityHandler):
-    """A timer; the eventfd of the base is signalled when it is reset."""
+    """A timer; the base class's eventfd is signalled when the timer is reset."""
 
     kind = EntityKind.TIMER_RESET
 
@@ -375,10 +375,10 @@ class TimerCallbackHandler(EntityHandler):
 
 
 class TimerHandler(TimerCallbackHandler):
-    """Calls the user at each period: the rcl timer's schedule, kept by a kernel timer.
+    """Runs a timer's callback once per period, scheduled by a kernel timer.
 
-    The kernel timer is set to the rcl timer's next call and period, and set again when the rcl
-    timer is reset, cancelled or given another period, and when a message on `/clock` moves
+    The kernel timer is set to the rcl timer's next call and period. It is set again when the rcl
+    timer is reset, cancelled or given another period, and when a message on `/clock` changes the
     simulated time.
     """
 
@@ -402,7 +402,7 @@ class TimerHandler(TimerCallbackHandler):
         self._arm()
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
-        """What a worker calls when the timer is due, and when it was reset."""
+        """The functions that a worker calls when the timer is due and when it was reset."""
         return {self._timer_fd: partial(self._run, worker), self._signal_fd: self._follow}
 
     def close(self) -> None:
@@ -419,7 +419,7 @@ class TimerHandler(TimerCallbackHandler):
         return False
 
     def _arm(self) -> None:
-        """Set the kernel's timer to the schedule that the rcl timer has now."""
+        """Set the kernel timer to the rcl timer's current schedule."""
         with self._arming:
             if self._is_closed:
                 return
@@ -428,10 +428,10 @@ class TimerHandler(TimerCallbackHandler):
             if left_ns is None:  # cancelled
                 first_ns, period_ns = 0, 0
             elif self._ros_clock is not None and self._ros_clock.ros_time_is_active:
-                # Simulated time: due now, or checked again when time has moved.
+                # Simulated time: run now if due, otherwise check again when the time changes.
                 first_ns, period_ns = (_IMMEDIATELY_NS if left_ns <= 0 else 0), 0
             else:
-                # The clock is read after the time left, so that the timer is due when it expires.
+                # Read the clock after the remaining time, so that the timer expires when due.
                 now_ns = time.clock_gettime_ns(self._kernel_clock)
                 first_ns, period_ns = max(now_ns + left_ns, _IMMEDIATELY_NS), self._period_ns
             arm_timer(self._timer_fd, first_ns, period_ns)
@@ -440,7 +440,7 @@ class TimerHandler(TimerCallbackHandler):
         try:
             os.read(self._timer_fd, 8)  # acknowledges the expiry
         except BlockingIOError:
-            return False  # set again meanwhile, or taken by another worker
+            return False  # set again in the meantime, or handled by another worker
         handle = self._handle
         if not handle.is_timer_ready():
             return self._follow()

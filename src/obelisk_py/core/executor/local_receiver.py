@@ -1,4 +1,4 @@
-"""A subscription's sockets in the worker that runs it: packets go into its buffer."""
+"""Receive a subscription's messages from local sockets, on the worker that runs it."""
 
 import os
 import threading
@@ -25,18 +25,18 @@ from obelisk_spec.local_transport.sockets import SocketFolder
 __all__ = ["LocalReceiver", "open_receiver"]
 
 _RELIABLE_WAIT_S: Final = 4.0
-"""How long a packet waits for an earlier message of DDS [s].
+"""How long a packet waits for an earlier message from DDS [s].
 
-A publisher's heartbeats, by which a reliable subscription finds out what it has not got, are 3 s
-apart. What comes later than that was dropped from a full history.
+A reliable subscription detects missing messages by the publisher's heartbeats, which are sent every
+3 s. If a message has not arrived by then, the publisher dropped it from its full history.
 """
 _BEST_EFFORT_WAIT_S: Final = 0.05
-"""The same for a subscription whose messages DDS may lose [s]."""
+"""The same for a best-effort subscription, whose messages DDS may lose [s]."""
 _NS_PER_S: Final = 1_000_000_000
 
 
 class LocalReceiver:
-    """The inbox of a subscription. One worker runs it; several threads may call `take`."""
+    """The socket inbox of a subscription; one worker runs it, any thread may call `take`."""
 
     group: CallbackGroup | None = None
     waits_for_group = False
@@ -44,16 +44,16 @@ class LocalReceiver:
     def __init__(
         self, folder: SocketFolder, gid: bytes, buffer: MessageBuffer, reader: DdsReader
     ) -> None:
-        """Open the socket; publishers may connect from now on.
+        """Open the socket, so that publishers can connect.
 
         Args:
-            folder: of the run.
-            gid: of the subscription.
-            buffer: of the subscription; packets are put there.
-            reader: of the subscription.
+            folder: the run's socket folder.
+            gid: the subscription's GID.
+            buffer: the subscription's buffer, which receives the packets.
+            reader: reads the subscription's messages from DDS.
 
         Raises:
-            OSError: the folder takes no socket.
+            OSError: the socket cannot be created in the folder.
         """
         depth = buffer.qos.depth
         self._inbox = PublisherInbox(
@@ -69,10 +69,10 @@ class LocalReceiver:
         self._is_open = True
         self._lock = threading.Lock()
         self.deliver: Callable[[], bool] = self._wake
-        """Called when the buffer has got messages; true if a callback of the user ran."""
+        """Called when the buffer has new messages; returns whether a user callback ran."""
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
-        """The socket and the timer; connections are added to the worker when they are made."""
+        """The handlers of the socket and the timer; new connections are added to the worker."""
         self._worker = worker
         return {
             self._inbox.listener.fileno(): self._accept,
@@ -80,7 +80,7 @@ class LocalReceiver:
         }
 
     def take(self) -> tuple[Any, Any] | None:
-        """The next message with its info, from a publisher of this host or from DDS."""
+        """Take the next message with its info, from a publisher on this host or from DDS."""
         buffer = self._buffer
         while True:
             taken = buffer.take()
@@ -93,7 +93,7 @@ class LocalReceiver:
                     return None
 
     def stop(self) -> None:
-        """Let no publisher send any more; what was sent is put into the buffer."""
+        """Stop publishers from sending, and put everything already sent into the buffer."""
         with self._lock:
             self._is_open = False
             while self._take_sample():
@@ -101,14 +101,14 @@ class LocalReceiver:
             self._inbox.stop()
 
     def close(self) -> None:
-        """Close all descriptors, after no worker watches them any more."""
+        """Close all descriptors; call this when no worker watches them any more."""
         with self._lock:
             self._inbox.close()
             self._reader.close()
             os.close(self._timer_fd)
 
     def _take_sample(self) -> bool:
-        """Give the oldest message of DDS its place; false if there is none."""
+        """Merge the oldest message from DDS into the order; false if DDS has none."""
         sample = self._reader.take()
         if sample is not None:
             self._inbox.merge(sample.publisher, sample.number, partial(self._put, sample.data))
@@ -148,7 +148,7 @@ class LocalReceiver:
             os.read(self._timer_fd, 8)
         with self._lock:
             if time.monotonic() > self._release_s + self._longest_wait_s:
-                self._wait()  # the process stood still, and DDS with it
+                self._wait()  # the process was suspended, and DDS with it
                 return False
             while self._take_sample():
                 pass
@@ -159,12 +159,12 @@ class LocalReceiver:
 def open_receiver(
     node: Node, subscription: Subscription, buffer: MessageBuffer
 ) -> LocalReceiver | None:
-    """The receiver of a subscription; None if it takes everything of other processes from DDS.
+    """Open a subscription's receiver; None if all messages of other processes come from DDS.
 
     Args:
-        node: of the subscription.
-        subscription: of rclpy; not destroyed.
-        buffer: of the subscription.
+        node: the subscription's node.
+        subscription: must not be destroyed.
+        buffer: the subscription's buffer.
     """
     folder = socket_folder()
     gid = None if folder is None else _gid_of(node, subscription)
@@ -179,14 +179,15 @@ def open_receiver(
 
 
 def _gid_of(node: Node, subscription: Subscription) -> bytes | None:
-    """The GID of a node's subscription; None if the graph has further ones of its name here.
+    """The GID of a node's subscription; None if it is ambiguous.
 
-    Fast DDS numbers the entities of a participant in the order of their creation.
+    Fast DDS numbers the entities of a participant in order of creation. The GID is ambiguous if the
+    ROS graph lists more or fewer subscriptions of this node and topic than the node has.
     """
     topic = subscription.handle.get_topic_name()
     own = [other for other in node.subscriptions if _topic_of(other) == topic]
     name = (node.get_name(), node.get_namespace())
-    # Every node has a publisher: that of its parameters' events.
+    # Every node has a publisher for parameter events.
     participant = participant_of(publisher_gid(next(iter(node.publishers)).handle))
     gids = sorted(
         end.gid

@@ -1,11 +1,11 @@
-"""Set rcl's listeners and the kernel's timers, which Python and rclpy do not offer.
+"""Set rcl listeners and kernel timers through ctypes; Python and rclpy have no API for them.
 
-The middleware calls a listener when data arrives. Here the listener is libc's `eventfd_write`
-itself: its shape `int (int, uint64_t)` fits `rcl_event_callback_t`, `void (const void *, size_t)`,
-with the descriptor as user data. So the middleware's threads signal without ever taking the
-interpreter lock. This module keeps no state and never waits.
+The middleware calls a listener when data arrives. The listener here is libc's `eventfd_write`
+itself. Its signature `int (int, uint64_t)` fits `rcl_event_callback_t`, `void (const void *,
+size_t)`, with the file descriptor as user data. The middleware's threads can therefore signal
+without taking the interpreter lock. This module keeps no state and never blocks.
 
-Source: rcl/event_callback.h, rcl/timer.h of ROS 2 Jazzy; eventfd(3), timerfd_create(2).
+Sources: rcl/event_callback.h and rcl/timer.h of ROS 2 Jazzy; eventfd(3), timerfd_create(2).
 """
 
 import ctypes
@@ -43,7 +43,7 @@ class _TimerSpec(ctypes.Structure):
     )
 
 
-# rclpy has loaded it already; the loader finds the same one by name.
+# rclpy has already loaded the library; the loader finds the same one by name.
 _RCL = ctypes.CDLL("librcl.so")
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _EVENTFD_WRITE = ctypes.cast(_LIBC.eventfd_write, ctypes.c_void_p)
@@ -56,36 +56,36 @@ _S_IN_NS = 10**9
 
 
 def open_eventfd() -> int:
-    """A new eventfd, closed by the caller."""
+    """Open a new eventfd; the caller closes it."""
     return os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
 
 
 def set_listener(kind: EntityKind, pointer: int, signal_fd: int) -> None:
-    """Make the middleware write to `signal_fd` when the entity has something to take.
+    """Make the middleware write to `signal_fd` when the entity has data.
 
     Args:
-        kind: what `pointer` points to.
+        kind: the kind of entity.
         pointer: the entity's rcl structure.
-        signal_fd: an eventfd; stays open until `clear_listener`.
+        signal_fd: an eventfd; must stay open until `clear_listener`.
 
     Raises:
-        RuntimeError: the middleware has no listeners.
+        RuntimeError: the middleware does not support listeners.
     """
     code = _SETTERS[kind](pointer, _EVENTFD_WRITE, signal_fd)
     if code != 0:
         raise RuntimeError(
             f"{kind.value} returned {code}: the middleware does not signal new data, which "
-            "EventLoopExecutor needs; use rmw_fastrtps_cpp, or another executor"
+            "EventLoopExecutor requires; use rmw_fastrtps_cpp or another executor"
         )
 
 
 def clear_listener(kind: EntityKind, pointer: int) -> None:
-    """Remove the listener; when this returns, nothing writes to the eventfd any more."""
+    """Remove the listener; after this call, nothing writes to the eventfd any more."""
     _SETTERS[kind](pointer, None, None)
 
 
 def open_timer(clock_id: int) -> int:
-    """A new timerfd that is not armed, closed by the caller.
+    """Open a new, unarmed timerfd; the caller closes it.
 
     Args:
         clock_id: `time.CLOCK_MONOTONIC` or `time.CLOCK_REALTIME`.
@@ -100,9 +100,9 @@ def open_timer(clock_id: int) -> int:
 
 
 def arm_timer(timer_fd: int, first_ns: int, period_ns: int) -> None:
-    """Make a timerfd expire at `first_ns` of its clock [ns] and then each `period_ns` [ns].
+    """Make a timerfd expire at `first_ns` on its clock [ns], then every `period_ns` [ns].
 
-    With `first_ns` 0 it never expires; with `period_ns` 0 it expires once.
+    If `first_ns` is 0, it never expires. If `period_ns` is 0, it expires once.
     """
     spec = _TimerSpec(*divmod(period_ns, _S_IN_NS), *divmod(first_ns, _S_IN_NS))
     _LIBC.timerfd_settime(timer_fd, _ABSOLUTE, ctypes.byref(spec), None)

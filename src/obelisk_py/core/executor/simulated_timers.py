@@ -1,8 +1,8 @@
-"""Run the timers of nodes that follow a clock page, at their simulated time.
+"""Run the timers of nodes that follow a clock page, by simulated time.
 
-The simulator signals the process when its first timer is due. Any worker takes the signal, passes
-it on to the timers that are due, and writes down when the next one is. While simulated time stands
-still nothing wakes up.
+The simulator signals the process when its first timer is due. Any worker may handle the signal. It
+wakes the due timers and writes the next due time to the page. While simulated time is paused,
+nothing wakes up.
 """
 
 import os
@@ -30,29 +30,29 @@ _NS_PER_S: Final = 1_000_000_000
 
 
 class SimulatedTimers:
-    """The timers of one executor, and when each is due in simulated time."""
+    """The timers of one executor and their due times in simulated time."""
 
     group: CallbackGroup | None = None
     waits_for_group = False
 
     def __init__(self, page: ClockPage) -> None:
-        """Follow a page; no timer is known yet."""
+        """Follow a clock page, without timers at first."""
         self._page = page
         self._dues: dict[SimulatedTimerHandler, int] = {}
         """When each timer is due [ns]."""
         self._first_ns = NEVER_NS
-        """The due time that the simulator knows; no timer is due earlier [ns]."""
+        """The due time known to the simulator; no timer is due earlier [ns]."""
         self._epoch = page.epoch
         self._seen_ns = page.time_ns
         # Held while timers are woken, so that none is closed meanwhile.
         self._lock = threading.Lock()
 
     def ready_callbacks(self, _worker: Worker) -> Mapping[int, ReadyCallback]:
-        """What a worker calls when the simulator signals."""
+        """The function that a worker calls when the simulator signals."""
         return {self._page.wake_fd: self._on_signal}
 
     def set_due(self, timer: "SimulatedTimerHandler", due_ns: int) -> None:
-        """Have a timer woken at this time [ns], or at once if the time has come."""
+        """Wake a timer at this time [ns], or immediately if the time has passed."""
         with self._lock:
             if timer.is_removed:
                 return
@@ -60,12 +60,12 @@ class SimulatedTimers:
             if due_ns < self._first_ns:
                 self._first_ns = due_ns
                 self._page.set_due(due_ns)
-        # The step that reached it may not have seen it.
+        # The step that reached this time may have missed the due time.
         if due_ns <= self._page.time_ns:
             timer.wake()
 
     def remove(self, timer: "SimulatedTimerHandler") -> None:
-        """Forget a timer; it is not woken any more."""
+        """Remove a timer; it is not woken any more."""
         with self._lock:
             timer.is_removed = True
             self._dues.pop(timer, None)
@@ -88,7 +88,7 @@ class SimulatedTimers:
                     return False
 
     def _start_again(self) -> None:
-        """Let every clock and timer see that the time was set back."""
+        """Make every clock and timer handle a jump back in time."""
         page = self._page
         before_ns, self._seen_ns, self._epoch = self._seen_ns, page.time_ns, page.epoch
         for clock in list(page.followers):
@@ -98,22 +98,22 @@ class SimulatedTimers:
             for timer in self._dues:
                 timer.wake()
         get_logger(_LOGGER).info(
-            f"simulated time was set back from {before_ns / _NS_PER_S:.3f} s to "
+            f"simulated time jumped back from {before_ns / _NS_PER_S:.3f} s to "
             f"{self._seen_ns / _NS_PER_S:.3f} s (reset or restart of the simulator); "
-            "timers start again"
+            "timers were restarted"
         )
 
 
 class SimulatedTimerHandler(TimerCallbackHandler):
-    """Calls the user at each period of simulated time.
+    """Runs a timer's callback once per period of simulated time.
 
-    The eventfd of the base is signalled when the timer is due, and when it was reset.
+    The base class's eventfd is signalled when the timer is due and when it was reset.
     """
 
     def __init__(
         self, entity: Timer, executor: ExecutorReference, *, timers: SimulatedTimers
     ) -> None:
-        """Args as in the base; `timers` wakes it."""
+        """Keep the timer alive until `close`; `timers` wakes the handler."""
         super().__init__(entity, executor)
         assert isinstance(entity.clock, SharedClock)
         self._clock = entity.clock
@@ -121,10 +121,10 @@ class SimulatedTimerHandler(TimerCallbackHandler):
         self._taking = threading.Lock()
         self._worker: Worker | None = None
         self.is_removed = False
-        """Whether it has left `timers`, which wakes it no more."""
+        """Whether it was removed from `timers` and is no longer woken."""
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
-        """What a worker calls when the timer may be due."""
+        """The function that a worker calls when the timer may be due."""
         self._worker = None if self.is_shared else worker
         return super().ready_callbacks(worker)
 
@@ -134,7 +134,7 @@ class SimulatedTimerHandler(TimerCallbackHandler):
         self._timers.remove(self)
 
     def wake(self) -> None:
-        """Have a worker call the user if the timer is due."""
+        """Make a worker run the callback if the timer is due."""
         if self._worker is None:
             os.eventfd_write(self._signal_fd, 1)
         else:

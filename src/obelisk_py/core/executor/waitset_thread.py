@@ -1,8 +1,8 @@
-"""Wait for guard conditions, actions and other waitables in a thread.
+"""Wait for guard conditions, actions and other waitables in a separate thread.
 
-rcl has no listener for these. One thread waits for them in a small wait set and posts what is ready
-to the workers of their callback groups. It costs nothing while nothing happens, and it notices that
-a signal ended the context. It never calls the user.
+rcl has no listeners for these. One thread waits for them in a small wait set and posts ready
+entities to the workers of their callback groups. It uses no CPU time while idle. It detects when a
+signal shuts down the context. It never runs user code.
 """
 
 import threading
@@ -30,7 +30,7 @@ _POLL_PERIOD_S = 0.002
 
 
 class WaitSetHandler(ABC):
-    """An entity that the thread waits for, and what a worker runs when it is ready."""
+    """An entity that the thread waits for, and the work that a worker does when it is ready."""
 
     def __init__(
         self,
@@ -39,13 +39,13 @@ class WaitSetHandler(ABC):
         executor: ExecutorReference,
         update_wait: Callable[[], None],
     ) -> None:
-        """Prepare.
+        """Create the handler.
 
         Args:
-            entity: of rclpy.
-            post: gives a job to the worker, or workers, of the entity's callback group.
+            entity: an rclpy entity.
+            post: queues a job for the workers of the entity's callback group.
             executor: runs futures and coroutines of the entity's callbacks.
-            update_wait: makes the thread check again what to wait for.
+            update_wait: makes the thread update the entities that it waits for.
         """
         self.entity = entity
         self.is_waited_for = True
@@ -56,7 +56,7 @@ class WaitSetHandler(ABC):
         self._update_wait = update_wait
 
     def post(self) -> None:
-        """Have a worker run it."""
+        """Queue the entity for a worker."""
         self._post(self._run_unless_destroyed)
 
     def _run_unless_destroyed(self, worker: Worker) -> bool:
@@ -71,7 +71,7 @@ class WaitSetHandler(ABC):
 
 
 class GuardConditionHandler(WaitSetHandler):
-    """Calls the user when a guard condition was triggered."""
+    """Runs the callback of a triggered guard condition."""
 
     entity: GuardCondition
 
@@ -81,12 +81,12 @@ class GuardConditionHandler(WaitSetHandler):
 
 
 class WaitableHandler(WaitSetHandler):
-    """Makes a waitable take its data and execute; until it has taken them, it stays ready."""
+    """Makes a waitable take its data and execute; it stays ready until the data is taken."""
 
     entity: Waitable
 
     def post(self) -> None:
-        """Have a worker take the data and execute."""
+        """Queue the waitable, and stop waiting for it until its data is taken."""
         self.is_waited_for = False
         super().post()
 
@@ -108,12 +108,12 @@ class WaitSetThread:
     """Waits for guard conditions and waitables."""
 
     def __init__(self, context: Context, on_event: Callable[[BaseException | None], None]) -> None:
-        """Prepare; `start` starts the thread.
+        """Create the thread without starting it.
 
         Args:
-            context: its end is reported.
-            on_event: called by the thread when the context has ended, or with the fault that
-                ended the thread.
+            context: its shutdown is reported.
+            on_event: called by the thread with None when the context was shut down, or with the
+                exception that ended the thread.
         """
         self._context = context
         self._on_event = on_event
@@ -131,13 +131,13 @@ class WaitSetThread:
             self._thread.start()
 
     def watch(self, handlers: Sequence[WaitSetHandler]) -> None:
-        """Wait for these from now on."""
+        """Replace the entities to wait for."""
         self._handlers = handlers
         self.wake()
 
     def wake(self) -> None:
-        """Check again what to wait for."""
-        with suppress(InvalidHandle):  # stopped meanwhile
+        """Make the thread update the entities that it waits for."""
+        with suppress(InvalidHandle):  # already stopped
             self._change.trigger()
 
     def stop(self, timeout_s: float | None) -> bool:
@@ -148,8 +148,8 @@ class WaitSetThread:
             self._thread.join(timeout_s)
             if self._thread.is_alive():
                 return False
-        # `_signal` is left to the garbage collector: after a signal, a thread of rclpy may be about
-        # to trigger it, and would crash.
+        # `_signal` is left to the garbage collector: after a signal, an rclpy thread may be about
+        # to trigger it and would crash.
         self._change.destroy()
         return True
 
@@ -159,14 +159,14 @@ class WaitSetThread:
             while self._context.ok() and not self._is_stopped:
                 self._post_ready()
         except Exception as error:
-            # A context that ends takes the wait set with it.
+            # A context that is shut down invalidates the wait set.
             fault = error if self._context.ok() and not self._is_stopped else None
         if not self._is_stopped:
             self._on_event(fault)
 
     def _post_ready(self) -> None:
         with ExitStack() as held:
-            assert self._context.handle is not None  # it was initialised
+            assert self._context.handle is not None  # the context is initialized
             held.enter_context(self._context.handle)
             own = [self._change, self._signal]
             for guard in own:
@@ -196,7 +196,7 @@ class WaitSetThread:
             self._await_end_of_context()
 
     def _await_end_of_context(self) -> None:
-        """Be patient: the signal handler triggers first and ends the context a little later."""
+        """Wait for the signal handler, which triggers before it shuts down the context."""
         end_s = time.monotonic() + _END_AFTER_SIGNAL_S
         while self._context.ok() and not self._is_stopped and time.monotonic() < end_s:
             time.sleep(_POLL_PERIOD_S)
@@ -223,7 +223,7 @@ class WaitSetThread:
 
 
 def _entered(held: ExitStack, destroyable: Any) -> bool:
-    """Keep it from being destroyed while `held` is open; false if it is destroyed already."""
+    """Keep an entity alive while `held` is open; false if it is already destroyed."""
     try:
         held.enter_context(destroyable)
     except InvalidHandle:

@@ -1,8 +1,8 @@
-"""One thread's share of an executor's work: an epoll over descriptors, each with a callback.
+"""Run the callbacks of one thread of an executor from an epoll.
 
-Other threads post jobs and interrupt a worker; everything it runs, it runs on its own thread, one
-after another. A worker waits for nothing but its epoll and starts no thread. The `TaskQueue` holds
-work that belongs to no worker: any worker that is free takes it.
+Other threads can post jobs to a worker and interrupt it. The worker runs everything on its own
+thread, one job at a time. It blocks only in its epoll and starts no threads. The `TaskQueue` holds
+jobs that are not bound to a worker; any idle worker takes them.
 """
 
 import os
@@ -21,33 +21,33 @@ from obelisk_py.core.executor.rcl_listeners import open_eventfd
 __all__ = ["EventSource", "Job", "ReadyCallback", "TaskQueue", "Worker"]
 
 ReadyCallback = Callable[[], bool]
-"""Runs what is ready; true if a callback of the user ran."""
+"""Handles a ready descriptor; returns whether a user callback ran."""
 
 Job = Callable[["Worker"], bool]
-"""What another thread asks a worker to run; true if a callback of the user ran."""
+"""A job posted by another thread; returns whether a user callback ran."""
 
 _EDGE = select.EPOLLIN | select.EPOLLET
 _SHORTEST_POLL_S, _LONGEST_POLL_S = 0.001, 0.016
 
 
 class EventSource(Protocol):
-    """What a worker watches: descriptors and callbacks that belong together."""
+    """A group of descriptors and their callbacks that a worker watches together."""
 
     group: CallbackGroup | None
     waits_for_group: bool
-    """Does not run while a coroutine of its mutually exclusive group is suspended."""
+    """Whether the callbacks wait while a coroutine of the mutually exclusive group is suspended."""
 
     def ready_callbacks(self, worker: "Worker") -> Mapping[int, ReadyCallback]:
-        """What the worker calls when a descriptor is signalled, by descriptor."""
+        """The functions that the worker calls when a descriptor is signalled, by descriptor."""
 
 
 class Worker:
-    """The callbacks of one thread."""
+    """Runs callbacks on one thread."""
 
     def __init__(self) -> None:
         self.is_interrupted = False
-        """Set by `interrupt` and cleared before `run_posted`; callbacks that are running return
-        after the current message."""
+        """Set by `interrupt` and cleared before `run_posted`. Running callbacks return after the
+        current message."""
         self.thread_id: int | None = None
         """The thread that runs the worker, or None."""
         self._epoll = select.epoll()
@@ -72,28 +72,28 @@ class Worker:
                 os.eventfd_write(self._wake_fd, 1)
 
     def post(self, job: Job, group: CallbackGroup | None = None) -> None:
-        """Queue a job, to run when no coroutine of its exclusive group is suspended."""
+        """Queue a job; it runs when no coroutine of its exclusive group is suspended."""
         self._posted.append((group, job))
         self.interrupt()
 
     def signal(self, fd: int) -> None:
-        """Call the callback of an eventfd; on the worker's own thread without a system call."""
+        """Run the callback of an eventfd; on the worker's own thread, without a system call."""
         if self.thread_id == threading.get_ident():
             self._ready.append(fd)
         else:
             os.eventfd_write(fd, 1)
 
     def add(self, source: EventSource, *, shared: bool) -> None:
-        """Watch a source; a `shared` one wakes only one of the waiting workers."""
+        """Watch a source; a `shared` source wakes only one of the waiting workers."""
         flags = _EDGE | select.EPOLLEXCLUSIVE if shared else _EDGE
         for fd, callback in source.ready_callbacks(self).items():
             self._watch(source, fd, callback, flags)
 
     def watch(self, source: EventSource, fd: int, callback: ReadyCallback) -> None:
-        """Watch a further descriptor of a source that only this worker watches."""
+        """Watch another descriptor of a source that only this worker watches."""
         self._watch(source, fd, callback, _EDGE)
 
-    # --- from the worker's own thread, or from any thread while none runs the worker
+    # --- from the worker's own thread, or from any thread while no thread runs the worker
 
     def remove(self, source: EventSource) -> None:
         """Stop watching a source."""
@@ -106,15 +106,15 @@ class Worker:
         self._epoll.unregister(fd)
 
     def is_blocked(self, group: CallbackGroup) -> bool:
-        """Whether a suspended coroutine keeps the callbacks of an exclusive group waiting."""
+        """Whether callbacks of an exclusive group wait for a suspended coroutine."""
         return group in self._blocked
 
     def requeue(self, fd: int) -> None:
-        """Call the callback of this descriptor again, after the others had a turn."""
+        """Run the callback of this descriptor again after the others had a turn."""
         self._ready.append(fd)
 
     def run_posted(self) -> bool:
-        """Run the posted jobs; true if a callback of the user ran."""
+        """Run the posted jobs; returns whether a user callback ran."""
         ran = False
         for _ in range(len(self._posted)):
             group, job = self._posted.popleft()
@@ -127,13 +127,13 @@ class Worker:
     def run_ready(self, timeout_s: float) -> bool:
         """Wait until a descriptor is signalled, then run the callbacks of all that are.
 
-        Returns early when interrupted; the remaining callbacks run the next time.
+        If interrupted, it returns early; the remaining callbacks run on the next call.
 
         Args:
-            timeout_s: longest wait [s]; no limit if below 0.
+            timeout_s: maximum wait [s]; no limit if negative.
 
         Returns:
-            Whether a callback of the user ran.
+            Whether a user callback ran.
         """
         if self._suspended:
             timeout_s = self._resume(timeout_s)
@@ -141,7 +141,7 @@ class Worker:
         for fd, _ in self._epoll.poll(0 if ready or self.is_interrupted else timeout_s):
             ready.append(fd)
         ran = False
-        # Only those that are ready now: one that requeues itself has its turn after a new poll.
+        # Only those that are ready now: a requeued descriptor runs after the next poll.
         for _ in range(len(ready)):
             if self.is_interrupted:
                 break
@@ -150,7 +150,7 @@ class Worker:
         return ran
 
     def run_one(self, timeout_s: float) -> bool:
-        """As `run_ready`, but at most one callback."""
+        """Like `run_ready`, but run at most one callback."""
         if self._suspended:
             timeout_s = self._resume(timeout_s)
         ready = self._ready
@@ -158,18 +158,18 @@ class Worker:
         ready.extend(fd for fd, _ in events)
         ran = False
         while ready and not ran:
-            # Makes a callback stop after one message.
+            # Makes the callback return after one message.
             self.is_interrupted = True
             ran = self._handle(ready.popleft())
         return ran
 
     def run_task(self, task: Task, group: CallbackGroup | None) -> None:
-        """Run a task; a coroutine that suspends itself is resumed from time to time.
+        """Run a task; if its coroutine suspends, the worker resumes it periodically.
 
-        Its group, if it is mutually exclusive, is blocked until the task is done.
+        A mutually exclusive group is blocked until the task is done.
 
         Raises:
-            BaseException: what the task raised.
+            BaseException: the exception of the task.
         """
         task()
         if _is_done(task):
@@ -183,7 +183,7 @@ class Worker:
             self._block(group)
 
     def close(self) -> None:
-        """Close the epoll; `interrupt` does nothing from then on."""
+        """Close the epoll; later calls to `interrupt` have no effect."""
         with self._closing:
             self._epoll.close()
             os.close(self._wake_fd)
@@ -193,7 +193,7 @@ class Worker:
         try:
             return callback is not None and callback()
         except BaseException:
-            # Something may be left to take, for which no new signal comes.
+            # Unread data may be left, for which no new signal comes.
             self._ready.append(fd)
             raise
 
@@ -205,10 +205,10 @@ class Worker:
     # --- suspended coroutines
 
     def _resume(self, timeout_s: float) -> float:
-        """Resume suspended coroutines; returns how long the worker may wait [s].
+        """Resume suspended coroutines, and return how long the worker may wait [s].
 
-        Another thread may complete what a coroutine awaits without waking the worker, so they are
-        polled after every round, and at intervals while nothing happens.
+        Another thread may complete an awaited future without waking the worker. Coroutines are
+        therefore polled after every round, and at intervals while the worker is idle.
         """
         before = len(self._suspended)
         for task, group in list(self._suspended):
@@ -262,7 +262,7 @@ def _raise_exception(task: Task) -> None:
 
 
 class TaskQueue:
-    """Jobs that any worker may run: tasks of the executor, and jobs of reentrant groups."""
+    """Jobs that any worker may run: tasks of the executor and jobs of reentrant groups."""
 
     group: CallbackGroup | None = None
     waits_for_group = False
@@ -274,16 +274,16 @@ class TaskQueue:
         self._closed = False
 
     def put(self, job: Job) -> None:
-        """Let a worker run the job."""
+        """Queue a job for any worker."""
         self._jobs.append(job)
         self._signal()
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
-        """The queue's one descriptor."""
+        """The queue's descriptor and its handler."""
         return {self._signal_fd: partial(self._run_one, worker)}
 
     def close(self) -> None:
-        """Close the descriptor; jobs that come later are never run."""
+        """Close the descriptor; jobs queued later never run."""
         with self._closing:
             self._closed = True
             os.close(self._signal_fd)
@@ -299,6 +299,6 @@ class TaskQueue:
         except IndexError:
             return False
         if self._jobs:
-            # The job may take long: another worker that waits takes the next one.
+            # The job may take long, so let another waiting worker take the next one.
             self._signal()
         return job(worker)

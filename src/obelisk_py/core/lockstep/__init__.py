@@ -1,1 +1,1 @@
-"""Nodes in lock-step: one process, simulated time, every event in an exact order."""
+"""Run nodes in lock-step: in one process, with simulated time and a defined order of events."""

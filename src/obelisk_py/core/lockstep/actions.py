@@ -1,8 +1,8 @@
-"""Actions of nodes in lock-step: rclpy's servers and clients with another way for their messages.
+"""Run actions in lock-step: rclpy's servers and clients with a different message transport.
 
-rclpy's `ActionServer` and `ActionClient` do the bookkeeping of goals, and hand requests, responses,
-feedback and status to a handle in C. In lock-step that handle is one of these classes: it keeps
-what C keeps of the goals, and passes messages to its counterparts in events.
+rclpy's `ActionServer` and `ActionClient` manage the goals. They pass requests, responses, feedback
+and status to a C handle. In lock-step, the classes here replace this handle. They keep the same
+state about goals as the C code, and pass messages to their counterparts as events.
 """
 
 import functools
@@ -24,7 +24,7 @@ class ActionTable:
     """The action servers and clients of a run, by full name."""
 
     def __init__(self, scheduler: Scheduler) -> None:
-        """Make an empty table."""
+        """Create an empty table."""
         self.scheduler = scheduler
         self.servers: dict[str, ServerHandle] = {}
         self.clients: dict[str, list[ClientHandle]] = {}
@@ -34,7 +34,7 @@ class ActionTable:
         self._keep(lambda each: each is not handle)
 
     def leave(self, node: ScheduledNode) -> None:
-        """Remove the servers and clients of a node."""
+        """Remove a node's servers and clients."""
         self._keep(lambda each: each.owner is not node)
 
     def _keep(self, is_kept: "Callable[[_Handle], bool]") -> None:
@@ -45,7 +45,7 @@ class ActionTable:
 
 @contextmanager
 def lockstep_actions(table: ActionTable) -> Iterator[None]:
-    """While entered, the handles of new action servers and clients are in this table."""
+    """While entered, new action servers and clients register in this table."""
     before = rclpy_implementation.ActionServer, rclpy_implementation.ActionClient
     rclpy_implementation.ActionServer = functools.partial(ServerHandle, table)
     rclpy_implementation.ActionClient = functools.partial(ClientHandle, table)
@@ -56,7 +56,7 @@ def lockstep_actions(table: ActionTable) -> Iterator[None]:
 
 
 class _Inbox:
-    """What has come for a handle, by kind; rclpy takes it from there."""
+    """Messages received for a handle, by kind, until rclpy takes them."""
 
     def __init__(self, *kinds: str) -> None:
         self._queues: dict[str, deque[Any]] = {kind: deque() for kind in kinds}
@@ -73,7 +73,7 @@ class _Inbox:
 
 
 class _Handle:
-    """The event that lets rclpy take what has come."""
+    """A handle whose received messages reach rclpy in an event."""
 
     table: ActionTable
     owner: ScheduledNode
@@ -82,18 +82,18 @@ class _Handle:
     name: str
 
     def attach(self, owner: ScheduledNode, waitable: Any) -> None:
-        """Belong to a node and an object of rclpy."""
+        """Set the node and the rclpy object that own this handle."""
         self.owner, self.waitable = owner, waitable
 
     def receive(self, kind: str, item: Any) -> None:
-        """Take a message after its way, in an event of the node."""
+        """Deliver a message after its latency, in an event of the node."""
         scheduler = self.table.scheduler
         due_ns = scheduler.time_ns + scheduler.delay_ns(self.name)
         arrive = functools.partial(self._arrive, kind, item)
         scheduler.push(due_ns, MESSAGE, self.owner, arrive)
 
     def destroy_when_not_in_use(self) -> None:
-        """Leave the table; called by rclpy's `destroy`."""
+        """Remove the handle from the table; called by rclpy's `destroy`."""
         self.table.remove(self)
         super().destroy_when_not_in_use()  # type: ignore[misc]
 
@@ -109,7 +109,7 @@ class ServerHandle(_Handle, rclpy_implementation.ActionServer):  # type: ignore[
     """The handle of an action server."""
 
     def __init__(self, table: ActionTable, node: Any, clock: Any, kind: Any, name: str, *qos: Any):
-        """Make the handle; rclpy passes all but the table."""
+        """Create the handle; rclpy passes all arguments except the table."""
         super().__init__(node, clock, kind, name, *qos)
         self.table = table
         self.inbox = _Inbox("goal", "cancel", "result")
@@ -146,7 +146,7 @@ class ServerHandle(_Handle, rclpy_implementation.ActionServer):  # type: ignore[
         for goal in self.waitable._goal_handles.values():
             if (handle := goal._goal_handle) is None:
                 continue  # destroyed
-            # Not `goal.status`: its lock is held while its state changes.
+            # Not `goal.status`, whose lock is held while its state changes.
             status = GoalStatus(status=handle.get_status())
             status.goal_info = goal._goal_info
             message.status_list.append(status)
@@ -161,7 +161,7 @@ class ServerHandle(_Handle, rclpy_implementation.ActionServer):  # type: ignore[
 
 
 class _Request:
-    """Knows where the response to a request goes; rclpy hands it back with the response."""
+    """The destination of a response; rclpy passes it back with the response."""
 
     def __init__(self, client: "ClientHandle", sequence: int) -> None:
         self._client, self._sequence = client, sequence
@@ -174,7 +174,7 @@ class ClientHandle(_Handle, rclpy_implementation.ActionClient):  # type: ignore[
     """The handle of an action client."""
 
     def __init__(self, table: ActionTable, node: Any, kind: Any, name: str, *qos: Any) -> None:
-        """Make the handle; rclpy passes all but the table."""
+        """Create the handle; rclpy passes all arguments except the table."""
         super().__init__(node, kind, name, *qos)
         self.table = table
         self.inbox = _Inbox("feedback", "status", "goal", "cancel", "result")

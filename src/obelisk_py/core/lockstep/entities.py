@@ -1,4 +1,4 @@
-"""Clock, timers, rates, services and clients of nodes in lock-step; their classes are rclpy's."""
+"""Clock, timers, rates, services and clients for nodes in lock-step, derived from rclpy's."""
 
 import functools
 import threading
@@ -37,19 +37,19 @@ __all__ = [
 
 
 class LockstepClock(ROSClock):
-    """A clock that shows the time of a scheduler."""
+    """A clock that shows a scheduler's simulated time."""
 
     scheduler: Scheduler
 
     def now(self) -> Time:
-        """The simulated time."""
+        """Return the simulated time."""
         return Time(nanoseconds=self.scheduler.time_ns, clock_type=ClockType.ROS_TIME)
 
     def sleep_until(self, until: Time, context: Context | None = None) -> bool:
-        """Let the running callback take time until then; always true.
+        """Let the running callback take time until `until`; always returns true.
 
         Raises:
-            ValueError: `until` is of another type of clock.
+            ValueError: `until` has a different clock type.
         """
         del context
         if until.clock_type != self.clock_type:
@@ -61,13 +61,13 @@ class LockstepClock(ROSClock):
 
     @property
     def ros_time_is_active(self) -> bool:
-        """True: the time is simulated."""
+        """Always true: the time is simulated."""
         return True
 
 
 def make_clock(scheduler: Scheduler) -> LockstepClock:
-    """The clock of a scheduler."""
-    # rclpy's constructor chooses the class by the type of the clock.
+    """Create a clock for a scheduler."""
+    # rclpy's constructor chooses the class by the clock type.
     clock = cast(Any, Clock(clock_type=ClockType.ROS_TIME))
     clock.__class__ = LockstepClock
     clock.scheduler = scheduler
@@ -75,7 +75,7 @@ def make_clock(scheduler: Scheduler) -> LockstepClock:
 
 
 class LockstepTimer(Timer):
-    """A timer that the scheduler calls; nothing of it is rcl's."""
+    """A timer called by the scheduler, without an rcl timer."""
 
     def __init__(
         self,
@@ -87,15 +87,15 @@ class LockstepTimer(Timer):
         clock: Clock,
         autostart: bool,
     ) -> None:
-        """Make a timer.
+        """Create a timer.
 
         Args:
-            scheduler: calls it.
-            node: its node.
-            callback: called at each period.
+            scheduler: calls the timer.
+            node: the timer's node.
+            callback: called once per period.
             period_ns: simulated time between two calls [ns].
-            clock: shown as the timer's clock.
-            autostart: whether it starts now.
+            clock: reported as the timer's clock.
+            autostart: whether the timer starts now.
         """
         self.label = f"timer of {period_ns / NS_PER_S:g} s"
         self.callback: Any = callback
@@ -105,7 +105,7 @@ class LockstepTimer(Timer):
         self._period_ns = period_ns
         self._number = scheduler.next_timer() << 32
         self._starts = 0
-        """Number of starts; an event of an earlier one has no effect."""
+        """Number of starts; events of an earlier start have no effect."""
         self._is_canceled = True
         self._next_ns = 0
         self._last_ns: int | None = None
@@ -116,7 +116,7 @@ class LockstepTimer(Timer):
 
     @property
     def handle(self) -> Any:
-        """The timer itself: it has no part in C."""
+        """The timer itself, because it has no C object."""
         return self
 
     def __enter__(self) -> "LockstepTimer":
@@ -125,7 +125,7 @@ class LockstepTimer(Timer):
     def __exit__(self, *_: object) -> None: ...
 
     def destroy(self) -> None:
-        """Stop for good."""
+        """Stop permanently."""
         self.cancel()
 
     @property
@@ -135,7 +135,7 @@ class LockstepTimer(Timer):
 
     @timer_period_ns.setter
     def timer_period_ns(self, value: int) -> None:
-        self._period_ns = int(value)  # from the next call on, as in rcl
+        self._period_ns = int(value)  # takes effect after the next call, as in rcl
 
     def is_ready(self) -> bool:
         """Whether the timer is due."""
@@ -146,12 +146,12 @@ class LockstepTimer(Timer):
         return self._is_canceled
 
     def cancel(self) -> None:
-        """Stop."""
+        """Stop until `reset`."""
         self._is_canceled = True
         self._starts += 1
 
     def reset(self) -> None:
-        """Start a period now."""
+        """Start a new period now."""
         self._is_canceled = False
         self._starts += 1
         phase_ns = self._scheduler.phase_ns(self._period_ns) if self._last_ns is None else 0
@@ -159,7 +159,7 @@ class LockstepTimer(Timer):
         self._schedule()
 
     def time_since_last_call(self) -> int:
-        """Simulated time since the last call, or since the timer was made [ns]."""
+        """Simulated time since the last call, or since the timer was created [ns]."""
         last_ns = self._made_ns if self._last_ns is None else self._last_ns
         return self._scheduler.time_ns - last_ns
 
@@ -180,7 +180,7 @@ def _call_timer(timer: LockstepTimer, start: int) -> bool:
     now_ns = timer._last_ns = scheduler.now_ns
     timer._next_ns += period_ns
     if timer._next_ns <= now_ns and period_ns:
-        # As rcl_timer_call: missed periods are left out.
+        # Like rcl_timer_call, skip missed periods.
         timer._next_ns += (1 + (now_ns - timer._next_ns) // period_ns) * period_ns
     timer._schedule()
     if timer.callback is None:
@@ -194,21 +194,21 @@ def _call_timer(timer: LockstepTimer, start: int) -> bool:
 
 
 class LockstepRate:
-    """A rate whose `sleep` lets the callback, or the thread, take time until the next period."""
+    """A rate whose `sleep` takes simulated time until the next period."""
 
     def __init__(self, scheduler: Scheduler, period_ns: int) -> None:
-        """Make a rate whose first period begins now [ns]."""
+        """Create a rate whose first period starts now; `period_ns` [ns]."""
         self._scheduler = scheduler
         self._period_ns = period_ns
         self._next_ns = scheduler.time_ns + period_ns
         self._is_destroyed = False
-        self._timer = None  # what `Node.destroy_rate` looks for
+        self._timer = None  # read by `Node.destroy_rate`
 
     def sleep(self) -> None:
-        """Take time until the next multiple of the period.
+        """Sleep until the next multiple of the period.
 
         Raises:
-            RuntimeError: the rate is destroyed.
+            RuntimeError: the rate was destroyed.
         """
         if self._is_destroyed:
             raise RuntimeError("Rate cannot sleep because it has been destroyed")
@@ -218,7 +218,7 @@ class LockstepRate:
         take_time(self._scheduler, (self._next_ns - now_ns) / NS_PER_S)
 
     def destroy(self) -> None:
-        """Let `sleep` raise from now on."""
+        """Make later calls to `sleep` raise an exception."""
         self._is_destroyed = True
 
 
@@ -232,7 +232,7 @@ class LockstepWatchdog:
         deadline_s: Callable[[], float | None],
         check: Callable[[], None],
     ) -> None:
-        """Make a watchdog that is not started; the arguments are those of `WatchdogThread`."""
+        """Create a watchdog without starting it; for the arguments see `WatchdogThread`."""
         self._scheduler = scheduler
         self._node = node
         self._deadline_s = deadline_s
@@ -241,16 +241,16 @@ class LockstepWatchdog:
         self._is_armed = False
 
     def start(self) -> None:
-        """Start to check."""
+        """Start checking."""
         self._is_running = True
         self._arm()
 
     def wake(self) -> None:
-        """Check the deadline again, after there was none."""
+        """Read the deadline again; call this when a deadline is set after there was none."""
         self._arm()
 
     def stop(self, timeout_s: float) -> bool:
-        """Stop; always true."""
+        """Stop; always returns true."""
         del timeout_s
         self._is_running = False
         return True
@@ -260,7 +260,7 @@ class LockstepWatchdog:
         if self._is_armed or not self._is_running or deadline_s is None:
             return
         self._is_armed = True
-        # A nanosecond later, so that the rounded time is not before the deadline.
+        # One nanosecond later, so that the rounded time is not before the deadline.
         due_ns = max(int(deadline_s * NS_PER_S) + 1, self._scheduler.now_ns + 1)
         self._scheduler.push(due_ns, MESSAGE, self._node, self._look)
 
@@ -279,28 +279,28 @@ class ServiceTable:
     """The services of a run, by full name."""
 
     def __init__(self, scheduler: Scheduler) -> None:
-        """Make an empty table."""
+        """Create an empty table."""
         self._scheduler = scheduler
         self._services: dict[str, tuple[Service, ScheduledNode]] = {}
 
     def add(self, node: ScheduledNode, service: Service) -> None:
-        """Let clients call a service of a node."""
+        """Make a node's service available to clients."""
         self._services[service.service_name] = (service, node)
 
     def remove(self, service: Service) -> None:
-        """Reject all further calls of the service."""
+        """Reject all further calls to the service."""
         known = self._services.get(service.service_name)
         if known is not None and known[0] is service:
             del self._services[service.service_name]
 
     def leave(self, node: ScheduledNode) -> None:
-        """Remove the services of a node."""
+        """Remove a node's services."""
         for service, owner in list(self._services.values()):
             if owner is node:
                 self.remove(service)
 
     def names(self) -> list[str]:
-        """The names that are served."""
+        """Names of the available services."""
         return sorted(self._services)
 
     def has(self, name: str) -> bool:
@@ -310,12 +310,12 @@ class ServiceTable:
     def call(
         self, name: str, request: Any, client: ScheduledNode | None, answered: Callable[[Any], None]
     ) -> None:
-        """Call a service: an event of the server, then one of the client.
+        """Call a service: one event of the server, then one of the client.
 
         Args:
             name: full name of the service.
             request: the request.
-            client: the node that calls; None: the test.
+            client: the calling node; None for the test.
             answered: called with the response.
         """
         if name not in self._services:
@@ -349,7 +349,7 @@ async def _await_response(response: Any, respond: Callable[[Any], None]) -> None
 
 
 class LockstepClient(Client):
-    """A client whose requests go to a service of its run; made of rclpy's by `adopt_client`."""
+    """A client whose requests go to the run's services; `adopt_client` converts rclpy's clients."""
 
     services: ServiceTable
     scheduler: Scheduler
@@ -357,10 +357,10 @@ class LockstepClient(Client):
     is_destroyed = False
 
     def call_async(self, request: Any) -> Future:
-        """A future of the response.
+        """Send a request and return a future of the response.
 
         Raises:
-            TypeError: the request is of another type.
+            TypeError: the request has the wrong type.
         """
         kind: Any = self.srv_type
         if not isinstance(request, kind.Request):
@@ -375,15 +375,15 @@ class LockstepClient(Client):
         return future
 
     def destroy(self) -> None:
-        """Let no response arrive any more."""
+        """Destroy the client; later responses are dropped."""
         self.is_destroyed = True
         super().destroy()
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
-        """The response, on a thread of the node's own.
+        """Send a request and wait for the response; only on one of the node's own threads.
 
         Raises:
-            LockstepError: it is called in a callback, which the response would have to wait for.
+            LockstepError: called in a callback, where waiting for the response is a deadlock.
         """
         guest = guest_of(threading.current_thread())
         if guest is None:
@@ -399,14 +399,14 @@ class LockstepClient(Client):
         return future.result()
 
     def service_is_ready(self) -> bool:
-        """Whether a node serves this name."""
+        """Whether a node provides this service."""
         return self.services.has(self.service_name)
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
-        """Whether a node serves this name; a callback that waits for it takes the whole time.
+        """Wait until a node provides this service; in a callback, waiting takes the whole timeout.
 
         Raises:
-            LockstepError: a callback waits without a timeout, and no node serves the name.
+            LockstepError: a callback waits without a timeout, and no node provides the service.
         """
         guest = guest_of(threading.current_thread())
         if guest is not None:
@@ -426,6 +426,6 @@ class LockstepClient(Client):
 def adopt_client(
     client: Any, scheduler: Scheduler, services: ServiceTable, owner: ScheduledNode
 ) -> None:
-    """Let the requests of a client of rclpy's go to the services of a run."""
+    """Connect an rclpy client to the services of a run."""
     client.__class__ = LockstepClient
     client.scheduler, client.services, client.owner = scheduler, services, owner

@@ -1,4 +1,4 @@
-"""Threads of a node's own in lock-step: one runs during its turn, which it ends by sleeping."""
+"""Run a node's own threads in lock-step: a thread runs during its turn and ends it by sleeping."""
 
 import sys
 import threading
@@ -21,18 +21,18 @@ from obelisk_py.core.lockstep.scheduler import (
 __all__ = ["Guest", "GuestThread", "guest_of", "take_time", "wait_in_callback"]
 
 LONGEST_TURN_S: Final = 5.0
-"""Wall time that a turn may take without a sleep [s]; then it waits for something that no other
-node can do meanwhile, or does not end."""
+"""Maximum wall time of a turn without a sleep [s]. After this, the thread is waiting for something
+that no other node can do in the meantime, or does not end."""
 _POLL_S: Final = 0.001
-"""Simulated time between two checks of what a thread waits for [s]."""
+"""Simulated time between two checks of a condition that a thread waits for [s]."""
 _WALL_POLL_S: Final = 0.01
-"""Wall time between two checks of a thread whose turn goes on [s]."""
+"""Wall time between two checks of a thread that has the turn [s]."""
 _BLOCKED_POLLS: Final = 20
-"""A thread that was asleep in so many checks waits for something outside the run."""
+"""Consecutive checks in which a sleeping thread counts as blocked by something outside the run."""
 
 
 class Guest:
-    """The turns of a thread: either it runs or the scheduler, never both."""
+    """The turns of a thread: either the thread or the scheduler runs, never both."""
 
     def __init__(
         self,
@@ -41,25 +41,25 @@ class Guest:
         thread: threading.Thread,
         on_leave: Callable[[], None] | None = None,
     ) -> None:
-        """Give a thread turns, beginning with `start`.
+        """Prepare turns for a thread; the first one follows `start`.
 
         Args:
-            scheduler: of the run.
-            node: whose thread it is.
-            thread: calls `run`.
-            on_leave: called when the thread blocks, on a socket for example, and therefore goes on
-                without turns. None: that ends the run with an error, as an exception of the
-                thread does.
+            scheduler: the run's scheduler.
+            node: the node that owns the thread.
+            thread: the thread that calls `run`.
+            on_leave: called if the thread blocks, for example on a socket, and therefore continues
+                without turns. If None, blocking ends the run with an error, as does an exception in
+                the thread.
         """
         self.node = node
         self.wake_ns: int | None = None
-        """When its next turn is [ns]; None: there is none."""
+        """Simulated time of its next turn [ns]; None if it has none."""
         self.has_left = False
-        """Whether it goes on without turns."""
+        """Whether the thread continues without turns."""
         self._scheduler = scheduler
         self._thread = thread
         self._on_leave = on_leave
-        # Plain locks: a semaphore waits by a condition, which would take simulated time.
+        # Plain locks: a semaphore waits on a condition, which would take simulated time.
         self._its_turn, self._turn_over = threading.Lock(), threading.Lock()
         self._its_turn.acquire()
         self._turn_over.acquire()
@@ -68,7 +68,7 @@ class Guest:
         self._error: BaseException | None = None
         self._is_ending = False
         self._is_last_sleep = False
-        """Whether a loop that should have ended by now sleeps once more."""
+        """Whether a loop that should have ended has slept once more."""
         self._turns = 0
 
     @property
@@ -77,12 +77,12 @@ class Guest:
         return self._ended.is_set()
 
     def start(self) -> None:
-        """Have the first turn now."""
+        """Schedule the first turn now."""
         self.wake_ns = self._scheduler.time_ns
         self._push()
 
     def run(self, body: Callable[[], object]) -> None:
-        """Run the thread's function; called on the thread."""
+        """Run the thread's function; call this on the thread."""
         self._its_turn.acquire()
         try:
             if not self._is_ending:
@@ -97,10 +97,10 @@ class Guest:
             _open(self._turn_over)
 
     def sleep(self, seconds: float) -> None:
-        """End this turn; the next one is so much later. Called on the thread.
+        """End this turn and schedule the next one after `seconds`; call this on the thread.
 
         Raises:
-            SystemExit: the thread has to end, and its loop has not noticed.
+            SystemExit: the thread must end, but its loop has not noticed.
         """
         if self._is_ending:
             if self._is_last_sleep:
@@ -115,7 +115,7 @@ class Guest:
         self._its_turn.acquire()
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float | None) -> bool:
-        """Sleep until a condition holds; called on the thread."""
+        """Sleep until a condition is true; call this on the thread."""
         end_ns = None if timeout_s is None else self._scheduler.time_ns + _wait_ns(timeout_s)
         while not condition():
             left_s = _POLL_S
@@ -132,7 +132,7 @@ class Guest:
         """Let the thread run until it sleeps, ends or blocks.
 
         Raises:
-            LockstepError: it does none of these within `LONGEST_TURN_S`.
+            LockstepError: the thread does none of these within `LONGEST_TURN_S`.
         """
         self._turns += 1
         _open(self._its_turn)
@@ -143,10 +143,10 @@ class Guest:
             self._push()
 
     def end(self, timeout_s: float | None = None) -> None:
-        """Let the thread come to its end: from now on its sleeps take no time.
+        """Let the thread finish; from now on, its sleeps take no time.
 
         Args:
-            timeout_s: wait no longer than this [s]; None: `LONGEST_TURN_S`.
+            timeout_s: maximum time to wait [s]; None uses `LONGEST_TURN_S`.
         """
         if self.has_left:
             return
@@ -161,7 +161,7 @@ class Guest:
 
     def _turn(self, number: int) -> bool:
         if number != self._turns or self._is_ending:
-            return False  # a callback that waited for the thread has let it run already
+            return False  # a callback that waited for the thread has already let it run
         self.take_turn()
         return True
 
@@ -175,23 +175,23 @@ class Guest:
                 return
         raise LockstepError(
             f"the thread `{self._thread.name}` of {self.node.name} neither slept nor ended within "
-            f"{LONGEST_TURN_S:g} s: a thread in lock-step has to call `time.sleep`. It is in\n"
+            f"{LONGEST_TURN_S:g} s: a thread in lock-step must call `time.sleep`. It is in\n"
             f"{self._stack()}"
         )
 
     def _is_asleep(self) -> bool:
-        """Whether the system has the thread wait.
+        """Whether the operating system reports the thread as sleeping.
 
         Source: https://man7.org/linux/man-pages/man5/proc_pid_stat.5.html
         """
         try:
             stat = Path(f"/proc/self/task/{self._thread.native_id}/stat").read_text()
         except OSError:
-            return False  # it has ended
+            return False  # the thread has ended
         return stat.rpartition(")")[2].split()[0] == "S"
 
     def _leave(self) -> bool:
-        """Give no further turns; false if the turn has ended, or the thread may not leave."""
+        """Stop giving turns; false if the turn has ended or the thread may not leave."""
         if self._on_leave is None:
             return False
         with self._lock:
@@ -203,13 +203,13 @@ class Guest:
         return True
 
     def _stack(self) -> str:
-        """What the thread executes now."""
+        """Return the thread's current call stack."""
         frame = sys._current_frames().get(self._thread.ident or 0)
         return "".join(traceback.format_stack(frame)) if frame is not None else "no frame"
 
 
 def _wait_ns(seconds: float) -> int:
-    """At least 1 ns, so that a caller that waits for the rest of a time gets to its end."""
+    """Convert to ns, at least 1 ns, so that a wait for the rest of a time reaches its end."""
     return max(1, round(seconds * NS_PER_S)) if seconds > 0 else 0
 
 
@@ -219,18 +219,18 @@ def _open(lock: threading.Lock) -> None:
 
 
 class GuestThread(threading.Thread):
-    """A thread of the library's own that has turns; its exceptions end the run."""
+    """A thread of the library with turns; its exceptions end the run."""
 
     def __init__(
         self, scheduler: Scheduler, node: ScheduledNode, target: Callable[[], None], name: str
     ) -> None:
-        """Make a thread that is not started."""
+        """Create the thread without starting it."""
         super().__init__(name=name, daemon=True)
         self._body = target
         self.lockstep_guest = Guest(scheduler, node, self)
 
     def start(self) -> None:
-        """Have the first turn now."""
+        """Start the thread; its first turn is now."""
         super().start()
         self.lockstep_guest.start()
 
@@ -240,19 +240,19 @@ class GuestThread(threading.Thread):
             self.lockstep_guest.run(self._body)
 
     def join(self, timeout: float | None = None) -> None:
-        """Let the thread come to its end: from now on its sleeps take no time."""
+        """Let the thread finish; from now on, its sleeps take no time."""
         self.lockstep_guest.end(timeout)
         super().join(timeout)
 
 
 def guest_of(thread: Any) -> Guest | None:
-    """The turns of a thread; None if it has none, or none any more."""
+    """Return the turns of a thread; None if it has no turns or no longer has any."""
     guest: Guest | None = getattr(thread, "lockstep_guest", None)
     return guest if guest is not None and not guest.has_left else None
 
 
 def take_time(scheduler: Scheduler, seconds: float) -> None:
-    """Let the calling guest thread or callback take simulated time."""
+    """Let the calling guest thread or callback take simulated time [s]."""
     guest = guest_of(threading.current_thread())
     if guest is not None:
         guest.sleep(seconds)
@@ -266,21 +266,21 @@ def wait_in_callback(
     condition: Callable[[], bool],
     timeout_s: float | None,
 ) -> bool:
-    """Let the threads of the running node have turns until a condition holds.
+    """Give turns to the threads of the running node until a condition is true.
 
     The callback takes the simulated time that they need.
 
     Args:
-        scheduler: of the run.
+        scheduler: the run's scheduler.
         guests: all threads that have turns.
-        condition: what the callback waits for.
-        timeout_s: simulated time to wait at most [s]; None: no limit.
+        condition: the condition that the callback waits for.
+        timeout_s: maximum simulated time to wait [s]; None for no limit.
 
     Returns:
-        Whether the condition holds.
+        Whether the condition is true.
 
     Raises:
-        LockstepError: it does not, no thread can change it, and there is no timeout.
+        LockstepError: it is false, no thread can change it, and there is no timeout.
     """
     end_ns = None if timeout_s is None else scheduler.time_ns + _wait_ns(timeout_s)
     while not condition():
@@ -302,7 +302,7 @@ def wait_in_callback(
         raise scheduler.stop(
             LockstepError(
                 f"{scheduler.running.name if scheduler.running else 'a callback'} waits in a "
-                f"callback for an event ({user_place()}), which no other callback can set "
+                f"callback for an event ({user_place()}) that no other callback can set "
                 "meanwhile: with one thread that is a deadlock. Use `await` or a done callback"
             )
         )

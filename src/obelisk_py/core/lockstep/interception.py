@@ -1,9 +1,10 @@
-"""Simulated time, chance and logs for code that asks the system: `time`, `datetime`, `os.urandom`.
+"""Replace system time, randomness and logging with those of a lock-step run.
 
-While installed, these functions answer by the run in progress, but only inside callbacks and guest
-threads of its nodes: the test runner, DDS and all other threads see the system's time as ever. The
-modules are changed in place, so a module with `from time import monotonic` has to be imported
-after the installation. What cannot be simulated, such as an executor that spins, is an error.
+While installed, functions such as `time.time`, `datetime.now` and `os.urandom` return the values of
+the run in progress. This applies only inside callbacks and guest threads of its nodes. The test
+runner, DDS and all other threads still see the system's values. The modules are patched in place,
+so a module with `from time import monotonic` must be imported after the installation. Operations
+that cannot be simulated, such as spinning an executor, raise an error.
 """
 
 import datetime
@@ -56,30 +57,30 @@ __all__ = [
 _IN_SECONDS: Final = ("time", "monotonic", "perf_counter")
 _IN_NANOSECONDS: Final = ("time_ns", "monotonic_ns", "perf_counter_ns")
 _OF_A_TIME: Final = ("localtime", "gmtime", "ctime")
-"""Functions of `time` that take the present unless they are given a time."""
+"""Functions of `time` that use the current time unless given a time."""
 _CLOCKS: Final = ("CLOCK_REALTIME", "CLOCK_MONOTONIC", "CLOCK_MONOTONIC_RAW", "CLOCK_BOOTTIME")
-"""Clocks of the system that show the time, not what a process or thread has used."""
+"""System clocks that show the time, as opposed to the CPU time of a process or thread."""
 _EVENT_LOOPS: Final = ("asyncio.",)
 _OWN_WAITS: Final = ("obelisk_py.", "threading.")
 _OWN_THREADS: Final = (*_OWN_WAITS, "rclpy.", "mujoco.")
-"""Modules whose waits and threads are not the user's."""
+"""Modules whose waits and threads do not belong to user code."""
 _THREAD_STARTERS: Final = tuple(f"{name}." for name in sys.stdlib_module_names - {"__main__"})
-"""Modules whose threads, as those of a pool, block where they cannot have turns."""
+"""Modules whose threads, such as those of a pool, block where they cannot have turns."""
 _OF_CHANCE: Final = (f"{__name__}.", "random.", "secrets.", "numpy.random.")
-"""Modules by way of which the system's randomness is asked for."""
+"""Modules that request the system's randomness on behalf of their callers."""
 _SEED_BITS: Final = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogEntry:
-    """What a node logged."""
+    """A log message of a node."""
 
     time_ns: int
     """Simulated time [ns]."""
     severity: int
     """10 debug, 20 info, 30 warning, 40 error, 50 fatal, as in rcutils."""
     name: str
-    """Of the logger."""
+    """Name of the logger."""
     text: str
     place: str
     """`file:line` of the call."""
@@ -87,16 +88,16 @@ class LogEntry:
 
 @dataclass(slots=True, kw_only=True)
 class Interception:
-    """What intercepted calls answer by: one run."""
+    """The run whose values intercepted calls return."""
 
     scheduler: Scheduler
     entropy: random.Random
-    """In place of the system's randomness, so that unseeded generators repeat too."""
+    """Replaces the system's randomness, so that unseeded generators are repeatable too."""
     log: list[LogEntry] = field(default_factory=list)
     guests: list[Guest] = field(default_factory=list)
-    """Threads of the nodes' code."""
+    """Threads started by the nodes' code."""
     has_threads: bool = False
-    """Whether a node has started a thread that is not in lock-step."""
+    """Whether a node has started a thread outside lock-step."""
 
     def is_inside(self) -> bool:
         """Whether the caller is a callback or a guest thread of the run."""
@@ -107,26 +108,26 @@ class Interception:
         return guest_of(threading.current_thread()) is not None
 
     def wait(self, condition: Callable[[], bool], timeout_s: float | None) -> bool:
-        """Wait in a callback until a condition holds, which only threads of its node can change.
+        """Wait in a callback for a condition that only threads of its node can change.
 
         Raises:
-            LockstepError: none of them does, and there is no timeout.
+            LockstepError: none of them changes it, and there is no timeout.
         """
         return wait_in_callback(self.scheduler, self.guests, condition, timeout_s)
 
 
 class _RunInProgress:
-    """The run in progress of this process; the patched functions look here."""
+    """The run in progress in this process; the patched functions use it."""
 
     def __init__(self) -> None:
         self.interception: Interception | None = None
         self.importing: int | None = None
-        """The thread that imports nodes."""
+        """Id of the thread that imports nodes."""
         self.of_modules: dict[str, random.Random] = {}
-        """Of each module its randomness while it is imported, whatever was imported before."""
+        """Randomness of each module during its import, independent of earlier imports."""
 
     def entropy(self) -> random.Random | None:
-        """What stands in for the system's randomness for the caller; None: nothing does."""
+        """Return what replaces the system's randomness for the caller; None if nothing does."""
         run = self.inside()
         if run is not None:
             return run.entropy
@@ -141,18 +142,18 @@ class _RunInProgress:
         return self.of_modules[name]
 
     def inside(self) -> Interception | None:
-        """The run, if the caller is a callback of it."""
+        """Return the run if the caller is inside one of its callbacks, otherwise None."""
         run = self.interception
         return run if run is not None and run.is_inside() else None
 
 
 _process: Final = _RunInProgress()
-"""One for the process, as the modules `time` and `os` are."""
+"""One per process, like the modules `time` and `os`."""
 
 
 @contextmanager
 def run_in_progress(interception: Interception) -> Iterator[None]:
-    """While entered, intercepted calls answer by this run."""
+    """While entered, intercepted calls use this run."""
     before, _process.interception = _process.interception, interception
     try:
         yield
@@ -162,7 +163,7 @@ def run_in_progress(interception: Interception) -> Iterator[None]:
 
 @contextmanager
 def repeatable_import() -> Iterator[None]:
-    """While entered, unseeded generators that this thread makes are the same in each process."""
+    """Make unseeded generators that this thread creates repeatable across processes."""
     before, _process.importing = _process.importing, threading.get_ident()
     try:
         yield
@@ -172,7 +173,7 @@ def repeatable_import() -> Iterator[None]:
 
 @contextmanager
 def intercepted() -> Iterator[None]:
-    """While entered, the functions of the system are replaced."""
+    """Replace the system's functions while entered."""
     with ExitStack() as stack:
         for target, name, replacement in _replacements():
             stack.callback(setattr, target, name, getattr(target, name))
@@ -205,7 +206,7 @@ def _replacements() -> Iterator[tuple[Any, str, Any]]:
     yield random, "_urandom", urandom
     if hasattr(os, "getrandom"):
         yield os, "getrandom", _urandom_function(os.getrandom)
-    # C seeds generators from the system without asking `os`.
+    # C code seeds generators from the system without calling `os`.
     seed = _seed_function(random.Random.seed)
     yield random.Random, "seed", seed
     yield random, "seed", functools.partial(seed, cast(Any, random.seed).__self__)
@@ -266,7 +267,7 @@ def _sleep_function(real: Callable[[float], None]) -> Callable[[float], None]:
     def sleep(seconds: float) -> None:
         run, guest = _process.inside(), guest_of(threading.current_thread())
         if guest is not None:
-            guest.sleep(seconds)  # also while it comes to its end after the run
+            guest.sleep(seconds)  # also while it ends after the run
         elif run is None:
             real(seconds)
         else:
@@ -278,7 +279,7 @@ def _sleep_function(real: Callable[[float], None]) -> Callable[[float], None]:
 def _wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
     def wait(self: threading.Event, timeout: float | None = None) -> bool:
         run = _process.inside()
-        # Events that rclpy waits for are those of calls that block, such as `send_goal`.
+        # Events that rclpy waits for belong to blocking calls such as `send_goal`.
         if run is None or _is_of(_OWN_WAITS, sys._getframe(1)):
             return real(self, timeout)
         guest = guest_of(threading.current_thread())
@@ -292,7 +293,7 @@ def _wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
 
 
 def _condition_wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
-    """For queues and semaphores too, which wait for a condition.
+    """Replace `Condition.wait`, which queues and semaphores use too.
 
     Source: https://github.com/python/cpython/blob/3.11/Lib/threading.py
     """
@@ -356,7 +357,7 @@ def _is_of(modules: tuple[str, ...], frame: FrameType) -> bool:
 
 def _datetime_class(real: type[datetime.datetime]) -> type[datetime.datetime]:
     class IsDatetime(type):
-        """C code makes instances of the real class, which are instances of the replacement too."""
+        """Makes real instances, as C code creates them, instances of the replacement too."""
 
         def __instancecheck__(cls, instance: object) -> bool:
             return isinstance(instance, real)
@@ -365,7 +366,7 @@ def _datetime_class(real: type[datetime.datetime]) -> type[datetime.datetime]:
             return issubclass(subclass, real)
 
     class SimulatedDatetime(real, metaclass=IsDatetime):  # type: ignore[misc, valid-type]
-        """`datetime` whose present is the simulated one inside callbacks."""
+        """`datetime` that uses the simulated time inside callbacks."""
 
         @classmethod
         def now(cls, tz: datetime.tzinfo | None = None) -> datetime.datetime:
@@ -454,7 +455,7 @@ def _leave_lockstep(run: Interception, thread: str, place: str) -> None:
     run.scheduler.note(
         ("thread", place),
         f"the thread {thread}, started in {place}, is not in lock-step, because it waits for "
-        "something outside the run: what it does may differ from run to run",
+        "something outside the run: its behavior may differ between runs",
     )
 
 
@@ -470,18 +471,18 @@ def _node_constructor(real: Callable[..., None]) -> Callable[..., None]:
 
 def _plain_node_error(name: str) -> LockstepError:
     return LockstepError(
-        f"the plain rclpy node `{name}` ({user_place()}) cannot be in lock-step: its messages and "
-        "timers would be those of DDS. Derive its class from `ObeliskNode` or another base class "
-        "of the library, or leave the node out and put something in its place with `stub`"
+        f"the plain rclpy node `{name}` ({user_place()}) cannot be in lock-step, because its "
+        "messages and timers would use DDS. Derive its class from `ObeliskNode` or another base "
+        "class of the library, or leave the node out and replace it with `stub`"
     )
 
 
 @contextmanager
 def refuse_plain_nodes() -> Iterator[None]:
-    """While entered, a plain rclpy node is an error on every thread; for programs that load.
+    """While entered, creating a plain rclpy node on any thread is an error; for loading programs.
 
     Raises:
-        LockstepError: a program makes such a node.
+        LockstepError: a program creates such a node.
     """
     real = Node.__init__
 
@@ -505,8 +506,8 @@ def _wait_of_executor(real: Callable[..., Any]) -> Callable[..., Any]:
             raise run.scheduler.stop(
                 LockstepError(
                     f"{node.name if node else 'a node'} spins an executor in a callback "
-                    f"({user_place()}): in a real run it waits for itself. Use `await`, or a done "
-                    "callback of the future"
+                    f"({user_place()}): in a real run it would wait for itself. Use `await`, or a "
+                    "done callback of the future"
                 )
             )
         return real(self, *args, **kwargs)
@@ -527,7 +528,7 @@ def _shutdown_function(real: Callable[[Context], None]) -> Callable[[Context], N
 
 def _default_context_function(real: Callable[..., Context]) -> Callable[..., Context]:
     def get_default_context(*, shutting_down: bool = False) -> Context:
-        # Otherwise rclpy forgets the context before it shuts it down.
+        # Otherwise rclpy drops the context before shutting it down.
         return real(shutting_down=shutting_down and _process.inside() is None)
 
     return get_default_context

@@ -1,12 +1,12 @@
-"""The events of a lock-step run: simulated time, and what happens in which order.
+"""Schedule the events of a lock-step run in simulated time and a defined order.
 
-An event is due at a time. Of those due at the same time, steps of simulators come first, then what
-a busy node had to put off, faults, messages in the order in which they were published, and timers
-in the order in which they were made. Nothing waits, and all of it runs on one thread.
+Each event has a due time. Events due at the same time run in this order: steps of simulators,
+events postponed by busy nodes, faults, messages in the order of publishing, and timers in the order
+of creation. Nothing waits, and everything runs on one thread.
 
 A callback may take simulated time, because it sleeps or because its computing time is modelled.
-Only its own node moves ahead then: what it publishes afterwards has that later time, and its next
-events are put off. Nodes share nothing but messages, so no other node can notice the difference.
+Then only its own node moves ahead: later publications carry the later time, and the node's next
+events are postponed. Nodes share nothing but messages, so no other node can observe the difference.
 """
 
 import heapq
@@ -36,79 +36,79 @@ __all__ = [
 NS_PER_S: Final = 1_000_000_000
 _LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.", "queue.", "asyncio.")
 _STOP: Final = -1
-"""Kind of the event that ends a run with an error: before all others of its time."""
+"""Kind of the event that ends a run with an error; it runs before all others of its time."""
 STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
-"""Kinds of events, in the order in which those of one time run."""
+"""Kinds of events, in the order in which events of the same time run."""
 MOST_AT_ONE_TIME: Final = 100_000
-"""Events without progress of time, after which a run ends."""
+"""Maximum number of events without progress of time; more end the run."""
 _LONGEST_CALLBACK_NS: Final = 1_000 * NS_PER_S
-"""Time that a callback may sleep; a longer one waits for what cannot come meanwhile."""
+"""Maximum time that a callback may sleep; a longer sleep waits for something that cannot happen."""
 _TRACED: Final = 64
-"""Events that show what the nodes do without end."""
+"""Number of events to trace when nodes trigger each other endlessly."""
 
 Event = tuple[int, int, Any, "ScheduledNode | None", Callable[[], object]]
-"""Due time [ns], kind, place among those of the same time and kind, node, what to call."""
+"""Due time [ns], kind, position among events of the same time and kind, node, function to call."""
 
 
 class LockstepError(ObeliskError):
-    """What a node does is not possible in lock-step; the message explains what to do instead."""
+    """A node did something that is impossible in lock-step; the message names an alternative."""
 
 
 @dataclass(slots=True, eq=False)
 class ScheduledNode:
-    """A node, as the scheduler has it."""
+    """A node and its state in the scheduler."""
 
     name: str
     """Full name."""
     node: Any
     others: list[Any] = field(default_factory=list)
-    """Nodes that its code has made: as in one process, they share its turns."""
+    """Nodes created by its code; they share its turns, as in one process."""
     compute_ns: int = 0
-    """Time that each of its callbacks takes [ns]."""
+    """Computing time of each of its callbacks [ns]."""
     is_alive: bool = True
     is_frozen: bool = False
     busy_until_ns: int = 0
     held: list[Event] = field(default_factory=list)
-    """Events that came while it was frozen."""
+    """Events that became due while it was frozen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimingModel:
-    """How a run differs from the ideal one, in which nothing takes time; all times in seconds."""
+    """Delays compared to an ideal run, in which nothing takes time; all times in seconds."""
 
     latency: float = 0.0
-    """From the publication of a message to its arrival."""
+    """Time from publishing a message to its arrival."""
     jitter: float = 0.0
-    """The most that is added to the latency, drawn for each message."""
+    """Maximum random addition to the latency, drawn for each message."""
     random_phases: bool = False
-    """Whether the first tick of a timer comes up to a period later, drawn for each timer."""
+    """Whether each timer's first tick is delayed by a random part of its period."""
 
 
 class Scheduler:
-    """Simulated time and the events that are due."""
+    """Simulated time and the pending events."""
 
     def __init__(self, *, seed: int = 0, timing: TimingModel | None = None) -> None:
         """Start at time 0 without events.
 
         Args:
-            seed: of latencies, phases and faults that are drawn.
-            timing: None: the ideal run.
+            seed: seed of the random latencies, phases and faults.
+            timing: None for an ideal run.
         """
         timing = timing or TimingModel()
         self.now_ns = 0
-        """The time of the event that runs [ns]."""
+        """Time of the running event [ns]."""
         self.offset_ns = 0
         """Time that the running callback has taken so far [ns]."""
         self.running: ScheduledNode | None = None
-        """The node whose callback runs."""
+        """The node whose callback is running."""
         self.thread_id = threading.get_ident()
         self._seed = seed
         self._phases = random.Random(f"schedule {seed}")  # noqa: S311
         self._delays: dict[str, random.Random] = {}
         self.on_exit: Callable[[ScheduledNode, str], None] = lambda _node, _how: None
-        """Called when the code of a node ends its process."""
+        """Called when a node's code ends its process."""
         self.notes: list[str] = []
-        """What the user should know about this run, each once, with its time."""
+        """Notes for the user about this run, without duplicates, each with its time."""
         self.latency_ns = round(timing.latency * NS_PER_S)
         self.jitter_ns = round(timing.jitter * NS_PER_S)
         self._has_random_phases = timing.random_phases
@@ -119,13 +119,13 @@ class Scheduler:
 
     @property
     def time_ns(self) -> int:
-        """The time as the running callback sees it [ns]."""
+        """Time as seen by the running callback [ns]."""
         return self.now_ns + self.offset_ns
 
     def push(
         self, due_ns: int, kind: int, node: ScheduledNode | None, call: Callable[[], object]
     ) -> None:
-        """Have something called at a time; a call that returns False takes no time."""
+        """Schedule a call; if it returns False, it takes no computing time."""
         self._pushed += 1
         heapq.heappush(self._heap, (due_ns, kind, self._pushed, node, call))
 
@@ -137,33 +137,33 @@ class Scheduler:
         node: ScheduledNode | None,
         call: Callable[[], Any],
     ) -> None:
-        """As `push`, with a place of one's own among the events of that time and kind."""
+        """Like `push`, with a given position among the events of that time and kind."""
         heapq.heappush(self._heap, (due_ns, kind, place, node, call))
 
     def push_timer(
         self, due_ns: int, place: int, node: ScheduledNode, call: Callable[[], object]
     ) -> None:
-        """Have a timer called, at its place among the timers of that time."""
+        """Schedule a timer at its position among the timers of that time."""
         heapq.heappush(self._heap, (due_ns, TIMER, place, node, call))
 
     def next_place(self) -> int:
-        """The place that a `push` would get now."""
+        """Reserve and return the position that `push` would assign now."""
         self._pushed += 1
         return self._pushed
 
     def next_timer(self) -> int:
-        """The number of a new timer."""
+        """Return the number of a new timer."""
         self._timers_made += 1
         return self._timers_made
 
     def phase_ns(self, period_ns: int) -> int:
-        """How much later than a period the first tick of a timer comes [ns]."""
+        """Return the delay of a timer's first tick beyond its period [ns]."""
         return self._phases.randrange(period_ns) if self._has_random_phases and period_ns else 0
 
     def delay_ns(self, channel: str) -> int:
-        """How long a message takes on a topic, service or action [ns].
+        """Return the latency of a message on a topic, service or action [ns].
 
-        Each has draws of its own, so that one that is watched does not change the others.
+        Each channel has its own random numbers, so observing one does not change the others.
         """
         if not self.jitter_ns:
             return self.latency_ns
@@ -173,15 +173,15 @@ class Scheduler:
         return self.latency_ns + draws.randrange(self.jitter_ns + 1)
 
     def next_due_ns(self, most_ns: int) -> int:
-        """When the next event is due, or `most_ns` if that is earlier [ns]."""
+        """Return the due time of the next event, or `most_ns` if that is earlier [ns]."""
         return min(self._heap[0][0], most_ns) if self._heap else most_ns
 
     def run_until(self, end_ns: int) -> None:
-        """Run all events up to a time [ns], those at it included.
+        """Run all events up to and including a time [ns].
 
         Raises:
-            LockstepError: the nodes cause events without end at one time, or one of them did what
-                is not possible in lock-step.
+            LockstepError: nodes trigger each other endlessly at one time, or a node did something
+                that is impossible in lock-step.
         """
         try:
             while True:
@@ -210,9 +210,9 @@ class Scheduler:
                 if node.is_frozen:
                     node.held.append(event)
                     continue
-                # Steps, of a simulator or a guest thread, do not wait for the node's callbacks.
+                # Steps of a simulator or a guest thread do not wait for the node's callbacks.
                 if kind and node.busy_until_ns > due_ns:
-                    # In the order in which they were due first, so that none starves.
+                    # In the order in which they were first due, so that none starves.
                     order = place if kind == _PUT_OFF else (due_ns, kind, place)
                     push(heap, (node.busy_until_ns, _PUT_OFF, order, node, call))
                     continue
@@ -229,7 +229,7 @@ class Scheduler:
         self.running = None
 
     def stop(self, error: LockstepError) -> LockstepError:
-        """End the run with an error, whatever the running callback does with it.
+        """End the run with an error, even if the running callback catches it.
 
         Returns:
             The error, for the callback to raise.
@@ -242,16 +242,16 @@ class Scheduler:
         return error
 
     def check(self) -> None:
-        """Raise the error that ends the run, if there is one.
+        """Raise the error that ends the run, if any.
 
         Raises:
-            LockstepError: a node did what is not possible in lock-step.
+            LockstepError: a node did something that is impossible in lock-step.
         """
         if self._heap and self._heap[0][1] == _STOP:
             self._heap[0][4]()
 
     def run_as(self, node: ScheduledNode, call: Callable[[], Any]) -> Any:
-        """Call something of a node outside of its events, such as a transition."""
+        """Call a function of a node outside its events, such as a transition."""
         before, self.running = self.running, node
         offset_ns, self.offset_ns = self.offset_ns, 0
         try:
@@ -263,7 +263,7 @@ class Scheduler:
         """Let the running callback take time, and note where it sleeps.
 
         Raises:
-            LockstepError: it sleeps without end.
+            LockstepError: the callback has slept too long.
         """
         name, where = self.running.name if self.running else "a callback", user_place()
         self.note(
@@ -273,24 +273,24 @@ class Scheduler:
         if self.offset_ns > _LONGEST_CALLBACK_NS:
             raise self.stop(
                 LockstepError(
-                    f"{name} has slept for {self.offset_ns / NS_PER_S:,.0f} s in one callback, at "
-                    f"last in {where}: what it waits for cannot come while it waits. Use `await`, "
-                    "a done callback or a timer"
+                    f"{name} has slept for {self.offset_ns / NS_PER_S:,.0f} s in one callback, "
+                    f"most recently in {where}: it waits for something that cannot happen while it "
+                    "waits. Use `await`, a done callback or a timer"
                 )
             )
 
     def note(self, key: object, text: str) -> None:
-        """Keep a note, unless there is one with this key."""
+        """Keep a note unless one with this key exists."""
         if key not in self._noted:
             self._noted.add(key)
             self.notes.append(f"{self.time_ns / NS_PER_S:.6f} s: {text}")
 
     def freeze(self, node: ScheduledNode) -> None:
-        """Run nothing of a node until `thaw`."""
+        """Run no events of a node until `thaw`."""
         node.is_frozen = True
 
     def thaw(self, node: ScheduledNode) -> None:
-        """Run what a frozen node had to put off, and go on."""
+        """Resume a frozen node and run its postponed events."""
         node.is_frozen = False
         held, node.held = node.held, []
         for due_ns, kind, place, _, call in held:
@@ -301,12 +301,12 @@ class Scheduler:
             heapq.heappush(self._heap, event)
 
     def clear(self) -> None:
-        """Forget all events, and the nodes with them."""
+        """Drop all events and their references to nodes."""
         self._heap.clear()
         self.running = None
 
     def _fail_without_progress(self, event: Event) -> None:
-        """Name the callbacks that call each other without end."""
+        """Report the callbacks that trigger each other endlessly."""
         names: dict[str, None] = {}
         for _ in range(_TRACED):
             *_, node, call = event
@@ -320,12 +320,12 @@ class Scheduler:
             event = heapq.heappop(self._heap)
         raise LockstepError(
             f"{MOST_AT_ONE_TIME:,} events at {self.now_ns / NS_PER_S:.6f} s without progress of "
-            f"time: {', '.join(names)} cause each other; in a real run they would use a whole core"
+            f"time: {', '.join(names)} trigger each other; in a real run they would use a full core"
         )
 
 
 def user_place() -> str:
-    """`file:line` of the innermost call outside this library and rclpy."""
+    """Return `file:line` of the innermost call outside this library and rclpy."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_back is not None:
         if not f"{frame.f_globals.get('__name__', '')}.".startswith(_LIBRARIES):
@@ -335,6 +335,6 @@ def user_place() -> str:
 
 
 def _label_of(call: Callable[[], object]) -> str:
-    """What an event is about: the topic, service or timer."""
+    """Return the topic, service or timer of an event."""
     owner = next(iter(getattr(call, "args", ())), None)
     return str(getattr(owner, "label", None) or getattr(call, "__qualname__", type(call).__name__))

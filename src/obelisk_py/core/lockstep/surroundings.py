@@ -1,4 +1,4 @@
-"""The surroundings of nodes in lock-step, the run that they are in, and its simulators."""
+"""Connect nodes to a lock-step run in place of DDS, clocks and threads, and step its simulators."""
 
 import random
 import threading
@@ -55,14 +55,14 @@ _UNSUPPORTED_EVENTS: Final = ("DEADLINE", "LIVELINESS", "MATCHED", "MESSAGE_LOST
 
 
 class StepEvents(threading.Thread):
-    """Takes the steps of a robot; stands in for its stepping thread, and is never started."""
+    """Takes a robot's steps in events, in place of its stepping thread; never runs as a thread."""
 
     def __init__(self, scheduler: Scheduler, node: ScheduledNode, robot: SteppedRobot) -> None:
-        """Make one that does not step yet."""
+        """Create it without scheduling a step."""
         super().__init__(name="simulator", daemon=True)
         self.robot: Any = robot
         self.before_step: list[Callable[[], None]] = []
-        """Called before each step, such as what applies a force."""
+        """Functions called before each step, for example to apply a force."""
         self.after_step: list[Callable[[], None]] = []
         self._scheduler = scheduler
         self._node = node
@@ -70,15 +70,15 @@ class StepEvents(threading.Thread):
         self._is_stopped = False
 
     def start(self) -> None:
-        """Take the first step after its time from now."""
+        """Schedule the first step, one step time from now."""
         self._push()
 
     def is_alive(self) -> bool:
-        """False: it stops at once."""
+        """Always false: it stops immediately."""
         return False
 
     def join(self, timeout: float | None = None) -> None:
-        """Take no further step."""
+        """Take no further steps."""
         del timeout
         self._is_stopped = True
 
@@ -98,7 +98,7 @@ class StepEvents(threading.Thread):
 
 
 class LockstepRun:
-    """One run: its time, its nodes, and everything between them."""
+    """A run: its time, its nodes, and everything that connects them."""
 
     def __init__(
         self,
@@ -109,13 +109,13 @@ class LockstepRun:
         is_recorded: Callable[[str], bool] = lambda _: True,
         on_simulator: Callable[[StepEvents], None] = lambda _: None,
     ) -> None:
-        """Make a run at time 0 without nodes.
+        """Create a run at time 0 without nodes.
 
         Args:
-            seed: of everything that is drawn.
-            timing: how long messages take; None: no time.
-            watched: topics that are published although no node subscribes.
-            is_recorded: whether the messages of a topic are kept.
+            seed: seed of all random numbers.
+            timing: message latencies; None for no latency.
+            watched: topics that count as subscribed even without a subscriber.
+            is_recorded: whether the messages of a topic are recorded.
             on_simulator: called with each simulator before its first step.
         """
         self.seed = seed
@@ -131,17 +131,17 @@ class LockstepRun:
         self.nodes: dict[str, ScheduledNode] = {}
         """The nodes by full name."""
         self.simulators: dict[str, StepEvents] = {}
-        """The simulators that are stepped, by the node's full name."""
+        """The simulators by their node's full name."""
         self.on_simulator = on_simulator
         self.clock = make_clock(self.scheduler)
         self._generators = _GlobalGenerators(seed)
         self.faults: list[str] = []
-        """Why processes of nodes have ended."""
+        """Why nodes' processes ended."""
         self.scheduler.on_exit = self._end
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """While entered, new nodes are in this run, and their code sees its time and chance."""
+        """While entered, new nodes join this run, and their code uses its time and randomness."""
         with ExitStack() as stack:
             stack.enter_context(self._generators.in_place())
             stack.enter_context(run_in_progress(self.interception))
@@ -150,12 +150,12 @@ class LockstepRun:
             yield
 
     def make_node(self, name: str, make: Callable[[], Any], compute_s: float = 0.0) -> Any:
-        """Make a node of the run.
+        """Create a node of the run.
 
         Args:
-            name: its full name.
-            make: calls its class.
-            compute_s: time that each of its callbacks takes [s].
+            name: full name of the node.
+            make: creates an instance of its class.
+            compute_s: computing time of each of its callbacks [s].
         """
         scheduled = ScheduledNode(name=name, node=None, compute_ns=round(compute_s * NS_PER_S))
         self.nodes[name] = scheduled
@@ -164,7 +164,7 @@ class LockstepRun:
         return node
 
     def scheduled(self, node: Any) -> ScheduledNode:
-        """A node that is being made, or has been."""
+        """Return the scheduled node that owns a node, which may be under construction."""
         owner = getattr(node, "_scheduled", None)
         if owner is None:
             owner = self.scheduler.running
@@ -177,13 +177,13 @@ class LockstepRun:
         return owner
 
     def _end(self, node: ScheduledNode, how: str) -> None:
-        """End a node whose code ends its process."""
+        """Kill a node whose code ends its process, and record why."""
         self.scheduler.note(("end", node.name), f"{node.name} {how}")
         self.faults.append(f"{node.name} {how} at {self.scheduler.time_ns / NS_PER_S:.6f} s")
         self.kill(node)
 
     def kill(self, node: ScheduledNode) -> None:
-        """End a node as SIGKILL ends its process: it does nothing any more."""
+        """Stop a node like SIGKILL stops its process: it does nothing any more."""
         node.is_alive = False
         self.topics.leave(node)
         self.services.leave(node)
@@ -191,7 +191,7 @@ class LockstepRun:
         self.simulators.pop(node.name, None)
 
     def close(self) -> None:
-        """End the threads of the nodes' code, and let go of all nodes."""
+        """End the threads of the nodes' code, and release all nodes."""
         for guest in self.interception.guests:
             guest.end()
         self.scheduler.clear()
@@ -206,7 +206,7 @@ class LockstepRun:
 class _GlobalGenerators:
     """The states of `random` and `numpy.random` for the nodes of one run.
 
-    What a test or another run draws in between does not change what these nodes draw.
+    Random numbers drawn by a test or another run in between do not affect these nodes.
     """
 
     def __init__(self, seed: int) -> None:
@@ -234,14 +234,14 @@ class LockstepSurroundings(Surroundings):
     is_lockstep = True
 
     def __init__(self, run: LockstepRun) -> None:
-        """Take the run."""
+        """Connect nodes to `run`."""
         self._run = run
         self._scheduler = run.scheduler
         self.noise_seed = run.seed
 
     @contextmanager
     def construction(self, node: Any) -> Iterator[None]:
-        """Entered while rclpy constructs a node, which makes its own clock."""
+        """Entered while rclpy constructs a node, so that the node uses the run's clock."""
         owner = self._run.scheduled(node)
         module: Any = rclpy_node
         ros_clock, module.ROSClock = module.ROSClock, lambda: self._run.clock
@@ -250,16 +250,16 @@ class LockstepSurroundings(Surroundings):
         finally:
             module.ROSClock = ros_clock
         if owner.node is not node:
-            # A node that another one makes takes its turns with it.
+            # A node created by another node shares its turns.
             self._run.executor.add_node(node)
 
     def publisher_class(self, context: Any, *, has_lifecycle: bool) -> Any:
-        """The class of a new publisher."""
+        """Return the class of a new publisher."""
         del context
         return LockstepLifecyclePublisher if has_lifecycle else LockstepPublisher
 
     def create_timer(self, node: Any, create: Any, *args: Any, **kwargs: Any) -> Any:
-        """A timer of a node."""
+        """Create a timer."""
         del create
         return self._create_timer(node, *args, **kwargs)
 
@@ -291,7 +291,7 @@ class LockstepSurroundings(Surroundings):
         return timer
 
     def create_rate(self, node: Any, create: Any, frequency: float, clock: Any = None) -> Any:
-        """A rate of a node.
+        """Create a rate.
 
         Raises:
             ValueError: the frequency is not positive.
@@ -302,14 +302,14 @@ class LockstepSurroundings(Surroundings):
         return LockstepRate(self._scheduler, round(NS_PER_S / frequency))
 
     def clock_feed(self, node: Any, callback: Any) -> Any | None:
-        """What replaces the subscription of a node's time source to `/clock`."""
+        """Return the replacement for the time source's `/clock` subscription; otherwise None."""
         del node
         return _NoFeed() if is_of_time_source(callback) else None
 
     def adopt(self, node: Any, entity: Any) -> None:
-        """Take over an entity of a node.
+        """Connect an entity of a node to the run.
 
-        One that needs QoS events, which only DDS has, ends the run with an error.
+        A callback for QoS events that only DDS raises ends the run with an error.
         """
         owner = self._run.scheduled(node)
         if isinstance(entity, RoutedPublisher):
@@ -331,7 +331,7 @@ class LockstepSurroundings(Surroundings):
             if any(part in name for part in _UNSUPPORTED_EVENTS):
                 self._scheduler.stop(
                     LockstepError(
-                        f"{owner.name} has a callback of the QoS event {name} ({user_place()}), "
+                        f"{owner.name} has a callback for the QoS event {name} ({user_place()}), "
                         "which only DDS raises: it would never be called in lock-step"
                     )
                 )
@@ -342,31 +342,31 @@ class LockstepSurroundings(Surroundings):
                 with guard.handle:
                     result = guard.callback()
             except InvalidHandle:
-                return  # destroyed since
+                return  # destroyed in the meantime
             if hasattr(result, "__await__"):
                 self._run.executor.run_coroutine(result, owner)
 
         def trigger() -> None:
-            with guard.handle:  # raises if the guard condition is destroyed
+            with guard.handle:  # raises an exception if the guard condition is destroyed
                 self._scheduler.push(self._scheduler.time_ns, MESSAGE, owner, call)
 
         guard.trigger = trigger
 
     def release(self, entity: Any) -> None:
-        """Let go of an entity before it is destroyed."""
+        """Disconnect an entity before it is destroyed."""
         if isinstance(entity, Subscription):
             self._run.topics.unsubscribe(entity)
         elif isinstance(entity, Service):
             self._run.services.remove(entity)
 
     def make_thread(self, node: Any, target: Callable[[], None], name: str) -> threading.Thread:
-        """A thread that takes turns with the scheduler."""
+        """Create a thread that takes turns with the scheduler."""
         return GuestThread(self._scheduler, self._run.scheduled(node), target, name)
 
     def make_watchdog(
         self, node: Any, deadline_s: Callable[[], float | None], check: Callable[[], None]
     ) -> Watchdog:
-        """A watchdog that checks in events."""
+        """Create a watchdog that checks in events."""
         return LockstepWatchdog(self._scheduler, self._run.scheduled(node), deadline_s, check)
 
     def drive(self, node: Any, robot: SteppedRobot) -> threading.Thread:
@@ -379,7 +379,7 @@ class LockstepSurroundings(Surroundings):
 
 
 class _NoFeed:
-    """Stands in for the subscription to `/clock`: the clock has the time already."""
+    """Replaces the subscription to `/clock`, because the clock already has the time."""
 
     def close(self) -> None:
-        """Nothing is to be closed."""
+        """Do nothing."""

@@ -1,7 +1,7 @@
 """Run tasks and coroutines as events: the executor of nodes in lock-step.
 
-rclpy's executors run a waiting coroutine again and again until its future is done. Here it goes on
-in the event in which the future is done.
+rclpy's executors poll a waiting coroutine until its future is done. Here, the coroutine continues
+in the event that completes the future.
 """
 
 import functools
@@ -18,7 +18,7 @@ __all__ = ["LockstepExecutor"]
 
 
 class LockstepExecutor(Executor):
-    """What rclpy and the library ask of an executor, without spinning."""
+    """The executor methods that rclpy and the library use, without spinning."""
 
     def __init__(self, scheduler: Scheduler) -> None:
         """Run tasks as events of a scheduler."""
@@ -26,10 +26,10 @@ class LockstepExecutor(Executor):
         self._scheduler = scheduler
 
     def wake(self) -> None:
-        """Nothing waits."""
+        """Do nothing, because nothing waits."""
 
     def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Task:
-        """Run a function or coroutine in an event of the node that runs now."""
+        """Run a function or coroutine in an event of the running node."""
         task = Task(callback, args, kwargs, executor=self)
         if inspect.iscoroutine(callback):
             task._handler = callback
@@ -37,7 +37,7 @@ class LockstepExecutor(Executor):
         return task
 
     def run_coroutine(self, coroutine: Any, node: ScheduledNode) -> None:
-        """Run a coroutine that a callback of a node returned, up to its first wait, now."""
+        """Run a coroutine returned by a node's callback, now and up to its first wait."""
         task = Task(None, executor=self)
         task._handler = coroutine
         self._run(task, node)
@@ -50,7 +50,7 @@ class LockstepExecutor(Executor):
         coroutine = task._handler
         task()
         if task.done() or task.cancelled():
-            # The callbacks of the library's nodes are guarded; a task of the user's own is not.
+            # The callbacks of the library's nodes are guarded; tasks created by user code are not.
             if (error := task.exception()) is not None:
                 if node is None:
                     raise error
@@ -59,7 +59,7 @@ class LockstepExecutor(Executor):
         future = _awaited_future(coroutine)
         resume = functools.partial(self._push, task, node)
         if future is None:
-            # `yield` of an awaitable of the user's own: look again a millisecond later.
+            # The coroutine awaits a custom awaitable, so check again 1 ms later.
             due_ns = self._scheduler.time_ns + 1_000_000
             self._scheduler.push(due_ns, MESSAGE, node, functools.partial(self._run, task, node))
         else:
@@ -67,7 +67,7 @@ class LockstepExecutor(Executor):
 
 
 def _awaited_future(coroutine: Any) -> Future | None:
-    """The future that a suspended coroutine waits for, through all coroutines that it awaits."""
+    """The future that a suspended coroutine waits for, at the end of its chain of awaits."""
     inner = coroutine
     while inner is not None:
         if isinstance(inner, types.GeneratorType):

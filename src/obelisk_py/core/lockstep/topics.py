@@ -1,8 +1,8 @@
-"""Topics of a lock-step run: publishers hand messages to subscriptions, without DDS.
+"""Route messages from publishers to subscriptions in a lock-step run, without DDS.
 
-Each subscription receives a copy of its own, as from the wire, and keeps a history of the depth of
-its profile, which drops the oldest. Profiles match as in DDS; a late subscription receives what
-transient-local publishers keep.
+Each subscription receives its own copy, as from the network, and keeps a history with the depth of
+its QoS profile, which drops the oldest message. QoS profiles match as in DDS. A late subscription
+receives the messages kept by transient-local publishers.
 """
 
 import functools
@@ -32,16 +32,16 @@ __all__ = [
 ]
 
 MessageRule = Callable[[int, Any], int | None]
-"""Time of publication [ns], message or bytes -> further delay [ns]; None: the message is lost."""
+"""Time of publication [ns], message or bytes -> additional delay [ns]; None drops the message."""
 _INTERNAL: Final = ("/parameter_events", "/rosout", "/diagnostics")
-"""Topics that are not recorded: what nodes log is kept with its text."""
+"""Topics that are not recorded; log messages are kept as text."""
 _LONGEST_LIFESPAN_NS: Final = 10**18
-"""Longer ones are infinite, in the units of one middleware or another [ns]."""
+"""Longer lifespans are infinite; middlewares represent infinity differently [ns]."""
 _UNLIMITED: Final = 1 << 31
 
 
 class _RclpyCodec:
-    """Packs messages that the library's codecs do not support, by rclpy."""
+    """Serializes messages that the library's codecs do not support with rclpy."""
 
     def __init__(self, message_class: type[Any]) -> None:
         self._class = message_class
@@ -57,22 +57,22 @@ class _RclpyCodec:
 
 
 class Topic:
-    """One topic with one message type."""
+    """A topic with its message type."""
 
     def __init__(self, name: str, message_class: type[Any], *, is_watched: bool) -> None:
         self.label = name
         self.message_class = message_class
         self.codec: Any = codec_for(cast(Any, message_class)) or _RclpyCodec(message_class)
         self.log: list[tuple[int, int, bytes]] | None = None
-        """Time of publication [ns], place among the messages of the run and bytes of each message;
-        None: they are not recorded."""
+        """Time of publication [ns], position among the run's messages, and bytes of each message;
+        None if the topic is not recorded."""
         self.subscribers: tuple[_Subscriber, ...] = ()
         self.publishers: list[RoutedPublisher] = []
         self.rules: list[MessageRule] = []
         self.filters: list[Callable[[int, Any], None]] = []
-        """Change a message at its publication [ns]."""
+        """Functions that modify a message when it is published; called with the time [ns]."""
         self.is_watched = is_watched
-        """Whether publishers see a subscription even if there is none."""
+        """Whether the topic counts as subscribed even without a subscription."""
 
 
 class _Subscriber:
@@ -101,11 +101,11 @@ class _Subscriber:
         keeps_all = profile.history == HistoryPolicy.KEEP_ALL
         self.depth = _UNLIMITED if keeps_all else max(1, profile.depth)
         self.queue: deque[tuple[int, int, Any]] = deque()
-        """Place among the events, time of publication [ns], message or bytes."""
+        """Position among the events, time of publication [ns], message or bytes."""
         self.call = self._call()
 
     def _call(self) -> Callable[[Any, int], None]:
-        """What is called with a message and the time of its publication [ns]."""
+        """Build the function that is called with a message and its time of publication [ns]."""
         callback = self.subscription.callback
         has_info = self.subscription._callback_type is Subscription.CallbackType.WithMessageInfo
         is_coroutine = inspect.iscoroutinefunction(callback)
@@ -143,12 +143,12 @@ class TopicTable:
         watched: Iterable[str] = (),
         is_recorded: Callable[[str], bool] = lambda _: True,
     ) -> None:
-        """Make an empty table.
+        """Create an empty table.
 
         Args:
             scheduler: delivers the messages.
-            watched: topics whose publishers always see a subscription.
-            is_recorded: whether the messages of a topic are kept.
+            watched: topics that count as subscribed even without a subscriber.
+            is_recorded: whether the messages of a topic are recorded.
         """
         self.by_name: dict[str, Topic] = {}
         self._scheduler = scheduler
@@ -156,12 +156,12 @@ class TopicTable:
         self._is_recorded = is_recorded
 
     def topic(self, name: str, message_class: type[Any]) -> Topic:
-        """The topic of a name; made at its first use."""
+        """Return the topic with this name; it is created at first use."""
         topic = self.by_name.get(name)
         if topic is not None and topic.message_class is message_class:
             return topic
         if topic is not None:
-            # As in DDS, endpoints of another type do not match.
+            # As in DDS, endpoints with different types do not match.
             self._scheduler.note(
                 ("type", name),
                 f"{name} has endpoints of the types {message_name(topic.message_class)} and "
@@ -175,7 +175,7 @@ class TopicTable:
         return topic
 
     def subscribe(self, node: ScheduledNode, subscription: Subscription) -> None:
-        """Let a subscription receive what is published from now on, and what is kept for it."""
+        """Deliver future messages to a subscription, and those kept for late subscribers."""
         topic = self.topic(subscription.topic_name, cast(Any, subscription.msg_type))
         subscriber = _Subscriber(node, subscription, topic)
         topic.subscribers = (*topic.subscribers, subscriber)
@@ -187,7 +187,7 @@ class TopicTable:
                     self.send(subscriber, data, self._scheduler.time_ns)
 
     def unsubscribe(self, subscription: Subscription) -> None:
-        """Deliver nothing more to a subscription."""
+        """Stop delivering messages to a subscription."""
         topic = self.by_name.get(subscription.topic_name)
         for subscriber in topic.subscribers if topic is not None else ():
             if subscriber.subscription is subscription:
@@ -199,7 +199,7 @@ class TopicTable:
         subscriber.queue.clear()
 
     def publish(self, name: str, message: Any) -> None:
-        """Publish a message as a node outside the run does; it takes no time."""
+        """Publish a message from outside the run; it arrives without latency."""
         topic = self.topic(name, type(message))
         data = topic.codec.pack(message)
         if topic.log is not None:
@@ -209,7 +209,7 @@ class TopicTable:
             self.send(subscriber, data, self._scheduler.time_ns)
 
     def note_lifespan(self, node: ScheduledNode, name: str) -> None:
-        """Note that the messages of a publisher do not expire."""
+        """Note that a publisher's lifespan has no effect."""
         self._scheduler.note(
             ("lifespan", name, node.name),
             f"{node.name} publishes {name} with a lifespan, which has no effect in lock-step",
@@ -226,11 +226,11 @@ class TopicTable:
                     publisher.leave()
 
     def send(self, subscriber: _Subscriber, message: Any, arrives_ns: int) -> None:
-        """Deliver a message or its bytes to one subscription at a time [ns]."""
+        """Deliver a message, or its bytes, to one subscription at a time [ns]."""
         scheduler = self._scheduler
         place, sent_ns = scheduler.next_place(), scheduler.time_ns
         if arrives_ns > scheduler.now_ns:
-            # It enters the history when it arrives, whatever the node does then.
+            # It enters the history on arrival, even if the node is busy.
             arrive = functools.partial(self._arrive, subscriber, place, sent_ns, message)
             scheduler.push_at_place(arrives_ns, MESSAGE, place, None, arrive)
         else:
@@ -262,8 +262,8 @@ def _deliver(subscriber: _Subscriber, place: int) -> bool:
     else:
         found = next((each for each in queue if each[0] == place), None)
         if found is None:
-            return False  # newer messages have pushed it out
-        queue.remove(found)  # it has overtaken others on its way
+            return False  # dropped from the history by newer messages
+        queue.remove(found)  # it has overtaken others
         _, sent_ns, message = found
     if not subscriber.raw and isinstance(message, bytes):
         message = subscriber.unpack(message)
@@ -280,9 +280,9 @@ def _filtered(topic: Topic, message: Any, now_ns: int) -> Any:
 
 
 def matches(publisher: "RoutedPublisher", subscriber: _Subscriber) -> bool:
-    """Whether DDS would match two ends of a topic.
+    """Whether DDS would match a publisher and a subscription.
 
-    Source: OMG DDS 1.4, 2.2.3 (offered against requested reliability and durability).
+    Source: OMG DDS 1.4, 2.2.3 (offered versus requested reliability and durability).
     """
     offered, requested = publisher.qos_profile, subscriber.subscription.qos_profile
     is_late_joiner = requested.durability == DurabilityPolicy.TRANSIENT_LOCAL
@@ -291,13 +291,13 @@ def matches(publisher: "RoutedPublisher", subscriber: _Subscriber) -> bool:
 
 
 class RoutedPublisher(Publisher):
-    """Publishes to the subscriptions of its run; what both kinds of publishers share."""
+    """Publishes to the subscriptions of its run; the base class of both publishers."""
 
     def join(self, table: TopicTable, node: ScheduledNode) -> None:
-        """Take a place in the topics of a run."""
+        """Add the publisher to the topics of a run."""
         self.owner = node
         self.kept: deque[bytes] = deque(maxlen=0)
-        """What a late subscription receives."""
+        """Messages for late subscriptions."""
         profile = self.qos_profile
         if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
             keeps_all = profile.history == HistoryPolicy.KEEP_ALL
@@ -313,11 +313,11 @@ class RoutedPublisher(Publisher):
         self._matched: tuple[_Subscriber, ...] = ()
 
     def send(self, message: Any) -> None:
-        """Publish a message, or the bytes of a packed one.
+        """Publish a message, or the bytes of a serialized one.
 
         Raises:
-            TypeError: it is neither.
-            ObeliskMsgError: a field holds what its type cannot.
+            TypeError: `message` is neither of the two.
+            ObeliskMsgError: a field has a value that its type cannot hold.
         """
         topic, scheduler = self._topic, self._scheduler
         if topic.filters:
@@ -330,7 +330,7 @@ class RoutedPublisher(Publisher):
         subscribers = self._matching()
         data: Any = message if is_packed else None
         if data is None and (topic.log is not None or self._keeps or not subscribers):
-            data = topic.codec.pack(message)  # also finds values that cannot be packed
+            data = topic.codec.pack(message)  # also detects values that cannot be serialized
         if topic.log is not None:
             topic.log.append((sent_ns, scheduler.next_place(), data))
         if self._keeps:
@@ -364,21 +364,21 @@ class RoutedPublisher(Publisher):
         ends = self.owner.name, subscriber.node.name
         self._scheduler.note(
             ("qos", self._topic.label, *ends),
-            f"{self._topic.label}: the quality of service that {ends[0]} offers does not match "
-            f"what {ends[1]} requests, so no message passes between them",
+            f"{self._topic.label}: the QoS that {ends[0]} offers does not match the QoS that "
+            f"{ends[1]} requests, so no message passes between them",
         )
 
     def get_subscription_count(self) -> int:
-        """The number of matching subscriptions; a watched topic has one more."""
+        """Number of matching subscriptions; a watched topic counts one more."""
         return len(self._matching()) + self._topic.is_watched
 
     def wait_for_all_acked(self, timeout: Any = None) -> bool:
-        """True: whatever was published has arrived, or will."""
+        """Always true: every published message arrives."""
         del timeout
         return True
 
     def leave(self) -> None:
-        """Publish nothing any more, to no subscription and no record."""
+        """Stop publishing, to subscriptions and to the recording."""
         if self in self._topic.publishers:
             self._topic.publishers.remove(self)
         self.send = _ignore  # type: ignore[assignment, method-assign]
@@ -390,21 +390,21 @@ class RoutedPublisher(Publisher):
 
 
 def _ignore(_message: Any) -> None:
-    """Publish nothing."""
+    """Drop a message."""
 
 
 class LockstepPublisher(RoutedPublisher):
-    """A publisher without a life cycle."""
+    """A publisher without a lifecycle."""
 
     def publish(self, msg: Any) -> None:
-        """Publish a message, or the bytes of a packed one."""
+        """Publish a message, or the bytes of a serialized one."""
         self.send(msg)
 
 
 class LockstepLifecyclePublisher(RoutedPublisher, LifecyclePublisher):
-    """A publisher that is silent while its node is not active."""
+    """A publisher that drops messages while its node is not active."""
 
     def publish(self, msg: Any) -> None:
-        """Publish a message, or the bytes of a packed one, if the publisher is enabled."""
+        """Publish a message, or the bytes of a serialized one, if the publisher is enabled."""
         if self._enabled:
             self.send(msg)

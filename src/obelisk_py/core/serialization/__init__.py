@@ -1,1 +1,1 @@
-"""Messages to the bytes of the wire format (CDR), and back."""
+"""Serialize messages to the wire format (CDR) and back."""

@@ -1,13 +1,13 @@
-"""CDR types: how one field, or several in a row, are written, read, copied and located.
+"""CDR types: write, read, copy and locate one field, or several consecutive fields.
 
-Each `CdrType` is four functions and what they know, because a loop at 1 kHz spends its time here.
+Each `CdrType` is a tuple of four closures, because a loop at 1 kHz spends much of its time here.
 Positions count from the start of the message, whose first four bytes are the encapsulation header.
 
-Values follow rclpy: `array.array` for sequences of numbers, numpy arrays for arrays of them, one
-`bytes` for an octet, lists for the rest. A value that the type cannot hold raises one of
-`CONVERSION_ERRORS`; an int in a float field is converted.
+Python types follow rclpy: `array.array` for sequences of numbers, numpy arrays for arrays of
+numbers, a single `bytes` for an octet, and lists for the rest. If the type cannot hold a value, one
+of `CONVERSION_ERRORS` is raised. An int in a float field is converted.
 
-Source: OMG DDS-XTypes 1.3, 7.4 (XCDR version 1): a number stands at a multiple of its size.
+Source: OMG DDS-XTypes 1.3, 7.4 (XCDR version 1): numbers are aligned to a multiple of their size.
 """
 
 import functools
@@ -39,19 +39,19 @@ __all__ = [
 ]
 
 HEADER_SIZE: Final = 4
-"""Bytes of the encapsulation header, before the first field."""
+"""Size of the encapsulation header before the first field [bytes]."""
 LENGTH: Final = struct.Struct("<I")
 PADDING: Final = tuple(bytes(-place % 4) for place in range(4))
-"""Bytes that pad to a multiple of four, by the position modulo four."""
+"""Padding to a multiple of four, by position modulo four."""
 UNLIMITED: Final = 2**32 - 1
-"""The greatest length that the wire format can hold."""
+"""Maximum length in the wire format."""
 CONVERSION_ERRORS: Final = (struct.error, TypeError, ValueError, OverflowError, AttributeError)
-"""Errors of a `CdrType`: a value does not fit its type, or the bytes are not valid."""
+"""Exceptions of a `CdrType`: a value does not fit its type, or the bytes are invalid."""
 CUT_OFF: Final = "they end too early"
 
 
 class NumberField(NamedTuple):
-    """Where the numbers of one field are in a serialized message."""
+    """The location of one field's numbers in a serialized message."""
 
     name: str
     """`header.stamp.sec`, `joint_pos`, `markers.2.scale.x`."""
@@ -59,41 +59,41 @@ class NumberField(NamedTuple):
     """Position of the first number."""
     dtype: np.dtype[Any]
     size: int
-    """How many numbers."""
+    """Number of numbers."""
     is_stamp: bool = False
     """Whether it is the `sec` of a `builtin_interfaces/Time`."""
 
     @property
     def end(self) -> int:
-        """Position behind the last number."""
+        """Position after the last number."""
         return self.start + self.size * self.dtype.itemsize
 
 
 Locate = Callable[[bytes, int, Sequence[str], list[NumberField]], int]
-"""Appends where the numbers of the named fields are; returns the position behind the fields."""
+"""Appends the locations of the named fields' numbers; returns the position after the fields."""
 
 
 class CdrType(NamedTuple):
     """The type of one field, or of several fields that are written together."""
 
     write: Callable[[bytearray, Any], None]
-    """Appends a value, with the padding before it."""
+    """Appends a value and the padding before it."""
     read: Callable[[bytes, int, list[Any]], int]
-    """Appends the value at a position to the list; returns the position behind it."""
+    """Appends the value at a position to the list; returns the position after it."""
     copy: Callable[[Any, list[Any]], None]
-    """Appends what reading the written value would give."""
+    """Appends the value that reading the written value would return."""
     locate: Locate
 
 
 def require(data: bytes, end: int) -> None:
-    """Raise ValueError if the data are shorter than `end` bytes."""
+    """Raise ValueError if the data is shorter than `end` bytes."""
     if end > len(data):
         raise ValueError(CUT_OFF)
 
 
 def too_many(count: int, limit: int) -> ValueError:
-    """The error of a string or sequence that is longer than its type allows."""
-    return ValueError(f"it holds {count}, at most {limit} are possible")
+    """Build the error for a string or sequence that exceeds the limit of its type."""
+    return ValueError(f"its length is {count}, expected at most {limit}")
 
 
 FORMATS: Final = {
@@ -109,22 +109,22 @@ FORMATS: Final = {
     "float": "f",
     "double": "d",
 }
-"""The letter of each number type, the same in `struct` and in `array`."""
+"""The type code of each number type, the same in `struct` and `array`."""
 
 BYTE_DTYPES: Final = {"boolean": np.dtype("?"), "octet": np.dtype("B")}
-"""How `locate` shows the types that take one byte and are no numbers in Python."""
+"""The dtype that `locate` reports for one-byte types that are not numbers in Python."""
 
 _ALIGNMENT: Final = 8
 _OCTET: Final = struct.Struct("c")
 _AROUND_TEXT: Final = 5
-"""A string's length and its final NUL [bytes]."""
+"""Size of a string's length and its final NUL [bytes]."""
 _SHORT: Final = 256
 _MANY: Final = 1024
 _TRUTHS: Final = {b"\0": False, b"\1": True}
 
 
 def numbers(formats: Sequence[str]) -> CdrType:
-    """Numbers in a row, even across nested messages; the value is a tuple."""
+    """Consecutive numbers, even across nested messages; the value is a tuple."""
     # One layout for each position modulo eight, so that padding costs nothing.
     layouts = tuple(_aligned(formats, at) for at in range(_ALIGNMENT))
     pack, unpack = layouts[HEADER_SIZE].pack, layouts[HEADER_SIZE].unpack
@@ -161,7 +161,7 @@ def flag() -> CdrType:
         try:
             values.append(_TRUTHS[data[at : at + 1]])
         except KeyError:
-            raise ValueError("neither false nor true") from None
+            raise ValueError("it is neither false nor true") from None
         return at + 1
 
     def copy(value: Any, values: list[Any]) -> None:
@@ -175,7 +175,7 @@ def flag() -> CdrType:
 
 
 def octet() -> CdrType:
-    """A byte in a list; a single one belongs to `numbers`."""
+    """A byte in a list; `numbers` handles single octets."""
 
     def write(out: bytearray, value: Any) -> None:
         out += _OCTET.pack(value)
@@ -195,7 +195,7 @@ def octet() -> CdrType:
 
 
 def empty_struct() -> CdrType:
-    """The byte that a message without fields has on the wire."""
+    """The single byte that represents a message without fields."""
 
     def write(out: bytearray, _value: Any) -> None:
         out.append(0)
@@ -241,7 +241,7 @@ def text(limit: int = UNLIMITED) -> CdrType:
             raise too_many(len(written) - _AROUND_TEXT, limit)
         values.append(value if "\0" not in value else value.partition("\0")[0])
 
-    # Most strings are names of frames and joints, the same each time.
+    # Most strings are names of frames and joints, which rarely change.
     written_text = functools.lru_cache(_MANY)(_write_text)
     read_text = functools.lru_cache(_MANY)(_read_text)
     unpack_length = LENGTH.unpack_from
@@ -252,7 +252,7 @@ def numbers_sequence(code: str, limit: int = UNLIMITED) -> CdrType:
     """A sequence of at most `limit` numbers, an `array.array`."""
     empty = array(code)
     size = empty.itemsize
-    # A length and the padding up to the first number, by the position modulo eight.
+    # A length and the padding before the first number, by position modulo eight.
     heads = tuple(_counting(size, at) for at in range(_ALIGNMENT))
     heads_of_empty = tuple(struct.pack(f"<{-at % 4}xI", 0) for at in range(4))
     unpack_length = LENGTH.unpack_from
@@ -337,7 +337,7 @@ def _dtype(code: str) -> np.dtype[Any]:
 
 
 def _without_numbers(read: Callable[[bytes, int, list[Any]], int]) -> Locate:
-    """The `locate` of a type that holds no numbers: it only moves on."""
+    """Return the `locate` of a type without numbers, which only advances the position."""
     return lambda data, at, _names, _found: read(data, at, [])
 
 
@@ -376,7 +376,7 @@ def _locate_list(
 
 
 def _aligned(formats: Sequence[str], at: int) -> struct.Struct:
-    """The layout of numbers from a position (modulo eight) on, with their padding."""
+    """Build the layout of numbers at a position (modulo eight), including padding."""
     parts, place = ["<"], at - HEADER_SIZE
     for code in formats:
         size = struct.calcsize(f"<{code}")
@@ -387,27 +387,27 @@ def _aligned(formats: Sequence[str], at: int) -> struct.Struct:
 
 
 def _counting(size: int, at: int) -> Callable[[int], bytes]:
-    """Writes a length at a position (modulo eight), and the padding before numbers of that size."""
+    """Return a function that packs a length at a position (modulo 8), and the padding after it."""
     gap = -at % 4
     return struct.Struct(f"<{gap}xI{-(at + gap) % size}x").pack
 
 
 def _truth(value: Any) -> bool:
     if not isinstance(value, bool | np.bool_):
-        raise TypeError("it is no boolean")
+        raise TypeError("it is not a boolean")
     return bool(value)
 
 
 def _as_array(code: str, value: Any) -> Any:
     if isinstance(value, str | bytes | bytearray):
-        raise TypeError("it is no sequence of numbers")
+        raise TypeError("it is not a sequence of numbers")
     return array(code, value)
 
 
 def _write_text(value: Any) -> bytes:
-    """A string with its length; it ends at the first NUL, as in C."""
+    """Serialize a string with its length; it ends at the first NUL, as in C."""
     if not isinstance(value, str):
-        raise TypeError("it is no string")
+        raise TypeError("it is not a string")
     content = value.encode().partition(b"\0")[0]
     return LENGTH.pack(len(content) + 1) + content + b"\0"
 
@@ -423,13 +423,13 @@ def list_of(
     most: int = UNLIMITED,
     byte_dtype: np.dtype[Any] | None = None,
 ) -> CdrType:
-    """A list of strings, octets, booleans or messages; its value is a list, or a tuple.
+    """A list of strings, octets, booleans or messages; the value is a list or tuple.
 
     Args:
         element: type of the elements.
-        least: how many there are at least; with `most` equal to it, no length is written.
-        most: how many there are at most.
-        byte_dtype: of elements that are numbers of one byte; then `locate` finds them as one field.
+        least: minimum number of elements; if equal to `most`, no length is written.
+        most: maximum number of elements.
+        byte_dtype: dtype of one-byte elements, which `locate` then reports as one field.
     """
     write_one, read_one, copy_one, locate_one = element
     is_fixed = least == most
@@ -448,7 +448,7 @@ def list_of(
             at = (at + 3) & -4
             (count,) = LENGTH.unpack_from(data, at)
             at += 4
-        # Each element takes at least a byte, so an impossible count is found before reading.
+        # Each element takes at least one byte, so this detects an impossible count before reading.
         require(data, at + count)
         if count > most:
             raise too_many(count, most)
@@ -470,9 +470,9 @@ def list_of(
 
 
 def strings(limit: int = UNLIMITED) -> CdrType:
-    """A sequence of strings; caches the newest one, because joint names are always the same."""
+    """A sequence of strings; caches the newest one, because joint names rarely change."""
     write_changed, read_changed, copy_changed, locate = list_of(text(), most=limit)
-    # Each cache is one value that is replaced as a whole: several threads may use it.
+    # Each cache is one value that is replaced as a whole, so several threads may use it.
     written: tuple[list[str] | None, bytes] = (None, b"")
     known: tuple[bytes, list[str]] = (LENGTH.pack(0), [])
     copied: tuple[list[str] | None, list[str]] = (None, [])
@@ -486,9 +486,9 @@ def strings(limit: int = UNLIMITED) -> CdrType:
         if type(value) is list and value == names:
             out += content
             return
-        begin = len(out)
+        start = len(out)
         write_changed(out, value)
-        written = (list(value), bytes(out[begin:]))
+        written = (list(value), bytes(out[start:]))
 
     def read(data: bytes, at: int, values: list[Any]) -> int:
         nonlocal known
@@ -515,8 +515,8 @@ def strings(limit: int = UNLIMITED) -> CdrType:
 
 def _check(value: Any, least: int, most: int) -> None:
     if isinstance(value, str | bytes | bytearray):
-        raise TypeError("it is no list")
+        raise TypeError("it is not a list")
     if len(value) < least:
-        raise ValueError(f"it holds {len(value)}, expected {least}")
+        raise ValueError(f"its length is {len(value)}, expected {least}")
     if len(value) > most:
         raise too_many(len(value), most)

@@ -1,11 +1,11 @@
-"""Pack and unpack messages, and change numbers of messages that stay packed.
+"""Serialize and deserialize messages, and change numbers in serialized messages.
 
-A codec packs, unpacks and copies. It replaces rclpy's conversion through C structs, which looks up
-classes by name and runs the constructors of all nested messages. Bytes that are not little-endian
-CDR are left to rclpy.
+A codec packs, unpacks and copies messages. It replaces rclpy's conversion through C structs, which
+looks up classes by name and runs the constructors of all nested messages. Bytes other than
+little-endian CDR are passed to rclpy.
 
-A `PackedMessage` is for a message that is published over and over with the same strings and
-lengths: it is packed once, and its numbers are changed in place, with no conversion at all.
+A `PackedMessage` is for a message that is published repeatedly with the same strings and lengths.
+It is packed once, and its numbers are changed in place without any conversion.
 """
 
 import functools
@@ -50,7 +50,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 
 class Codec:
-    """Packs, unpacks and copies messages of one class; several threads may use it."""
+    """Packs, unpacks and copies messages of one class; thread-safe."""
 
     def __init__(self, message_class: type[Any], layout: Layout) -> None:
         self._class = message_class
@@ -61,10 +61,10 @@ class Codec:
         self._copies = tuple((part.cdr_type.copy, part.get) for part in layout.parts)
 
     def pack(self, message: Any) -> bytes:
-        """The message as it goes over the wire.
+        """Serialize a message to the wire format.
 
         Raises:
-            ObeliskMsgError: a field holds what its type cannot.
+            ObeliskMsgError: a field has a value that its type cannot hold.
         """
         out = bytearray(_HEADER)
         try:
@@ -75,10 +75,10 @@ class Codec:
         return bytes(out)
 
     def unpack(self, data: bytes) -> Any:
-        """The message that these bytes hold.
+        """Deserialize a message.
 
         Raises:
-            ObeliskMsgError: they hold no message of the class.
+            ObeliskMsgError: the bytes are not a message of this class.
         """
         if not data.startswith(_LITTLE_ENDIAN):
             return self._unpack_other(data)
@@ -92,10 +92,10 @@ class Codec:
         return self._build(values)
 
     def copy(self, message: Any) -> Any:
-        """What `unpack(pack(message))` gives: a message that shares no mutable data.
+        """Copy a message without shared mutable data, like `unpack(pack(message))`.
 
         Raises:
-            ObeliskMsgError: a field holds what its type cannot.
+            ObeliskMsgError: a field has a value that its type cannot hold.
         """
         values: list[Any] = []
         try:
@@ -106,7 +106,7 @@ class Codec:
         return self._build(values)
 
     def locate_numbers(self, data: bytes) -> list[NumberField]:
-        """Where the numbers are in a message that `pack` wrote, in the order of its fields."""
+        """Locate the numbers in a message written by `pack`, in the order of its fields."""
         found: list[NumberField] = []
         locate_numbers(self._parts, data, HEADER_SIZE, "", found)
         return found
@@ -116,11 +116,11 @@ class Codec:
             return deserialize_message(data, self._class)
         except Exception as error:
             raise ObeliskMsgError(
-                f"{len(data)} bytes are no {message_name(self._class)}: {error}"
+                f"{len(data)} bytes are not a {message_name(self._class)}: {error}"
             ) from error
 
     def _pack_error(self, message: Any) -> ObeliskMsgError:
-        """Name the field at fault: each one is tried on its own."""
+        """Name the invalid field, by packing each field separately."""
         name = message_name(self._class)
         for field, spelling, kind in _fields(self._parts):
             try:
@@ -134,10 +134,10 @@ class Codec:
                     f"the field `{field}` of {name} is {reprlib.repr(value)}, "
                     f"expected {spelling}: {error}"
                 )
-        return ObeliskMsgError(f"{name} cannot be packed: it changed meanwhile")
+        return ObeliskMsgError(f"{name} cannot be packed: it was changed meanwhile")
 
     def _unpack_error(self, data: bytes) -> ObeliskMsgError:
-        beginning = f"{len(data)} bytes are no {message_name(self._class)}"
+        beginning = f"{len(data)} bytes are not a {message_name(self._class)}"
         at = HEADER_SIZE
         for part in self._parts:
             field = part.fields[-1] if part.fields else "its only byte"
@@ -151,7 +151,7 @@ class Codec:
 
 
 def _fields(parts: Iterable[Part]) -> Iterator[tuple[str, str, CdrType]]:
-    """Each field with its type's name and a CDR type for it alone."""
+    """Yield each field with the name of its type and a CDR type for this field alone."""
     for part in parts:
         for field, spelling in zip(part.fields, part.types, strict=True):
             alone = numbers([FORMATS[spelling]]) if spelling in FORMATS else part.cdr_type
@@ -160,7 +160,7 @@ def _fields(parts: Iterable[Part]) -> Iterator[tuple[str, str, CdrType]]:
 
 @functools.cache
 def codec_for(message_class: type[Any]) -> Codec | None:
-    """The codec of a message class; None if it has a field that is not supported (`wstring`)."""
+    """Return the codec of a message class; None if a field is not supported (`wstring`)."""
     if sys.byteorder != "little":
         return None
     try:
@@ -179,14 +179,14 @@ def _why_unsupported(message_class: type[Any]) -> str:
 
 
 class PackedMessage:
-    """The bytes of one message; its strings and lengths are final."""
+    """The serialized bytes of a message; its strings and lengths cannot change."""
 
     def __init__(self, message: Any) -> None:
         """Pack a message.
 
         Raises:
-            ObeliskMsgError: a field is of a type that is not supported (`wstring`), or holds what
-                its type cannot.
+            ObeliskMsgError: a field has an unsupported type (`wstring`), or a value that its type
+                cannot hold.
         """
         message_class: Any = type(message)
         codec = codec_for(message_class)
@@ -204,17 +204,17 @@ class PackedMessage:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """The fields that hold numbers, in the message's order."""
+        """Names of the fields with numbers, in the message's order."""
         return tuple(field.name for field in self._fields)
 
     def numbers(self, name: str) -> NDArray[Any]:
-        """A field's numbers in the message's own memory, shape `(n,)`.
+        """Return a field's numbers in the message's own memory, shape `(n,)`.
 
         Args:
-            name: `joint_pos`, `pose.position` (x, y, z), `markers.2.scale`.
+            name: such as `joint_pos`, `pose.position` (x, y, z) or `markers.2.scale`.
 
         Raises:
-            KeyError: the message has no such numbers, or they are not all of one type.
+            KeyError: the message has no such numbers, or they have different types.
         """
         inner = f"{name}."
         fields = [f for f in self._fields if f.name == name or f.name.startswith(inner)]
@@ -227,17 +227,17 @@ class PackedMessage:
         return self._data[fields[0].start : fields[-1].end].view(fields[0].dtype)
 
     def to_bytes(self, stamp_ns: int) -> bytes:
-        """The message as it is now; each `builtin_interfaces/Time` in it is `stamp_ns` [ns]."""
+        """Return the current bytes, with every `builtin_interfaces/Time` set to `stamp_ns` [ns]."""
         self._set_stamps(stamp_ns)
         return self._bytes.tobytes()
 
     def to_bytes_with(self, stamp_ns: int, field: str, count: int) -> bytes:
-        """As `to_bytes`, with only the first `count` elements of an array.
+        """Like `to_bytes`, but with only the first `count` elements of an array.
 
         Args:
             stamp_ns: the stamp [ns].
-            field: an array of a variable length; the fields behind it must be single bytes.
-            count: at most as many elements as the message was made with.
+            field: name of a variable-length array; all fields after it must be single bytes.
+            count: number of elements, at most as many as in the original message.
         """
         (array,) = [each for each in self._fields if each.name == field]
         self._set_stamps(stamp_ns)

@@ -1,1 +1,1 @@
-"""Simulators that stand in for the robot."""
+"""Simulators that replace the robot."""

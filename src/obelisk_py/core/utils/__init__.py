@@ -1,1 +1,1 @@
-"""Functions around a node: spinning it, and arrays in messages."""
+"""Utilities for nodes: spinning, transitions, and arrays in messages."""

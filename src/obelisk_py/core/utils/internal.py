@@ -14,22 +14,22 @@ __all__ = ["check_and_get_obelisk_msg_type", "get_classes_in_module"]
 
 
 def get_classes_in_module(module: ModuleType) -> list[type[Any]]:
-    """The classes that a module or the modules inside it define, in the order of their names."""
+    """Return the classes that a module and its submodules define, sorted by name."""
     inside = f"{module.__name__}."
     classes = (value for _, value in inspect.getmembers(module, inspect.isclass))
     return [found for found in classes if f"{found.__module__}.".startswith(inside)]
 
 
 def check_and_get_obelisk_msg_type(msg_type_name: str, msg_module_or_type: Any = None) -> type[Any]:
-    """The message class of a name.
+    """Return the message class with this name.
 
     Args:
         msg_type_name: bare (`PositionSetpoint`) or full (`sensor_msgs/msg/Imu`).
-        msg_module_or_type: where it must be: a module, a class, a union, a type variable, or a
-            list of these; None: anywhere.
+        msg_module_or_type: the allowed classes: a module, a class, a union, a type variable, or a
+            list of these; None allows any class.
 
     Raises:
-        ObeliskMsgError: no such class exists, or it is not among those allowed.
+        ObeliskMsgError: the class does not exist or is not allowed.
     """
     if msg_module_or_type is None:
         return message_class(msg_type_name)

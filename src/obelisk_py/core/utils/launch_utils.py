@@ -1,4 +1,4 @@
-"""Read configs in launch files of your own; kept for existing code, needs no `launch`.
+"""Read configs in custom launch files; kept for existing code, does not need `launch`.
 
 `obk launch` and `obk compile --to launch` do more: they check the config and resolve its includes,
 variables and paths.
@@ -25,28 +25,28 @@ __all__ = ["get_parameters_dict", "load_config_file"]
 
 
 def load_config_file(file_path: str | Path, package_name: str = "obelisk_ros") -> dict[str, Any]:
-    """The content of a config, as written.
+    """Load a config without resolving anything in it.
 
     Args:
         file_path: absolute, relative to the working directory, or relative to the folder `config`
-            in the share directory of the package.
-        package_name: that package.
+            in the package's share directory.
+        package_name: the package.
 
     Raises:
-        FileNotFoundError: there is no such file; the message lists the places.
-        ObeliskConfigError: it is no YAML mapping.
+        FileNotFoundError: the file does not exist; the message lists the searched paths.
+        ObeliskConfigError: the file is not a YAML mapping.
     """
     places = list(_places(Path(file_path), package_name))
     found = next((place for place in places if place.is_file()), None)
     if found is None:
         tried = ", ".join(map(str, places))
-        raise FileNotFoundError(f"no config `{file_path}`; searched: {tried}")
+        raise FileNotFoundError(f"config not found: `{file_path}`; searched: {tried}")
     try:
         config = load_yaml_core(found.read_text(encoding="utf-8"))
     except YamlTextError as error:
         raise ObeliskConfigError(f"{found}: {error}") from error
     if not isinstance(config, dict):
-        raise ObeliskConfigError(f"{found}: a config is a mapping")
+        raise ObeliskConfigError(f"{found}: not a mapping, as a config must be")
     return config
 
 
@@ -60,14 +60,14 @@ def _places(path: Path, package_name: str) -> Iterator[Path]:
 
 
 def get_parameters_dict(node_settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The ROS parameters of a node of a config, as `obk launch` passes them.
+    """Compute the ROS parameters of a node in a config, as `obk launch` passes them.
 
     Args:
         node_settings: the node's mapping, with `publishers`, `subscribers`, `timers`,
             `callback_groups`, `sim`, `params` and `params_path`, all optional.
 
     Returns:
-        One text for each component and each `sim` block, all components in `obelisk_settings`, and
+        One string per component and `sim` block, all components together in `obelisk_settings`, and
         the node's own parameters.
     """
     parameters: dict[str, Any] = {}
@@ -94,7 +94,7 @@ def get_parameters_dict(node_settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _entry(written: Mapping[str, Any]) -> dict[str, Any]:
-    """A component's settings with both of its names."""
+    """Return a component's settings with both of its names."""
     name = written.get("ros_parameter") or written.get("key")
     if not isinstance(name, str):
         raise ObeliskConfigError(f"{dict(written)} has neither `ros_parameter` nor `key`")
@@ -107,7 +107,7 @@ def _given(written: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _listed(value: Any) -> list[Mapping[str, Any]]:
-    """A list, or one mapping in place of a list of one."""
+    """Return a list; a single mapping counts as a list of one."""
     return [value] if isinstance(value, Mapping) else list(value or ())
 
 

@@ -1,7 +1,7 @@
-"""NumPy arrays to and from `FloatMultiArray` and `UInt8MultiArray`.
+"""Convert NumPy arrays to and from `FloatMultiArray` and `UInt8MultiArray`.
 
 Element (i, j, k) is `data[data_offset + dim[0].stride*i + dim[1].stride*j + dim[2].stride*k]`: a
-row-major array of shape (3, 4) has the strides 4 and 1.
+row-major array of shape (3, 4) has strides 4 and 1.
 """
 
 from array import array as PythonArray  # noqa: N812  (an argument is called array)
@@ -29,17 +29,17 @@ DTYPES: dict[type[Any], np.dtype[Any]] = {
 def np_to_multiarray(
     array: NDArray[Any], labels: tuple[str, ...] = ()
 ) -> FloatMultiArray | UInt8MultiArray:
-    """A message that holds an array: `UInt8MultiArray` for bytes, otherwise `FloatMultiArray`.
+    """Convert an array: uint8 to `UInt8MultiArray`, anything else to `FloatMultiArray`.
 
     Args:
-        array: of any shape; real numbers.
-        labels: names of the dimensions; without them they are empty.
+        array: real numbers, of any shape.
+        labels: names of the dimensions; empty if omitted.
 
     Raises:
-        ObeliskMsgError: the elements are not real numbers, or the labels do not fit the shape.
+        ObeliskMsgError: the elements are not real numbers, or the labels do not match the shape.
     """
     if array.dtype.kind not in "fiub":
-        raise ObeliskMsgError(f"an array of {array.dtype} cannot be put into a message")
+        raise ObeliskMsgError(f"an array of {array.dtype} cannot be converted to a message")
     if labels and len(labels) != array.ndim:
         raise ObeliskMsgError(f"{len(labels)} labels for an array of {array.ndim} dimensions")
     message = UInt8MultiArray() if array.dtype == np.uint8 else FloatMultiArray()
@@ -53,25 +53,25 @@ def np_to_multiarray(
             for axis, size in enumerate(array.shape)
         ]
     )
-    # In this form rclpy keeps numbers as they are; a list it would convert one by one.
+    # rclpy assigns this type as is; it converts a list element by element.
     elements = np.ascontiguousarray(array, DTYPES[type(message)])
     message.data = PythonArray(elements.dtype.char, elements.tobytes())
     return message
 
 
 def multiarray_to_np(message: FloatMultiArray | UInt8MultiArray) -> NDArray[Any]:
-    """The array that a message holds, as a copy.
+    """Convert a message to an array, as a copy.
 
-    A message without dimensions gives a flat array of all its data. The strides in the comment of
-    std_msgs/MultiArrayLayout, 12 and 4 for the shape (3, 4), are understood where they cannot be
-    meant otherwise: each is at least its size times the next one (the last one: its size), and by
-    the contract the last element would be outside the data.
+    A message without dimensions yields a flat array of all its data. The comment in
+    std_msgs/MultiArrayLayout defines other strides, 12 and 4 for the shape (3, 4). They are
+    accepted if they are unambiguous: each is at least its size times the next one (the last one:
+    its size), and with the usual definition the last element would be outside the data.
 
     Returns:
-        shape `(dim[0].size, dim[1].size, ...)`.
+        Array of shape `(dim[0].size, dim[1].size, ...)`.
 
     Raises:
-        ObeliskMsgError: the message has fewer data than its layout.
+        ObeliskMsgError: the message has less data than its layout requires.
     """
     data: NDArray[Any] = np.array(message.data, DTYPES[type(message)])
     dims = message.layout.dim
@@ -88,8 +88,8 @@ def multiarray_to_np(message: FloatMultiArray | UInt8MultiArray) -> NDArray[Any]
         nests = all(outer >= size * inner for size, outer, inner in layers)
         if not nests or _extent(shape, enclosing) > elements.size:
             raise ObeliskMsgError(
-                f"the layout asks for {_extent(shape, strides)} elements (shape {shape}, strides "
-                f"{strides}) and the message holds {elements.size} after the offset "
+                f"the layout requires {_extent(shape, strides)} elements (shape {shape}, strides "
+                f"{strides}), but the message has {elements.size} after the offset "
                 f"{message.layout.data_offset}"
             )
         strides = enclosing
@@ -100,5 +100,5 @@ def multiarray_to_np(message: FloatMultiArray | UInt8MultiArray) -> NDArray[Any]
 
 
 def _extent(shape: Sequence[int], strides: Sequence[int]) -> int:
-    """The number of elements from the first to the last one of an array."""
+    """Return the number of elements from the first to the last one of an array."""
     return sum((size - 1) * stride for size, stride in zip(shape, strides, strict=True)) + 1

@@ -1,4 +1,4 @@
-"""Run one Obelisk node as a process, or take it through its life cycle in a test."""
+"""Run one Obelisk node as a process, or take it through its lifecycle in a test."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -23,22 +23,22 @@ def spin_obelisk(
     executor_type: Callable[..., Executor] | None = None,
     node_kwargs: Mapping[str, Any] | None = None,
 ) -> None:
-    """Make a node and spin it until SIGINT, SIGTERM, or a fault that it cannot recover from.
+    """Create a node and spin it until SIGINT, SIGTERM, or an unrecoverable fault.
 
-    On a signal the node is deactivated, cleaned up and shut down; a second signal ends the process
-    at once. SIGUSR1 writes the stack of every thread to the standard error. In a composed process
-    the node is spun together with the others, on an executor that they share.
+    On a signal, the node is deactivated, cleaned up and shut down; a second signal ends the process
+    immediately. On SIGUSR1, the stack of every thread is written to stderr. In a composed process,
+    the node is spun together with the others, on a shared executor.
 
     Args:
-        args: command line with `--ros-args ...`; None takes the process's own.
+        args: command line with `--ros-args ...`; None for that of the process.
         node_type: the node class.
-        executor_type: an rclpy executor class. Without one, and for rclpy's single- and
-            multi-threaded ones, the library's `EventLoopExecutor` runs the callbacks, with the same
-            guarantees; `OBK_EXECUTOR=rclpy` takes rclpy's own.
-        node_kwargs: handed to the node class.
+        executor_type: an rclpy executor class. By default, and for rclpy's single- and
+            multi-threaded executors, the library's `EventLoopExecutor` runs the callbacks with the
+            same guarantees. `OBK_EXECUTOR=rclpy` selects rclpy's own.
+        node_kwargs: passed to the node class.
 
     Raises:
-        SystemExit: with code 1, the node died of an error.
+        SystemExit: with code 1, if the node failed.
     """
     code = serve_spin_request(
         SpinRequest(
@@ -52,14 +52,14 @@ def spin_obelisk(
 
 
 def run_transitions(node: GuardedLifecycleNode, *transitions: Transition) -> None:
-    """Run transitions now, on this thread, one after another; for tests of a node.
+    """Run transitions one after another on this thread; for tests of a node.
 
     Args:
         node: the node, without an executor.
-        transitions: their names, as in `run_transitions(node, "configure", "activate")`.
+        transitions: names, as in `run_transitions(node, "configure", "activate")`.
 
     Raises:
-        ObeliskError: a transition failed; the message has the node's reason.
+        ObeliskError: a transition failed; the message contains the node's reason.
     """
     for transition in transitions:
         if getattr(node, f"trigger_{transition}")() != TransitionCallbackReturn.SUCCESS:

@@ -1,4 +1,4 @@
-"""Runs `JointEncodersPassthroughEstimator` as a process."""
+"""Run `JointEncodersPassthroughEstimator` as a process."""
 
 from obelisk_estimator_msgs.msg import EstimatedState
 from obelisk_sensor_msgs.msg import JointEncoders
@@ -11,10 +11,10 @@ from obelisk_py.zoo.estimation.jointencoders_passthrough_estimator import (
 
 
 class TypedEstimator(JointEncodersPassthroughEstimator):
-    """Names its message types: existing configs of this executable leave them out."""
+    """Sets the message types, because existing configs of this executable omit them."""
 
     def __init__(self, node_name: str = "joint_encoders_passthrough_estimator") -> None:
-        """Make the node; the listing's constructor would leave the types to the config."""
+        """Create the node; the base class's constructor would take the types from the config."""
         ObeliskEstimator.__init__(self, node_name, EstimatedState)
         self.register_obk_subscription(
             "sub_sensor_setting",

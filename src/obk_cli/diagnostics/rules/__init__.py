@@ -1,6 +1,6 @@
 """All rules by code: what each means, its cause and its fix.
 
-Findings take their severity from here; `obk explain`, the documentation and SARIF the rest.
+Findings take their severity from here; `obk explain`, the documentation and SARIF use the rest.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from obk_cli.diagnostics.rules.rule import Rule, Severity
 __all__ = ["LOCKSTEP_FAMILY", "RULES", "Rule", "Severity", "rule_of"]
 
 LOCKSTEP_FAMILY = "OBK6"
-"""The rules about lock-step runs, which are only checked on request."""
+"""Rules about lock-step runs, which are only checked on request."""
 _EVERY = chain(
     config_rules.RULES,
     graph_rules.RULES,
@@ -35,7 +35,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
 
 
 def rule_of(code: str) -> Rule:
-    """The rule of a code that the tool itself reports.
+    """The rule with this code, for codes that the tool itself reports.
 
     Raises:
         KeyError: no rule has that code.

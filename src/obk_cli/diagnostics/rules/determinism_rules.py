@@ -1,4 +1,4 @@
-"""OBK6xx: what may differ between two lock-step runs, reported on request. Data only."""
+"""OBK6xx: differences between lock-step runs, reported on request. Data only."""
 
 from obk_cli.diagnostics.rules.rule import Rule
 

@@ -1,4 +1,4 @@
-"""What a rule is."""
+"""The fields of a rule."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,7 +10,7 @@ Severity = Literal["error", "warning", "info"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """One rule: what it finds, why that hurts, what to do about it."""
+    """A rule: what it reports, why that is a problem, and how to fix it."""
 
     code: str
     severity: Severity

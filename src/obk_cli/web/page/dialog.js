@@ -1,4 +1,4 @@
-// The line under the header, and questions.
+// The notice under the header, and confirmations.
 
 import { byId, element, setText } from "./dom.js";
 
@@ -14,7 +14,7 @@ export function notice(text, kind = "") {
   target.replaceChildren(close, text);
 }
 
-// Whether the user says yes; `diff` is shown below the question, one line after another.
+// Ask for confirmation; return whether the user agrees. `diff` is shown below the question by line.
 export function confirmed(question, verb, diff = "") {
   const dialog = byId("confirm");
   setText(byId("confirm-text"), question);
@@ -34,7 +34,7 @@ function lineKind(line) {
   return { "+": "added", "-": "removed" }[line[0]] ?? "";
 }
 
-// The reply of a request as JSON; an error of the server's is one, too.
+// The JSON reply of a request; the server's errors are JSON, too.
 export async function replyOf(answer) {
   const isReply = answer.headers.get("Content-Type")?.startsWith("application/json");
   return isReply ? answer.json() : { success: false, why: await answer.text(), members: [] };

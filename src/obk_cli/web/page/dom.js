@@ -1,4 +1,4 @@
-// Elements made and kept: text is only ever set as text, never read as HTML.
+// Create and update elements. Text is only ever set as text, never parsed as HTML.
 
 export const byId = (id) => document.getElementById(id);
 
@@ -15,8 +15,8 @@ export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
-// Children of a parent, one for each item: made once, then changed in place, so that what is being
-// clicked or read stays where it is.
+// Keep one child per item in a parent. Existing children are updated in place, so that an element
+// that is being clicked or read stays where it is.
 export function keep(parent, items, key, make, change) {
   const known = new Map([...parent.children].map((child) => [child.dataset.key, child]));
   items.forEach((item, place) => {

@@ -1,4 +1,4 @@
-// Numbers and names as the page writes them.
+// Format numbers and names.
 
 export const MISSING = "–";
 
@@ -27,12 +27,12 @@ export function clock(seconds) {
   return hours ? `${hours}:${two(minutes)}:${two(whole % 60)}` : `${minutes}:${two(whole % 60)}`;
 }
 
-// `/ns/obelisk_control_0` -> `control_0`, the name that commands take too.
+// `/ns/obelisk_control_0` -> `control_0`, a name that commands accept, too.
 export function shortNode(name) {
   return name.split("/").pop().replace(/^obelisk_/, "");
 }
 
-// The namespace that all names have, with the slash at its end; empty: there is none.
+// The common namespace of all names, with a trailing slash; empty if there is none.
 export function commonSpace(names) {
   const spaces = names.map((name) => name.split("/").slice(0, -1));
   const first = spaces[0] ?? [];

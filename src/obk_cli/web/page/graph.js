@@ -1,4 +1,4 @@
-// The picture of the stack, with what is measured in the last line of each box.
+// The picture of the stack, with measured values in the last line of each box.
 
 import { byId } from "./dom.js";
 import { rate } from "./format.js";

@@ -1,4 +1,4 @@
-// Shows a running stack as the server reports it, and requests transitions.
+// Show a running stack as reported by the server, and request transitions.
 
 import { LOST, confirmed, notice, post } from "./dialog.js";
 import { byId, element, keep, setText } from "./dom.js";
@@ -10,11 +10,14 @@ import {
 } from "./plots.js";
 import "./save.js";
 
-// What moves the robot, and what cannot be taken back, is asked about.
+// Transitions that need confirmation, because they move the robot or cannot be undone.
 const QUESTIONS = {
   activate: (what) => `Activate ${what}? A robot may move.`,
   shutdown: (what) => `Shut ${what} down? It cannot be brought up again in this run.`,
 };
+
+// Results as text; others are shown as they are.
+const RESULTS = { "there already": "already in that state", "taken back": "rolled back" };
 
 let stream = null;
 let view = null;
@@ -27,7 +30,7 @@ function connect() {
   stream = new EventSource(`/events?${query}`);
   const on = (name, take) => stream.addEventListener(name, (event) => take(JSON.parse(event.data)));
   on("view", showView);
-  on("waiting", () => notice("No stack runs; waiting for one (obk launch)."));
+  on("waiting", () => notice("No stack is running; waiting for one (obk launch)."));
   on("log", (data) => showLog(data.lines));
   on("samples", takeSamples);
   stream.addEventListener("open", () => {
@@ -97,7 +100,7 @@ function showNodes(shown) {
     row.classList.toggle("off", isSlowSimulation(node));
     const broken = node.promises.filter((promise) => promise.standing !== "kept");
     const words = [
-      node.restarts ? `started again ${node.restarts}×` : "",
+      node.restarts ? `restarted ${node.restarts}×` : "",
       ...broken.map((one) => `${one.name} ${rate(one.measured_hz)} of ${rate(one.expected_hz)} Hz`),
     ].filter(Boolean);
     setText(name.lastChild, words.join(", "));
@@ -130,7 +133,7 @@ function showTopics(shown) {
     setText(name.firstChild, topic.topic.slice(space.length));
     name.title = [
       topic.topic,
-      topic.msg_type ?? "type not known",
+      topic.msg_type ?? "unknown type",
       `${topic.publishers} publishing, ${topic.subscriptions} subscribed`,
     ].join("\n");
     row.classList.toggle("off", topic.is_off);
@@ -166,7 +169,7 @@ function showButtons(target, transitions, node, what) {
 }
 
 async function change(transition, node, what) {
-  const { run } = view; // Another stack may have begun by the time that the question is answered.
+  const { run } = view; // Another stack may be running when the user answers.
   if (QUESTIONS[transition] && !(await confirmed(QUESTIONS[transition](what), transition))) return;
   isAsking = true;
   for (const button of document.querySelectorAll(".buttons button")) button.disabled = true;
@@ -188,7 +191,7 @@ function showAnswer(answer, transition, what) {
   }
   const faults = answer.members
     .filter((one) => one.result !== "reached" || one.fault)
-    .map((one) => `${shortNode(one.node)}: ${one.result}, now ${one.state}${one.fault ? `: ${one.fault}` : ""}`);
+    .map((one) => `${shortNode(one.node)}: ${RESULTS[one.result] ?? one.result}, now ${one.state}${one.fault ? `: ${one.fault}` : ""}`);
   notice([`${transition} of ${what} failed: ${answer.why}`, ...faults].join("\n"), "bad");
 }
 
@@ -248,5 +251,5 @@ byId("plot-form").addEventListener("submit", (event) => {
   changePlots(plots);
 });
 window.addEventListener("hashchange", () => changePlots(wantedPlots()));
-// The token is a cookie by now, and need not be seen or kept in the history; what is plotted stays.
+// The token is a cookie by now, so remove it from the URL and the history; plots are kept.
 changePlots(wantedPlots());

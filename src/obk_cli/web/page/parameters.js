@@ -1,17 +1,17 @@
-// The parameters that can be tuned: a slider where there is a range, a field otherwise.
+// The tunable parameters: a slider if the parameter has a range, otherwise a field.
 
 import { post } from "./dialog.js";
 import { byId, element, keep, setText } from "./dom.js";
 import { shortNode } from "./format.js";
 
-const PERIOD_MS = 5000; // Between two looks at values that others may have changed.
+const PERIOD_MS = 5000; // Refresh interval, because other programs may change values.
 
 let run = "";
 let states = "";
 let isAsking = false;
 let changes = 0;
 
-// Reads the parameters when the stack or the state of a node has changed.
+// Read the parameters when the stack or the state of a node has changed.
 export function showParameters(view) {
   const present = view.is_waiting ? "" : JSON.stringify([view.run, view.nodes.map((node) => [node.node, node.state])]);
   if (present === states) return;
@@ -33,10 +33,10 @@ async function read() {
     const answer = await fetch("/parameters");
     if (!answer.ok) return;
     const { nodes } = await answer.json();
-    // What was read before a change of the user's does not overwrite it.
+    // Values read before the user's last change must not overwrite it.
     if (before === changes) show(nodes);
   } catch {
-    // The page reports a lost server elsewhere.
+    // The page itself reports a lost connection.
   } finally {
     isAsking = false;
   }
@@ -66,8 +66,8 @@ function makeRow(node, one) {
   const controls = makeControls(one, label);
   const unit = element("span", { className: "unit" }, one.unit);
   const reset = element("button", { "aria-label": `reset ${label}` }, "reset");
-  const said = element("output");
-  const send = sender(node, one.name, said);
+  const status = element("output");
+  const send = sender(node, one.name, status);
   for (const control of controls) {
     const isSlider = control.type === "range";
     control.addEventListener(isSlider ? "input" : "change", () => {
@@ -80,7 +80,7 @@ function makeRow(node, one) {
     for (const control of controls) setValue(control, reset.dataset.initial);
     send(reset.dataset.initial);
   });
-  row.append(name, ...controls, unit, reset, said);
+  row.append(name, ...controls, unit, reset, status);
   return row;
 }
 
@@ -105,7 +105,7 @@ function changeRow(row, one) {
   const reset = row.querySelector("button");
   reset.dataset.initial = one.initial ?? "";
   reset.disabled = one.initial === null || one.initial === one.text;
-  reset.title = one.initial === null ? "" : `back to ${one.initial}`;
+  reset.title = one.initial === null ? "" : `reset to ${one.initial}`;
 }
 
 function valueOf(control) {
@@ -117,8 +117,8 @@ function setValue(control, value) {
   else if (control.value !== value) control.value = value;
 }
 
-// Sends the newest value, one request after another: a slider gives many.
-function sender(node, name, said) {
+// Send the newest value; requests are sequential, because a slider produces many values.
+function sender(node, name, status) {
   let wanted = null;
   let isSending = false;
   return async (value) => {
@@ -131,11 +131,11 @@ function sender(node, name, said) {
       wanted = null;
       try {
         const reply = await post("/parameter", { node, name, value: text, run });
-        setText(said, reply.why);
-        said.className = reply.success ? "" : "bad";
+        setText(status, reply.why);
+        status.className = reply.success ? "" : "bad";
       } catch {
-        setText(said, "the server does not answer");
-        said.className = "bad";
+        setText(status, "the server does not answer");
+        status.className = "bad";
       }
     }
     isSending = false;

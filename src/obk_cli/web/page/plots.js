@@ -1,22 +1,22 @@
-// Plots of fields: the last seconds, or a picture that stands. The address keeps which fields, behind `#`.
+// Plots of fields: the last seconds live, or a still picture. The URL's fragment (`#`) has the fields.
 //
-// uPlot draws them, the copy that `obk plot --html` uses. The stream goes on while a picture stands.
+// uPlot draws them; `obk plot --html` uses the same copy. The stream continues behind a still picture.
 
 import { replyOf } from "./dialog.js";
 import { byId, element, keep, setText } from "./dom.js";
 import { number } from "./format.js";
 
 /* global uPlot */
-export const MOST_CURVES = 12; // As the server allows.
+export const MOST_CURVES = 12; // Limit of the server.
 const SHOWN_S = 30;
-const GAP_S = 1; // So long without messages is a gap, not a line.
+const GAP_S = 1; // A longer time without messages is shown as a gap.
 const COLOURS = 8;
 const HEIGHT = 190;
-const HINT = "Drag or turn the wheel to zoom, drag with Shift to move, double-click to see everything.";
+const HINT = "Drag or turn the wheel to zoom, drag with Shift to move, double-click to show everything.";
 
 const live = new Map(); // Curve -> its newest values.
 const charts = new Map(); // Element of a plot -> its chart.
-let still = null; // What stands: curve -> lines; null: the picture moves.
+let still = null; // Curve -> lines of a still picture; null: live.
 let shownRun = "";
 let startedS = 0;
 let nowS = 0;
@@ -39,19 +39,19 @@ class Live {
     this.rows.splice(0, first < 0 ? this.rows.length : first);
   }
 
-  // A copy for the chart: later samples do not change it.
+  // A copy, so that later samples do not change the chart.
   get lines() {
     const times = this.rows.map((row) => row[0] - startedS);
     return this.labels.map((label, place) => ({ label, times, values: this.rows.map((row) => value(row[place + 1])) }));
   }
 }
 
-// Numbers that JSON does not have come as texts, missing ones as null.
+// Numbers that JSON lacks arrive as strings, missing ones as null.
 function value(one) {
   return Number.isFinite(one) ? one : null;
 }
 
-// The plots that are wanted, as the address has them: for each the curves, `topic field`.
+// The plots in the URL, each a list of curves (`topic field`).
 export function wantedPlots() {
   return new URLSearchParams(location.hash.slice(1)).getAll("plot").map((text) => text.split(","));
 }
@@ -67,7 +67,7 @@ export function setPlots(plots) {
   for (const curve of live.keys()) if (!wanted.flat().includes(curve)) live.delete(curve);
 }
 
-// Each new stream starts with all samples that are kept.
+// Each new stream starts with all stored samples.
 export function beginCurves() {
   for (const curve of wantedCurves()) live.set(curve, new Live());
 }
@@ -78,7 +78,7 @@ export function takeSamples(samples) {
   if (!still && !document.hidden) drawAll();
 }
 
-// Another run has other times, and its picture moves.
+// Another run has other times, so its picture is live.
 export function showRun(run, started) {
   if (run === shownRun) return;
   shownRun = run;
@@ -104,7 +104,7 @@ export function showPlots(remove) {
   drawAll();
 }
 
-// A signal that was added to a picture of the whole run is read, too.
+// Also read a signal that is added to a picture of the whole run.
 export function refreshStill() {
   if (still?.isWhole) showWholeRun();
 }
@@ -161,7 +161,7 @@ async function showWholeRun() {
     const answer = await fetch(`/history?${new URLSearchParams(wantedCurves().map((curve) => ["curve", curve]))}`);
     const reply = await replyOf(answer);
     if (!answer.ok || reply.run !== run) {
-      setText(note, reply.why ?? "Another stack runs now.");
+      setText(note, reply.why ?? "Another stack is running now.");
       return;
     }
     setStill({ lines: new Map(reply.curves.map((one) => [one.curve, recorded(one)])), isWhole: true });
@@ -171,7 +171,7 @@ async function showWholeRun() {
   }
 }
 
-// The recorded lines of a curve, with what came after the last recorded message.
+// The recorded lines of a curve, followed by messages received since.
 function recorded({ curve, lines, fault }) {
   const newest = live.get(curve)?.lines ?? [];
   return {
@@ -228,7 +228,7 @@ function draw(child) {
   showLegend(chart);
 }
 
-// Labels of fields of several topics say of which.
+// If a plot has fields of several topics, labels include the topic.
 function labelOf(curves, place, label) {
   const topics = new Set(curves.map((curve) => split(curve)[0]));
   return topics.size > 1 ? `${split(curves[place])[0].split("/").pop()}.${label}` : label;
@@ -280,7 +280,7 @@ function makeChart(child, lines) {
   return new uPlot(options, joined(lines), child.querySelector(".chart"));
 }
 
-// The wheel zooms at the cursor; Shift and the mouse move. Both let the picture stand.
+// The wheel zooms at the cursor; Shift-drag moves. Both make the picture still.
 function moveByHand(chart) {
   const over = chart.over;
   over.addEventListener("wheel", (event) => {
@@ -311,7 +311,7 @@ function moveByHand(chart) {
   }, { capture: true });
 }
 
-// All charts show the same times.
+// All charts show the same time range.
 function align(source) {
   describe(source);
   if (isAligning || !still) return;
@@ -363,7 +363,7 @@ function showLegend(chart) {
     });
 }
 
-// Lines of other topics have no value at most times of the cursor: the newest one before counts.
+// At most cursor times, lines of other topics have no value; use the last one before.
 function newestAt(chart, place, at) {
   const values = chart.data[place];
   let found = at;

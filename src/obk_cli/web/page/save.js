@@ -1,4 +1,4 @@
-// Writes the tuned parameters into the config, once the user has seen the edit.
+// Write the tuned parameters into the config, after the user has seen the edit.
 
 import { byId } from "./dom.js";
 import { LOST, confirmed, notice, post, replyOf } from "./dialog.js";

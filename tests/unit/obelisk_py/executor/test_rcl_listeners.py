@@ -1,4 +1,4 @@
-"""The kernel's timers, as the library arms them."""
+"""The kernel timers that the library sets."""
 
 import os
 import select
@@ -34,7 +34,7 @@ def test_a_periodic_timer_expires_again_once_it_is_read(timer_fd: int) -> None:
         assert int.from_bytes(os.read(timer_fd, 8), "little") >= 1
 
 
-def test_a_time_that_is_over_expires_at_once_and_without_a_period_only_once(timer_fd: int) -> None:
+def test_a_past_time_expires_immediately_and_without_a_period_only_once(timer_fd: int) -> None:
     arm_timer(timer_fd, 1, 0)
     assert expires(timer_fd, 5)
     os.read(timer_fd, 8)

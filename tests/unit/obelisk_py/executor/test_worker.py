@@ -19,7 +19,7 @@ from obelisk_py.core.executor.worker import ReadyCallback, TaskQueue, Worker
 
 
 class Source:
-    """One descriptor, and what happens when it is signalled."""
+    """A file descriptor and its callback."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class Source:
 
 
 class World:
-    """A worker, what is source, and a log."""
+    """A worker, a source, and a log."""
 
     def __init__(self) -> None:
         self.worker = Worker()
@@ -131,12 +131,12 @@ def test_interrupted_within_a_callback_it_leaves_the_others_for_the_next_round(
     assert world.log == ["first", "second"]
 
 
-def test_what_a_callback_removes_is_not_handled_although_it_was_signalled(world: World) -> None:
+def test_a_source_removed_by_a_callback_is_not_handled_although_signalled(world: World) -> None:
     second = world.source("second")
     first = world.source(lambda worker: worker.remove(second))
     first.signal()
     second.signal()
-    world.worker.requeue(first.fd)  # before the other, in any order of the kernel
+    world.worker.requeue(first.fd)  # before the other one, in any order of the kernel
     world.rounds(2)
     assert "second" not in world.log
 
@@ -176,7 +176,7 @@ def test_run_one_reports_that_nothing_was_ready(world: World) -> None:
     assert not world.worker.run_one(0)
 
 
-def test_what_raises_is_handled_once_more_for_what_it_left(world: World) -> None:
+def test_a_source_that_raises_is_handled_again_for_the_rest(world: World) -> None:
     def fail(_worker: Worker) -> None:
         world.log.append("fail")
         if len(world.log) == 1:
@@ -206,7 +206,7 @@ def coroutine_of(world: World, future: Future, group: CallbackGroup) -> Source:
     return world.source(lambda worker: worker.run_task(Task(wait), group), group=group)
 
 
-def test_a_suspended_coroutine_goes_on_when_its_future_is_done(world: World) -> None:
+def test_a_suspended_coroutine_continues_when_its_future_is_done(world: World) -> None:
     future = Future()
     coroutine_of(world, future, ReentrantCallbackGroup()).signal()
     world.rounds(5)
@@ -233,7 +233,7 @@ def test_an_exclusive_group_waits_for_its_suspended_coroutine(world: World) -> N
     assert world.log[2] == "over"
 
 
-def test_one_that_need_not_wait_runs_while_its_group_is_held(world: World) -> None:
+def test_a_callback_that_need_not_wait_runs_while_its_group_is_held(world: World) -> None:
     future, group = Future(), MutuallyExclusiveCallbackGroup()
     response = world.source(
         lambda _worker: future.set_result(None), group=group, waits_for_group=False
@@ -245,7 +245,7 @@ def test_one_that_need_not_wait_runs_while_its_group_is_held(world: World) -> No
     assert world.log == ["begun", "over"]
 
 
-def test_what_is_added_to_a_held_group_waits_too(world: World) -> None:
+def test_callbacks_added_to_a_held_group_wait_too(world: World) -> None:
     future, group = Future(), MutuallyExclusiveCallbackGroup()
     coroutine_of(world, future, group).signal()
     world.rounds(1)
@@ -267,7 +267,7 @@ def test_reentrant_callbacks_run_while_one_of_them_is_suspended(world: World) ->
     assert world.log == ["begun", "same"]
 
 
-def test_what_a_coroutine_raises_comes_out_of_the_round_and_frees_its_group(world: World) -> None:
+def test_an_exception_in_a_coroutine_leaves_the_round_and_frees_its_group(world: World) -> None:
     future, group = Future(), MutuallyExclusiveCallbackGroup()
 
     async def fail() -> None:
@@ -311,7 +311,7 @@ def test_a_closed_worker_can_still_be_called() -> None:
     worker.interrupt()
 
 
-def test_jobs_of_no_worker_are_run_one_per_turn_in_order(world: World) -> None:
+def test_jobs_without_a_worker_run_one_per_turn_in_order(world: World) -> None:
     jobs = TaskQueue()
     world.worker.add(jobs, shared=False)
     for name in ("a", "b", "c"):

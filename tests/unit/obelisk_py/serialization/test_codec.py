@@ -1,4 +1,4 @@
-"""Codecs of message classes: what they convert, what they refuse, what they do not share."""
+"""Codecs of message classes: what they convert, reject and copy."""
 
 import struct
 from typing import Any
@@ -48,7 +48,7 @@ def test_a_copy_shares_nothing_that_can_change():
     assert codec_for(ObkImu).copy(ObkImu()).orientation_covariance[0] == 0.0
 
 
-def test_what_is_remembered_of_names_is_not_changed_by_who_reads_them():
+def test_cached_names_are_not_changed_by_readers():
     codec = codec_for(ObkJointEncoders)
     names = ["hip", "knee"]
     data = codec.pack(ObkJointEncoders(joint_names=names))
@@ -100,13 +100,13 @@ RANGES = [FloatingPointRange()] * 2
         (with_value(JointState, "_position", "ab"), "`position`"),
         (with_value(JointState, "_position", ["a"]), "`position`"),
         (ObkImu(orientation_covariance=[0.0] * 8), "its shape is (8,), expected (9,)"),
-        (FieldType(nested_type_name="x" * 256), "it holds 256, at most 255 are possible"),
-        (ParameterDescriptor(floating_point_range=RANGES), "it holds 2, at most 1 are possible"),
+        (FieldType(nested_type_name="x" * 256), "its length is 256, expected at most 255"),
+        (ParameterDescriptor(floating_point_range=RANGES), "its length is 2, expected at most 1"),
         (ParameterValue(bool_array_value=[True, 2]), "`bool_array_value`"),
         (ParameterValue(byte_array_value=[b"a", b""]), "`byte_array_value`"),
     ],
 )
-def test_what_a_type_cannot_hold_is_rejected_by_name_before_anything_is_sent(message, field):
+def test_values_that_a_type_cannot_hold_are_rejected_by_name_before_sending(message, field):
     codec = codec_for(type(message))
     for convert in (codec.pack, codec.copy):
         with pytest.raises(ObeliskMsgError) as raised:
@@ -114,13 +114,13 @@ def test_what_a_type_cannot_hold_is_rejected_by_name_before_anything_is_sent(mes
         assert field in str(raised.value)
 
 
-def test_what_is_wrong_with_bytes_is_reported():
+def test_invalid_bytes_are_reported():
     codec = codec_for(Header)
     data = codec.pack(Header(frame_id="base"))
     with pytest.raises(ObeliskMsgError) as raised:
         codec.unpack(data[:-2])
     assert str(raised.value) == (
-        "19 bytes are no std_msgs/msg/Header: at `frame_id`, they end too early"
+        "19 bytes are not a std_msgs/msg/Header: at `frame_id`, they end too early"
     )
     with pytest.raises(ObeliskMsgError, match=r"8 bytes .* they end before `stamp.nanosec` does"):
         codec.unpack(data[:8])

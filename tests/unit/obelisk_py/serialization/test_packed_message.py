@@ -1,4 +1,4 @@
-"""Packed messages against rclpy's own serialisation, for every message that nodes here exchange."""
+"""Packed messages compared with rclpy's serialization, for all messages that nodes exchange."""
 
 import importlib
 import re
@@ -75,7 +75,7 @@ def _value(kind, random):
 
 
 def _put(message, path, numbers):
-    """Put numbers into a message by its setters; `markers.2.scale.x`."""
+    """Write numbers into a message with its setters; `markers.2.scale.x`."""
     *way, last = path.split(".")
     for name in way:
         message = message[int(name)] if name.isdigit() else getattr(message, name)
@@ -89,7 +89,7 @@ def _put(message, path, numbers):
 
 
 def _assert_same(sent, message):
-    """Every byte is as rclpy writes it; between fields rclpy leaves what it finds."""
+    """Every byte is equal to rclpy's output, except padding, which is undefined in rclpy."""
     written = serialize_message(message)
     assert deserialize_message(sent, type(message)) == message
     differ = [byte for byte, its in zip(sent, written, strict=False) if byte != its]
@@ -98,7 +98,7 @@ def _assert_same(sent, message):
 
 
 @pytest.mark.parametrize("name", [*OWN, *OTHERS])
-def test_a_packed_message_is_what_rclpy_would_have_written(name):
+def test_a_packed_message_equals_the_output_of_rclpy(name):
     random = Random(name)
     for _ in range(20):
         message = _message(name, random)
@@ -133,7 +133,7 @@ def test_a_field_with_parts_of_one_type_is_one_view():
     _assert_same(packed.to_bytes(0), message)
 
 
-def test_bytes_that_were_given_do_not_change_any_more():
+def test_returned_bytes_do_not_change_any_more():
     packed = PackedMessage(ObkJointEncoders(joint_pos=[1.0], joint_names=["a"]))
     before = packed.to_bytes(1)
     kept = bytes(bytearray(before))
@@ -151,7 +151,7 @@ def test_numbers_deep_in_a_message_are_reached():
     _assert_same(packed.to_bytes(0), message)
 
 
-def test_bytes_that_hold_numbers_can_be_seen_as_them():
+def test_bytes_with_numbers_can_be_viewed_as_numbers():
     cloud = PointCloud2(fields=[PointField(name="x")], data=bytes(8))
     packed = PackedMessage(cloud)
     packed.numbers("data").view(np.float32)[:] = [1.5, -2.5]
@@ -160,7 +160,7 @@ def test_bytes_that_hold_numbers_can_be_seen_as_them():
 
 
 @pytest.mark.parametrize("field", ["joint_pso", "joint_names", "header", "header.stamp", "joint_"])
-def test_what_is_no_field_of_numbers_of_one_type_is_rejected(field):
+def test_fields_other_than_numbers_of_one_type_are_rejected(field):
     packed = PackedMessage(ObkJointEncoders(joint_pos=[1.0], joint_names=["a"]))
     with pytest.raises(KeyError, match=field):
         packed.numbers(field)

@@ -1,4 +1,4 @@
-"""Which controls reach the actuators, and what is said about the others."""
+"""The controls that reach the actuators, and the reports about the others."""
 
 from types import SimpleNamespace
 
@@ -41,7 +41,7 @@ def test_the_newest_control_is_the_one_that_is_applied(inbox):
     assert reported(inbox) == []
 
 
-def test_a_control_does_not_change_with_the_message_that_brought_it(inbox):
+def test_a_control_does_not_change_with_its_message(inbox):
     message = _message(1.0, 2.0)
     inbox.offer(message)
     message.u_mujoco[0] = 9.0
@@ -54,7 +54,7 @@ def test_a_control_that_is_one_number_is_one_for_one_actuator(time):
     assert inbox.newest.tolist() == [2.0]
 
 
-def test_a_control_of_the_wrong_length_is_kept_out(inbox):
+def test_a_control_of_the_wrong_length_is_rejected(inbox):
     inbox.offer(_message(1.0, 2.0))
     assert not inbox.offer(_message(5.0))
     (text,) = reported(inbox)
@@ -142,7 +142,7 @@ def test_a_control_without_a_stamp_is_neither_late_nor_old(stamped):
     assert not stamped.offer(_sent(99.8, 3.0))
 
 
-def test_where_the_clock_was_set_back_the_next_control_counts(stamped, time):
+def test_after_the_clock_was_set_back_the_next_control_counts(stamped, time):
     assert stamped.offer(_sent(99.9, 1.0))
     time.now_s = 3.0
     assert stamped.offer(_sent(2.9, 2.0))
@@ -161,7 +161,7 @@ def test_clearing_forgets_the_control(inbox):
     assert inbox.newest is None
 
 
-def test_the_field_is_u_mujoco_where_the_message_has_both():
+def test_the_field_is_u_mujoco_if_the_message_has_both():
     class Both:
         u = u_mujoco = ()
 

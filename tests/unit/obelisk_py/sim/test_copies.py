@@ -1,4 +1,4 @@
-"""Copies from MuJoCo's memory into a message follow the memory, whatever its order or type."""
+"""Copies from MuJoCo's memory into a message, for any order or type."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def numbers(request):
 
 
 def _after(copy, source):
-    """What a copy gives of values that came after it was made."""
+    """The content of a copy after the values have changed."""
     source[:] = np.arange(len(source)) + 10.0
     copy()
 
@@ -36,7 +36,7 @@ def test_elements_are_copied_in_the_order_of_their_index(numbers, index):
     assert numbers.tolist() == [10.0 + place for place in index]
 
 
-def test_several_blocks_are_copied_at_once_each_to_its_place():
+def test_several_blocks_are_copied_together_each_to_its_position():
     numbers, source = np.zeros(7), np.zeros(7)
     _after(
         copy_blocks(

@@ -1,4 +1,4 @@
-"""When steps are due and what follows which step, with times that the test makes up."""
+"""The due times of steps and outputs, with times set by the test."""
 
 from fractions import Fraction
 from math import ceil
@@ -33,7 +33,7 @@ def test_an_hour_of_late_wakings_does_not_drift():
     assert pace.overruns == 0
 
 
-def test_a_period_that_is_no_whole_number_of_nanoseconds_does_not_drift():
+def test_a_fractional_period_in_nanoseconds_does_not_drift():
     pace = Pace(0.001 / 3)
     pace.start(0)
     deadlines = [pace.next_deadline_ns(0) for _ in range(3_000)]
@@ -41,7 +41,7 @@ def test_a_period_that_is_no_whole_number_of_nanoseconds_does_not_drift():
     assert deadlines[-1] == 1_000 * MS
 
 
-def test_a_short_delay_is_made_up_for_by_steps_that_are_due_at_once():
+def test_a_short_delay_is_caught_up_by_steps_that_are_due_immediately():
     pace = Pace(0.001)
     pace.start(0)
     late = [pace.next_deadline_ns(10 * MS) for _ in range(10)]
@@ -50,7 +50,7 @@ def test_a_short_delay_is_made_up_for_by_steps_that_are_due_at_once():
     assert pace.overruns == 0
 
 
-def test_a_long_delay_is_counted_and_the_schedule_starts_from_there():
+def test_a_long_delay_is_counted_and_restarts_the_schedule():
     pace = Pace(0.001)
     pace.start(0)
     assert pace.next_deadline_ns(501 * MS) == 501 * MS
@@ -59,7 +59,7 @@ def test_a_long_delay_is_counted_and_the_schedule_starts_from_there():
     assert pace.overruns == 1
 
 
-def test_starting_again_forgets_what_was_missed():
+def test_a_restart_forgets_missed_steps():
     pace = Pace(0.001)
     pace.start(0)
     pace.next_deadline_ns(500 * MS)
@@ -135,7 +135,7 @@ def test_the_next_sample_follows_the_first_step_that_reaches_a_multiple(step, pe
 
 
 @given(step=SECONDS, steps=st.integers(0, 10**9))
-def test_the_time_of_a_step_is_right_to_the_nanosecond(step, steps):
+def test_the_time_of_a_step_is_exact_to_the_nanosecond(step, steps):
     exact_ns = steps * step * 1_000 * MS
     assert abs(StepTime(float(step)).ns(steps) - exact_ns) <= Fraction(1, 2)
 
@@ -157,7 +157,7 @@ def test_the_clock_does_not_wait_once_it_is_stopped():
     assert clock.sleep_until_ns(far_ns, lambda: True) < far_ns
 
 
-def test_the_clock_sleeps_and_does_not_spin_in_parts_after_which_it_can_be_stopped(monkeypatch):
+def test_the_clock_sleeps_in_parts_and_can_be_stopped_after_each(monkeypatch):
     now_ns, slept_s = 0, []
 
     def sleep(seconds):

@@ -1,4 +1,4 @@
-"""The stepping loop, with a clock and a simulation that the test moves."""
+"""The stepping loop, with a clock and a simulation controlled by the test."""
 
 import pytest
 
@@ -10,7 +10,7 @@ MS = 1_000_000
 
 
 class _Clock:
-    """Moves only when someone waits, or when a step costs something."""
+    """Advances only when a caller waits, or when a step takes time."""
 
     def __init__(self):
         self.ns = 0
@@ -98,7 +98,7 @@ def test_a_factor_of_zero_takes_costly_steps_one_by_one():
     assert set(run.simulation.counts[3:]) == {1}
 
 
-def test_a_factor_of_zero_looks_for_controls_ten_thousand_times_a_second():
+def test_a_factor_of_zero_checks_for_controls_ten_thousand_times_a_second():
     run = _Run(factor=0.0, until=lambda run: run.simulation.steps >= 1_000, step_cost_ns=10_000)
     assert max(run.simulation.counts[1:]) == 10
 
@@ -143,12 +143,12 @@ def test_a_machine_that_is_too_slow_is_reported_and_does_not_race():
     run = _Run(factor=1.0, until=lambda run: run.clock.ns >= 5_000 * MS, cost_ns=2 * MS)
     report = run.reports[-1]
     assert report.realtime_factor == pytest.approx(0.5, rel=0.02)
-    # Each gives up 50 ms, which are lost within 100 ms; of this second alone.
+    # Each skips 50 ms, which are lost within 100 ms; only in this second.
     assert report.overruns == pytest.approx(10, abs=1)
     assert report.lost_s == pytest.approx(0.5, rel=0.1)
 
 
-def test_warnings_of_a_step_are_handed_on():
+def test_warnings_of_a_step_are_forwarded():
     run = _Run(factor=1.0, until=lambda run: run.simulation.steps >= 10)
     assert run.warnings == ["a warning"]
 
@@ -159,7 +159,7 @@ def test_no_step_is_taken_once_it_is_stopped_while_it_waits():
     assert run.simulation.steps == 0
 
 
-def test_what_a_step_raises_ends_the_run():
+def test_an_exception_in_a_step_ends_the_run():
     def stop_or_raise(run):
         if run.simulation.steps == 2:
             raise RuntimeError("the step failed")

@@ -1,11 +1,11 @@
-"""How often the middleware counts subscribers."""
+"""The frequency at which the middleware counts subscribers."""
 
 from obelisk_py.core.sim.mujoco.outputs import SubscriberCheck
 
 MS = 1_000_000
 
 
-def test_subscribers_are_counted_at_once_and_then_every_five_milliseconds():
+def test_subscribers_are_counted_immediately_and_then_every_five_milliseconds():
     now_ns, listeners, asked = 7, 0, []
 
     def count():

@@ -1,4 +1,4 @@
-"""A video's file: whole or not at all, and never in the place of another one."""
+"""The file of a video is complete or absent, and never replaces another file."""
 
 import errno
 import os
@@ -11,7 +11,7 @@ from obelisk_py.core.sim.mujoco.viewers.video_files import unfinished
 
 @pytest.fixture(params=["without a name", "hidden"], autouse=True)
 def file_system(request, monkeypatch):
-    """One that knows files without a name, and one that does not."""
+    """A file system that supports unnamed files, and one that does not."""
     if request.param == "without a name":
         return
     really = os.open
@@ -24,7 +24,7 @@ def file_system(request, monkeypatch):
     monkeypatch.setattr(video_files.os, "open", open_)
 
 
-def test_a_file_is_there_once_it_is_finished(tmp_path):
+def test_a_file_exists_once_it_is_finished(tmp_path):
     with unfinished(tmp_path) as place:
         place.file.write(b"video")
         assert not (tmp_path / "out.mp4").exists()
@@ -51,7 +51,7 @@ def test_nothing_is_left_of_a_file_that_is_not_finished(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_that_is_there_stays(tmp_path):
+def test_an_existing_file_is_kept(tmp_path):
     for name in ("out.mp4", "out-2.mp4"):
         (tmp_path / name).write_text("mine")
     with unfinished(tmp_path) as place:
@@ -61,6 +61,6 @@ def test_a_file_that_is_there_stays(tmp_path):
     assert (tmp_path / "out-3.mp4").read_bytes() == b"video"
 
 
-def test_a_folder_that_is_not_there_is_an_error(tmp_path):
+def test_a_missing_folder_is_an_error(tmp_path):
     with pytest.raises(FileNotFoundError), unfinished(tmp_path / "none"):
         pass

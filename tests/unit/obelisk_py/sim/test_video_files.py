@@ -1,4 +1,4 @@
-"""Videos of known pictures, read again: what is seen when, in which colours, for how long."""
+"""Videos of known pictures, read back: times, colours and durations of frames."""
 
 import io
 
@@ -12,7 +12,7 @@ from obelisk_py.core.sim.mujoco.viewers.video_files import VIDEO_FILES
 WIDTH, HEIGHT = 64, 48
 RED, GREEN, BLUE = (200, 30, 40), (20, 180, 60), (30, 60, 210)
 FAR = 12
-"""How far a colour may be off: both formats keep less than was drawn."""
+"""Tolerance of colours, because both formats are lossy."""
 
 
 def picture(left, right):
@@ -23,7 +23,7 @@ def picture(left, right):
 
 
 SHOWN = ((picture(RED, GREEN), 0), (picture(BLUE, GREEN), 1), (picture(BLUE, RED), 5))
-"""Pictures and the frames from which they are seen; three are missing."""
+"""Pictures and the frames at which they start; three are missing."""
 
 
 def video(ending, rate_hz, shown=SHOWN):
@@ -57,7 +57,7 @@ def test_an_mp4_is_h264_and_shows_each_picture_from_its_frame_on():
         assert_same(frame.to_ndarray(format="rgb24"), pixels)
 
 
-def test_an_mp4_is_as_long_as_what_it_shows_however_uneven():
+def test_an_mp4_is_as_long_as_its_content_however_uneven():
     numbers = [0, 1, 12, 26, 41, 54, 68, 85, 106, 123, 141, 154]
     pixels = [picture((20 * n, 0, 255 - 20 * n), GREEN) for n in range(len(numbers))]
     with av.open(video(".mp4", 30, list(zip(pixels, numbers, strict=True)))) as read:
@@ -68,7 +68,7 @@ def test_an_mp4_is_as_long_as_what_it_shows_however_uneven():
     assert seconds == pytest.approx(155 / 30, abs=1e-3)
 
 
-def test_an_mp4_says_which_colours_its_numbers_are():
+def test_an_mp4_declares_its_colour_space():
     with av.open(video(".mp4", 30)) as read:
         (frame, *_) = read.decode(video=0)
     assert (frame.colorspace, frame.color_range) == (1, 1)
@@ -83,7 +83,7 @@ def test_a_gif_shows_each_picture_from_its_frame_on_and_begins_again():
             read.seek(number)
             shown.append(np.asarray(read.convert("RGB")))
             times.append(read.info["duration"])
-    # 1/15 s, 4/15 s and 1/15 s, each begin rounded to 1/100 s.
+    # 1/15 s, 4/15 s and 1/15 s, with each start rounded to 1/100 s.
     assert times == [70, 260, 70]
     for seen, (pixels, _) in zip(shown, SHOWN, strict=True):
         assert_same(seen, pixels)
@@ -99,7 +99,7 @@ def test_times_of_a_gif_add_up():
     assert sum(times) == pytest.approx(1000 * len(pixels) / 30, abs=10)
 
 
-def test_a_gif_of_what_stands_still_is_one_picture_seen_for_long():
+def test_a_gif_of_a_static_scene_is_one_long_frame():
     with Image.open(video(".gif", 15, [(picture(RED, GREEN), n) for n in range(30)])) as read:
         assert read.n_frames == 1
         assert read.info["duration"] == 2000
@@ -117,7 +117,7 @@ def test_of_a_picture_that_changes_in_part_a_gif_keeps_the_rest():
         assert np.abs(np.asarray(read.convert("RGB"))[15, 15].astype(int) - BLUE).max() <= FAR
 
 
-def test_a_png_is_the_last_picture_to_the_bit():
+def test_a_png_is_identical_to_the_last_picture():
     with Image.open(video(".png", 30)) as read:
         assert read.format == "PNG"
         assert np.array_equal(np.asarray(read), SHOWN[-1][0])

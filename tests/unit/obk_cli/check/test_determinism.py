@@ -1,4 +1,4 @@
-"""Which nodes of a config are in lock-step runs, when that is checked, and how it is silenced."""
+"""The nodes of a config that run in lock-step, when that is checked, and how to silence it."""
 
 from pathlib import Path
 
@@ -79,7 +79,7 @@ def test_the_examples_have_no_hazard_but_hardware(config: str, codes: list[str])
     assert [hazard.code for hazard in outcome.hazards] == codes
 
 
-def test_hazards_are_infos_and_looked_for_on_request_only(workspace: Path) -> None:
+def test_hazards_are_infos_and_checked_on_request_only(workspace: Path) -> None:
     write_node(workspace, "threading.Thread(target=print).start()")
     outcome = compiled(workspace)
     assert [(h.code, h.severity) for h in outcome.hazards] == [("OBK601", "info")]
@@ -93,7 +93,7 @@ def test_a_comment_in_the_source_silences_a_hazard(workspace: Path) -> None:
     assert found(compiled(workspace)) == []
 
 
-def test_a_callback_that_spins_its_own_node_is_one_warning(workspace: Path) -> None:
+def test_a_callback_that_spins_its_node_is_one_warning(workspace: Path) -> None:
     write_node(workspace, "rclpy.spin_once(self)")
     assert found(compiled(workspace)) == found(compiled(workspace, for_test=False)) == ["OBK426"]
 

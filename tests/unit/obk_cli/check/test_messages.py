@@ -70,7 +70,7 @@ def test_a_package_that_is_nowhere_is_reported_with_near_ones(workspace: Path) -
     )
 
 
-def test_the_usual_packages_of_ros_need_not_be_there(workspace: Path) -> None:
+def test_the_usual_packages_of_ros_are_optional(workspace: Path) -> None:
     assert reported(compile_with(workspace, "nav_msgs/Goals")) == []
 
 
@@ -133,7 +133,7 @@ def with_code(workspace: Path, code: str) -> None:
         ("nav_msgs.msg import Goals as Raech", None),
     ],
 )
-def test_a_message_class_that_no_one_defines_is_reported(
+def test_an_undefined_message_class_is_reported(
     workspace: Path, imported: str, fault: tuple[str, str, str] | None
 ) -> None:
     with_code(workspace, CODE.replace("arm_msgs.msg import Raech", imported))
@@ -149,7 +149,7 @@ def test_a_package_that_the_config_names_too_is_reported_once(workspace: Path) -
     ]
 
 
-def test_a_message_that_only_the_code_names_is_looked_for_too(workspace: Path) -> None:
+def test_a_message_named_only_in_code_is_checked_too(workspace: Path) -> None:
     with_code(workspace, CODE)
     findings = compile_with(workspace, "PositionSetpoint").diagnostics
     (lost,) = (d for d in findings if d.code == "OBK410")
@@ -160,7 +160,7 @@ def test_a_message_that_only_the_code_names_is_looked_for_too(workspace: Path) -
 
 
 @pytest.mark.parametrize("prefix", ["", "obelisk_control_msgs/", "obelisk_control_msgs/msg/"])
-def test_a_package_of_obelisk_s_name_may_have_messages_of_its_own(
+def test_a_package_with_a_name_of_obelisk_may_have_its_own_messages(
     workspace: Path, prefix: str
 ) -> None:
     folder = workspace / "src" / "obelisk_control_msgs"

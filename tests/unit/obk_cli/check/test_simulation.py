@@ -19,7 +19,7 @@ robot:
 """
 
 
-def test_without_mujoco_what_needs_no_model_is_checked_and_the_rest_said_to_be_skipped(
+def test_without_mujoco_model_checks_are_reported_as_skipped(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "arm.xml").touch()
@@ -34,7 +34,7 @@ def test_without_mujoco_what_needs_no_model_is_checked_and_the_rest_said_to_be_s
     assert [str(fault) for fault in faults] == [
         "f.yaml:4:89: info[OBK307]: `ObkImu` has no `accelerometer` sensor, so that part stays "
         "empty",
-        "f.yaml:4:113: error[OBK306]: `ObkImu` takes 1 `gyro` sensor, 2 are given",
+        "f.yaml:4:113: error[OBK306]: `ObkImu` takes 1 `gyro` sensor, but has 2",
         "f.yaml:4:89: info[OBK307]: `ObkImu` has no `framequat` sensor, so that part stays empty",
         "f.yaml:4:25: info[OBK300]: MuJoCo is not installed, so names are not checked against the "
         "model",

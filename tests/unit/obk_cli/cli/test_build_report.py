@@ -35,7 +35,7 @@ def test_elsewhere_than_on_a_terminal_each_step_is_a_line(
     ]
 
 
-def test_on_a_terminal_nothing_is_shown_where_nothing_is_done(
+def test_a_terminal_shows_nothing_if_nothing_is_done(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with showing_progress(is_terminal=True):

@@ -1,4 +1,4 @@
-"""`obk` as a person meets it: what is printed where, and the exit code."""
+"""The `obk` command line: output streams and exit codes."""
 
 import io
 import json
@@ -18,7 +18,7 @@ from obk_cli.emit.formats import FORMS
 from obk_cli.errors import CommandFailedError
 
 CASES = Path(__file__).parents[3] / "cases"
-SOUND = CASES / "accept/OBK004/topic_twice.yaml"
+VALID_CONFIG = CASES / "accept/OBK004/topic_twice.yaml"
 FAULTY = CASES / "reject/OBK203/dangling.yaml"
 
 
@@ -62,7 +62,7 @@ def test_a_picture_of_an_unknown_kind_is_misuse(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     output = tmp_path / "stack.bmp"
-    assert Result(capsys, "graph", str(SOUND), "--output", str(output)).code == 2
+    assert Result(capsys, "graph", str(VALID_CONFIG), "--output", str(output)).code == 2
     assert not output.exists()
 
 
@@ -167,7 +167,7 @@ def test_a_command_without_the_one_that_it_belongs_to_is_reported_with_it(
 def test_a_number_that_a_launch_cannot_use_is_the_only_one_reported_of(
     capsys: pytest.CaptureFixture[str], option: str, value: str, expected: str
 ) -> None:
-    result = Result(capsys, "launch", str(SOUND), option, value)
+    result = Result(capsys, "launch", str(VALID_CONFIG), option, value)
     assert (result.code, result.err) == (2, f"error: `{option} {value}`: expected {expected}\n")
 
 
@@ -179,7 +179,7 @@ def test_a_number_that_a_launch_cannot_use_is_the_only_one_reported_of(
         CommandFailedError("ROS 2 is not available"),
     ],
 )
-def test_an_interruption_that_a_library_made_an_error_of_is_one(
+def test_an_interrupt_converted_to_an_error_by_a_library_is_still_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     def interrupted(*_: object) -> None:
@@ -189,7 +189,7 @@ def test_an_interruption_that_a_library_made_an_error_of_is_one(
             raise error from None
 
     monkeypatch.setattr("obk_cli.cli.commands._load", interrupted)
-    result = Result(capsys, "validate", str(SOUND))
+    result = Result(capsys, "validate", str(VALID_CONFIG))
     assert (result.code, result.err) == (130, "")
 
 
@@ -208,9 +208,9 @@ def test_an_interruption_while_the_tool_is_being_imported_is_silent() -> None:
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"")
 
 
-def test_validate_a_sound_config(capsys: pytest.CaptureFixture[str]) -> None:
-    result = Result(capsys, "validate", str(SOUND), "--ignore", "OBK4")
-    assert (result.code, result.out) == (0, f"{SOUND}: no findings\n")
+def test_validate_a_valid_config(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "validate", str(VALID_CONFIG), "--ignore", "OBK4")
+    assert (result.code, result.out) == (0, f"{VALID_CONFIG}: no findings\n")
 
 
 def test_validate_a_faulty_config(capsys: pytest.CaptureFixture[str]) -> None:
@@ -229,11 +229,11 @@ def test_strict_fails_on_warnings(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_several_files_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     result = Result(
-        capsys, "validate", str(SOUND), str(FAULTY), "--format", "json", "--ignore", "obk4"
+        capsys, "validate", str(VALID_CONFIG), str(FAULTY), "--format", "json", "--ignore", "obk4"
     )
     report = json.loads(result.out)
     assert result.code == 1
-    assert report["files"] == [str(SOUND), str(FAULTY)]
+    assert report["files"] == [str(VALID_CONFIG), str(FAULTY)]
     assert [d["code"] for d in report["diagnostics"]] == ["OBK203"]
 
 
@@ -241,12 +241,12 @@ def test_the_other_formats(capsys: pytest.CaptureFixture[str]) -> None:
     faulty = ("validate", str(FAULTY), "--ignore", "OBK4", "--format")
     assert json.loads(Result(capsys, *faulty, "sarif").out)["version"] == "2.1.0"
     assert Result(capsys, *faulty, "github").out.startswith(f"::error file={FAULTY},line=25,")
-    sound = Result(capsys, "validate", str(SOUND), "--ignore", "OBK4", "--format", "github")
+    sound = Result(capsys, "validate", str(VALID_CONFIG), "--ignore", "OBK4", "--format", "github")
     assert (sound.code, sound.out) == (0, "")
 
 
 @pytest.mark.parametrize("form", ["text", "json", "sarif", "github"])
-def test_a_file_whose_name_is_no_text_is_checked_like_others(
+def test_a_file_with_a_name_of_invalid_utf8_is_checked_like_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -259,7 +259,7 @@ def test_a_file_whose_name_is_no_text_is_checked_like_others(
         json.loads(result.out)
 
 
-def test_the_diff_of_a_file_whose_name_is_no_text_names_it_by_its_bytes(
+def test_the_diff_of_a_file_with_a_name_of_invalid_utf8_shows_its_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -305,11 +305,11 @@ def test_standard_input(
             "  help: without a terminal, use `obk monitor --once` or `obk monitor --format "
             "json`"),
         ("topic echo /est --format xml", "`--format xml`: expected `text`, `json` or `csv`"),
-        ("topic echo /est --csv --format json", "`--csv` and `--format json` exclude each other"),
+        ("topic echo /est --csv --format json", "`--csv` and `--format json` cannot be combined"),
         ("service call /s --type Trigger", "`--type Trigger`: expected a type such as"),
     ],
 )  # fmt: skip
-def test_misuse_is_reported_with_what_would_be_right(
+def test_misuse_is_reported_with_a_correction(
     capsys: pytest.CaptureFixture[str], line: str, reported: str
 ) -> None:
     result = Result(capsys, *line.split())
@@ -354,7 +354,9 @@ def test_colour_is_for_terminals_or_on_demand(capsys: pytest.CaptureFixture[str]
 
 
 def test_compile_to_a_plan(capsys: pytest.CaptureFixture[str]) -> None:
-    result = Result(capsys, "compile", str(SOUND), "--ignore", "OBK4", "--set", "config=other")
+    result = Result(
+        capsys, "compile", str(VALID_CONFIG), "--ignore", "OBK4", "--set", "config=other"
+    )
     plan = json.loads(result.out)
     assert result.code == 0
     assert plan["name"] == "other"
@@ -369,7 +371,7 @@ def test_compile_to_a_plan(capsys: pytest.CaptureFixture[str]) -> None:
 def test_compile_into_a_folder_names_the_file_by_the_stack(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, form: str
 ) -> None:
-    arguments = ("compile", str(SOUND), "--ignore", "OBK4", "--to", form)
+    arguments = ("compile", str(VALID_CONFIG), "--ignore", "OBK4", "--to", form)
     printed = Result(capsys, *arguments)
     written = Result(capsys, *arguments, "--output", f"{tmp_path}/new/")
     assert (printed.code, written.code, written.out) == (0, 0, "")
@@ -378,18 +380,26 @@ def test_compile_into_a_folder_names_the_file_by_the_stack(
     assert path.read_text() == printed.out
 
 
-def test_compile_into_what_is_no_folder_fails(
+def test_compile_to_a_missing_folder_fails(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     (tmp_path / "file").touch()
     result = Result(
-        capsys, "compile", str(SOUND), "--ignore", "OBK4", "--output", f"{tmp_path}/file/x.json"
+        capsys,
+        "compile",
+        str(VALID_CONFIG),
+        "--ignore",
+        "OBK4",
+        "--output",
+        f"{tmp_path}/file/x.json",
     )
     assert result.code == 1
     assert "cannot be written" in result.err
 
 
-def test_compile_of_a_faulty_config_says_why_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+def test_compile_of_a_faulty_config_reports_why_on_stderr(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     result = Result(capsys, "compile", str(FAULTY), "--ignore", "OBK4")
     assert (result.code, result.out) == (1, "")
     assert "OBK203" in result.err
@@ -402,14 +412,14 @@ def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
     assert "OBK506" in Result(capsys, "explain").out
 
 
-def test_a_fault_of_our_own_is_said_to_be_one(
+def test_an_internal_error_is_reported_as_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
         raise RuntimeError("boom")
 
     monkeypatch.setattr("obk_cli.cli.validate.compile_config", fail)
-    result = Result(capsys, "validate", str(SOUND))
+    result = Result(capsys, "validate", str(VALID_CONFIG))
     assert result.code == 1
     assert "this is a bug in obk (RuntimeError: boom)" in result.err
     assert "Traceback" not in result.err

@@ -1,4 +1,4 @@
-"""What the shell offers while a command line is typed."""
+"""Shell completion of command lines."""
 
 import os
 import shutil
@@ -24,7 +24,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def offered(*words: str) -> list[str]:
-    """What is offered for the last of the words."""
+    """The completions of the last word."""
     shell = ShellComplete(root_command(), {}, "obk", "_OBK_COMPLETE")
     return [item.value for item in shell.get_completions(list(words[:-1]), words[-1])]
 
@@ -49,7 +49,7 @@ def test_options_of_a_command() -> None:
         (("topic", "list", "--format", "j"), ["json"]),
     ],
 )
-def test_the_words_that_the_help_lists(words: tuple[str, ...], expected: list[str]) -> None:
+def test_the_completions_are_those_in_the_help(words: tuple[str, ...], expected: list[str]) -> None:
     assert offered(*words) == expected
 
 
@@ -116,7 +116,7 @@ def refusal(option: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 @pytest.mark.parametrize("option", ["--install-completion", "--show-completion"])
-def test_without_a_shell_it_is_reported_where_to_type_it(
+def test_without_a_shell_it_reports_where_to_type_the_command(
     option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def detect() -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""When there is colour."""
+"""When output is coloured."""
 
 import sys
 
@@ -40,6 +40,6 @@ def test_colour_is_for_terminals_that_can_unless_it_is_chosen(
     assert wants_colour(choice) is wanted
 
 
-def test_a_choice_that_is_none_is_refused() -> None:
+def test_an_invalid_choice_is_rejected() -> None:
     with pytest.raises(MisuseError, match="expected `auto`, `always` or `never`"):
         wants_colour("yes")

@@ -1,4 +1,4 @@
-"""`obk graph`: what is drawn, and where it goes."""
+"""`obk graph`: content and destination of its output."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def test_without_options_it_is_drawn_for_eighty_columns(
 @pytest.mark.parametrize(
     ("name", "form"), [("x.svg", "svg"), ("x.dot", "dot"), ("x.mmd", "mermaid")]
 )
-def test_the_outputs_name_says_which_picture(tmp_path: Path, name: str, form: str) -> None:
+def test_the_output_name_selects_the_format(tmp_path: Path, name: str, form: str) -> None:
     assert graph("--output", str(tmp_path / name)) == 0
     options = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK4",))
     plan = compile_config(CONFIG, options).plan

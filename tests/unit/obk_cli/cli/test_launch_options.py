@@ -1,4 +1,4 @@
-"""Options of `obk launch` that do not go together, and the limits that they come to."""
+"""Incompatible options of `obk launch`, and the resulting limits."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from obk_cli.cli.main import main
 DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"
 
 
-def test_who_leads_is_no_question_for_one_launch(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_lead_without_a_single_device_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(("launch", str(DUMMY), "--lead", "onboard"))
     assert ended.value.code == 2
@@ -19,7 +19,7 @@ def test_who_leads_is_no_question_for_one_launch(capsys: pytest.CaptureFixture[s
     )
 
 
-def test_who_may_be_slow_in_a_transition_may_be_slow_to_start() -> None:
+def test_a_generous_transition_limit_extends_the_start_limit() -> None:
     assert (_limits(10.0, 1.3).transition_s, _limits(10.0, 1.3).start_s) == (10.0, 20.0)
     assert (_limits(60.0, 1.3).transition_s, _limits(60.0, 1.3).start_s) == (60.0, 60.0)
 

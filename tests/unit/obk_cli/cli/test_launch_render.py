@@ -1,4 +1,4 @@
-"""`obk launch --render`: what is refused before anything starts."""
+"""`obk launch --render`: requests that are rejected before anything starts."""
 
 from pathlib import Path
 
@@ -18,32 +18,32 @@ DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Where the user stands."""
+    """The working folder of the user."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def refused(capsys, *arguments, code=2):
-    """The message of a launch of the dummy that is refused."""
+    """The error message of a rejected launch of the dummy."""
     with pytest.raises(SystemExit) as ended:
         main(("launch", str(DUMMY), *arguments))
     assert ended.value.code == code
     return capsys.readouterr().err
 
 
-def test_a_kind_of_file_that_there_is_not(capsys) -> None:
+def test_an_unknown_file_type(capsys) -> None:
     assert refused(capsys, "--render", "out.avi") == (
         "error: `--render`: `out.avi`: expected a file named .mp4, .gif or .png\n"
     )
 
 
-def test_a_size_that_is_none(capsys) -> None:
+def test_an_invalid_size(capsys) -> None:
     assert refused(capsys, "--render", "out.mp4", "--render-size", "big") == (
         "error: `--render`: the size `big`; expected width and height in pixels, `640x480`\n"
     )
 
 
-def test_a_rate_that_is_none(capsys) -> None:
+def test_an_invalid_rate(capsys) -> None:
     assert refused(capsys, "--render", "out.mp4", "--render-fps", "0") == (
         "error: `--render-fps 0`: expected a number of at least 1\n"
     )
@@ -51,33 +51,33 @@ def test_a_rate_that_is_none(capsys) -> None:
 
 @pytest.mark.mujoco
 def test_a_camera_that_the_model_has_not(capsys) -> None:
-    said = refused(capsys, "--render", "out.mp4", "--render-camera", "overvew")
-    assert said.startswith("error: `--render-camera overvew`: ")
-    assert said.endswith("dummy.xml has no such camera\n  help: did you mean `overview`?\n")
+    output = refused(capsys, "--render", "out.mp4", "--render-camera", "overvew")
+    assert output.startswith("error: `--render-camera overvew`: ")
+    assert output.endswith("dummy.xml has no such camera\n  help: did you mean `overview`?\n")
 
 
-def test_how_without_what(capsys) -> None:
+def test_options_without_a_video(capsys) -> None:
     assert refused(capsys, "--render-camera", "overview") == (
-        "error: `--render-camera` has an effect only with `--render FILE`\n"
+        "error: `--render-camera` needs `--render FILE`\n"
     )
 
 
 def test_a_stack_whose_robot_is_not_simulated(capsys) -> None:
     real = ("--set", "onboard.robot[0].is_simulated=False", "--ignore", "OBK")
     said = refused(capsys, "--render", "out.mp4", *real)
-    assert "error: `--render out.mp4`: there is no simulated robot in `dummy`\n" in said
+    assert "error: `--render out.mp4`: no simulated robot in `dummy`\n" in said
 
 
-def test_a_folder_that_is_not_there(capsys, folder) -> None:
+def test_a_missing_folder(capsys, folder) -> None:
     assert refused(capsys, "--render", "none/out.mp4", code=1) == (
         f"error: {folder}/none/out.mp4: the folder {folder}/none does not exist\n"
     )
 
 
-def test_a_file_that_is_there(capsys, folder) -> None:
+def test_an_existing_file(capsys, folder) -> None:
     (folder / "out.mp4").write_text("mine")
     assert refused(capsys, "--render", "out.mp4", code=1) == (
-        f"error: {folder}/out.mp4 already exists\n  help: name another file\n"
+        f"error: {folder}/out.mp4 already exists\n  help: choose another file\n"
     )
     assert (folder / "out.mp4").read_text() == "mine"
 

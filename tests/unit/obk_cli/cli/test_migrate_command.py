@@ -1,4 +1,4 @@
-"""`obk migrate` as a person meets it: what is printed where, what is written, the exit code."""
+"""The `obk migrate` command: output streams, written files, exit codes."""
 
 import codecs
 import io
@@ -17,7 +17,7 @@ KEY = b"robot:\n  publishers:\n  - key: a  # \xc3\xa4\n"
 
 
 class Result:
-    """One run of `obk migrate`; its output as bytes."""
+    """One run of `obk migrate`, with its output as bytes."""
 
     def __init__(self, capfdbinary: pytest.CaptureFixture[bytes], *arguments: str) -> None:
         with pytest.raises(SystemExit) as ended:
@@ -35,7 +35,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_the_result_goes_to_stdout_and_the_file_stays(
+def test_the_result_goes_to_stdout_and_the_file_is_kept(
     config: Path, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
     result = Result(capfdbinary, "c.yaml")
@@ -72,7 +72,7 @@ def test_write_and_back(config: Path, capfdbinary: pytest.CaptureFixture[bytes])
     assert [path.name for path in Path().iterdir()] == ["c.yaml"]
 
 
-def test_a_symbolic_link_stays_one(config: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
+def test_a_symbolic_link_is_kept(config: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     link = Path("link.yaml")
     link.symlink_to(config)
     assert Result(capfdbinary, "link.yaml", "--write").code == 0
@@ -80,7 +80,7 @@ def test_a_symbolic_link_stays_one(config: Path, capfdbinary: pytest.CaptureFixt
     assert config.read_bytes() == KEY
 
 
-def test_a_byte_order_mark_stays(config: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
+def test_a_byte_order_mark_is_kept(config: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     config.write_bytes(codecs.BOM_UTF8 + SEED)
     assert Result(capfdbinary, "c.yaml").out == codecs.BOM_UTF8 + KEY
 
@@ -93,11 +93,11 @@ def test_check(config: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     assert config.read_bytes() == SEED
 
 
-def test_a_file_that_another_user_changes_meanwhile_is_not_written(config: Path) -> None:
+def test_a_file_that_another_user_changes_is_not_written(config: Path) -> None:
     file = open_for_edit("c.yaml")
     assert isinstance(file, EditedFile)
     config.write_bytes(KEY)
-    with pytest.raises(CommandFailedError, match="has changed meanwhile, nothing is written"):
+    with pytest.raises(CommandFailedError, match="changed during the edit; nothing was written"):
         write_edited(file, "mine")
     assert config.read_bytes() == KEY
 
@@ -109,7 +109,7 @@ def test_standard_input(
     assert Result(capfdbinary, "-").out == KEY
 
 
-def test_what_stays_is_reported_on_stderr(
+def test_unmigrated_parts_are_reported_on_stderr(
     config: Path, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
     config.write_bytes(b"include: a.yaml\n")
@@ -127,10 +127,10 @@ def test_what_stays_is_reported_on_stderr(
     [
         (b"a: [", "c.yaml:1:4: error[OBK003]: the `[` opened here"),
         (b"\xff", "c.yaml:1:1: error[OBK002]: byte 0xff is not UTF-8"),
-        (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file holds no section of a config"),
+        (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file contains no section of a config"),
     ],
 )
-def test_a_file_that_is_no_config_is_left_alone(
+def test_a_file_that_is_no_config_is_ignored(
     config: Path, capfdbinary: pytest.CaptureFixture[bytes], data: bytes, start: str
 ) -> None:
     config.write_bytes(data)
@@ -147,9 +147,9 @@ def test_a_file_that_is_no_config_is_left_alone(
         (
             ("-", "--write"),
             2,
-            "error: `--write` does not go with a config from standard input\n",
+            "error: `--write` cannot be combined with a config from standard input\n",
         ),
-        (("c.yaml", "--write", "--check"), 2, "error: `--write` does not go with --check\n"),
+        (("c.yaml", "--write", "--check"), 2, "error: `--write` cannot be combined with --check\n"),
         (
             ("d.yaml",),
             1,

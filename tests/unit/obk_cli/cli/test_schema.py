@@ -35,7 +35,7 @@ SHAPE_CODES = ("OBK101", "OBK102", "OBK103", "OBK104", "OBK105", "OBK106", "OBK1
 GRID = {"type": "height_scan", "resolution": 0.1, "size": [1, 0]}
 PINHOLE = {"type": "depth_camera", "width": 8, "height": 8}
 MATRIX = [2, 0, 4, 0, 2, 4, 0, 0, 1]
-SOUND_PATTERNS: tuple[dict[str, Any], ...] = (
+VALID_PATTERNS: tuple[dict[str, Any], ...] = (
     GRID,
     GRID | {"offset": {"rot": [0, 0, 0, -1]}},
     PINHOLE | {"intrinsic_matrix": MATRIX},
@@ -54,7 +54,7 @@ CASES = Path(__file__).parents[3] / "cases"
 
 
 def is_about_its_own_shape(path: Path) -> bool:
-    """Whether a reject case is one of shape, and not about a file that it names."""
+    """Whether a reject case is about shape, and not about a file that it names."""
     report = path.with_suffix(".txt").read_text(encoding="utf-8")
     return path.parent.name in SHAPE_CODES and report.startswith(f"{path.name}:")
 
@@ -98,7 +98,7 @@ def test_every_key_has_a_title_and_a_description(schema: dict[str, Any]) -> None
             assert value.get("description"), key
 
 
-def test_every_name_of_the_users_own_has_a_title_and_a_description(schema: dict[str, Any]) -> None:
+def test_every_definition_has_a_title_and_a_description(schema: dict[str, Any]) -> None:
     of_any_name = [
         value
         for mapping in mappings(schema)
@@ -122,13 +122,13 @@ def test_accepts_what_the_checker_accepts(
     [p for p in sorted(CASES.glob("reject/*/*.yaml")) if is_about_its_own_shape(p)],
     ids=lambda p: f"{p.parent.name}-{p.stem}",
 )
-def test_refuses_the_shapes_that_the_checker_refuses(
+def test_rejects_the_shapes_that_the_checker_rejects(
     path: Path, validator: jsonschema.Draft202012Validator
 ) -> None:
     assert not validator.is_valid(load_yaml_core(path.read_text(encoding="utf-8")))
 
 
-@pytest.mark.parametrize("pattern", [*SOUND_PATTERNS, *BROKEN_PATTERNS], ids=str)
+@pytest.mark.parametrize("pattern", [*VALID_PATTERNS, *BROKEN_PATTERNS], ids=str)
 def test_bounds_the_numbers_of_a_ray_pattern_as_the_checker_does(
     pattern: dict[str, Any], schema: dict[str, Any]
 ) -> None:

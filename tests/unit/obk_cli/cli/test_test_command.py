@@ -1,4 +1,4 @@
-"""Which tests `obk test` runs."""
+"""The tests that `obk test` runs."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ OWN = "import pytest\n@pytest.fixture\ndef stack():\n    return 1\ndef test_x(st
         ("test_x.py", "def test_x(:\n", True),  # pytest reports it
     ],
 )
-def test_the_tests_beside_a_config_are_those_that_use_the_fixture(
+def test_the_tests_next_to_a_config_are_those_that_use_the_fixture(
     tmp_path: Path, name: str, text: str, is_found: bool
 ) -> None:
     path = tmp_path / "tests" / name
@@ -31,5 +31,5 @@ def test_the_tests_beside_a_config_are_those_that_use_the_fixture(
     assert default_tests(tmp_path) == (tmp_path / "tests" if is_found else None)
 
 
-def test_a_config_without_a_folder_of_tests_has_none(tmp_path: Path) -> None:
+def test_a_config_without_a_folder_of_tests_has_no_tests(tmp_path: Path) -> None:
     assert default_tests(tmp_path) is None

@@ -1,4 +1,4 @@
-"""`obk schema --install-vscode`: the schema is written, the settings stay as they are."""
+"""`obk schema --install-vscode` writes the schema and keeps the settings."""
 
 import os
 from pathlib import Path
@@ -56,7 +56,7 @@ def test_the_schema_is_written_and_the_line_for_each_config_printed(
     assert "obelisk.schema.json: nothing to change\n" in install(capsys, folder)[1]
 
 
-def test_nothing_is_asked_for_once_every_config_has_its_line(
+def test_nothing_is_read_once_every_config_has_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line = f"{LINE}.vscode/obelisk.schema.json\n"
@@ -64,7 +64,7 @@ def test_nothing_is_asked_for_once_every_config_has_its_line(
     assert LINE not in install(capsys, tmp_path)[1]
 
 
-def test_a_folder_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = install(capsys, tmp_path / "none")
     assert (code, err) == (1, "error: `DIR` is not a folder\n")
 
@@ -84,7 +84,7 @@ def test_every_example_names_its_schema_for_editors(path: Path) -> None:
     assert (path.parent / first.removeprefix(start)).resolve() == SCHEMA
 
 
-def test_a_pipe_and_a_file_without_an_end_are_no_configs(
+def test_a_pipe_and_an_endless_file_are_no_configs(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     os.mkfifo(folder / "pipe.yaml")

@@ -1,4 +1,4 @@
-"""`obk validate --watch`: a change of any file that took part is noticed, once."""
+"""`obk validate --watch` notices a change of any file of the config, once."""
 
 import os
 import re
@@ -15,7 +15,7 @@ from obk_cli.workspace.model_reader import mjcf_files
 
 
 def stepping(steps: Iterator[None]) -> Callable[[], None]:
-    """A wait that takes the next step of a story, and is interrupted at its end."""
+    """A wait that performs the next step of a scenario, and is interrupted at its end."""
 
     def wait() -> None:
         try:
@@ -85,7 +85,7 @@ def test_every_file_that_took_part_is_marked(tmp_path: Path) -> None:
     }
 
 
-def test_the_sources_of_nodes_and_what_names_them_are_marked(tmp_path: Path) -> None:
+def test_the_sources_of_nodes_and_of_their_names_are_marked(tmp_path: Path) -> None:
     package = tmp_path / "src" / "demo"
     (package / "demo").mkdir(parents=True)
     (package / "package.xml").write_text("<package><name>demo</name></package>")
@@ -102,7 +102,7 @@ def test_the_sources_of_nodes_and_what_names_them_are_marked(tmp_path: Path) -> 
     assert marked["package.xml"]
     assert marked["setup.py"]
     assert marked["demo/node.py"]
-    assert not marked["demo/parts.py"]  # it may come
+    assert not marked["demo/parts.py"]  # it may change
 
 
 @pytest.mark.mujoco

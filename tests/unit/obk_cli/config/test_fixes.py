@@ -1,4 +1,4 @@
-"""Edits of a text: what they change, and where they keep their hands off."""
+"""Edits of a text: what they change, and what they leave unchanged."""
 
 import pytest
 
@@ -66,11 +66,11 @@ def test_a_key_is_taken_out_and_comments_stay(text: str, left: str) -> None:
         "m: &m\n  a: 1\nn:\n  <<: *m\n  x: >\n    text\n",
     ],
 )
-def test_what_is_more_than_a_value_on_a_line_stays(text: str) -> None:
+def test_lines_with_more_than_a_value_are_kept(text: str) -> None:
     assert without(text, "x") == text
 
 
-def test_a_key_that_a_merge_brings_stays() -> None:
+def test_a_key_from_a_merge_is_kept() -> None:
     text = "m: &m {x: 2}\nn:\n  <<: *m\n"
     source, _, entry = entry_of(text, "x")
     mapping = maps(parse_source(source).tree or TreeMap((), entry.key_span))[2]
@@ -92,7 +92,7 @@ def test_a_key_that_a_merge_brings_stays() -> None:
         ("x: >\n  old\n", "new", "x: >\n  old\n"),
     ],
 )
-def test_a_word_is_written_in_its_own_quotes(text: str, new: str, after: str) -> None:
+def test_a_word_is_written_in_its_original_quotes(text: str, new: str, after: str) -> None:
     source, _, entry = entry_of(text, "x")
     assert apply_edits(source, respell(entry.value.span, "old", new)) == after
 
@@ -106,7 +106,7 @@ def test_a_word_is_written_in_its_own_quotes(text: str, new: str, after: str) ->
         ('x: "-2"\n', 'x: "-2"\n'),
     ],
 )
-def test_an_end_is_put_behind_what_is_plainly_written(text: str, after: str) -> None:
+def test_an_end_is_added_after_plain_text(text: str, after: str) -> None:
     source, _, entry = entry_of(text, "x")
     assert apply_edits(source, append_to(entry.value.span, "-2", ".0")) == after
 
@@ -114,11 +114,11 @@ def test_an_end_is_put_behind_what_is_plainly_written(text: str, after: str) -> 
 def test_edits_of_one_stretch_contradict_each_other() -> None:
     source = SourceFile.of("f", "abc\n")
     edits = [Edit(Span.at(source, 1, 1, 2), "x"), Edit(Span.at(source, 1, 2, 1), "y")]
-    with pytest.raises(ValueError, match="f:1:2: two edits of one stretch"):
+    with pytest.raises(ValueError, match="f:1:2: overlapping edits"):
         apply_edits(source, edits)
 
 
-def test_what_two_edits_take_away_is_gone_once() -> None:
+def test_text_removed_by_two_edits_is_removed_once() -> None:
     source = SourceFile.of("f", "abcd\n")
     edits = [Edit(Span.at(source, 1, 1, 2), ""), Edit(Span.at(source, 1, 2, 2), "")]
     assert apply_edits(source, [*edits, *edits]) == "d\n"

@@ -19,7 +19,7 @@ def stack(*overrides: str) -> Stack:
 
 
 @pytest.mark.parametrize("may_be_unclear", [True, False])
-def test_hardware_is_refused_with_its_place(may_be_unclear: bool) -> None:
+def test_hardware_is_rejected_with_its_location(may_be_unclear: bool) -> None:
     hardware = stack("onboard.robot[0].is_simulated=false")
     with pytest.raises(
         CommandFailedError, match=r"<command line>:1:1: .*/obelisk_robot_0 .* and it moves"
@@ -28,12 +28,12 @@ def test_hardware_is_refused_with_its_place(may_be_unclear: bool) -> None:
     assert raised.value.help == "simulate"
 
 
-def test_simulated_robots_are_not_refused() -> None:
+def test_simulated_robots_are_accepted() -> None:
     refuse_hardware(stack(), "it moves", help="")
     refuse_hardware(stack("onboard.robot[0].sim=[]"), "it moves", help="")
 
 
-def test_a_robot_whose_config_does_not_say_is_refused_unless_it_may_be_unclear() -> None:
+def test_a_robot_without_a_setting_is_rejected_unless_it_may_be_unclear() -> None:
     unclear = stack("onboard.robot[0].sim=[]", "onboard.robot[0].is_simulated=null")
     refuse_hardware(unclear, "it moves", help="", may_be_unclear=True)
     with pytest.raises(CommandFailedError):

@@ -64,7 +64,7 @@ def include(texts: Mapping[str, str], path: str) -> tuple[object, list[str]]:
     return plain_value(merged), [str(fault) for fault in faults]
 
 
-def test_files_are_merged_in_order_and_the_including_one_on_top() -> None:
+def test_files_are_merged_in_order_with_the_including_one_on_top() -> None:
     files = {
         "d/top.yaml": "include: [a.yaml, ../e/b.yaml]\nx: top\n",
         "d/a.yaml": "{x: a, y: a, z: a}",
@@ -76,7 +76,7 @@ def test_files_are_merged_in_order_and_the_including_one_on_top() -> None:
     assert faults == []
 
 
-def test_the_same_file_may_be_included_twice_where_it_is_no_circle() -> None:
+def test_the_same_file_may_be_included_twice_without_a_cycle() -> None:
     files = {"top": "include: [a, b]", "a": "include: [c]", "b": "include: [c]", "c": "x: 1"}
     assert include(files, "top") == ({"x": 1}, [])
 
@@ -111,7 +111,7 @@ g: "${E}${E:-no}"
     assert faults == ()
 
 
-def test_an_undefined_variable_is_shown_at_its_place_inside_the_text() -> None:
+def test_an_undefined_variable_is_shown_at_its_location_in_the_text() -> None:
     _, (fault,) = resolve_variables(tree('a: "x/${NONE}/y"'), {})
     assert (fault.span.column, fault.span.text) == (7, "${NONE}")
     _, (malformed,) = resolve_variables(tree('a: "$${X} ${1x}"'), {})
@@ -154,20 +154,20 @@ def test_set(option: str, value: object) -> None:
         (f"m{'.a' * 2000}=1", "the path has 2001 steps, expected at most 100"),
     ],
 )
-def test_a_set_that_does_not_fit_says_why(option: str, reason: str) -> None:
+def test_an_invalid_set_reports_why(option: str, reason: str) -> None:
     value, faults = override("{a: [{b: 1}], m: {c: 1}}", option)
     assert value == {"a": [{"b": 1}], "m": {"c": 1}}
     assert len(faults) == 1
     assert reason in faults[0]
 
 
-def test_what_was_set_has_the_command_line_for_its_place() -> None:
+def test_values_from_set_have_the_command_line_as_location() -> None:
     result, _ = apply_overrides(tree("{a: 1}"), ["a=5"])
     assert result.entries[0].value.span.path == "<command line>"
 
 
 @pytest.mark.parametrize("value", ["a ${ b", "'${1X}'", "'${'", "'x ${A'"])
-def test_a_reference_that_is_none_is_a_finding_in_the_process_environment(value: str) -> None:
+def test_an_invalid_reference_is_a_finding_in_the_process_environment(value: str) -> None:
     _, faults = resolve_variables(tree(f"config: {value}"), os.environ)
     assert [fault.message for fault in faults] == ["`${` does not start a `${NAME}`"]
 
@@ -182,7 +182,7 @@ def test_an_undefined_variable_is_reported_once_for_a_value() -> None:
     assert [(fault.span.line, fault.span.column) for fault in faults] == [(1, 4), (1, 14), (2, 4)]
 
 
-def test_what_a_variable_comes_to_keeps_its_text() -> None:
+def test_the_value_of_a_variable_keeps_its_text() -> None:
     resolved, _ = resolve_variables(tree("a: ${N}\nb: ${V:-1.10}\nc: '${N}'\n"), {"N": "012"})
     assert isinstance(resolved, TreeMap)
     values = [entry.value for entry in resolved]

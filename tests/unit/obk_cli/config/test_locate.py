@@ -1,4 +1,4 @@
-"""Where files that a config names are looked for, and which may be meant where they are not."""
+"""The search paths of files in a config, and suggestions for missing files."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def compiled(folder: Path, model: str, package: str = "demo") -> Outcome:
         ("arm.yaml", "tried "),
     ],
 )
-def test_a_model_that_is_not_there_is_reported_with_those_that_are(
+def test_a_missing_model_is_reported_with_the_existing_ones(
     tmp_path: Path, written: str, meant: str
 ) -> None:
     (tmp_path / "models").mkdir()
@@ -45,7 +45,7 @@ def test_paths_that_lead_to_no_file_are_not_found(tmp_path: Path, written: str) 
     assert "did you mean" not in (fault.help or "")
 
 
-def test_what_stands_there_but_is_no_file_is_not_meant(tmp_path: Path) -> None:
+def test_existing_paths_that_are_no_files_are_not_suggested(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").mkdir()
     (fault,) = (f for f in compiled(tmp_path, "arm.xml").diagnostics if f.code == "OBK301")
     assert "did you mean" not in (fault.help or "")
@@ -56,8 +56,8 @@ def test_names_that_no_file_can_have_are_not_found(tmp_path: Path) -> None:
     assert {"OBK301", "OBK401"} <= {fault.code for fault in outcome.diagnostics}
 
 
-def test_nothing_is_meant_where_a_link_leads_out_of_the_folder(tmp_path: Path) -> None:
-    # A package has no others below it, so that none is looked for behind the link.
+def test_nothing_is_suggested_if_a_link_leads_out_of_the_folder(tmp_path: Path) -> None:
+    # A package contains no other packages, so the search does not continue behind the link.
     (tmp_path / "package.xml").write_text("<package><name>demo</name></package>")
     (tmp_path / "link").symlink_to("/")
     (fault,) = (f for f in compiled(tmp_path, "link/x.xml").diagnostics if f.code == "OBK301")

@@ -24,7 +24,7 @@ def node_faults(fields: str) -> list[str]:
     return [fault.message for fault in faults]
 
 
-def test_both_spellings_give_the_same_nodes() -> None:
+def test_both_formats_give_the_same_nodes() -> None:
     flat, _ = read(f"control: [{{{NODE}}}]\nrobot: {{{NODE}}}")
     blocks, _ = read(f"onboard:\n  control: {{{NODE}}}\n  robot: [{{{NODE}}}]")
     assert [n.full_name for n in flat.nodes] == [n.full_name for n in blocks.nodes]
@@ -44,12 +44,12 @@ def test_nodes_are_counted_through_over_all_devices() -> None:
     assert faults == []
 
 
-def test_a_namespace_is_put_in_front() -> None:
+def test_a_namespace_is_prepended() -> None:
     stack, _ = read(f"control: {{{NODE}, namespace: left/arm}}")
     assert stack.nodes[0].full_name == "/left/arm/obelisk_control_0"
 
 
-def test_null_is_the_same_as_not_written() -> None:
+def test_null_equals_a_missing_value() -> None:
     stack, faults = read(f"control: [{{{NODE}, publishers: , callback_groups: , params: ~}}]\nviz:")
     assert faults == []
     assert stack.nodes[0].components == ()
@@ -139,7 +139,7 @@ def test_every_fault_of_a_node_is_found_in_one_run() -> None:
         ("respawn: on", "in YAML 1.2 `on` is text; write `true` or `false`"),
     ],
 )
-def test_what_is_text_only_for_its_quotes_is_reported_without_them(
+def test_values_that_are_text_only_by_quotes_are_reported_without_them(
     field: str, help: str | None
 ) -> None:
     _, (fault,) = read(f"control: {{{NODE}, {field}}}")
@@ -148,14 +148,14 @@ def test_what_is_text_only_for_its_quotes_is_reported_without_them(
     assert bool(fault.help) == bool(help)
 
 
-def test_a_misspelt_key_is_read_as_what_it_was_meant_to_be() -> None:
+def test_a_misspelt_key_is_read_as_the_intended_one() -> None:
     stack, faults = read("control: {pgk: demo, executable: run}")
     assert [fault.code for fault in faults] == ["OBK101"]
     assert stack.nodes[0].pkg is not None
     assert stack.nodes[0].pkg.value == "demo"
 
 
-def test_switched_off_parts_are_not_there() -> None:
+def test_disabled_parts_are_missing() -> None:
     stack, faults = read(
         f"viz: {{on: false, viz_nodes: [{{{NODE}}}]}}\njoystick: {{on: false, pub_topic: /joy}}"
     )
@@ -176,7 +176,7 @@ def test_the_older_name_of_a_sensor_groups_type_is_read() -> None:
     assert stack.nodes[0].sims[0].is_sound
 
 
-def test_a_block_with_a_fault_is_not_sound() -> None:
+def test_a_block_with_a_fault_is_invalid() -> None:
     stack, _ = read(f"robot: {{{NODE}, sim: {{model_xml_path: m.xml, n_u: -1}}}}")
     assert not stack.nodes[0].sims[0].is_sound
 
@@ -190,7 +190,7 @@ def test_a_block_with_a_fault_is_not_sound() -> None:
         ("{qqqqq: 1}", "the file contains `qqqqq`, none of which is a section of a config"),
     ],
 )
-def test_what_is_no_config_is_named_for_what_it_is(text: str, message: str) -> None:
+def test_a_document_that_is_no_config_is_named_by_its_kind(text: str, message: str) -> None:
     parsed = parse_source(SourceFile.of("f.yaml", text))
     assert parsed.tree is not None
     stack, faults = read_stack(parsed.tree)

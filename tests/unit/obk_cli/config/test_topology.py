@@ -33,7 +33,7 @@ def topics(text: str) -> set[str]:
         ("twice", "/first"),
     ],
 )
-def test_topics_are_made_absolute_as_ros_does(written: str, absolute: str) -> None:
+def test_topics_are_converted_to_absolute_names_as_in_ros(written: str, absolute: str) -> None:
     pairs = "[/old:=/new, old:=own, ~/state:=/state, /left/twice:=/first, twice:=/second]"
     node = f"pkg: demo, executable: run, namespace: left, remappings: {pairs}"
     component = f"publishers: [{{key: p, topic: '{written}'}}]"
@@ -44,7 +44,7 @@ def test_topics_are_made_absolute_as_ros_does(written: str, absolute: str) -> No
     ("is_simulated", "published"),
     [("true", {"publishes /s"}), ("~", {"publishes /s"}), ("false", set())],
 )
-def test_sensor_groups_are_published_where_the_robot_is_simulated(
+def test_sensor_groups_are_published_if_the_robot_is_simulated(
     is_simulated: str, published: set[str]
 ) -> None:
     group = "{topic: /s, dt: 0.1, msg_type: Imu}"

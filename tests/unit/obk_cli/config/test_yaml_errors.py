@@ -1,4 +1,4 @@
-"""The usual mistakes in YAML are reported where they are made, with what would be right."""
+"""Common YAML mistakes are reported at their location, with the correct text."""
 
 import pytest
 import yaml
@@ -24,21 +24,21 @@ robot:
 
 
 def reported(text: str) -> Diagnostic:
-    """The one finding of a text."""
+    """The only finding in a text."""
     (finding,) = parse_source(SourceFile.of("c.yaml", text)).diagnostics
     return finding
 
 
 @pytest.fixture(params=["libyaml", "python"], autouse=True)
 def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both of PyYAML's parsers, whose words differ; not every PyYAML has the quicker one."""
+    """Both of PyYAML's parsers, whose messages differ; not every PyYAML has the C parser."""
     if request.param == "python":
         for module in (yaml_parser, yaml_error_context):
             monkeypatch.setattr(module, "YAML_LOADER", yaml.SafeLoader)
 
 
 MISTAKES = [
-    # right, wrong, where, what, what would be right
+    # correct text, wrong text, location, message, help
     ("/ctrl", '"/ctrl', "6:16", 'the quote " opened here is never closed', '`"/ctrl"`'),
     ("/ctrl", "'/ctrl  # why", "6:16", "the quote ' opened here is never", "`'/ctrl'`"),
     ("topic: /ctrl", 'qos: {a: "b}', "6:18", "never closed", '`"b"}`'),
@@ -92,7 +92,7 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("right", "wrong", "where", "what", "fix"), MISTAKES)
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"], ids=["lf", "crlf"])
-def test_a_usual_mistake_is_reported_where_it_is_made(
+def test_a_common_mistake_is_reported_at_its_location(
     right: str, wrong: str, where: str, what: str, fix: str, line_end: str
 ) -> None:
     assert right in NODE
@@ -102,7 +102,7 @@ def test_a_usual_mistake_is_reported_where_it_is_made(
     assert fix in (finding.help or "")
 
 
-def test_what_was_noticed_far_below_an_open_bracket_is_shown_too() -> None:
+def test_an_error_far_below_an_open_bracket_is_shown_too() -> None:
     finding = reported(NODE.replace("topic: /ctrl", "qos: [1"))
     assert [(r.message, r.span.line) for r in finding.related] == [("noticed here", 7)]
 
@@ -113,11 +113,11 @@ def test_a_bracket_of_several_lines_lacks_a_comma_not_its_end() -> None:
     assert finding.span.line == 3
 
 
-def test_a_mistake_of_no_usual_kind_is_reported_in_the_parsers_words() -> None:
+def test_an_uncommon_mistake_is_reported_with_the_parsers_message() -> None:
     finding = reported("%YAML 9.1\n---\na: 1\n")
     assert finding.message.startswith("not YAML: ")
 
 
-def test_nothing_is_looked_for_in_a_line_that_no_one_typed() -> None:
+def test_mistakes_are_not_searched_in_generated_lines() -> None:
     finding = reported("a: '" + " " * 100_000)
     assert finding.message.startswith("not YAML: ")

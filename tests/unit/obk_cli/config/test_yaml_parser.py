@@ -19,7 +19,7 @@ def codes(text: str) -> list[str]:
     return [fault.code for fault in parse_source(SourceFile.of("f.yaml", text)).diagnostics]
 
 
-def test_every_value_has_its_place() -> None:
+def test_every_value_has_its_location() -> None:
     tree = parse("a: 'x'\nb:\n  - on\n  - 1e-3\nc: {d: ~}\n")
     a, b, c = tree.entries
     assert (a.key_span.line, a.key_span.column, a.key_span.text) == (1, 1, "a")
@@ -52,12 +52,12 @@ def test_only_the_line_breaks_of_yaml_1_2_are_line_breaks(char: str) -> None:
     assert [entry.key_span.line for entry in tree] == [2, 3, 4]
 
 
-def test_where_a_text_is_not_yaml_lines_are_those_of_yaml_1_2() -> None:
+def test_in_invalid_yaml_lines_are_those_of_yaml_1_2() -> None:
     (fault,) = parse_source(SourceFile.of("f.yaml", "# \u2028\na: [1, 2\nb: 3\n")).diagnostics
     assert (fault.span.line, fault.span.text) == (2, "[1, 2")
 
 
-def test_no_text_holds_a_nul_character() -> None:
+def test_no_text_contains_a_nul_character() -> None:
     parsed = parse_source(SourceFile.of("f.yaml", 'a: "x\\0y"\n"k\\0": 1\n'))
     assert [str(fault.span) for fault in parsed.diagnostics] == ["f.yaml:1:4", "f.yaml:2:1"]
     assert parsed.tree is not None
@@ -70,7 +70,7 @@ def test_a_number_of_thousands_of_digits_is_text() -> None:
     assert kind_of(tree.entries[2].value).endswith("...")
 
 
-def test_aliases_and_merge_keys_keep_the_place_where_the_value_stands() -> None:
+def test_aliases_and_merge_keys_keep_the_location_of_the_value() -> None:
     tree = parse("base: &b {x: 1, y: 1}\nuse:\n  <<: *b\n  y: 2\n")
     use = tree.entries[1].value
     assert plain_value(use) == {"y": 2, "x": 1}
@@ -98,7 +98,7 @@ def test_crlf_and_a_byte_order_mark_are_taken() -> None:
         (b"\xef\xbb\xbfa: 1\nb: \xff", "f:2:4: error[OBK002]: byte 0xff"),
     ],
 )
-def test_what_is_no_utf8_is_reported_with_its_place(data: bytes, reported: str) -> None:
+def test_invalid_utf8_is_reported_with_its_location(data: bytes, reported: str) -> None:
     assert str(decode_source("f", data)) == f"{reported} is not UTF-8"
 
 
@@ -130,7 +130,7 @@ def test_a_file_over_ten_mebibytes_is_not_read() -> None:
         ("[" * 100_000, "OBK013"),
     ],
 )
-def test_what_cannot_be_read_is_a_finding(text: str, code: str) -> None:
+def test_unreadable_files_are_findings(text: str, code: str) -> None:
     assert codes(text) == [code]
 
 

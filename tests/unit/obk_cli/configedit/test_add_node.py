@@ -24,7 +24,7 @@ NEW = """\
       topic: /somewhere/imu
       msg_type: ObkImu
 """
-SOUND = """\
+VALID_TEXT = """\
 config: a
 control:
   - pkg: demo
@@ -60,10 +60,10 @@ def with_node(text: str, section: str = "sensing", new: str = NEW) -> str:
 
 
 @pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
-def test_line_ends_are_those_of_the_file_and_a_last_line_without_one_stays_so(
+def test_line_ends_are_kept_and_so_is_a_last_line_without_one(
     line_end: str,
 ) -> None:
-    before = SOUND.replace("\n", line_end)
+    before = VALID_TEXT.replace("\n", line_end)
     lines = (
         "  - pkg: new_node",
         "    executable: new_node",
@@ -76,13 +76,13 @@ def test_line_ends_are_those_of_the_file_and_a_last_line_without_one_stays_so(
     assert with_node(before + line_end) == with_node(before) + line_end
 
 
-def test_a_topic_of_its_own_is_one_that_no_one_has() -> None:
-    text = SOUND.replace("/a/q", "/a/new_node/imu")
+def test_a_new_topic_is_an_unused_one() -> None:
+    text = VALID_TEXT.replace("/a/q", "/a/new_node/imu")
     assert "topic: /a/new_node/new_node/imu" in with_node(text)
 
 
 def test_a_topic_that_its_readers_want_kept_is_published_so() -> None:
-    wanting = SOUND.replace(
+    wanting = VALID_TEXT.replace(
         "{key: sub_sensor, topic: /a/q, msg_type: ObkJointEncoders}",
         "{key: sub_sensor, topic: /a/q, msg_type: ObkJointEncoders}, "
         "{key: sub_imu, topic: /a/imu, msg_type: ObkImu, qos: {durability: transient_local}}",
@@ -108,7 +108,7 @@ VALUES = [
 
 
 @pytest.mark.parametrize("value", VALUES, ids=repr)
-def test_a_value_is_written_as_what_it_is(value: object) -> None:
+def test_a_value_is_written_by_its_type(value: object) -> None:
     new = json.dumps([{"pkg": "new_node", "executable": "new_node", "params": {"a": value}}])
     rejected = add_to(FLOW["the list"], new=new)
     assert isinstance(rejected, Rejected)
@@ -128,7 +128,7 @@ def test_a_section_that_is_not_in_block_style_is_rejected_with_a_snippet(what: s
 
 @pytest.mark.parametrize("text", ["", "a", "[]", "- a", "- {}", "- pkg: a", "- {pkg: a}\n- {}"])
 def test_what_is_no_entry_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="a new node "):
+    with pytest.raises(ValueError, match="expected "):
         read_new_node("control", text)
 
 

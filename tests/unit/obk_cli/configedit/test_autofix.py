@@ -1,4 +1,4 @@
-"""`obk validate --fix`: what is mended, what is left, and that no file becomes worse."""
+"""`obk validate --fix`: what is fixed, what is left, and that no file becomes worse."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from obk_cli.cli.main import main
 from obk_cli.compiler import Options
 from obk_cli.configedit.autofix import Fixed, fix_config
 
-SOUND = """\
+VALID_TEXT = """\
 config: d
 control:
   - pkg: demo
@@ -56,7 +56,7 @@ def fix(path: Path, allowed: bool = True) -> Fixed:
 
 
 def with_faults() -> str:
-    text = SOUND
+    text = VALID_TEXT
     for right, wrong in FAULTS:
         assert right in text
         text = text.replace(right, wrong)
@@ -70,35 +70,35 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[object, st
     return ended.value.code, out, err
 
 
-def test_slips_of_the_pen_are_mended(tmp_path: Path) -> None:
+def test_typing_mistakes_are_fixed(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(with_faults())
     fixed = fix(path)
     ((source, text),) = fixed.files
-    assert text == SOUND
+    assert text == VALID_TEXT
     assert source.text == with_faults() == path.read_text()
     assert fixed.after.diagnostics == ()
 
 
 @pytest.mark.parametrize(("right", "wrong"), FAULTS)
-def test_each_slip_alone_is_mended(tmp_path: Path, right: str, wrong: str) -> None:
+def test_each_mistake_alone_is_fixed(tmp_path: Path, right: str, wrong: str) -> None:
     path = tmp_path / "c.yaml"
-    path.write_text(SOUND.replace(right, wrong))
+    path.write_text(VALID_TEXT.replace(right, wrong))
     fixed = fix(path)
     ((_, text),) = fixed.files
-    assert (text, fixed.refused, fixed.after.diagnostics) == (SOUND, (), ())
+    assert (text, fixed.refused, fixed.after.diagnostics) == (VALID_TEXT, (), ())
 
 
-def test_a_sound_config_stays(tmp_path: Path) -> None:
+def test_a_valid_config_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
-    path.write_text(SOUND)
+    path.write_text(VALID_TEXT)
     fixed = fix(path)
     assert (fixed.files, fixed.done) == ((), ())
 
 
-def test_a_cure_that_would_change_the_stack_is_taken_back(tmp_path: Path) -> None:
+def test_a_fix_that_would_change_the_stack_is_undone(tmp_path: Path) -> None:
     inner = tmp_path / "inner.yaml"
-    inner.write_text(SOUND.replace("topic: /ctrl,", "topic: /ctrl, history_depth: 5,"))
+    inner.write_text(VALID_TEXT.replace("topic: /ctrl,", "topic: /ctrl, history_depth: 5,"))
     path = tmp_path / "c.yaml"
     path.write_text(
         "include: inner.yaml\nrobot:\n  subscribers:\n"
@@ -113,7 +113,7 @@ def test_a_cure_that_would_change_the_stack_is_taken_back(tmp_path: Path) -> Non
 
 def test_a_fix_that_moves_a_rate_to_another_line_is_kept(tmp_path: Path) -> None:
     timers = "    timers:\n      - key: timer_ctrl\n        timer_period_sec: 0.01\n"
-    sound = SOUND.replace("estimation:\n", f"{timers}estimation:\n")
+    sound = VALID_TEXT.replace("estimation:\n", f"{timers}estimation:\n")
     path = tmp_path / "c.yaml"
     path.write_text(
         sound.replace("/estimate\n        msg", "/estimate\n        callback_key: x\n        msg")
@@ -124,9 +124,11 @@ def test_a_fix_that_moves_a_rate_to_another_line_is_kept(tmp_path: Path) -> None
     assert text == sound
 
 
-def test_a_cure_that_leads_to_more_errors_is_taken_back(tmp_path: Path) -> None:
+def test_a_fix_that_leads_to_more_errors_is_undone(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
-    path.write_text(SOUND + "  sim: {model_xml_path: m.xml, sensor_setings: [{a: 1}, {b: 2}]}\n")
+    path.write_text(
+        VALID_TEXT + "  sim: {model_xml_path: m.xml, sensor_setings: [{a: 1}, {b: 2}]}\n"
+    )
     fixed = fix(path)
     assert [f.message for f in fixed.refused] == ["`sim` has no key `sensor_setings`"]
     assert fixed.files == ()
@@ -145,7 +147,7 @@ def test_a_sensor_is_renamed_unless_the_name_is_taken(tmp_path: Path) -> None:
         ("angel: jointpos", "angle: jointpos"),
         ("angle: jointpos, angel: jointpos", None),
     ):
-        text = f"{SOUND}{sim}msg_type: JointEncoders, sensor_names: {{{names}}}}}]}}\n"
+        text = f"{VALID_TEXT}{sim}msg_type: JointEncoders, sensor_names: {{{names}}}}}]}}\n"
         path.write_text(text)
         files = [new for _, new in fix(path).files]
         assert files == ([text.replace(names, after)] if after else [])
@@ -166,7 +168,7 @@ def test_the_command_writes_and_reports(
     monkeypatch.chdir(tmp_path)
     path = Path("c.yaml")
     path.write_text(
-        SOUND.replace("executable: c", "excutable: c").replace("\n", "\r\n"), newline=""
+        VALID_TEXT.replace("executable: c", "excutable: c").replace("\n", "\r\n"), newline=""
     )
     code, out, err = run(capsys, "c.yaml", "--fix")
     assert (code, err) == (0, "")
@@ -174,14 +176,14 @@ def test_the_command_writes_and_reports(
         "fixed c.yaml:4:5: error[OBK101]: a node of `control` has no key `excutable`: "
         "now executable\nc.yaml: no findings\n"
     )
-    assert path.read_bytes().decode() == SOUND.replace("\n", "\r\n")
+    assert path.read_bytes().decode() == VALID_TEXT.replace("\n", "\r\n")
 
 
 def test_diff_shows_and_writes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    wrong = SOUND.replace("executable: c", "excutable: c")
+    wrong = VALID_TEXT.replace("executable: c", "excutable: c")
     Path("c.yaml").write_text(wrong)
     code, out, err = run(capsys, "c.yaml", "--fix", "--diff")
     assert code == 1
@@ -190,10 +192,10 @@ def test_diff_shows_and_writes_nothing(
     assert Path("c.yaml").read_text() == wrong
 
 
-def test_an_included_file_is_mended_in_the_folder_and_not_outside(
+def test_an_included_file_is_fixed_inside_the_folder_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    wrong = SOUND.replace("executable: c", "excutable: c")
+    wrong = VALID_TEXT.replace("executable: c", "excutable: c")
     folder = tmp_path / "stack"
     (folder / "parts").mkdir(parents=True)
     monkeypatch.chdir(folder)
@@ -202,7 +204,7 @@ def test_an_included_file_is_mended_in_the_folder_and_not_outside(
     Path("in.yaml").write_text("include: parts/inside.yaml\n")
     Path("out.yaml").write_text("include: ../outside.yaml\n")
     assert run(capsys, "in.yaml", "--fix")[0] == 0
-    assert (folder / "parts/inside.yaml").read_text() == SOUND
+    assert (folder / "parts/inside.yaml").read_text() == VALID_TEXT
     code, out, _ = run(capsys, "out.yaml", "--fix")
     assert code == 1
     assert out.startswith(
@@ -215,7 +217,7 @@ def test_other_formats_keep_the_output_to_themselves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("c.yaml").write_text(SOUND.replace("executable: c", "excutable: c"))
+    Path("c.yaml").write_text(VALID_TEXT.replace("executable: c", "excutable: c"))
     code, out, err = run(capsys, "c.yaml", "--fix", "--format", "json")
     assert (code, json.loads(out)["diagnostics"]) == (0, [])
     assert err.startswith("fixed c.yaml:4:5: ")
@@ -224,18 +226,21 @@ def test_other_formats_keep_the_output_to_themselves(
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        (("c.yaml", "--diff"), "`--diff` shows what `--fix` would change: give both"),
+        (("c.yaml", "--diff"), "`--diff` needs `--fix`"),
         (("-", "--fix"), "`--fix` needs files, not standard input"),
         (("-", "--watch"), "`--watch` needs files, not standard input"),
-        (("c.yaml", "--watch", "--fix"), "`--watch` does not go with --fix"),
-        (("c.yaml", "--watch", "--format", "json"), "`--watch` does not go with --format json"),
+        (("c.yaml", "--watch", "--fix"), "`--watch` cannot be combined with `--fix`"),
+        (
+            ("c.yaml", "--watch", "--format", "json"),
+            "`--watch` cannot be combined with `--format json`",
+        ),
     ],
 )
 def test_misuse(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], error: str) -> None:
     assert run(capsys, *arguments) == (2, "", f"error: {error}\n")
 
 
-def test_a_file_that_is_included_by_two_paths_is_mended_once_and_whole(
+def test_a_file_that_is_included_by_two_paths_is_fixed_once_and_completely(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

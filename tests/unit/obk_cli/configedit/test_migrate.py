@@ -1,4 +1,4 @@
-"""`migrate_source`: what changes in a text, what stays byte for byte, what is reported."""
+"""`migrate_source`: changed text, unchanged text, reports."""
 
 from pathlib import Path
 
@@ -65,13 +65,13 @@ obk: {ignore: [OBK4]}  # tail
 """
 
 
-def test_level_and_names_change_and_nothing_else() -> None:
+def test_only_level_and_names_change() -> None:
     migrated = migrate(SEED)
     assert migrated.text == KEY
     assert not migrated.kept
 
 
-def test_a_migrated_text_stays_as_it_is() -> None:
+def test_a_migrated_text_is_not_changed_again() -> None:
     assert not migrate(KEY).is_changed
 
 
@@ -88,7 +88,7 @@ def test_line_ends_stay(end: str) -> None:
     assert migrate(SEED.replace("\n", end)).text == KEY.replace("\n", end)
 
 
-def test_a_last_line_without_an_end_stays_without() -> None:
+def test_a_last_line_without_an_end_is_kept() -> None:
     text = "onboard:\n  robot:\n    publishers:\n    - ros_parameter: a_setting"
     assert migrate(text).text == "robot:\n  publishers:\n  - key: a"
 
@@ -106,7 +106,7 @@ def test_tabs_in_comments_and_behind_values_stay() -> None:
         ("{robot: {timers: [{key: a}]}, obk: {}}\n", "seed", "1:2"),
     ],
 )
-def test_a_level_in_braces_stays_and_components_are_migrated(
+def test_a_level_in_braces_is_kept_and_components_are_migrated(
     text: str, to: Spelling, place: str
 ) -> None:
     migrated = migrate(text, to)
@@ -116,7 +116,7 @@ def test_a_level_in_braces_stays_and_components_are_migrated(
     assert (str(only).startswith(f"c.yaml:{place}: info[migrate]"), bool(only.help)) == (True, True)
 
 
-def test_a_key_that_names_the_same_component_is_enough() -> None:
+def test_a_key_that_names_the_same_component_is_sufficient() -> None:
     text = (
         "robot:\n  publishers:\n"
         "  - ros_parameter: pub_a_setting  # one\n    key: pub_a\n"
@@ -159,7 +159,7 @@ def test_an_anchored_node_is_migrated_once() -> None:
     assert migrate(text).text == text.replace("ros_parameter: pub_a_setting", "key: pub_a")
 
 
-def test_what_stays_is_reported_word_for_word(request: pytest.FixtureRequest) -> None:
+def test_unmigrated_parts_are_reported_literally(request: pytest.FixtureRequest) -> None:
     migrated = migrate((HERE / "kept.yaml").read_text())
     assert not migrated.is_changed
     expected = HERE / "kept.txt"
@@ -174,48 +174,48 @@ def test_what_stays_is_reported_word_for_word(request: pytest.FixtureRequest) ->
         (
             "onboard: {robot: {}}\noffboard: {control: {}}\n",
             "key",
-            "2:1: info[migrate]: the device blocks stay: sections at the top level are one device, "
-            "there are 2",
+            "2:1: info[migrate]: the device blocks are kept: the top level can hold one device, "
+            "not 2",
         ),
         (
             "arm: {robot: {}}\n",
             "key",
-            "1:1: info[migrate]: the device block stays: sections at the top level are the device "
-            "`onboard`",
+            "1:1: info[migrate]: the device block is kept: the top level is the device `onboard`",
         ),
         (
             "onboard: {robot: {}}\ncontrol: {}\n",
             "key",
-            "2:1: info[migrate]: section `control` stands beside a device",
+            "2:1: info[migrate]: section `control` is outside the device",
         ),
         (
             "onboard: &all {robot: {}}\n",
             "key",
-            "1:1: info[migrate]: the device block stays: it has an anchor or a tag",
+            "1:1: info[migrate]: the device block is kept: it has an anchor or a tag",
         ),
         (
             "onboard:\n  robot: {}\n  config: a\nconfig: b\n",
             "key",
-            "1:1: info[migrate]: the device block stays: `config` stands outside it too",
+            "1:1: info[migrate]: the device block is kept: `config` also occurs outside it",
         ),
         (
             "? onboard\n: {robot: {}}\n",
             "key",
-            "1:3: info[migrate]: the device block stays: it is written by an anchor or with `?`",
+            "1:3: info[migrate]: the device block is kept: it is written with an anchor or with "
+            "`?`",
         ),
         (
             "onboard: {control: {}}\nrobot: {}\n",
             "seed",
-            "1:1: info[migrate]: device `onboard` stands beside sections",
+            "1:1: info[migrate]: the sections are outside the device `onboard`",
         ),
         (
             "control: {}\nconfig: a\nrobot: {}\n",
             "seed",
-            "2:1: info[migrate]: the sections stay at the top level: `config` stands between them",
+            "2:1: info[migrate]: the sections are kept at the top level: `config` is between them",
         ),
     ],
 )
-def test_a_level_that_stays_is_reported(text: str, to: Spelling, message: str) -> None:
+def test_a_kept_level_is_reported(text: str, to: Spelling, message: str) -> None:
     migrated = migrate(text, to)
     assert not migrated.is_changed
     (only,) = migrated.kept
@@ -237,7 +237,7 @@ def test_aliases_that_tie_places_together_leave_the_file_alone() -> None:
     )
     migrated = migrate(text)
     assert migrated.text == text
-    assert "its anchors or its layout tie the places together" in reported(migrated)
+    assert "because of its anchors or its layout" in reported(migrated)
 
 
 @pytest.mark.parametrize(
@@ -251,7 +251,7 @@ def test_aliases_that_tie_places_together_leave_the_file_alone() -> None:
         ("control: 1\ncontrol: 2\n", "OBK004"),
     ],
 )
-def test_a_text_that_is_no_config_is_refused(text: str, fault: str) -> None:
+def test_a_text_that_is_no_config_is_rejected(text: str, fault: str) -> None:
     migrated = migrate(text)
     assert [finding.code for finding in migrated.faults] == [fault]
     assert migrated.text == text

@@ -1,4 +1,4 @@
-"""Values of running nodes in a config: only they change, and what cannot be written is named."""
+"""Saving parameters of running nodes in a config: only these change, and failures are named."""
 
 from pathlib import Path
 
@@ -86,7 +86,7 @@ def test_equal_values_change_nothing(tmp_path: Path) -> None:
         ("gains: [1.0, 2.0] ", "gains:\n        - 1.0\n        - 2.0 ", "gains", "several lines"),
     ],
 )
-def test_what_cannot_be_written_is_named_and_stays(
+def test_unwritable_values_are_named_and_kept(
     tmp_path: Path, old: str, new: str, name: str, fault: str
 ) -> None:
     text = CONFIG.replace(old, new)

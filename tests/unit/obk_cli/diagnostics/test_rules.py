@@ -29,7 +29,7 @@ def test_the_code_reports_no_rule_that_is_not_in_the_table() -> None:
 @pytest.mark.parametrize(
     ("code", "may_be"), [("OBK003", False), ("OBK014", True), ("OBK203", True)]
 )
-def test_what_is_reported_of_a_rule_says_whether_it_may_be_silenced(
+def test_an_explained_rule_states_whether_it_may_be_silenced(
     code: str, may_be: bool, repository: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     explain(code)

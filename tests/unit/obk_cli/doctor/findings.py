@@ -1,4 +1,4 @@
-"""What the tests of judges ask of findings."""
+"""Helpers for the tests of findings."""
 
 from collections.abc import Iterable
 
@@ -6,7 +6,7 @@ from obk_cli.doctor.finding import Finding
 
 
 def the_one(findings: Iterable[Finding], severity: str) -> Finding:
-    """The only finding of a severity; an error or a warning always says what to do."""
+    """The only finding of a severity; errors and warnings always have a help text."""
     found = [finding for finding in findings if finding.severity == severity]
     assert len(found) == 1, found
     if severity in ("error", "warning"):
@@ -15,5 +15,5 @@ def the_one(findings: Iterable[Finding], severity: str) -> Finding:
 
 
 def severities(findings: Iterable[Finding]) -> list[str]:
-    """In their order."""
+    """The severities, in order."""
     return [finding.severity for finding in findings]

@@ -1,4 +1,4 @@
-"""`obk doctor` as a command: which checks, in what form, with which exit code."""
+"""The `obk doctor` command: selected checks, formats, exit codes."""
 
 import pytest
 
@@ -7,14 +7,14 @@ from obk_cli.cli.main import main
 from obk_cli.doctor.checks import Check
 from obk_cli.doctor.finding import error, ok, warning
 
-SOUND = Check(name="ros", about="which ROS", find=lambda: (ok("jazzy"),))
+HEALTHY = Check(name="ros", about="which ROS", find=lambda: (ok("jazzy"),))
 WARNS = Check(name="cpu", about="processors", find=lambda: (warning("one", "buy another"),))
 FAILS = Check(name="rmw", about="middleware", find=lambda: (error("none", "install one"),))
 
 
 @pytest.fixture(autouse=True)
 def _made_up_checks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "checks_of", lambda *_: (SOUND, WARNS, FAILS))
+    monkeypatch.setattr(doctor, "checks_of", lambda *_: (HEALTHY, WARNS, FAILS))
 
 
 def run(*arguments: str) -> int:
@@ -37,12 +37,12 @@ def test_named_checks_run_alone_in_the_tables_order(capsys: pytest.CaptureFixtur
     assert [line[:3] for line in capsys.readouterr().out.splitlines()[:2]] == ["ros", "cpu"]
 
 
-def test_the_list_looks_at_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_runs_no_check(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--list") == 0
     assert capsys.readouterr().out == "ros  which ROS\ncpu  processors\nrmw  middleware\n"
 
 
-def test_a_check_that_is_none_is_reported_with_the_one_that_was_meant(
+def test_an_unknown_check_is_reported_with_a_suggestion(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert run("rwm") == 2

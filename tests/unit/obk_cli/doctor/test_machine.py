@@ -1,4 +1,4 @@
-"""Judges of memory, compilers, graphics, limits, processors and folders, in made-up worlds."""
+"""Checks of memory, compilers, graphics, limits, processors and folders, in fake worlds."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ FOLDER = FolderFacts(
 )
 
 
-def test_a_sound_machine_gives_no_complaint() -> None:
+def test_a_healthy_machine_gives_no_findings() -> None:
     found = [
         *judge_shared_memory(MEMORY),
         *judge_transport(TRANSPORT),
@@ -88,9 +88,7 @@ def test_shared_memory_that_cannot_be_written_is_reported() -> None:
         (8 * GIB, "obk reap"),
     ],
 )
-def test_little_room_in_shared_memory_is_cured_by_size_or_by_clearing(
-    total_bytes: int, fix: str
-) -> None:
+def test_little_shared_memory_is_fixed_by_size_or_by_clearing(total_bytes: int, fix: str) -> None:
     world = replace(MEMORY, total_bytes=total_bytes, free_bytes=20 * MIB)
     found = the_one(judge_shared_memory(world), "warning")
     assert found.fix == fix
@@ -100,7 +98,7 @@ def test_many_files_of_dds_are_noted() -> None:
     assert the_one(judge_shared_memory(replace(MEMORY, dds_files=900)), "note").fix == "obk reap"
 
 
-def test_a_missing_compiler_is_reported_with_what_to_install() -> None:
+def test_a_missing_compiler_is_reported_with_the_package_to_install() -> None:
     the_one(judge_compiler(CompilerFacts(commands=(), fault="no C compiler")), "warning")
 
 
@@ -136,7 +134,7 @@ def test_without_a_display_nothing_is_to_be_done_for_glfw() -> None:
     assert (found.message.endswith("; it needs a display"), found.fix) == (True, "")
 
 
-def test_no_back_end_at_all_is_reported_once() -> None:
+def test_a_missing_back_end_is_reported_once() -> None:
     back_ends = {"egl": CRASHED_DRAWING, "osmesa": CRASHED_DRAWING}
     found = [*judge_mujoco(replace(MUJOCO, back_ends=back_ends))]
     the_one(found, "warning")
@@ -165,7 +163,7 @@ def test_little_locked_memory_is_noted() -> None:
     the_one(judge_realtime(replace(REALTIME, locked_bytes=8 * MIB)), "note")
 
 
-def test_one_processor_is_reported_also_where_a_container_allows_no_more() -> None:
+def test_one_processor_is_reported_even_if_a_container_sets_the_limit() -> None:
     for world in (replace(CPU, usable=1), replace(CPU, quota=1.0)):
         assert the_one(judge_cpu(world), "warning").message.startswith("1 processor:")
 
@@ -191,12 +189,12 @@ def test_a_slow_clock_is_noted(world: CpuFacts, measured: tuple[str, int]) -> No
     assert (facts["clock"], facts["read_ns"]) == measured
 
 
-def test_a_folder_that_cannot_be_written_is_reported_with_what_moves_it() -> None:
+def test_a_read_only_folder_is_reported_with_the_setting_that_moves_it() -> None:
     found = the_one(judge_folders((replace(FOLDER, fault="Read-only file system"),)), "warning")
     assert found.fix.startswith("export OBK_HOME=")
 
 
-def test_a_user_without_a_place_for_a_folder_is_reported() -> None:
+def test_a_user_without_a_folder_is_reported() -> None:
     the_one(judge_folders((replace(FOLDER, folder=None),)), "warning")
 
 

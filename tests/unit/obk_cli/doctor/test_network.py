@@ -1,4 +1,4 @@
-"""Judges of datagrams and of DDS discovery, in made-up worlds."""
+"""Checks of datagrams and of DDS discovery, in fake worlds."""
 
 from dataclasses import replace
 
@@ -32,10 +32,10 @@ def test_a_loopback_that_is_down_is_an_error() -> None:
     world = replace(MULTICAST, unicast_fault=down, loopback_fault=down, network_fault=down)
     found = [*judge_multicast(world)]
     assert the_one(found, "error").fix == "sudo ip link set lo up"
-    assert severities(found) == ["error"]  # the rest follows from it
+    assert severities(found) == ["error"]  # the other findings follow from it
 
 
-def test_multicast_that_fails_on_loopback_is_reported_with_the_cure() -> None:
+def test_multicast_that_fails_on_loopback_is_reported_with_the_fix() -> None:
     found = [*judge_multicast(replace(MULTICAST, loopback_fault="No such device"))]
     warned = the_one(found, "warning")
     assert warned.fix.startswith("sudo ip link set lo up multicast on")
@@ -46,12 +46,12 @@ def test_multicast_that_fails_on_the_network_is_noted() -> None:
     the_one(judge_multicast(replace(MULTICAST, network_fault="No such device")), "note")
 
 
-def test_two_processes_that_hear_each_other_are_well() -> None:
+def test_two_processes_that_receive_each_other_are_fine() -> None:
     found = the_one(judge_discovery(DISCOVERY), "ok")
     assert found.facts["rmw"] == "rmw_x"
 
 
-def test_processes_that_take_long_to_hear_each_other_are_noted() -> None:
+def test_processes_that_take_long_to_discover_each_other_are_noted() -> None:
     the_one(judge_discovery(replace(DISCOVERY, first_answer_s=3.4)), "note")
 
 
@@ -69,7 +69,7 @@ def test_processes_that_take_long_to_hear_each_other_are_noted() -> None:
         ("SUBNET", "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST obk doctor discovery"),
     ],
 )
-def test_processes_that_never_hear_each_other_are_an_error(range_: str, fix: str) -> None:
+def test_processes_that_never_discover_each_other_are_an_error(range_: str, fix: str) -> None:
     late = replace(DONE, end="timed out", seconds=10.0)
     world = replace(DISCOVERY, trial=late, first_answer_s=None, round_trip_ms=None, range=range_)
     found = the_one(judge_discovery(world), "error")

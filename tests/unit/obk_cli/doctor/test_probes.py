@@ -1,4 +1,4 @@
-"""Probes: what they make of folders and programs that are made up for them."""
+"""Probes of fake folders and programs."""
 
 import os
 import sys
@@ -29,19 +29,19 @@ def test_a_program_that_crashes_is_reported_by_its_signal() -> None:
     assert (trial.end, trial.signal, trial.stdout) == ("crashed", "SIGSEGV", "first\n")
 
 
-def test_a_program_that_fails_is_reported_by_its_last_words() -> None:
+def test_a_program_that_fails_is_reported_with_its_last_output() -> None:
     trial = try_program(program("raise ValueError('so')"), timeout_s=20.0)
     assert trial.outcome == "failed: ValueError: so"
 
 
-def test_a_program_that_hangs_is_killed_and_what_it_said_is_kept() -> None:
+def test_a_hanging_program_is_killed_and_its_output_is_kept() -> None:
     trial = try_program(("sh", "-c", "echo so far; exec sleep 60"), timeout_s=1.0)
     assert (trial.end, trial.stdout) == ("timed out", "so far\n")
 
 
-def test_what_libraries_print_beside_a_programs_json_is_passed_over() -> None:
-    said = "print('[Error] shared memory'); print('{\"a\": 1}'); print('{\"b\": 2}')"
-    assert json_output(try_program(program(said), timeout_s=20.0)) == {"a": 1, "b": 2}
+def test_library_output_around_a_programs_json_is_ignored() -> None:
+    output = "print('[Error] shared memory'); print('{\"a\": 1}'); print('{\"b\": 2}')"
+    assert json_output(try_program(program(output), timeout_s=20.0)) == {"a": 1, "b": 2}
 
 
 def test_a_compiler_that_the_user_chose_and_that_fails_is_to_be_unset(
@@ -58,7 +58,7 @@ def test_a_compiler_that_the_user_chose_and_that_fails_is_to_be_unset(
         assert facts.fix == "unset CC"
 
 
-def test_a_domain_that_is_none_is_reported_by_discovery_too(
+def test_an_invalid_domain_is_reported_by_discovery_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
@@ -67,11 +67,11 @@ def test_a_domain_that_is_none_is_reported_by_discovery_too(
     assert fault.value.help == "export ROS_DOMAIN_ID=0"
 
 
-def test_a_program_that_is_not_there_has_failed() -> None:
+def test_a_missing_program_has_failed() -> None:
     assert try_program(("/no/such/program",), timeout_s=1.0).end == "failed"
 
 
-def test_a_module_in_the_working_folder_takes_no_ones_place(
+def test_a_module_in_the_working_folder_shadows_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "json.py").write_text("raise SystemExit('not me')\n")
@@ -80,11 +80,11 @@ def test_a_module_in_the_working_folder_takes_no_ones_place(
     assert "no_such_msgs" in try_program(command, timeout_s=20.0).stdout
 
 
-def test_a_message_package_that_is_not_there_has_a_fault() -> None:
+def test_a_missing_message_package_has_a_fault() -> None:
     assert load_error("no_such_msgs") == "No module named 'no_such_msgs'"
 
 
-def test_shared_memory_that_is_not_there_has_no_size(tmp_path: Path) -> None:
+def test_missing_shared_memory_has_no_size(tmp_path: Path) -> None:
     assert probe_shared_memory(tmp_path / "nowhere").total_bytes is None
 
 
@@ -95,7 +95,7 @@ def test_shared_memory_is_measured_and_its_dds_files_counted(tmp_path: Path) -> 
     assert facts.total_bytes
 
 
-def test_the_kernels_files_tell_of_processors(tmp_path: Path) -> None:
+def test_the_kernels_files_report_processors(tmp_path: Path) -> None:
     for cpu, governor in enumerate(("powersave", "performance", "powersave")):
         folder = tmp_path / f"cpu/cpu{cpu}/cpufreq"
         folder.mkdir(parents=True)
@@ -109,7 +109,7 @@ def test_the_kernels_files_tell_of_processors(tmp_path: Path) -> None:
     assert probe_cpu(tmp_path, quota).quota is None
 
 
-def test_folders_that_are_not_there_yet_are_judged_by_what_stands(tmp_path: Path) -> None:
+def test_missing_folders_are_judged_by_their_existing_parents(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     environment = {"OBK_HOME": str(tmp_path / "new"), "XDG_CACHE_HOME": str(tmp_path / "file/in")}
     runs, cache, _ = probe_folders(environment)
@@ -144,7 +144,7 @@ def test_library_paths_that_hold_another_ros_are_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("display", [":998", "nonsense", "127.0.0.1:59000"])
-def test_a_display_where_no_one_is_does_not_answer(
+def test_a_display_without_a_server_does_not_respond(
     display: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -154,7 +154,7 @@ def test_a_display_where_no_one_is_does_not_answer(
     assert facts.fault
 
 
-def test_a_domain_that_is_none_is_a_fault_of_the_middlewares(
+def test_an_invalid_domain_is_a_fault_of_the_middlewares(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
@@ -167,7 +167,7 @@ def test_a_folder_without_packages_is_no_workspace(tmp_path: Path) -> None:
     assert probe_workspace(tmp_path, {}).folder is None
 
 
-def test_a_workspaces_packages_are_reported_with_what_is_wrong_with_them(tmp_path: Path) -> None:
+def test_a_workspaces_packages_are_reported_with_their_faults(tmp_path: Path) -> None:
     for folder, name in (("one", "<name>a</name>"), ("two", "<name>a</name>"), ("three", "")):
         package = tmp_path / "src" / folder
         package.mkdir(parents=True)
@@ -177,7 +177,7 @@ def test_a_workspaces_packages_are_reported_with_what_is_wrong_with_them(tmp_pat
     assert facts.broken == (str(tmp_path / "src/three/package.xml"),)
 
 
-def test_sockets_are_tried_where_runs_are_and_nothing_is_left(tmp_path: Path) -> None:
+def test_sockets_are_tried_in_the_run_folder_and_removed(tmp_path: Path) -> None:
     facts = probe_transport({"OBK_HOME": str(tmp_path)})
     assert (facts.is_on, facts.fault) == (True, "")
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Judges of Python, ROS 2, the middleware and Obelisk's messages, in made-up worlds."""
+"""Checks of Python, ROS 2, the middleware and Obelisk's messages, in fake worlds."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ INTERFACES = InterfaceFacts(
 )
 
 
-def test_a_sound_world_gives_no_complaint() -> None:
+def test_a_healthy_world_gives_no_findings() -> None:
     found = [*judge_python(PYTHON), *judge_ros(ROS), *judge_rmw(RMW)]
     assert set(severities([*found, *judge_interfaces(INTERFACES)])) == {"ok"}
 
@@ -74,7 +74,7 @@ def test_an_obk_that_is_not_installed_is_reported() -> None:
         ("aarch64", ("/opt/ros/jazzy/setup.sh",), ". /opt/ros/jazzy/setup.sh"),
     ],
 )
-def test_without_ros_the_cure_is_the_one_for_this_machine(
+def test_without_ros_the_fix_is_the_one_for_this_machine(
     machine: str, sourceable: tuple[str, ...], fix: str
 ) -> None:
     world = replace(ROS, rclpy_folder=None, machine=machine, sourceable=sourceable)
@@ -95,7 +95,7 @@ def test_wheels_of_other_versions_are_reported_with_both() -> None:
     assert "ros-std-msgs 5.5.1" in the_one(judge_ros(world), "warning").message
 
 
-def test_a_domain_that_is_none_is_an_error() -> None:
+def test_an_invalid_domain_is_an_error() -> None:
     world = replace(RMW, domain=None, domain_fault="ROS_DOMAIN_ID=x is not a number")
     found = the_one(judge_rmw(world), "error")
     assert (found.message, found.fix) == (world.domain_fault, "export ROS_DOMAIN_ID=0")
@@ -113,7 +113,7 @@ def test_no_middleware_is_an_error() -> None:
         ("ROS_LOCALHOST_ONLY=1 keeps devices apart", "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"),
     ],
 )
-def test_what_obk_changes_for_its_processes_is_reported(sentence: str, fix: str) -> None:
+def test_changes_of_obk_for_its_processes_are_reported(sentence: str, fix: str) -> None:
     found = the_one(judge_rmw(replace(RMW, notes=(sentence,))), "warning")
     assert (found.message, found.fix) == (sentence, fix)
 

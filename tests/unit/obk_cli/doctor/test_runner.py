@@ -1,4 +1,4 @@
-"""Checks side by side: order, hangs, faults, and what is reported meanwhile."""
+"""Parallel checks: order, hangs, faults, and progress reports."""
 
 import threading
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ def check(name: str, *findings: Finding) -> Check:
     return Check(name=name, about="", find=lambda: findings)
 
 
-def test_answers_come_in_the_order_of_the_checks_whoever_is_ready_first() -> None:
+def test_results_have_the_order_of_the_checks_in_any_order_of_completion() -> None:
     is_second_done = threading.Event()
 
     def slow() -> Iterator[Finding]:
@@ -35,7 +35,7 @@ def test_answers_come_in_the_order_of_the_checks_whoever_is_ready_first() -> Non
     assert pending == [("a", "b"), ("a",)]
 
 
-def test_a_check_that_hangs_costs_only_its_own_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hanging_check_loses_only_its_own_result(monkeypatch: pytest.MonkeyPatch) -> None:
     for_ever = threading.Event()
     now_s = 0.0
 
@@ -65,7 +65,7 @@ def test_a_fault_of_the_surroundings_is_an_error_with_its_help() -> None:
     assert (found.message, found.fix) == ("no domain is free", "end a stack")
 
 
-def test_a_check_that_is_broken_itself_says_so() -> None:
+def test_a_broken_check_reports_itself() -> None:
     def fail() -> tuple[Finding, ...]:
         raise KeyError("oops")
 

@@ -1,4 +1,4 @@
-"""Judges of the workspace, of search paths and of running stacks, in made-up worlds."""
+"""Checks of the workspace, search paths and running stacks, in fake worlds."""
 
 from dataclasses import replace
 
@@ -29,13 +29,13 @@ PATHS = PathFacts(
 )
 
 
-def test_a_sound_world_gives_no_complaint() -> None:
+def test_a_healthy_world_gives_no_findings() -> None:
     nothing = StackFacts(running=(), orphans=())
     found = [*judge_workspace(WORKSPACE), *judge_paths(PATHS), *judge_stacks(nothing)]
     assert severities(found) == ["ok", "ok", "ok"]
 
 
-def test_who_stands_in_no_workspace_is_reported_how_to_make_one() -> None:
+def test_outside_a_workspace_it_reports_how_to_create_one() -> None:
     found = the_one(judge_workspace(replace(WORKSPACE, folder=None)), "note")
     assert found.fix == "obk init my_robot"
 
@@ -100,13 +100,13 @@ def test_a_conda_environment_that_obk_is_not_in_is_noted() -> None:
     assert severities(judge_paths(replace(PATHS, conda_prefix="/venv"))) == ["ok"]
 
 
-def test_libraries_of_another_ros_beside_the_wheels_are_reported() -> None:
+def test_libraries_of_another_ros_next_to_the_wheels_are_reported() -> None:
     world = replace(PATHS, libraries_with_rcl=("/opt/ros/jazzy/lib",))
     assert the_one(judge_paths(world), "warning").fix == "unset LD_LIBRARY_PATH"
     assert severities(judge_paths(replace(world, has_wheels=False))) == ["ok"]
 
 
-def test_a_stack_that_runs_is_noted_with_how_to_stop_it() -> None:
+def test_a_running_stack_is_noted_with_the_command_to_stop_it() -> None:
     world = StackFacts(running=(RunningStack(name="arm", domain=3, pid=42),), orphans=())
     found = the_one(judge_stacks(world), "note")
     assert found.fix == "obk stop arm"

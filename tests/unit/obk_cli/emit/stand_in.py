@@ -1,6 +1,6 @@
-"""A stand-in for `ros2 launch`: the modules that a launch file imports, and what they then do.
+"""A fake `ros2 launch`: the modules that a launch file imports, and their effects.
 
-Every name, keyword and state is that of launch and launch_ros; unknown keywords are refused.
+All names, keywords and states are those of launch and launch_ros; unknown keywords are rejected.
 """
 
 import sys
@@ -86,10 +86,10 @@ class ChangeState:
 
 @dataclass
 class World:
-    """What a launch comes to."""
+    """The outcome of a launch."""
 
     failing: dict[str, str] = field(default_factory=dict)
-    """Node -> the state that its transition on the way to `active` ends in instead."""
+    """Node -> the state in which its transition towards `active` ends instead."""
     nodes: list[Node] = field(default_factory=list)
     handlers: list[OnStateTransition] = field(default_factory=list)
     events: list[ChangeState] = field(default_factory=list)
@@ -113,7 +113,7 @@ class World:
                 raise TypeError(entity)
 
     def run(self) -> None:
-        """Let every event have its effect."""
+        """Apply the effects of all events."""
         while self.events and self.shutdown is None:
             event = self.events.pop(0)
             for node in self.nodes:
@@ -138,7 +138,7 @@ class World:
 def run_launch_file(
     text: str, log_folder: Path, monkeypatch: pytest.MonkeyPatch, **failing: str
 ) -> World:
-    """Load a launch file as `ros2 launch` would, and run what it describes."""
+    """Load a launch file as `ros2 launch` would, and execute it."""
 
     class Transition:
         TRANSITION_CONFIGURE = CONFIGURE

@@ -28,7 +28,7 @@ def process(**parameters: object) -> PlannedNode:
     return node("obelisk_control_0", namespace="/left", parameters=parameters)
 
 
-def test_a_parameter_file_word_for_word() -> None:
+def test_a_parameter_file_literally() -> None:
     text = emit_params(
         [process(on="on", n=3, x=1.0, tiny=1e-7, flag=True, names=("a", "1"), inf=float("inf"))]
     )
@@ -46,7 +46,7 @@ def test_a_parameter_file_word_for_word() -> None:
 
 
 @given(st.dictionaries(TEXT.filter(bool), VALUES))
-def test_another_reader_reads_what_was_meant(parameters: dict[str, object]) -> None:
+def test_another_reader_reads_the_intended_values(parameters: dict[str, object]) -> None:
     text = emit_params([process(**parameters)])
     loaded = load_yaml_core(text)
     assert isinstance(loaded, dict)
@@ -62,7 +62,7 @@ def test_a_plan_is_json() -> None:
     assert plan["processes"][0]["origin"] == {"path": "c.yaml", "line": 1, "column": 1}
 
 
-def test_each_process_has_a_file_name_of_its_own() -> None:
+def test_each_process_has_its_own_file_name() -> None:
     assert params_file_name(process()) == "left.obelisk_control_0.yaml"
 
 

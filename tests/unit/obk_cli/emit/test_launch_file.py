@@ -1,4 +1,4 @@
-"""The launch file, run on stand-ins of launch and launch_ros."""
+"""The launch file, run with fakes of launch and launch_ros."""
 
 from pathlib import Path
 
@@ -50,7 +50,7 @@ def test_a_node_that_does_not_get_active_ends_the_launch(
     assert ("/obelisk_control_0", "active") not in world.states
 
 
-def test_what_someone_asks_for_later_brings_nothing_up_again(
+def test_later_requests_start_nothing_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = run_launch_file(emit_launch_file(loop()), tmp_path, monkeypatch)
@@ -80,7 +80,7 @@ def test_the_nodes_get_the_parameters_that_params_writes(
 
 
 @pytest.mark.parametrize("name", ['"""', "'''", "\\", "a\nb", "${x}", "{x} %s", "../../x", "ä😀"])
-def test_no_text_of_the_users_becomes_code(
+def test_no_text_of_the_user_becomes_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     robot = node("robot", parameters={"x": name}, env={"X": name}, executable=name)

@@ -1,4 +1,4 @@
-"""Mermaid, DOT, SVG, JSON and the terminal: what they say, and that nothing of it breaks them."""
+"""Mermaid, DOT, SVG, JSON and terminal output: content and escaping."""
 
 import json
 import re
@@ -26,7 +26,7 @@ def svg_texts(text: str) -> list[str]:
     return [element.text or "" for element in ElementTree.fromstring(text).iter(f"{SVG}text")]
 
 
-def test_the_graph_stands_in_bring_up_order() -> None:
+def test_the_graph_is_in_bring_up_order() -> None:
     assert [n.title for n in GRAPH.nodes] == [
         "obelisk_robot_a",
         "/left/obelisk_robot_b",
@@ -53,7 +53,7 @@ def test_every_picture_shows_every_node_topic_and_sensor() -> None:
         assert 'arm <"&">: 5 nodes, 5 topics' in text
 
 
-def test_a_live_picture_has_a_line_for_what_is_measured_in_every_box() -> None:
+def test_a_live_picture_has_a_line_for_measurements_in_every_box() -> None:
     groups = [*ElementTree.fromstring(emit_svg(GRAPH, is_live=True)).iter(f"{SVG}g")]
     named = {
         (kind, name): group
@@ -90,17 +90,17 @@ def test_a_graphviz_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> N
         emit_svg(GRAPH)
 
 
-def test_mermaid_names_what_it_cannot_write() -> None:
+def test_mermaid_names_unsupported_characters() -> None:
     text = emit_mermaid(GRAPH)
     assert "gyro g#quot;1 +1<br/>accelerometer #lt;a#gt;" in text
     assert 'title: "arm <\\"&\\">: 5 nodes, 5 topics"' in text
-    # What is left between quotes holds none of what would end a label.
+    # The text between quotes contains nothing that would end a label.
     for label in re.findall(r'\["(.*)"\]', text):
         assert '"' not in label
         assert not re.search(r"<(?!b>|/b>|br/>)", label)
 
 
-def test_dot_escapes_what_graphviz_reads() -> None:
+def test_dot_escapes_special_characters() -> None:
     text = emit_dot(GRAPH)
     assert text.startswith('digraph "arm <\\"&amp;\\">" {')
     assert 'gyro g\\"1 +1\\naccelerometer <a>' in text
@@ -130,7 +130,7 @@ def test_the_json_graph_names_each_edge() -> None:
 @pytest.mark.parametrize(
     "letter", ["\x00", "\x1b", "\ud800", "\uffff", "\n", "]]>", "--", '"', "漢", "`"]
 )
-def test_any_letter_gives_a_picture(letter: str) -> None:
+def test_any_character_gives_a_picture(letter: str) -> None:
     end = Endpoint(topic=f"/t{letter}", msg_type=f"a/msg/T{letter}")
     strange = node("robot", publishes=(end,), package=f"p{letter}", device=f"d{letter}")
     graph = graph_of(Plan(name=f"n{letter}", nodes=(strange,)))
@@ -143,7 +143,7 @@ def test_any_letter_gives_a_picture(letter: str) -> None:
         for line in emit_terminal(graph).splitlines()
         if line.startswith(("╭", "│", "╰"))
     }
-    assert len(lengths) <= 2  # with and without the mark of a topic that no one hears
+    assert len(lengths) <= 2  # with and without the mark of a topic without subscribers
     json.loads(emit_graph_json(graph).encode())
 
 
@@ -153,12 +153,12 @@ def test_a_plan_without_topics_has_pictures() -> None:
     assert "obelisk_robot_0" in emit_terminal(graph)
 
 
-def test_the_drawing_for_the_terminal_word_for_word() -> None:
+def test_the_drawing_for_the_terminal_literally() -> None:
     plan = Plan(
         name="arm",
         nodes=(
-            node("robot", says=("/q",), hears=("/u",)),
-            node("control", says=("/u", "/debug"), hears=("/q",)),
+            node("robot", publishes_to=("/q",), subscribes_to=("/u",)),
+            node("control", publishes_to=("/u", "/debug"), subscribes_to=("/q",)),
         ),
     )
     assert emit_terminal(graph_of(plan), 52) == (
@@ -182,8 +182,8 @@ def test_the_drawing_for_the_terminal_word_for_word() -> None:
 
 
 def test_a_line_that_crosses_a_rail_shows_both() -> None:
-    (said,) = (line for line in emit_terminal(GRAPH).splitlines() if "▶ /ctrl" in line)
-    assert said.endswith("├─┼───╯")
+    (output,) = (line for line in emit_terminal(GRAPH).splitlines() if "▶ /ctrl" in line)
+    assert output.endswith("├─┼───╯")
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])

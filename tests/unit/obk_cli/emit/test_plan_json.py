@@ -1,4 +1,4 @@
-"""The plan as JSON keeps to its schema, and the schema says what everything is."""
+"""The plan as JSON follows its schema, and the schema describes everything."""
 
 import json
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ def faults(plan: dict[str, Any]) -> list[str]:
 
 
 def schemas(value: Any) -> Iterator[dict[str, Any]]:
-    """Every schema in a schema."""
+    """All schemas in a schema."""
     if isinstance(value, dict):
         if value.keys() & {"type", "anyOf", "enum"} and isinstance(
             value.get("type", ""), str | list
@@ -43,7 +43,7 @@ def schemas(value: Any) -> Iterator[dict[str, Any]]:
             yield from schemas(item)
 
 
-def test_the_schema_is_one_and_says_what_everything_is() -> None:
+def test_the_schema_is_valid_and_describes_everything() -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     assert all({"title", "description"} <= schema.keys() for schema in schemas(SCHEMA))
 
@@ -80,7 +80,7 @@ def test_an_emitted_plan_keeps_to_the_schema() -> None:
 @pytest.mark.parametrize(
     ("key", "value"), [("section", "brain"), ("namespace", "left"), ("parameters", {"x": None})]
 )
-def test_what_is_no_plan_is_refused(key: str, value: object) -> None:
+def test_invalid_plans_are_rejected(key: str, value: object) -> None:
     plan = json.loads(emit_plan(loop()))
     plan["processes"][0][key] = value
     assert faults(plan)

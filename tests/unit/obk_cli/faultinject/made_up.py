@@ -1,4 +1,4 @@
-"""A stack of three nodes, and observations of what a launcher reported about it."""
+"""A fake stack of three nodes, and observations of a launcher's reports about it."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def case(fault: Fault, on_crash: OnCrash, *names: str) -> Case:
 def status(
     *, states: dict[str, str] | None = None, pids: dict[str, int | None] | None = None
 ) -> StackStatus:
-    """All active under the numbers 1, 2 and 3, but for what is given."""
+    """All nodes active with the process IDs 1, 2 and 3, except for given changes."""
     nodes = tuple(
         NodeStatus(
             node=node,
@@ -54,7 +54,7 @@ def status(
 
 
 def events(*reported: tuple[float, OutputEvent]) -> tuple[TimedEvent, ...]:
-    """Events at so many seconds after the fault."""
+    """Events at these times after the fault [s]."""
     return tuple(
         TimedEvent(time_s=INJECTED_S + after_s, event=event) for after_s, event in reported
     )

@@ -1,4 +1,4 @@
-"""`obk rehearse` as a person meets it, as far as nothing has to be started."""
+"""The `obk rehearse` command, except for what needs a running stack."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ robot:
 
 
 def obk(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[object, str]:
-    """The exit code, and what is said to stderr."""
+    """The exit code, and the standard error."""
     with pytest.raises(SystemExit) as ended:
         main(["rehearse", *arguments])
     return ended.value.code, capsys.readouterr().err
@@ -38,33 +38,33 @@ def test_the_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
         ((str(DUMMY), "--node", "contrl_0"), "no such node", "`control_0`"),
     ],
 )
-def test_what_cannot_be_meant_is_misuse_and_says_what_can(
+def test_impossible_requests_are_misuse_with_the_possible_ones(
     capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str, help_: str
 ) -> None:
-    code, said = obk(capsys, *arguments)
+    code, output = obk(capsys, *arguments)
     assert code == 2
-    assert message in said
-    assert help_ in said
+    assert message in output
+    assert help_ in output
 
 
 def test_a_config_with_errors_starts_nothing(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OBK_HOME", str(tmp_path))
-    code, said = obk(capsys, str(DUMMY), "--set", "onboard.control[0].publishers[0].topic=/x")
+    code, output = obk(capsys, str(DUMMY), "--set", "onboard.control[0].publishers[0].topic=/x")
     assert code == 1
-    assert "error[OBK" in said
+    assert "error[OBK" in output
     assert not list(tmp_path.iterdir())
 
 
-def test_hardware_is_refused_and_reported_how_it_is_simulated(
+def test_hardware_is_rejected_with_a_hint_how_to_simulate_it(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
     config = tmp_path / "real.yaml"
     config.write_text(HARDWARE)
-    code, said = obk(capsys, str(config), "--ignore", "OBK")
+    code, output = obk(capsys, str(config), "--ignore", "OBK")
     assert code == 1
-    assert f"error: {config}:3:19: the robot /obelisk_robot_0 is hardware" in said
-    assert "help: set `is_simulated: true` and a `sim` block" in said
+    assert f"error: {config}:3:19: the robot /obelisk_robot_0 is hardware" in output
+    assert "help: set `is_simulated: true` and a `sim` block" in output
     assert not (tmp_path / "home").exists()

@@ -1,4 +1,4 @@
-"""What is expected after a fault, and the cases that are made of it."""
+"""The expected reactions to a fault, and the cases made from them."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ from .made_up import CONTROLLER, ESTIMATOR, NODES, ROBOT, process, unit
     ("rule", "reaction"), [("stop", "stop"), ("restart", "restart"), ("ignore", "go on")]
 )
 @pytest.mark.parametrize("fault", ["freeze", "kill"])
-def test_the_rule_says_what_follows(fault: Fault, rule: OnCrash, reaction: Reaction) -> None:
+def test_the_rule_determines_the_reaction(fault: Fault, rule: OnCrash, reaction: Reaction) -> None:
     assert expectation_of(unit(ROBOT), fault, rule).reaction == reaction
 
 
@@ -25,7 +25,7 @@ def test_nothing_follows_from_a_delay(rule: OnCrash) -> None:
     assert expectation_of(unit(ROBOT), "delay", rule).reaction == "nothing"
 
 
-def test_the_document_shows_what_the_usual_rule_promises(repository: Path) -> None:
+def test_the_document_has_the_limits_of_the_usual_rule(repository: Path) -> None:
     page = (repository / "docs/how-to/rehearsing.md").read_text()
     rows = re.findall(r"^\w+_0 +(delay|freeze|kill) +(.+?)  +(.+?)  ", page, re.MULTILINE)
     assert rows
@@ -34,30 +34,30 @@ def test_the_document_shows_what_the_usual_rule_promises(repository: Path) -> No
 
 
 def test_an_end_is_noticed_sooner_than_a_hang() -> None:
-    """The page on launching: "seen within 100 ms", "seen within 2 s"."""
+    """From the page on launching: "seen within 100 ms", "seen within 2 s"."""
     assert expectation_of(unit(ROBOT), "kill", "stop").noticed_s == 0.1
     assert expectation_of(unit(ROBOT), "freeze", "stop").noticed_s == 2.0
     slow = Allowances(end_noticed_s=3.0)
     assert expectation_of(unit(ROBOT), "kill", "stop", slow).noticed_s == 3.0
 
 
-def test_a_nodes_own_rule_comes_before_the_launchs() -> None:
+def test_a_nodes_own_rule_precedes_the_launchs() -> None:
     own = Unit(name=ROBOT, nodes=(process(ROBOT, "ignore"),))
     assert expectation_of(own, "kill", "stop").reaction == "go on"
 
 
-def test_of_nodes_in_one_process_the_strictest_rule_holds() -> None:
+def test_for_nodes_in_one_process_the_strictest_rule_applies() -> None:
     both = Unit(name="/s/composed", nodes=(process(ROBOT, "ignore"), process(ESTIMATOR)))
     assert expectation_of(both, "kill", "restart").reaction == "restart"
 
 
-def test_what_has_no_life_cycle_is_watched_for_its_end_only() -> None:
+def test_nodes_without_a_life_cycle_are_only_watched_for_their_end() -> None:
     joystick = Unit(name="/joy_stick_0", nodes=(process("/joy_robot_0", has_lifecycle=False),))
     assert expectation_of(joystick, "freeze", "stop").reaction == "nothing"
     assert expectation_of(joystick, "kill", "stop").reaction == "stop"
 
 
-def test_cases_that_leave_the_stack_whole_come_first_and_share_a_launch() -> None:
+def test_cases_that_keep_the_stack_intact_come_first_and_share_a_launch() -> None:
     cases = make_cases([unit(node) for node in NODES], on_crash="ignore")
     assert [(case.fault, case.unit.name) for case in cases] == [
         (fault, node) for fault in ("delay", "freeze", "kill") for node in reversed(NODES)
@@ -65,7 +65,7 @@ def test_cases_that_leave_the_stack_whole_come_first_and_share_a_launch() -> Non
     assert [case.leaves_stack_complete for case in cases] == [True] * 6 + [False] * 3
 
 
-def test_only_what_is_asked_for_becomes_a_case() -> None:
+def test_only_requested_faults_become_cases() -> None:
     cases = make_cases([unit(node) for node in NODES], faults=["kill"], nodes=[CONTROLLER])
     assert [(case.fault, case.unit.name) for case in cases] == [("kill", CONTROLLER)]
     shared = make_cases([unit(*NODES)], faults=["kill"], nodes=[CONTROLLER])

@@ -1,4 +1,4 @@
-"""What a person and a program learn of findings."""
+"""Reports of findings, as text and as JSON."""
 
 import json
 
@@ -13,7 +13,7 @@ ANSWERS = (
 )
 
 
-def test_each_finding_is_a_line_with_its_cure_below_it() -> None:
+def test_each_finding_is_a_line_followed_by_its_fix() -> None:
     assert doctor_text(ANSWERS, colour=False) == (
         "ros  ok       jazzy\n"
         "     note     humble, too\n"

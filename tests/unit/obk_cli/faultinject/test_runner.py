@@ -1,4 +1,4 @@
-"""What a rehearsal does around its cases, with launchers that are no stacks."""
+"""The steps of a rehearsal around its cases, with launchers that are not stacks."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folde
 from .made_up import case
 
 
-def test_a_launch_that_fails_is_reported_in_its_own_words_and_tried_again(tmp_path: Path) -> None:
+def test_a_launch_that_fails_is_reported_with_its_message_and_repeated(tmp_path: Path) -> None:
     refuse = "import sys; print('error: no room', file=sys.stderr); sys.exit(1)"
     settings = LaunchSettings(
         command=(sys.executable, "-c", refuse), environment=dict(os.environ), runs=tmp_path
@@ -43,7 +43,7 @@ def test_a_launch_that_fails_is_reported_in_its_own_words_and_tried_again(tmp_pa
     assert verdicts[0].faults[0].endswith("error: no room")
 
 
-def test_a_launcher_that_has_said_its_last_word_is_waited_for(tmp_path: Path) -> None:
+def test_a_finished_launcher_is_waited_for(tmp_path: Path) -> None:
     leave = "import os, time; os.close(1); os.close(2); time.sleep(0.3); os._exit(1)"
     stack = LaunchedStack((sys.executable, "-c", leave), dict(os.environ), tmp_path)
     assert not stack.wait_until(lambda _: False, 20.0)
@@ -52,13 +52,13 @@ def test_a_launcher_that_has_said_its_last_word_is_waited_for(tmp_path: Path) ->
     stack.end(0.0)
 
 
-def test_a_launcher_that_may_still_say_something_is_not_waited_for(tmp_path: Path) -> None:
+def test_a_launcher_that_may_still_report_is_not_waited_for(tmp_path: Path) -> None:
     stack = LaunchedStack(("sleep", "60"), dict(os.environ), tmp_path)
     assert stack.outcome(20.0) is None
     stack.end(0.0)
 
 
-def test_a_stack_that_runs_is_refused_with_its_process(tmp_path: Path) -> None:
+def test_a_running_stack_is_rejected_with_its_process(tmp_path: Path) -> None:
     pid, started = this_process()
     run = Run(name="s", pid=pid, started=started, domain=7, config="c.yaml", nodes=("/a",))
     claim_run(tmp_path, run, local_time())
@@ -74,18 +74,18 @@ def test_ten_rehearsals_keep_their_logs(tmp_path: Path) -> None:
     assert all(home.exists() for home in later)
 
 
-def test_where_no_logs_can_be_kept_nothing_is_rehearsed(tmp_path: Path) -> None:
+def test_without_a_log_folder_nothing_is_rehearsed(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(CommandFailedError, match="logs of a rehearsal"):
         make_rehearsal_folder(tmp_path / "file", "s")
 
 
 def stopped(*processes: psutil.Process) -> int:
-    """How many of them are."""
+    """The number of running launchers."""
     return sum(process.status() == psutil.STATUS_STOPPED for process in processes)
 
 
-def test_a_process_freezes_with_what_it_started_thaws_and_dies() -> None:
+def test_a_process_freezes_thaws_and_dies_with_its_children() -> None:
     with subprocess.Popen(["sh", "-c", "sleep 60 & wait"], start_new_session=True) as shell:
         family = psutil.Process(shell.pid)
         eventually(family.children, "the grandchild")
@@ -101,4 +101,4 @@ def test_a_process_freezes_with_what_it_started_thaws_and_dies() -> None:
             grandchild.kill()
         assert shell.wait(DEADLINE_S) == -signal.SIGKILL
         for stroke in (freeze, thaw, kill):
-            stroke(shell.pid)  # gone already
+            stroke(shell.pid)  # has already ended

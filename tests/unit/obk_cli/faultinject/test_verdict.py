@@ -1,4 +1,4 @@
-"""What is right and what is not, case by case, and how it is shown."""
+"""Verdicts on cases, and how they are shown."""
 
 import json
 import re
@@ -38,7 +38,7 @@ LOST: dict[str, int | None] = {ROBOT: None}
 
 
 def ended(
-    cause: str = f"{ROBOT}: the process was ended by SIGKILL", origin: str = "c.yaml:1:1"
+    cause: str = f"{ROBOT}: the process was terminated by SIGKILL", origin: str = "c.yaml:1:1"
 ) -> tuple[float, Ended]:
     return 0.5, Ended(exit_code=1, cause=cause, origin=origin)
 
@@ -62,7 +62,7 @@ def test_a_reaction_is_over_when_the_launcher_has_reported_its_end(
     assert has_concluded(struck, events(begin, end))
 
 
-def test_a_stack_that_stops_and_names_the_node_is_right() -> None:
+def test_a_stack_that_stops_and_names_the_node_is_correct() -> None:
     verdict = verdict_of(
         case("kill", "stop"), observation(DIED, ended(), exit_code=1, ended_after_s=0.6)
     )
@@ -105,7 +105,7 @@ def test_a_stop_that_is_not_as_expected_is_reported(seen: Observation, fault: st
     assert any(fault in one for one in verdict_of(case("kill", "stop"), seen).faults)
 
 
-def test_a_node_that_is_back_with_all_others_untouched_is_right() -> None:
+def test_a_restarted_node_with_all_others_untouched_is_correct() -> None:
     verdict = verdict_of(
         case("kill", "restart"), observation(DIED, RESTARTING, BACK, after=status(pids=RESTARTED))
     )
@@ -136,14 +136,14 @@ def test_a_node_that_is_back_with_all_others_untouched_is_right() -> None:
             f"{ESTIMATOR}: inactive, not active",
         ),
         (observation(DIED, RESTARTING, BACK), "does not respond"),
-        (observation(DIED, ended(), exit_code=1), "went down"),
+        (observation(DIED, ended(), exit_code=1), "shut down"),
     ],
 )
 def test_a_restart_that_is_not_as_expected_is_reported(seen: Observation, fault: str) -> None:
     assert any(fault in one for one in verdict_of(case("kill", "restart"), seen).faults)
 
 
-def test_a_stack_that_goes_on_without_the_node_is_right() -> None:
+def test_a_stack_that_continues_without_the_node_is_correct() -> None:
     after = status(pids=LOST, states={ROBOT: "gone"})
     verdict = verdict_of(case("kill", "ignore"), observation(DIED, WITHOUT, after=after))
     assert verdict.is_right
@@ -156,7 +156,7 @@ def test_a_stack_that_takes_others_along_is_reported() -> None:
     assert verdict.faults == (f"{ESTIMATOR}: no process",)
 
 
-def test_a_frozen_node_that_is_gone_on_without_has_to_be_heard_again() -> None:
+def test_a_frozen_ignored_node_must_be_received_again() -> None:
     seen = observation(HUNG, WITHOUT, after=status())
     verdict = verdict_of(case("freeze", "ignore"), seen)
     (fault,) = verdict.faults
@@ -165,7 +165,7 @@ def test_a_frozen_node_that_is_gone_on_without_has_to_be_heard_again() -> None:
     assert verdict_of(case("freeze", "ignore"), again).is_right
 
 
-def test_a_delay_without_a_reaction_is_right_and_with_one_it_is_not() -> None:
+def test_a_delay_without_a_reaction_is_correct_and_with_one_it_is_not() -> None:
     assert verdict_of(case("delay", "stop"), observation(after=status())).seen == "no reaction"
     assert verdict_of(case("delay", "stop"), observation(after=status())).is_right
     verdict = verdict_of(case("delay", "stop"), observation(HUNG, after=status()))
@@ -173,7 +173,7 @@ def test_a_delay_without_a_reaction_is_right_and_with_one_it_is_not() -> None:
     assert "Hung(" in verdict.faults[0]
 
 
-def test_a_launchers_line_becomes_the_event_that_it_was() -> None:
+def test_a_launchers_line_is_parsed_to_its_event() -> None:
     event = TimedEvent(time_s=2.5, event=RESTARTING[1])
     line = json.dumps(event_record(event.event, event.time_s))
     assert parse_event(line) == event
@@ -189,7 +189,7 @@ VERDICTS = (
 )
 
 
-def test_the_table_shows_every_row_and_the_evidence_of_what_is_wrong() -> None:
+def test_the_table_shows_every_row_and_the_evidence_of_faults() -> None:
     table = [line.split("  ") for line in rehearsal_text(VERDICTS).splitlines()[:3]]
     assert [[cell.strip() for cell in line if cell] for line in table] == [
         ["node", "fault", "expected", "observed", "detected [s]", "settled [s]"],
@@ -210,7 +210,7 @@ def test_the_table_of_a_terminal_reports_the_same() -> None:
     assert re.split(r" {2,}", plain.splitlines()[0].strip()) == [title for title in HEAD if title]
 
 
-def test_the_rows_for_a_program_say_whether_all_is_right() -> None:
+def test_the_json_rows_state_whether_all_is_correct() -> None:
     reported = json.loads(rehearsal_json(VERDICTS))
     assert reported["ok"] is False
     assert [verdict["ok"] for verdict in reported["rows"]] == [True, False]

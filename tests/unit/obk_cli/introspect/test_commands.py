@@ -1,4 +1,4 @@
-"""Commands that look into a stack, as far as they get without ROS: misuse, domains, completion."""
+"""Commands that inspect a stack, without ROS: misuse, domains, completion."""
 
 import json
 from datetime import datetime
@@ -34,7 +34,7 @@ PLAN = {
 
 
 def runs_in(home: Path, **domains: int) -> None:
-    """Live runs, each of this process, by name."""
+    """Live runs by name, all of this process."""
     pid, started = this_process()
     for name, domain in domains.items():
         folder = make_run_folder(home / "runs", name, datetime(2031, 2, 3, 4, 5, 6))
@@ -63,7 +63,7 @@ def environment(home: Path, **variables: str) -> RosEnvironment:
     )
 
 
-def test_where_all_stacks_run_in_one_domain_it_is_looked_at(home: Path) -> None:
+def test_the_domain_of_all_running_stacks_is_inspected(home: Path) -> None:
     runs_in(home, arm=7, leg=7)
     graph_target = target_of(environment(home), None)
     assert graph_target.domain == 7
@@ -71,7 +71,7 @@ def test_where_all_stacks_run_in_one_domain_it_is_looked_at(home: Path) -> None:
     assert graph_target.topics == {"/arm/est": "pkg/msg/State", "/arm/imu": None}
 
 
-def test_a_domain_that_is_named_or_set_comes_first(home: Path) -> None:
+def test_a_named_or_set_domain_comes_first(home: Path) -> None:
     runs_in(home, arm=7)
     assert target_of(environment(home, ROS_DOMAIN_ID="3"), None).domain == 3
     assert target_of(environment(home, ROS_DOMAIN_ID="3"), 7).nodes
@@ -90,7 +90,7 @@ def test_stacks_in_several_domains_leave_it_to_the_user(home: Path) -> None:
     )
 
 
-def test_stacks_whose_nodes_were_not_found_in_time_are_not_said_not_to_run(home: Path) -> None:
+def test_stacks_with_undiscovered_nodes_are_not_reported_as_stopped(home: Path) -> None:
     runs_in(home, arm=7, leg=7)
     no_nodes_error = target_of(environment(home), None).no_nodes_error()
     assert (
@@ -131,7 +131,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("monitor --once --period 1e300", "`--period 1e+300`: expected seconds up to 1000000"),
         ("topic list --format yaml", "`--format yaml`: expected `text` or `json`"),
         ("topic echo est --format yaml", "expected `text`, `json` or `csv`"),
-        ("topic echo est --csv --format json", "`--csv` and `--format json` exclude each other"),
+        ("topic echo est --csv --format json", "`--csv` and `--format json` cannot be combined"),
         (
             "service call a/b --type Trigger",
             "`--type Trigger`: expected a type such as `std_srvs/srv/",
@@ -142,11 +142,11 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("topic pub est pkg/msg/State {} {}", "unexpected argument `{}`"),
         ("topic pub est PositionSetpiont {}", "did you mean `PositionSetpoint`"),
         ("topic pub est --rate 0", "`--rate 0`: expected a number above 0"),
-        ("param set arm gain [1,a]", "`[1,a]` is no value of a parameter"),
+        ("param set arm gain [1,a]", "`[1,a]` is not a valid parameter value"),
         ("param set arm gain [", "`[` is not YAML"),
     ],
 )
-def test_a_command_that_is_wrong_is_reported_so_before_ros_is_loaded(
+def test_an_invalid_command_is_reported_before_ros_is_loaded(
     words: str, complaint: str, home: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:

@@ -1,4 +1,4 @@
-"""A launcher that reports the ROS graph, with a function in the place of its node."""
+"""A launcher that reports the ROS graph, with a function instead of its node."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -21,7 +21,7 @@ SERVICES = {"/arm/get_state": ("p/srv/S",)}
 
 
 class Node:
-    """The launcher's look, with one more node at each question."""
+    """The launcher's graph, with one more node at each request."""
 
     name = "/obk_launch_1"
 
@@ -48,7 +48,7 @@ class Node:
 def launcher(
     folder: Path, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None
 ) -> Iterator[LauncherGraph]:
-    """The look of a launcher with such a node; `answer` answers later questions in its place."""
+    """The graph of a launcher with such a node; `answer` handles later requests."""
     service = GraphService(Node())  # type: ignore[arg-type]
 
     def look(question: bytes, reply: Callable[[bytes], None]) -> None:
@@ -75,18 +75,18 @@ def test_a_launcher_reports_of_the_graph(tmp_path: Path) -> None:
         assert look.services_of("/gone") == {}
 
 
-def test_what_is_not_there_yet_is_asked_for_again(tmp_path: Path) -> None:
+def test_undiscovered_names_are_requested_again(tmp_path: Path) -> None:
     with launcher(tmp_path) as look:
         assert look.settle(("/n2",), 0.0, WAIT_S)
         assert "/n2" in look.nodes()
         assert not look.settle(("/never",), 0.0, 0.01)
 
 
-def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
-    heard: list[Mapping[str, Any]] = []
+def test_parameters_are_requested_through_the_launcher(tmp_path: Path) -> None:
+    received: list[Mapping[str, Any]] = []
 
     def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
-        heard.append(question)
+        received.append(question)
         value = {"kind": "double", "value": 1.5}
         described = {"name": "gain", "kind": "double", "unit": "m", "least": 0, "is_live": True}
         return {
@@ -106,7 +106,7 @@ def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
         assert description.kind == "double"
         assert description.notes == ParameterNotes(unit="m", least=0.0, is_live=True)
         assert parameters.set("gain", gain) == SetAnswer(successful=False, reason="too much")
-    assert heard[-1] == {
+    assert received[-1] == {
         "about": "parameters",
         "node": "/arm",
         "timeout_s": WAIT_S,
@@ -116,7 +116,9 @@ def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
     }
 
 
-def test_what_a_node_does_not_answer_is_reported_in_the_launchers_words(tmp_path: Path) -> None:
+def test_a_missing_response_of_a_node_is_reported_with_the_launchers_message(
+    tmp_path: Path,
+) -> None:
     with launcher(tmp_path, lambda _: {"failed": "/arm did not answer", "help": "look"}) as look:
         with pytest.raises(CommandFailedError, match="/arm did not answer") as failed:
             look.parameters("/arm", WAIT_S).names()
@@ -134,7 +136,7 @@ def test_what_a_node_does_not_answer_is_reported_in_the_launchers_words(tmp_path
         b'{"about": "parameters", "node": "/a", "timeout_s": 1, "do": "set", "name": "a"}',
     ],
 )
-def test_a_question_that_is_none_is_answered_by_a_failure(question: bytes) -> None:
+def test_an_invalid_request_is_answered_by_a_failure(question: bytes) -> None:
     replies: list[bytes] = []
     service = GraphService(Node())  # type: ignore[arg-type]
     service.ask(question, replies.append).join(WAIT_S)
@@ -142,14 +144,14 @@ def test_a_question_that_is_none_is_answered_by_a_failure(question: bytes) -> No
     assert reply["failed"].startswith("invalid request: ")
 
 
-def test_a_launcher_that_does_not_tell_is_passed_over(tmp_path: Path) -> None:
+def test_a_launcher_that_does_not_reply_is_skipped(tmp_path: Path) -> None:
     assert ask_launcher([tmp_path]) is None
     with serve_control(tmp_path, lambda _: None):
         assert ask_launcher([tmp_path]) is None
 
 
 @pytest.mark.parametrize("reported", [None, 5, "x", ["x"], {"x": {"y": 1}}])
-def test_whatever_a_launcher_says_it_raises_nothing_else(reported: object, tmp_path: Path) -> None:
+def test_any_reply_of_a_launcher_raises_nothing_else(reported: object, tmp_path: Path) -> None:
     keys = ("names", "values", "descriptions")
     asked: tuple[Callable[[LauncherGraph], object], ...] = (
         lambda look: look.parameters("/n0", WAIT_S).names(),
@@ -158,11 +160,11 @@ def test_whatever_a_launcher_says_it_raises_nothing_else(reported: object, tmp_p
     )
     with launcher(tmp_path, lambda _: dict.fromkeys(keys, reported)) as look:
         for ask in asked:
-            with suppress(CommandFailedError):  # what fits is taken
+            with suppress(CommandFailedError):  # matching replies are used
                 ask(look)
 
 
-def test_a_list_that_is_no_answer_to_all_that_was_asked_is_reported(tmp_path: Path) -> None:
+def test_an_incomplete_reply_is_reported(tmp_path: Path) -> None:
     with (
         launcher(tmp_path, lambda _: {"values": []}) as look,
         pytest.raises(CommandFailedError, match="0 values"),

@@ -1,4 +1,4 @@
-"""`obk topic hz` and `delay` that Ctrl-C ends; nothing of ROS is there."""
+"""`obk topic hz` and `delay` interrupted by Ctrl-C, without ROS."""
 
 from collections.abc import Iterator
 from contextlib import nullcontext

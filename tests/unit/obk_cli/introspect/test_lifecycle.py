@@ -1,4 +1,4 @@
-"""States and transitions from launchers of this host; the ROS graph where they cannot answer."""
+"""States and transitions from launchers of this host, with the ROS graph as fallback."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -72,11 +72,13 @@ def in_graph(
 
 
 def changes(stack: FakeStack) -> list[tuple[str, tuple[str, ...], float | None]]:
-    asked: list[InputEvent] = [heard for heard in stack.heard if isinstance(heard, ChangeRequested)]
+    asked: list[InputEvent] = [
+        event for event in stack.received if isinstance(event, ChangeRequested)
+    ]
     return [(a.transition, a.nodes, a.timeout_s) for a in asked if isinstance(a, ChangeRequested)]
 
 
-def test_a_stack_of_this_host_is_asked_without_ros(
+def test_a_stack_of_this_host_is_queried_without_ros(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with fake_stack(parent, {**ACTIVE, JOY: ""}) as stack:
@@ -101,7 +103,7 @@ def test_a_change_goes_to_the_launcher(parent: Path, environment: RosEnvironment
         ]
 
 
-def test_the_launchers_refusal_is_reported_with_each_member(
+def test_the_launchers_rejection_is_reported_with_each_member(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with fake_stack(parent, ACTIVE) as stack:
@@ -129,14 +131,16 @@ def test_of_several_stacks_a_change_is_of_the_one_that_is_named(
             environment, "activate", LifecycleRequest(run=dummy.folder.name)
         ).success
         for names in ((), ("control",)):
-            with pytest.raises(MisuseError, match="several stacks run in the ROS domain 7: d") as e:
+            with pytest.raises(
+                MisuseError, match="several stacks are running in the ROS domain 7: d"
+            ) as e:
                 change_states(environment, "deactivate", LifecycleRequest(names=names))
         assert e.value.help == "choose one with `--run NAME`, or use full node names"
         assert len(changes(left)) == 1
         assert len(changes(dummy)) == 2
 
 
-def test_of_two_launchers_of_one_stack_the_one_with_the_nodes_is_asked_else_the_one_that_leads(
+def test_of_two_launchers_of_one_stack_the_one_with_the_nodes_is_used_otherwise_the_lead(
     parent: Path, environment: RosEnvironment
 ) -> None:
     robot, control = {ROBOT: "active"}, {CONTROL: "active"}
@@ -155,7 +159,7 @@ def test_of_two_launchers_of_one_stack_the_one_with_the_nodes_is_asked_else_the_
         assert (len(changes(onboard)), len(changes(offboard))) == (1, 1)
 
 
-def test_a_run_that_is_not_there_is_reported_with_near_names(
+def test_a_missing_run_is_reported_with_similar_names(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with (
@@ -168,7 +172,7 @@ def test_a_run_that_is_not_there_is_reported_with_near_names(
     assert raised.value.help == "did you mean `dummy`?"
 
 
-def test_the_graph_is_asked_where_no_launcher_has_the_nodes(
+def test_the_graph_is_used_if_no_launcher_has_the_nodes(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {**ACTIVE, "/nav": "inactive"})
@@ -180,7 +184,7 @@ def test_the_graph_is_asked_where_no_launcher_has_the_nodes(
     assert "`/obelisk_control_0`" in raised.value.help
 
 
-def test_the_graph_is_asked_where_the_launcher_does_not_answer(
+def test_the_graph_is_used_if_the_launcher_does_not_reply(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {ROBOT: "inactive"})
@@ -198,7 +202,7 @@ def test_the_graph_is_asked_where_the_launcher_does_not_answer(
     ]
 
 
-def test_in_the_graph_the_state_node_is_left_out_and_down_goes_control_first(
+def test_in_the_graph_the_state_node_is_left_out_and_control_stops_first(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {"/dummy": "active", **ACTIVE})
@@ -212,10 +216,10 @@ def test_in_the_graph_the_state_node_is_left_out_and_down_goes_control_first(
     ("transition", "fault"),
     [
         ("activate", "`activate` failed: no torque"),
-        ("configure", "`configure` is possible in state unconfigured, but the node is active"),
+        ("configure", "`configure` requires state unconfigured, but the node is active"),
     ],
 )
-def test_in_the_graph_a_refusal_says_why(
+def test_in_the_graph_a_rejection_has_a_reason(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch, transition: str, fault: str
 ) -> None:
     state = "inactive" if transition == "activate" else "active"
@@ -225,7 +229,7 @@ def test_in_the_graph_a_refusal_says_why(
     assert answer.why == f"{ROBOT}: {fault}"
 
 
-def test_nothing_in_this_domain_is_reported_with_where_something_is(
+def test_an_empty_domain_is_reported_with_the_domains_in_use(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {})
@@ -243,7 +247,7 @@ def test_the_transitions_that_are_possible_depend_on_the_state() -> None:
     assert possible_transitions("finalized") == ()
 
 
-def test_over_ros_a_limit_that_is_given_is_for_finding_and_for_answers_too(
+def test_over_ros_a_given_limit_is_for_discovery_and_for_responses(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     waits: list[float] = []

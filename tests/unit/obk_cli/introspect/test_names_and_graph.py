@@ -1,4 +1,4 @@
-"""Names that a user means, and what a graph reports."""
+"""Names that a user types, and reports of a graph."""
 
 import pytest
 
@@ -58,22 +58,24 @@ def end(
         ("st", ()),
     ],
 )
-def test_a_name_means_itself_or_what_ends_in_it(name: str, expected: tuple[str, ...]) -> None:
+def test_a_name_matches_itself_or_names_that_end_in_it(
+    name: str, expected: tuple[str, ...]
+) -> None:
     assert matching_names(name, TOPICS) == expected
 
 
-def test_a_name_that_means_several_or_none_is_reported_with_what_is_there() -> None:
+def test_an_ambiguous_or_unknown_name_is_reported_with_the_existing_ones() -> None:
     with pytest.raises(CommandFailedError) as several:
         resolve_one("topic", "est", TOPICS, 7)
     assert several.value.help == "choose one of `/a/est`, `/b/est`"
     with pytest.raises(CommandFailedError) as none:
         resolve_one("topic", "/a/esst", TOPICS, 7)
-    assert none.value.message == "there is no topic `/a/esst` in the ROS domain 7"
+    assert none.value.message == "no topic `/a/esst` in the ROS domain 7"
     assert none.value.help is not None
     assert none.value.help.startswith("did you mean `/a/est`")
 
 
-def test_ends_that_do_not_hear_each_other_are_reported() -> None:
+def test_incompatible_endpoints_are_reported() -> None:
     topic = TopicInfo(
         name="/t",
         msg_types=("pkg/msg/State",),
@@ -84,13 +86,13 @@ def test_ends_that_do_not_hear_each_other_are_reported() -> None:
         ),
     )
     assert list(incompatible_ends(topic)) == [
-        "/strong does not receive from /p: it asks for `reliable`, and `best_effort` is offered",
+        "/strong does not receive from /p: it requests `reliable`, but `best_effort` is offered",
         "/strong does not receive from /p: "
-        "it asks for `transient_local`, and `volatile` is offered",
+        "it requests `transient_local`, but `volatile` is offered",
     ]
 
 
-def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
+def test_hidden_names_and_those_of_every_node_are_left_out() -> None:
     services = {
         "/n/list_parameters": ("rcl_interfaces/srv/ListParameters",),
         "/n/reset": ("std_srvs/srv/Trigger",),
@@ -105,8 +107,8 @@ def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
 
 
 def test_robots_that_listen_to_a_topic_are_known_by_plan_or_by_name() -> None:
-    hears = {"subscribes": (Endpoint(topic="/c", msg_type=None),)}
-    plan = Plan(name="arm", nodes=(node("arm", "robot", **hears), node("k", **hears)))
+    subscribes = {"subscribes": (Endpoint(topic="/c", msg_type=None),)}
+    plan = Plan(name="arm", nodes=(node("arm", "robot", **subscribes), node("k", **subscribes)))
     topic = TopicInfo(
         name="/c",
         msg_types=(),
@@ -123,18 +125,18 @@ def test_stamps_are_found_by_type() -> None:
         stamp_getter("pkg/Point", fields_of)
 
 
-def test_a_slip_in_a_short_name_is_reported_by_the_whole_one() -> None:
+def test_a_typo_in_a_short_name_is_reported_with_the_full_name() -> None:
     with pytest.raises(CommandFailedError) as caught:
         resolve_one("topic", "ctlr", TOPICS, 7)
     assert caught.value.help == "did you mean `/a/ctrl`?"
 
 
-def test_what_is_heard_is_what_is_published() -> None:
-    talks, hears = end("/a", "publisher"), end("/b", "subscription", msg_type="pkg/msg/Other")
-    types = (talks.msg_type, hears.msg_type)
-    seen = TopicInfo(name="/t", msg_types=types, publishers=(talks,), subscriptions=(hears,))
+def test_received_types_are_the_published_ones() -> None:
+    talks, subscribes = end("/a", "publisher"), end("/b", "subscription", msg_type="pkg/msg/Other")
+    types = (talks.msg_type, subscribes.msg_type)
+    seen = TopicInfo(name="/t", msg_types=types, publishers=(talks,), subscriptions=(subscribes,))
     assert seen.published_types == ("pkg/msg/State",)
-    silent = TopicInfo(name="/t", msg_types=(hears.msg_type,), subscriptions=(hears,))
+    silent = TopicInfo(name="/t", msg_types=(subscribes.msg_type,), subscriptions=(subscribes,))
     assert silent.published_types == ("pkg/msg/Other",)
 
 

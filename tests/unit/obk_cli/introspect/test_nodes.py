@@ -1,4 +1,4 @@
-"""A node as lines for a person."""
+"""A node as text."""
 
 from obk_cli.introspect.nodes import NodeInfo, node_text
 
@@ -10,7 +10,7 @@ def seen(services: dict[str, tuple[str, ...]]) -> NodeInfo:
     return NodeInfo(node="/arm", publishes={}, subscribes={}, services=services)
 
 
-def test_a_node_without_parameters_is_not_said_to_give_no_answer() -> None:
+def test_a_node_without_parameters_is_not_reported_as_silent() -> None:
     assert "  parameters: not reported" in node_text(seen(OWN))
     assert "  parameters: no answer" in node_text(seen(OWN | ASKED))
 

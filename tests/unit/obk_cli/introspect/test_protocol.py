@@ -1,4 +1,4 @@
-"""Questions about a ROS graph and their replies, written and read back."""
+"""Requests about a ROS graph and their replies, written and read back."""
 
 import json
 
@@ -65,7 +65,7 @@ def test_a_graph_of_another_shape_is_an_error(key: str) -> None:
         decode_reply(json.dumps(data).encode(), GraphReply)
 
 
-def test_a_failure_is_raised_in_the_words_of_the_launcher() -> None:
+def test_a_failure_is_raised_with_the_launchers_message() -> None:
     data = encode(FailedReply(failed="/arm did not answer", help="look"))
     with pytest.raises(CommandFailedError, match="/arm did not answer") as failed:
         decode_reply(data, NamesReply)
@@ -105,6 +105,6 @@ def test_a_parameter_of_another_shape_is_an_error(wire: WireParameter) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"7", b"[]", b"{}", b"\xff", b'{"reason":' * 10_000])
-def test_bytes_that_are_no_reply_are_an_error(data: bytes) -> None:
+def test_invalid_bytes_of_a_reply_are_an_error(data: bytes) -> None:
     with pytest.raises(CommandFailedError, match="invalid answer"):
         decode_reply(data, SetReply)

@@ -1,4 +1,4 @@
-"""What has to hold before a message is published, against graphs that others come into."""
+"""Checks before a message is published, in graphs that other nodes join."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -27,7 +27,7 @@ ROBOT = "/left/obelisk_robot_0"
 
 
 def place(*runs: str) -> GraphTarget:
-    """Where these runs are, whose folders tell nothing."""
+    """The location of the runs, whose folders are empty."""
     folders = {Path("gone", run): RUN for run in runs}
     return GraphTarget(
         environment=cast(Any, SimpleNamespace(domain=7)), runs=folders, no_nodes_s=1.0
@@ -47,7 +47,7 @@ def wanted(topic: str = "state", **more: Any) -> Publication:
 
 
 class Look:
-    """A graph with one topic, which one more node subscribes to at each look."""
+    """A graph with one topic and one more subscriber at each check."""
 
     def __init__(self, *listeners: tuple[str, str]) -> None:
         self._listeners = listeners
@@ -82,7 +82,7 @@ class Look:
 
 
 def wait(look: Look, publication: Publication) -> None:
-    """Wait for subscribers of the type, as many as listen."""
+    """Wait for subscribers of the type."""
 
     def count() -> int:
         return sum(end.msg_type == "pkg/msg/State" for end in look.topic("/a").subscriptions)
@@ -101,14 +101,14 @@ def test_subscribers_are_waited_for() -> None:
         wait(Look(), wanted())
 
 
-def test_subscribers_that_come_late_and_want_another_type_are_not_waited_with() -> None:
+def test_late_subscribers_of_another_type_are_not_waited_for() -> None:
     look = Look(("/b", "pkg/msg/Other"), ("/c", "pkg/msg/Other"))
-    with pytest.raises(CommandFailedError, match="/a is of the type pkg/msg/Other, not"):
+    with pytest.raises(CommandFailedError, match="/a has the type pkg/msg/Other, not"):
         wait(look, wanted())
     assert look.looks == 1
 
 
-def test_a_topic_that_no_one_has_needs_a_name_and_a_type() -> None:
+def test_an_unused_topic_needs_a_name_and_a_type() -> None:
     look, new = cast(Any, Look()), wanted("/new", msg_type="pkg/msg/Empty")
     seen, kind = topic_to_publish(look, place(), new)
     assert (seen.name, kind) == ("/new", "pkg/msg/Empty")
@@ -118,14 +118,14 @@ def test_a_topic_that_no_one_has_needs_a_name_and_a_type() -> None:
         topic_to_publish(look, place(), wanted("/new"))
 
 
-def test_a_message_of_another_type_than_the_subscribers_is_refused() -> None:
+def test_a_message_of_another_type_than_the_subscribers_is_rejected() -> None:
     look = Look(("/b", "pkg/msg/Other"))
     look.looks = 1
-    with pytest.raises(CommandFailedError, match="is of the type pkg/msg/Other"):
+    with pytest.raises(CommandFailedError, match="has the type pkg/msg/Other"):
         topic_to_publish(cast(Any, look), place(), wanted(msg_type="pkg/msg/State"))
 
 
-def test_a_topic_that_a_robot_subscribes_to_is_refused() -> None:
+def test_a_topic_with_a_robot_as_subscriber_is_rejected() -> None:
     look = Look((ROBOT, "pkg/msg/State"))
     refuse_robot_commands(look.topic("/arm/state"), place())
     look.looks = 1

@@ -1,4 +1,4 @@
-"""How long someone is waited for, against a graph in which no one ever is."""
+"""Waiting times for nodes in a graph that stays empty."""
 
 from pathlib import Path
 from typing import Any, cast
@@ -15,8 +15,8 @@ from obk_cli.runs.folder import Run
 RUN = Run(name="dummy", pid=1, started=0.0, domain=7, config="dummy.yaml", nodes=("/arm",))
 
 
-class Nobody:
-    """A graph that stays empty; notes how long it is looked at."""
+class EmptyGraph:
+    """A graph that stays empty; records the waiting time."""
 
     def __init__(self) -> None:
         self.waited_s: list[float] = []
@@ -43,7 +43,7 @@ def place(tmp_path: Path, no_nodes_s: float = NO_NODES_S, *, runs: bool = False)
 
 
 def waited_for(where: GraphTarget, *, wait_s: float | None = None) -> list[float]:
-    look = Nobody()
+    look = EmptyGraph()
     with pytest.raises(CommandFailedError, match="was found"):
         settle(cast(RosParticipant, look), where, 5.0, wait_s=wait_s)
     return look.waited_s
@@ -53,7 +53,7 @@ def test_an_empty_domain_is_known_to_be_empty_soon(tmp_path: Path) -> None:
     assert waited_for(place(tmp_path)) == [1.0]
 
 
-def test_someone_is_waited_for_as_long_as_a_user_says(tmp_path: Path) -> None:
+def test_a_name_is_waited_for_as_long_as_the_user_requests(tmp_path: Path) -> None:
     assert waited_for(place(tmp_path, 20.0)) == [20.0]
     assert waited_for(place(tmp_path), wait_s=3.3) == [3.3, 1.0]
 
@@ -63,16 +63,16 @@ def test_nodes_that_are_known_to_run_are_waited_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["/arm/joints", "joints"])
-def test_what_is_named_is_not_waited_for_where_no_one_is(tmp_path: Path, name: str) -> None:
+def test_a_full_name_is_not_waited_for_in_an_empty_graph(tmp_path: Path, name: str) -> None:
     for find in (find_topic, find_node):
-        look = Nobody()
+        look = EmptyGraph()
         with pytest.raises(CommandFailedError, match="no stack is running"):
             find(cast(RosParticipant, look), place(tmp_path), name, 5.0)
         assert look.waited_s == [1.0]
 
 
-class Later(Nobody):
-    """A stack's node at once, and another one after a rest."""
+class Later(EmptyGraph):
+    """A stack's node immediately, and another one after a pause."""
 
     def nodes(self) -> tuple[str, ...]:
         return ("/arm", "/talker") if self.waited_s else ("/arm",)
@@ -84,13 +84,13 @@ class Later(Nobody):
         return True
 
 
-def test_a_node_that_is_not_of_the_stack_is_given_time_to_tell_of_itself(tmp_path: Path) -> None:
+def test_a_node_outside_the_stack_gets_time_to_announce_itself(tmp_path: Path) -> None:
     look = Later()
     where = place(tmp_path, runs=True)
     assert find_node(cast(RosParticipant, look), where, "talker", 5.0) == "/talker"
     assert look.waited_s == [1.0]
     assert find_node(cast(RosParticipant, Later()), where, "arm", 5.0) == "/arm"
     patient = Later()
-    with pytest.raises(CommandFailedError, match="there is no node `walker`"):
+    with pytest.raises(CommandFailedError, match="no node `walker`"):
         find_node(cast(RosParticipant, patient), place(tmp_path, 20.0, runs=True), "walker", 5.0)
     assert patient.waited_s == [3.3]

@@ -58,11 +58,11 @@ def _no_warnings() -> None:
     warnings.clear()
 
 
-def test_a_message_becomes_plain_data() -> None:
+def test_a_message_is_converted_to_plain_data() -> None:
     assert plain_data(whole()) == PLAIN
 
 
-def test_text_is_yaml_that_reads_back_the_same() -> None:
+def test_the_text_output_is_yaml_that_reads_back_equal() -> None:
     text = "\n".join(message_text(PLAIN, is_whole=True))
     assert yaml.safe_load(text) == PLAIN
     assert "\x1b" not in text
@@ -81,7 +81,7 @@ def test_long_arrays_and_texts_are_cut_for_a_person_only() -> None:
     assert cut == f'"{"x" * MOST_LETTERS}..."'
 
 
-def test_numbers_that_are_none_are_reported() -> None:
+def test_non_finite_numbers_are_reported() -> None:
     assert list(message_text([float("nan"), float("-inf")], is_whole=True)) == ["[.nan, -.inf]"]
     assert json_line({"x": [float("nan"), 1.5]}) == '{"x": ["nan", 1.5]}'
 
@@ -103,7 +103,7 @@ def test_one_selected_number_is_a_line() -> None:
     assert list(shower("q[1]").lines(whole())) == ["-0.25"]
 
 
-def test_an_element_that_is_not_there_is_null_as_in_yaml() -> None:
+def test_a_missing_element_is_null_as_in_yaml() -> None:
     assert list(shower("q[9]").lines(whole())) == ["null"]
 
 
@@ -136,7 +136,7 @@ def test_csv_names_its_columns_once_and_warns_once_of_others() -> None:
     assert "1 more columns than the first one, starting with `q[2]`" in warning
 
 
-def test_a_column_of_csv_stays_what_its_name_says() -> None:
+def test_a_column_of_csv_keeps_its_meaning() -> None:
     shown = shower("q", "mark", format="csv")
     list(shown.lines(Message(q=[1.0, 2.0], mark=7)))
     assert list(shown.lines(Message(q=[5.0], mark=8))) == ["5.0,,8"]

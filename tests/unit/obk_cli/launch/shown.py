@@ -1,10 +1,10 @@
-"""What the tests of runs share: a screen that keeps its lines."""
+"""Shared code for the tests of runs: a screen that stores its lines."""
 
 from obk_cli.launch.console import Screen
 
 
 class Shown(Screen):
-    """A screen that keeps its lines."""
+    """A screen that stores its lines."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []

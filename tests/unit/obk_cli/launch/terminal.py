@@ -1,4 +1,4 @@
-"""A terminal for tests: what a person would see of a program's output, and what scrolled out."""
+"""A fake terminal: the visible output of a program, and what has scrolled out."""
 
 import codecs
 import os
@@ -11,18 +11,18 @@ from rich.cells import cell_len
 
 DEADLINE_S: Final = 30.0
 _END: Final = b"\0"
-"""Stands behind all that was written: a terminal hands on what it gets in its own time."""
+"""A marker after all output, because a terminal forwards it with a delay."""
 _PIECE: Final = re.compile(r"\x1b\[(?P<number>[\d;]*)(?P<end>[@-~])|(?P<char>.)", re.DOTALL)
 
 
 class Terminal:
-    """A pseudo terminal and an emulation that knows what a status area may use, no more."""
+    """A pseudo terminal and a minimal emulation of what a status area may use."""
 
     def __init__(self, width: int, height: int) -> None:
         self.master, self.slave = os.openpty()
         self.resize(width, height)
         self.rows: list[str] = [""]
-        """All rows ever, the lowest `height` ones of which are seen."""
+        """All rows ever printed; the last `height` ones are visible."""
         self.row, self.column = 0, 0
         self.wrapped = 0
         self._decoder = codecs.getincrementaldecoder("utf-8")()
@@ -38,7 +38,7 @@ class Terminal:
         os.close(self.slave)
 
     def read(self) -> None:
-        """Take what comes next."""
+        """Read the next output."""
         ready, _, _ = select.select([self.master], [], [], DEADLINE_S)
         assert ready, f"nothing more came; the last rows are: {self.rows[-5:]}"
         data = os.read(self.master, 1 << 16)
@@ -46,12 +46,12 @@ class Terminal:
         self.feed(self._decoder.decode(data.removesuffix(_END)))
 
     def read_until(self, text: str) -> None:
-        """Take what comes until it is somewhere to be seen."""
+        """Read output until some text is visible."""
         while not any(text in row for row in self.rows):
             self.read()
 
     def read_the_rest(self) -> None:
-        """Take all that was written until now."""
+        """Read all output so far."""
         os.write(self.slave, _END)
         while not self._is_over:
             self.read()

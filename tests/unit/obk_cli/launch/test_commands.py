@@ -1,4 +1,4 @@
-"""How the processes of a plan are started, alone or with several nodes."""
+"""Command lines for the processes of a plan, with one or several nodes."""
 
 import json
 import sys
@@ -38,7 +38,7 @@ PACKAGES = PackageIndex(workspaces=(), prefixes=())
 
 
 @pytest.mark.parametrize("is_there", [True, False])
-def test_parameters_that_the_run_folder_does_not_take_go_to_one_that_goes_at_the_end(
+def test_parameters_go_to_a_temporary_folder_if_the_run_folder_is_read_only(
     tmp_path: Path, is_there: bool
 ) -> None:
     (tmp_path / "params").write_text("a file where the folder would be")
@@ -94,7 +94,7 @@ def test_nodes_that_share_a_process_are_one_command(tmp_path: Path) -> None:
     assert "__node:=obelisk_control_1" in listed
 
 
-def test_a_package_below_a_folder_with_a_colon_is_refused_with_the_reason(tmp_path: Path) -> None:
+def test_a_package_below_a_folder_with_a_colon_is_rejected_with_the_reason(tmp_path: Path) -> None:
     package = tmp_path / "a:b" / "src" / "p"
     package.mkdir(parents=True)
     (package / "package.xml").write_text("<package><name>p</name></package>")
@@ -155,7 +155,7 @@ def test_only_its_owner_reads_the_file(tmp_path: Path) -> None:
     assert (tmp_path / "composed.json").stat().st_mode & 0o777 == 0o600
 
 
-def test_python_finds_the_packages_of_all_nodes_before_the_users_own(tmp_path: Path) -> None:
+def test_python_finds_the_packages_of_all_nodes_before_the_users(tmp_path: Path) -> None:
     leg = replace(COMPOSABLE, python_path=(Path("/ws/leg"), Path("/ws/arm")))
     nodes = [member("arm", COMPOSABLE), member("leg", leg)]
     command = composed_command(nodes, tmp_path, {"PYTHONPATH": "/mine"})

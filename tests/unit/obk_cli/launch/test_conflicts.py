@@ -39,12 +39,12 @@ PLAN = Plan(name="s", nodes=(ROBOT,))
 
 
 class Graph:
-    """Others, as a table."""
+    """Other nodes, as a table."""
 
     def __init__(self, *others: tuple[str, str]) -> None:
         self.others = others
         self.waited: list[float] = []
-        self.looked = threading.Semaphore(0)
+        self.viewed = threading.Semaphore(0)
 
     def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
         return tuple(set(names) & {name for _, name in self.others})
@@ -53,7 +53,7 @@ class Graph:
         self, topics: Iterable[str], ours: Iterable[str], discovery_s: float
     ) -> tuple[tuple[str, str], ...]:
         self.waited.append(discovery_s)
-        self.looked.release()
+        self.viewed.release()
         return tuple(s for s in self.others if s[0] in set(topics) and s[1] not in set(ours))
 
 
@@ -64,37 +64,39 @@ def _looks_often_and_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def look_twice(graph: Graph) -> None:
-    """Wait until what the first look gave has been dealt with."""
+    """Wait until the result of the first check has been handled."""
     for _ in range(2):
-        assert graph.looked.acquire(timeout=20)
+        assert graph.viewed.acquire(timeout=20)
 
 
-def test_a_name_that_someone_has_is_refused() -> None:
-    with pytest.raises(CommandFailedError, match="domain 7 there is already /obelisk_robot_0"):
+def test_a_name_of_another_node_is_rejected() -> None:
+    with pytest.raises(
+        CommandFailedError, match="already in use in the ROS domain 7: /obelisk_robot_0"
+    ):
         refuse_taken_names(("/obelisk_robot_0",), Graph(("/x", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
 
 
-def test_whoever_else_moves_the_robot_is_named() -> None:
+def test_another_publisher_of_robot_commands_is_named() -> None:
     with pytest.raises(CommandFailedError, match="/teleop publishes on /ctrl") as raised:
         refuse_unknown_publishers(PLAN, Graph(("/ctrl", "/teleop")), 7)  # type: ignore[arg-type]
     assert "--allow-foreign" in (raised.value.help or "")
 
 
-def test_publishers_of_other_topics_and_the_plans_own_do_not_matter() -> None:
+def test_publishers_of_other_topics_and_of_the_plan_are_ignored() -> None:
     refuse_unknown_publishers(PLAN, Graph(("/x", "/teleop"), ("/ctrl", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
 
 
 def test_a_publisher_of_an_external_topic_is_accepted() -> None:
     external = replace(PLAN, external_topics=("/ctrl",))
     graph = Graph(("/ctrl", "/teleop"))
-    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    received: SimpleQueue[InputEvent] = SimpleQueue()
     refuse_unknown_publishers(external, graph, 7)  # type: ignore[arg-type]
-    with watching_publishers(external, graph, heard.put):  # type: ignore[arg-type]
+    with watching_publishers(external, graph, received.put):  # type: ignore[arg-type]
         look_twice(graph)
-    assert heard.empty()
+    assert received.empty()
 
 
-def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
+def test_for_a_real_robot_the_check_takes_as_long_as_necessary() -> None:
     real = Plan(name="s", nodes=(replace(ROBOT, model=None),))
     assert has_hardware(real)
     assert not has_hardware(PLAN)
@@ -105,40 +107,40 @@ def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
 
 
 def test_one_that_is_found_late_is_reported() -> None:
-    heard: SimpleQueue[InputEvent] = SimpleQueue()
-    with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), heard.put):  # type: ignore[arg-type]
-        assert heard.get(timeout=20) == UnknownPublisherFound(topic="/ctrl", node="/teleop")
+    received: SimpleQueue[InputEvent] = SimpleQueue()
+    with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), received.put):  # type: ignore[arg-type]
+        assert received.get(timeout=20) == UnknownPublisherFound(topic="/ctrl", node="/teleop")
 
 
-def test_one_without_a_name_yet_is_no_others_once_our_nodes_have_started() -> None:
-    heard: SimpleQueue[InputEvent] = SimpleQueue()
+def test_an_unnamed_publisher_is_not_foreign_once_our_nodes_have_started() -> None:
+    received: SimpleQueue[InputEvent] = SimpleQueue()
     graph = Graph(("/ctrl", UNNAMED))
-    with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
+    with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
         look_twice(graph)
-    assert heard.empty()
+    assert received.empty()
 
 
-def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
+def test_a_command_allowed_to_publish_after_the_start_is_not_foreign(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    received: SimpleQueue[InputEvent] = SimpleQueue()
     with _child() as pid:
         graph = Graph(("/ctrl", f"/{ALLOWED_PUBLISHER}_{pid}"))
-        # It began before this launch: whom it was to move is another matter.
-        with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
-            assert isinstance(heard.get(timeout=20), UnknownPublisherFound)
+        # It started before this launch; whether it commands the robot is a different question.
+        with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
+            assert isinstance(received.get(timeout=20), UnknownPublisherFound)
         monkeypatch.setattr(conflicts, "since_boot_s", lambda: 0.0)
         graph = Graph(*graph.others)
-        with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
+        with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
             look_twice(graph)
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
-            graph.looked = threading.Semaphore(0)
+            graph.viewed = threading.Semaphore(0)
             look_twice(graph)
-        assert heard.empty()
+        assert received.empty()
 
 
-def test_a_publisher_of_that_name_whose_process_is_not_here_is_a_stranger() -> None:
+def test_a_publisher_of_that_name_with_a_remote_process_is_foreign() -> None:
     with _child() as pid:
         name = f"/{ALLOWED_PUBLISHER}_{pid}"
         assert is_allowed_publisher(name, 0.0)
@@ -150,7 +152,7 @@ def test_a_publisher_of_that_name_whose_process_is_not_here_is_a_stranger() -> N
 
 @contextmanager
 def _child() -> Iterator[int]:
-    """The number of a process that runs meanwhile."""
+    """The ID of a process that is running during the test."""
     child = subprocess.Popen(["sleep", "60"])
     try:
         yield child.pid
@@ -159,7 +161,7 @@ def _child() -> Iterator[int]:
         child.wait()
 
 
-def test_the_look_ends_with_the_run() -> None:
+def test_the_check_ends_with_the_run() -> None:
     graph = Graph()
     with watching_publishers(PLAN, graph, lambda _: None):  # type: ignore[arg-type]
         look_twice(graph)
@@ -188,7 +190,7 @@ TYPES_PLAN = Plan(
 
 
 class TypesGraph:
-    """What is found, look by look; the last look is repeated."""
+    """The results of each check; the last one is repeated."""
 
     def __init__(
         self, looks: Sequence[Mapping[str, Sequence[str]]], ends: Sequence[tuple[str, ...]]
@@ -223,7 +225,7 @@ def reported_of(
     return reported
 
 
-def test_another_type_is_reported_once_with_both_types_and_whose_it_is(
+def test_another_type_is_reported_once_with_both_types_and_its_node(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     both = {"/ctrl": [CONTROL, STRING]}

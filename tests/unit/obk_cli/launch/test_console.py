@@ -32,7 +32,7 @@ def read_to_the_end_of(read_fd: int, last: str) -> list[str]:
     return data.decode().splitlines()
 
 
-def test_lines_come_out_in_order(pipe: tuple[int, int]) -> None:
+def test_lines_are_printed_in_order(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     with Screen(write_fd) as screen:
         for n in range(100):
@@ -40,10 +40,10 @@ def test_lines_come_out_in_order(pipe: tuple[int, int]) -> None:
     assert read_to_the_end_of(read_fd, "99") == [str(n) for n in range(100)]
 
 
-def test_while_no_one_reads_lines_are_left_out_and_counted(pipe: tuple[int, int]) -> None:
+def test_without_a_reader_lines_are_dropped_and_counted(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     with Screen(write_fd, room=10) as screen:
-        large = "x" * (1 << 20)  # more than a pipe holds: the writer stalls in the middle of it
+        large = "x" * (1 << 20)  # more than a pipe holds, so the writer stalls in the middle
         screen.put(large)
         first_byte = os.read(read_fd, 1)
         for n in range(1234 + 10):
@@ -70,16 +70,16 @@ def test_a_reader_that_leaves_is_reported(pipe: tuple[int, int]) -> None:
     is_reported = threading.Event()
     with Screen(write_fd) as screen:
         screen.when_closed(is_reported.set)
-        screen.put("nobody reads this")
+        screen.put("unread")
         assert is_reported.wait(DEADLINE_S)
         screen.put("nor this")
 
 
-def test_a_reader_that_left_before_anybody_asked_is_reported_too(pipe: tuple[int, int]) -> None:
+def test_a_reader_that_left_before_the_question_is_reported_too(pipe: tuple[int, int]) -> None:
     read_fd, write_fd = pipe
     os.close(read_fd)
     screen = Screen(write_fd)
-    screen.put("nobody reads this")
+    screen.put("unread")
     screen._writer.join(DEADLINE_S)
     is_reported = threading.Event()
     screen.when_closed(is_reported.set)
@@ -99,7 +99,7 @@ def test_a_pipe_that_does_not_wait_is_not_taken_for_closed(pipe: tuple[int, int]
     assert not is_reported.is_set()
 
 
-def test_a_full_disk_ends_nothing_and_what_it_does_not_take_is_counted(
+def test_a_full_disk_ends_nothing_and_lost_lines_are_counted(
     pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read_fd, write_fd = pipe
@@ -138,7 +138,9 @@ def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("obk_cli.launch.console.PAUSE_S", 0.0)
 
 
-def test_the_log_scrolls_above_the_status_and_nothing_of_that_stays(terminal: Terminal) -> None:
+def test_the_log_scrolls_above_the_status_and_the_status_leaves_no_trace(
+    terminal: Terminal,
+) -> None:
     status = ["-----", "a \x1b[32mactive\x1b[0m"]
     with Screen(terminal.slave) as screen:
         screen.set_footer(lambda width, height: status)
@@ -187,7 +189,7 @@ def test_a_stack_of_many_nodes_wraps_no_line_and_leaves_the_log_two_thirds(
     assert terminal.wrapped == 0
 
 
-def test_while_no_one_reads_lines_are_taken_and_the_end_comes(
+def test_without_a_reader_lines_are_accepted_and_it_ends(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("obk_cli.launch.console.END_S", 0.01)
@@ -195,10 +197,10 @@ def test_while_no_one_reads_lines_are_taken_and_the_end_comes(
         screen.set_footer(lambda width, height: ["status"])
         for _ in range(1000):
             screen.put("x" * 1000, may_drop=True)
-    terminal.read_until("lines left out")  # so that the writing thread gets on
+    terminal.read_until("lines left out")  # so that the writing thread continues
 
 
-def test_what_has_not_changed_is_not_written_again(terminal: Terminal) -> None:
+def test_unchanged_rows_are_not_written_again(terminal: Terminal) -> None:
     footer = Footer(terminal.slave, lambda width, height: ["status"])
     assert footer.below("") == "status\n"
     assert footer.below("") == ""

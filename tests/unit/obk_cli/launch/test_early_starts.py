@@ -1,4 +1,4 @@
-"""Which processes load their programs early, and what holds them."""
+"""The processes that load their programs early, and what holds them."""
 
 import fcntl
 import sys
@@ -27,7 +27,7 @@ def early(*nodes: PlannedNode, program: str = sys.executable, together: bool = F
     return [unit.name for unit in early_units(units, executables, {("p", "e")})]
 
 
-def test_a_program_whose_node_the_library_makes_is_early() -> None:
+def test_a_program_whose_node_the_library_creates_is_early() -> None:
     assert early(node("a"), node("b", executable="of_another_kind")) == ["/a"]
 
 
@@ -36,7 +36,7 @@ def test_a_program_whose_node_the_library_makes_is_early() -> None:
     [node("a", env={"A": "1"}), node("a", has_lifecycle=False)],
     ids=["env", "no life cycle"],
 )
-def test_what_may_be_of_another_library_is_not(late: PlannedNode) -> None:
+def test_modules_of_another_library_are_not_preloaded(late: PlannedNode) -> None:
     assert not early(late)
     assert not early(node("a"), program="/usr/bin/python3")
 
@@ -51,12 +51,12 @@ def test_a_simulator_comes_first() -> None:
 
 
 class Started:
-    """The door to the processes."""
+    """The gate for the processes."""
 
     def __init__(self, folder: Path) -> None:
         self.names: list[str] = []
         self.ended_held: list[bool] = []
-        """Of each end, whether the gate was closed then."""
+        """For each process that ended, whether the gate was closed at that time."""
         self._folder = folder
 
     def start_early(self, unit: Unit) -> None:
@@ -75,7 +75,7 @@ def is_closed(folder: Path) -> bool:
     return False
 
 
-def test_where_there_can_be_no_gate_nothing_is_early(tmp_path: Path) -> None:
+def test_without_a_gate_nothing_starts_early(tmp_path: Path) -> None:
     units = units_of(Plan(name="s", nodes=(node("a"),)), devices={"onboard"})
     started = Started(tmp_path)
     gate_path(tmp_path).mkdir()
@@ -89,7 +89,7 @@ def test_where_there_can_be_no_gate_nothing_is_early(tmp_path: Path) -> None:
     assert gate_variables(None) == {}
 
 
-def test_of_a_run_that_is_refused_no_process_gets_past_the_gate(tmp_path: Path) -> None:
+def test_no_process_of_a_rejected_run_passes_the_gate(tmp_path: Path) -> None:
     started = Started(tmp_path)
     with (
         pytest.raises(CommandFailedError, match="another node"),

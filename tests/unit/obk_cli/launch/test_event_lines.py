@@ -1,4 +1,4 @@
-"""Lines of a run for a person."""
+"""The lines of a run, as text."""
 
 import pytest
 
@@ -52,7 +52,7 @@ def test_a_transition_reports_node_result_and_time() -> None:
     assert lines_of(event) == ["  robot_0: configure ok (72 ms)"]
 
 
-def test_a_refused_transition_shows_the_nodes_own_words_and_traceback() -> None:
+def test_a_rejected_transition_shows_the_nodes_own_message_and_traceback() -> None:
     event = TransitionEnded(
         node=ROBOT,
         transition="configure",
@@ -83,20 +83,20 @@ def test_the_way_out_of_a_failure_is_not_reported_as_a_change_from_elsewhere() -
 def test_failures_are_reported_with_their_cause() -> None:
     assert lines_of(Failed(node=CONTROL, fault="boom")) == ["  control_0: FAILED", "    boom"]
     assert lines_of(ProcessEnded(process=ROBOT, code=-9)) == [
-        "  robot_0: the process was ended by SIGKILL"
+        "  robot_0: the process was terminated by SIGKILL"
     ]
     assert lines_of(ProcessEnded(process=ROBOT, code=1, text="KeyError: 'x'")) == [
         "  robot_0: the process exited with code 1: KeyError: 'x'"
     ]
 
 
-def test_the_first_cause_comes_first_then_its_origin_then_the_count_of_what_followed() -> None:
+def test_the_first_cause_is_shown_first_then_its_origin_then_the_count_of_later_faults() -> None:
     assert lines_of(
         Ended(exit_code=1, cause="a died", consequences=2, origin="dummy.yaml:12:3")
-    ) == ["failed: a died", "  defined at dummy.yaml:12:3", "  2 more failures after it"]
+    ) == ["failed: a died", "  defined at dummy.yaml:12:3", "  followed by 2 more failures"]
     assert lines_of(Ended(exit_code=1, cause="a died", consequences=1)) == [
         "failed: a died",
-        "  1 more failure after it",
+        "  followed by 1 more failure",
     ]
     assert lines_of(Ended(exit_code=0, cause="")) == ["stopped cleanly"]
 
@@ -104,10 +104,10 @@ def test_the_first_cause_comes_first_then_its_origin_then_the_count_of_what_foll
 @pytest.mark.parametrize(
     ("result", "reported"),
     [
-        ("there already", "there already"),
+        ("there already", "already in that state"),
         ("timed out", "TIMED OUT (72 ms)"),
         ("gone", "GONE (72 ms)"),
-        ("taken back", "taken back (72 ms)"),
+        ("taken back", "rolled back (72 ms)"),
     ],
 )
 def test_every_end_of_a_transition_has_its_word(result: Result, reported: str) -> None:
@@ -150,15 +150,15 @@ def test_hangs_and_restarts_are_reported() -> None:
         WaitingFor(devices=("base", "arm"), nodes=(ROBOT, "/arm/obelisk_control_1")),
     ) == [
         "  robot_0: HUNG: no answer for 2.0 s",
-        "  robot_0: answers again",
+        "  robot_0: answering again",
         "  robot_0, control_0: restart 1 of 3 in 0.5 s",
-        "  robot_0, control_0: back again",
-        "  the stack goes on without control_0",
+        "  robot_0, control_0: recovered",
+        "  the stack continues without control_0",
         "  waiting for nodes of base, arm: robot_0, arm/control_1",
     ]
 
 
-def test_evidence_is_shown_where_the_nodes_output_is_not() -> None:
+def test_evidence_is_shown_if_the_nodes_output_is_not() -> None:
     event = Evidence(node=ROBOT, lines=("\x1b[1mlast words", "Stack (most recent call first):"))
     assert lines_of(event) == []
     assert lines_of(event, quiet=True) == [
@@ -168,7 +168,7 @@ def test_evidence_is_shown_where_the_nodes_output_is_not() -> None:
     ]
 
 
-def test_the_stacks_state_is_reported_where_no_phase_says_the_same() -> None:
+def test_the_stacks_state_is_reported_if_no_phase_reports_it() -> None:
     assert lines_of(
         StackStateChanged(state="activating"),
         Phase(name="active", seconds=1),
@@ -187,7 +187,7 @@ def test_the_stacks_state_is_reported_where_no_phase_says_the_same() -> None:
     ]
 
 
-def test_a_process_that_nodes_share_goes_by_its_own_name() -> None:
+def test_a_shared_process_has_its_own_name() -> None:
     report = LaunchReport((ROBOT,), colour=True, quiet=False)
     assert list(report.event(ProcessStarted(process="/dummy/composed", pid=7))) == [
         "  dummy/composed: process 7"
@@ -199,7 +199,7 @@ def test_a_short_name_keeps_the_namespace() -> None:
     assert short_name("/arm/left/obelisk_control_0") == "arm/left/control_0"
 
 
-def test_output_stands_behind_the_nodes_name_unless_it_is_quiet() -> None:
+def test_output_follows_the_nodes_name_unless_it_is_quiet() -> None:
     assert lines_of("hello") == ["robot_0   | hello"]
     assert lines_of("hello", quiet=True) == []
 
@@ -210,6 +210,6 @@ def test_colours_of_a_nodes_output_pass_and_end_with_their_line() -> None:
     assert line == "\x1b[36mrobot_0 |\x1b[0m \x1b[31mred\x1b[0m"
 
 
-def test_what_a_node_says_of_its_fault_does_not_reach_the_terminal_raw() -> None:
+def test_the_fault_message_of_a_node_does_not_reach_the_terminal_raw() -> None:
     assert lines_of(Failed(node=ROBOT, fault="\x1b[2Jboom"))[1] == "    boom"
     assert lines_of(ProcessEnded(process=ROBOT, code=1, text="\x1b]0;x\x07y"))[0].endswith("1: y")

@@ -1,4 +1,4 @@
-"""Processes that the preload server forks are as those that are started in the ordinary way."""
+"""Processes forked by the preload server behave like ordinary processes."""
 
 import json
 import os
@@ -22,7 +22,7 @@ from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folde
 from ..plans import node  # noqa: TID252
 
 LOADED = "xmlrpc.client"
-"""A module that the servers of these tests import, and nothing else does."""
+"""A module that only the servers of these tests import."""
 FORKED = f"import sys; print('{LOADED}' in sys.modules, flush=True)\n"
 ALIKE = """
 import ctypes, gc, json, os, signal, sys
@@ -59,7 +59,7 @@ def python(code: str, *arguments: str) -> tuple[str, ...]:
 
 
 class Bench:
-    """A client with or without a server, what it heard, and the lines that came."""
+    """A client with or without a server, its events, and its lines."""
 
     def __init__(
         self,
@@ -70,9 +70,9 @@ class Bench:
         added: Mapping[str, str] | None = None,
         inherited: Mapping[str, tuple[int, ...]] | None = None,
     ) -> None:
-        self.heard: SimpleQueue[InputEvent] = SimpleQueue()
+        self.received: SimpleQueue[InputEvent] = SimpleQueue()
         self.lines: SimpleQueue[OutputLine] = SimpleQueue()
-        # Coverage would import modules, and SHLVL is another one below a shell.
+        # Coverage would import modules, and SHLVL differs in nested shells.
         variables = {k: v for k, v in os.environ.items() if not k.startswith(("COV", "PYTEST"))}
         self.processes = WardenProcesses(
             commands={
@@ -86,15 +86,15 @@ class Bench:
             },
             folder=folder,
             marks={},
-            on_event=self.heard.put,
+            on_event=self.received.put,
             on_line=self.lines.put,
             preload=Preload(environment=variables) if is_forked else None,
         )
 
     def start(self, name: str) -> int:
-        """Start a program; gives its process id."""
+        """Start a program; return its process ID."""
         self.processes.start(unit(name))
-        started = self.heard.get(timeout=DEADLINE_S)
+        started = self.received.get(timeout=DEADLINE_S)
         assert isinstance(started, ProcessStarted)
         return started.pid
 
@@ -102,7 +102,7 @@ class Bench:
         return self.lines.get(timeout=DEADLINE_S).text
 
     def ended(self) -> InputEvent:
-        return self.heard.get(timeout=DEADLINE_S)
+        return self.received.get(timeout=DEADLINE_S)
 
     def server(self) -> psutil.Process:
         """The preload server."""
@@ -235,7 +235,7 @@ def test_forked_processes_share_no_random_numbers(bench: MakeBench) -> None:
 
 
 @pytest.mark.parametrize("name", ["xmlrpc", "sitecustomize.py"])
-def test_a_node_that_would_import_something_else_starts_by_itself(
+def test_a_node_with_different_imports_is_not_forked(
     bench: MakeBench, tmp_path: Path, name: str
 ) -> None:
     library = tmp_path / "library"
@@ -251,7 +251,7 @@ def test_a_node_that_would_import_something_else_starts_by_itself(
     assert run.line() == "False"
 
 
-def test_a_node_with_a_variable_of_its_own_starts_by_itself(bench: MakeBench) -> None:
+def test_a_node_with_its_own_variable_is_not_forked(bench: MakeBench) -> None:
     run = bench({"a": python(FORKED)}, added={"OMP_NUM_THREADS": "1"})
     run.start("a")
     assert run.line() == "False"
@@ -297,9 +297,7 @@ def test_a_server_that_breaks_down_at_its_imports_forks_nothing(
     assert run.line() == "False"
 
 
-def test_a_server_leaves_out_what_is_not_installed(
-    bench: MakeBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_server_skips_missing_modules(bench: MakeBench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(preloading, "MODULES", ("no_such_module", LOADED))
     run = bench({"a": python(FORKED)})
     run.start("a")
@@ -335,7 +333,7 @@ def test_no_forked_process_outlives_a_killed_warden(bench: MakeBench, who: str) 
         process.wait(DEADLINE_S)
 
 
-def test_what_a_forked_process_forks_into_a_session_of_its_own_goes_with_it(
+def test_children_of_a_forked_process_in_their_own_session_end_with_it(
     bench: MakeBench,
 ) -> None:
     code = (

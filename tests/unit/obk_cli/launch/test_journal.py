@@ -9,7 +9,7 @@ from obk_cli.launch.events import OUTPUT_EVENTS, Phase, StackStateChanged
 FULL_DISK = Path("/dev/full")
 
 
-def test_events_output_and_what_was_shown_have_a_file_each(tmp_path: Path) -> None:
+def test_events_output_and_the_screen_have_separate_files(tmp_path: Path) -> None:
     faults: list[OSError] = []
     journal = Journal(tmp_path, faults.append)
     journal.event(Phase(name="active", seconds=1.0), 2.0)

@@ -1,4 +1,4 @@
-"""Lines of a run for a program."""
+"""The lines of a run, as JSON."""
 
 import json
 from pathlib import Path
@@ -22,7 +22,7 @@ def test_output_is_a_record_too_unless_it_is_quiet() -> None:
     assert list(JsonReport(lambda: 1.0, quiet=True).line("/a", "hi")) == []
 
 
-def test_what_the_launcher_says_is_a_record_too() -> None:
+def test_messages_of_the_launcher_are_records_too() -> None:
     report = JsonReport(lambda: 1.0, quiet=True)
     (note,) = report.note("logs in a")
     assert json.loads(note) == {"time": 1.0, "event": "Note", "text": "logs in a"}

@@ -1,4 +1,4 @@
-"""Which node wrote a line of a shared output."""
+"""The node that wrote a line of a shared output."""
 
 from obk_cli.launch.console import NodeLines
 
@@ -61,5 +61,5 @@ def test_a_traceback_belongs_to_the_one_before_and_ends_with_its_exception() -> 
     assert owners(*traceback) == [None] * 10
 
 
-def test_last_words_are_the_nodes_that_they_name() -> None:
+def test_the_last_output_belongs_to_the_node_that_it_names() -> None:
     assert owners("/left/arm: on_error: ValueError: b", "/dev/video0: busy") == ["/left/arm", None]

@@ -1,4 +1,4 @@
-"""What happens while something else is under way: crashes, late answers, hangs, stops."""
+"""Events during other activities: crashes, late replies, hangs, stops."""
 
 from collections import deque
 from dataclasses import replace
@@ -56,7 +56,7 @@ def position(world: World, wanted: type[OutputEvent], name: str = "") -> int:
     )
 
 
-def test_controllers_are_not_activated_again_when_a_crash_brings_the_stack_down() -> None:
+def test_controllers_are_not_activated_again_when_a_crash_stops_the_stack() -> None:
     world = World(silent={(ROBOT, "deactivate")})
     world.later.extend([ignored("deactivate"), 1.0, died()])
     world.run(duration_s=None)
@@ -67,7 +67,7 @@ def test_controllers_are_not_activated_again_when_a_crash_brings_the_stack_down(
 def test_a_crash_does_not_wait_for_another_nodes_slow_transition() -> None:
     world = World(silent={(ESTIMATOR, "deactivate")})
     world.later.extend([ignored("deactivate", ESTIMATOR), 1.0, died()])
-    assert world.run(duration_s=None).cause == f"{ROBOT}: the process was ended by SIGSEGV"
+    assert world.run(duration_s=None).cause == f"{ROBOT}: the process was terminated by SIGSEGV"
     assert when(world, "stopping") == 1.0
 
 
@@ -84,7 +84,7 @@ def test_a_crash_while_a_change_is_taken_back_ends_the_way_back() -> None:
 
 
 def late_activation(world: World) -> None:
-    """The robot is activated half a second after everybody gave it up."""
+    """The robot is activated half a second after the transition has timed out."""
 
     def arrive() -> None:
         world.states[ROBOT] = "active"
@@ -94,7 +94,7 @@ def late_activation(world: World) -> None:
     world.later.extend([ignored("activate"), 11.0, arrive, 1.0, STOP])
 
 
-def test_a_node_that_becomes_active_after_its_change_was_given_up_is_taken_back() -> None:
+def test_a_node_that_becomes_active_after_its_change_timed_out_is_rolled_back() -> None:
     world = World()
     late_activation(world)
     assert world.run(until="configured", duration_s=None).exit_code == 0
@@ -107,7 +107,7 @@ def test_a_node_that_becomes_active_after_its_change_was_given_up_is_taken_back(
     assert late.seconds == pytest.approx(11.0)
 
 
-def test_a_node_that_is_deactivated_late_stays_so_and_is_known_to_be() -> None:
+def test_a_late_deactivation_is_kept_and_known() -> None:
     answers: list[ChangeAnswer] = []
     world = World(silent={(ROBOT, "deactivate")})
 
@@ -122,7 +122,7 @@ def test_a_node_that_is_deactivated_late_stays_so_and_is_known_to_be() -> None:
     assert world.transitions_of(ROBOT).count("activate") == 1
 
 
-def test_nodes_of_a_restarted_process_come_up_robot_first() -> None:
+def test_nodes_of_a_restarted_process_start_robot_first() -> None:
     world = World(on_crash="restart", together=ALL)
     world.later.extend([died("/s/composed"), 2.0, STOP])
     assert world.run(duration_s=None).exit_code == 0
@@ -133,7 +133,7 @@ def test_nodes_of_a_restarted_process_come_up_robot_first() -> None:
     ]
 
 
-def test_a_node_that_fails_beside_others_in_its_process_is_brought_back_alone() -> None:
+def test_a_node_that_fails_in_a_shared_process_is_restarted_alone() -> None:
     world = World(on_crash="restart", together=ALL)
     world.later.extend([Failed(node=ESTIMATOR, fault="compute: boom"), 2.0, STOP])
     assert world.run(duration_s=None).exit_code == 0
@@ -142,7 +142,7 @@ def test_a_node_that_fails_beside_others_in_its_process_is_brought_back_alone() 
     assert world.of(Restarted) == [Restarted(nodes=(ESTIMATOR,))]
 
 
-def test_what_a_dead_process_did_not_tell_is_not_taken_for_the_news_of_the_next_one() -> None:
+def test_unreported_events_of_a_dead_process_are_not_attributed_to_the_next_one() -> None:
     world = World(on_crash="restart")
     off = StateSeen(node=ROBOT, state="inactive", transition="deactivate")
     on = StateSeen(node=ROBOT, state="active", transition="activate")
@@ -151,7 +151,7 @@ def test_what_a_dead_process_did_not_tell_is_not_taken_for_the_news_of_the_next_
     assert world.of(StateSeen) == [off, on]
 
 
-def test_the_last_words_of_a_dead_process_do_not_bring_its_node_to_life() -> None:
+def test_the_last_output_of_a_dead_process_does_not_revive_its_node() -> None:
     off = StateSeen(node=ROBOT, state="inactive", transition="deactivate")
     world = World(on_crash="restart", later=deque([died(), off, 1.0, STOP]))
     world.run(duration_s=None)
@@ -160,7 +160,7 @@ def test_the_last_words_of_a_dead_process_do_not_bring_its_node_to_life() -> Non
     assert after[:2] == ["unconfigured", "inactive"]
 
 
-def test_the_only_node_failing_for_good_is_no_end_in_order() -> None:
+def test_the_permanent_failure_of_the_only_node_is_no_clean_end() -> None:
     end = StateSeen(node=ROBOT, state="finalized")
     failed = Failed(node=ROBOT, fault="compute: boom")
     world = World(plan=Plan(name="s", nodes=(process("robot"),)))
@@ -170,7 +170,7 @@ def test_the_only_node_failing_for_good_is_no_end_in_order() -> None:
     assert ended.cause == f"{ROBOT} failed: compute: boom"
 
 
-def test_a_stack_is_not_up_while_one_that_got_there_has_died_since() -> None:
+def test_a_stack_is_not_up_while_an_already_active_node_has_died() -> None:
     world = World(on_crash="restart", silent={(CONTROLLER, "activate")})
 
     def answer() -> None:
@@ -182,7 +182,7 @@ def test_a_stack_is_not_up_while_one_that_got_there_has_died_since() -> None:
     assert position(world, Restarted) < position(world, Phase, "active")
 
 
-def test_what_was_deactivated_and_dies_in_the_same_change_does_not_come_back_active() -> None:
+def test_a_node_that_dies_during_its_deactivation_is_not_activated_again() -> None:
     world = World(on_crash="restart", silent={(ROBOT, "deactivate")})
 
     def answer() -> None:
@@ -194,7 +194,7 @@ def test_what_was_deactivated_and_dies_in_the_same_change_does_not_come_back_act
     assert world.transitions_of(CONTROLLER)[2:5] == ["deactivate", "configure", "cleanup"]
 
 
-def test_a_hung_node_that_answers_again_before_its_turn_is_left_alone() -> None:
+def test_a_hung_node_that_responds_before_its_turn_is_kept() -> None:
     world = World(on_crash="restart")
 
     def wakes() -> None:
@@ -222,26 +222,26 @@ def test_a_hung_node_that_is_ignored_does_not_keep_the_others_from_a_change() ->
     assert [member.node for member in answers[0].members] == [CONTROLLER, ROBOT]
 
 
-def test_a_hung_node_is_not_asked_for_what_it_would_do_once_it_wakes() -> None:
+def test_a_hung_node_gets_no_requests_that_it_would_execute_later() -> None:
     answers: list[ChangeAnswer] = []
     world = World(on_crash="ignore")
     asked = ChangeRequested(transition="deactivate", nodes=(ESTIMATOR,), reply=answers.append)
     world.later.extend([lambda: world.mute.add(ESTIMATOR), 5.0, asked, STOP])
     world.run(duration_s=None)
     assert answers[0].why == (
-        f"{ESTIMATOR}: the transition `deactivate` was cut short: the node hangs"
+        f"{ESTIMATOR}: the transition `deactivate` was interrupted: the node hangs"
     )
     assert "deactivate" not in world.transitions_of(ESTIMATOR)
 
 
-def test_a_restarted_process_that_neither_comes_up_nor_can_be_killed_is_reported() -> None:
+def test_a_restarted_process_that_neither_starts_nor_can_be_killed_is_reported() -> None:
     world = World(on_crash="restart", deaf_to={(ROBOT, n) for n in range(1, 32)})
     world.later.extend([lambda: world.never_ready.add(ROBOT), died()])
     ended = world.run(duration_s=None)
-    assert ended.cause == f"{ROBOT}: the process is still there after SIGKILL"
+    assert ended.cause == f"{ROBOT}: the process is still running after SIGKILL"
 
 
-def test_a_node_that_fails_after_its_restart_says_why_in_the_cause() -> None:
+def test_a_node_that_fails_after_its_restart_reports_why_in_the_cause() -> None:
     world = World(on_crash="restart")
     world.later.extend([lambda: world.refuses.update({(ROBOT, "configure"): "no gain"}), died()])
     assert world.run(duration_s=None).cause.endswith(
@@ -250,7 +250,7 @@ def test_a_node_that_fails_after_its_restart_says_why_in_the_cause() -> None:
 
 
 class HeldUp(World):
-    """The launcher itself stands still for 30 s, while the robot is configured."""
+    """The launcher itself is suspended for 30 s while the robot is being configured."""
 
     was_held_up = False
 
@@ -264,12 +264,12 @@ class HeldUp(World):
         return super().get(timeout=timeout)
 
 
-def test_no_one_is_blamed_for_the_time_in_which_the_launcher_stood_still() -> None:
+def test_a_suspension_of_the_launcher_is_no_fault_of_the_nodes() -> None:
     world = HeldUp(silent={(ROBOT, "configure")})
     assert world.run().exit_code == 0
 
 
-def test_nothing_is_started_again_once_the_stop_was_asked_for() -> None:
+def test_nothing_is_restarted_after_a_stop_request() -> None:
     world = World(on_crash="restart", later=deque([died(), 0.05, STOP]))
     world.run(duration_s=None)
     assert world.started.count(ROBOT) == 1
@@ -282,7 +282,7 @@ def test_a_stop_does_not_wait_for_the_end_of_a_process_that_was_to_be_restarted(
     assert when(world, "stopping") == pytest.approx(3.0)
 
 
-def test_a_node_of_another_launch_that_was_started_again_is_where_it_says() -> None:
+def test_a_restarted_node_of_another_launch_has_its_reported_state() -> None:
     answers: list[ChangeAnswer] = []
     two = Plan(name="s", nodes=(process("control", device="offboard"), process("robot")))
     world = World(plan=two, devices=frozenset({"offboard"}), on_crash="restart")
@@ -318,7 +318,7 @@ def test_a_node_that_failed_and_is_ignored_does_not_keep_the_others_from_a_chang
     assert world.of(GoesOnWithout) == [GoesOnWithout(nodes=(ESTIMATOR,))]
 
 
-def test_the_end_of_a_shared_process_is_blamed_on_the_node_that_its_last_words_name() -> None:
+def test_the_end_of_a_shared_process_is_attributed_to_the_node_in_its_last_output() -> None:
     two = Plan(
         name="s",
         nodes=tuple(
@@ -332,7 +332,7 @@ def test_the_end_of_a_shared_process_is_blamed_on_the_node_that_its_last_words_n
         assert world.run(duration_s=None).origin == origin
 
 
-def test_a_node_that_is_reported_to_be_ready_once_more_stays_where_it_is() -> None:
+def test_a_node_reported_as_ready_again_keeps_its_state() -> None:
     answers: list[ChangeAnswer] = []
     asked = ChangeRequested(transition="deactivate", nodes=(ROBOT,), reply=answers.append)
     world = World(later=deque([Ready(node=ROBOT), asked, STOP]))

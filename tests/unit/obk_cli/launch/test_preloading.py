@@ -1,4 +1,4 @@
-"""Which processes are forked from the preload server."""
+"""The processes that are forked from the preload server."""
 
 import sys
 
@@ -19,7 +19,7 @@ SERVER = Preload(environment=COMMON)
         ({"PYTHONPATH": "/src:/a:/b"}, {"PYTHONPATH": "/src:/a:/b"}, ["/src"]),
     ],
 )
-def test_a_python_node_is_forked_with_what_it_has_besides(
+def test_a_python_node_is_forked_with_all_its_settings(
     added: dict[str, str], variables: dict[str, str], path: list[str]
 ) -> None:
     requested = SERVER.forked(NODE, COMMON | added)
@@ -55,13 +55,13 @@ def test_a_node_that_lacks_a_variable_starts_by_itself() -> None:
         ("/ws/install/lib/package/node",),
     ],
 )
-def test_what_this_python_does_not_run_in_the_same_way_starts_by_itself(
+def test_programs_that_need_another_start_are_not_forked(
     arguments: tuple[str, ...],
 ) -> None:
     assert SERVER.forked(arguments, COMMON) is None
 
 
-def test_there_is_a_server_for_two_nodes_unless_it_is_turned_off() -> None:
+def test_a_server_exists_for_two_nodes_unless_it_is_disabled() -> None:
     assert preload_for([NODE, NODE], COMMON) == SERVER
     assert preload_for([NODE, ()], COMMON) is None
     assert preload_for([NODE, NODE], {**COMMON, "OBK_PRELOAD": "off"}) is None

@@ -1,4 +1,4 @@
-"""Which part of a stack a launch runs."""
+"""The part of a stack that a launch runs."""
 
 from obk_cli.launch.process_groups import Share, devices_of, share_of, units_of
 from obk_cli.plan.plan import Plan
@@ -28,7 +28,7 @@ def test_without_a_controller_the_first_device_leads() -> None:
     assert not share_of(plan, "pc").leads
 
 
-def test_another_device_may_be_reported_to_lead() -> None:
+def test_another_device_may_be_reported_as_lead() -> None:
     assert share_of(PLAN, "onboard", "onboard").leads
     assert not share_of(PLAN, "pc", "onboard").leads
 

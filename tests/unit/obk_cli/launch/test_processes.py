@@ -1,4 +1,4 @@
-"""The warden and its client, on programs of a line: nothing outlives the client."""
+"""The warden and its client, on one-line programs: nothing outlives the client."""
 
 import ctypes
 import os
@@ -29,10 +29,10 @@ def unit(name: str) -> Unit:
 
 
 class Bench:
-    """A client, what it heard, and the lines that came."""
+    """A client, its events, and its lines."""
 
     def __init__(self, folder: Path, codes: dict[str, str]) -> None:
-        self.heard: SimpleQueue[InputEvent] = SimpleQueue()
+        self.received: SimpleQueue[InputEvent] = SimpleQueue()
         self.lines: SimpleQueue[OutputLine] = SimpleQueue()
         python = (sys.executable, "-I", "-S", "-c")
         self.processes = WardenProcesses(
@@ -42,18 +42,18 @@ class Bench:
             },
             folder=folder,
             marks={},
-            on_event=self.heard.put,
+            on_event=self.received.put,
             on_line=self.lines.put,
         )
 
     def close(self) -> None:
-        """End the client."""
+        """Stop the client."""
         self.processes.end()
 
     def start(self, name: str) -> int:
-        """Start a program; gives its process id."""
+        """Start a program; return its process ID."""
         self.processes.start(unit(name))
-        started = self.heard.get(timeout=DEADLINE_S)
+        started = self.received.get(timeout=DEADLINE_S)
         assert isinstance(started, ProcessStarted)
         return started.pid
 
@@ -61,7 +61,7 @@ class Bench:
         return self.lines.get(timeout=DEADLINE_S).text
 
     def ended(self) -> InputEvent:
-        return self.heard.get(timeout=DEADLINE_S)
+        return self.received.get(timeout=DEADLINE_S)
 
 
 MakeBench = Callable[[dict[str, str]], Bench]
@@ -80,7 +80,7 @@ def bench(tmp_path: Path) -> Iterator[MakeBench]:
         one.close()
 
 
-def test_output_environment_folder_and_exit_code_come_through(
+def test_output_environment_folder_and_exit_code_are_passed_on(
     bench: MakeBench, tmp_path: Path
 ) -> None:
     code = "import os, sys; print(os.environ['GREETING'], os.getcwd()); sys.exit(3)"
@@ -90,7 +90,7 @@ def test_output_environment_folder_and_exit_code_come_through(
     assert run.ended() == ProcessEnded(process="/a", code=3, text=f"hi {tmp_path}")
 
 
-def test_a_program_that_is_not_there_is_reported_with_its_reason(bench: MakeBench) -> None:
+def test_a_missing_program_is_reported_with_the_reason(bench: MakeBench) -> None:
     run = bench({})
     run.processes._commands = {"/a": NodeCommand(arguments=("/no/such",), environment={})}
     run.processes.start(unit("a"))
@@ -111,7 +111,7 @@ def test_a_signal_reaches_the_one_that_is_named(bench: MakeBench) -> None:
     assert psutil.pid_exists(second)
 
 
-def test_children_of_a_node_go_with_it(bench: MakeBench) -> None:
+def test_children_of_a_node_end_with_it(bench: MakeBench) -> None:
     code = (
         "import subprocess, sys, time\n"
         "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
@@ -134,10 +134,10 @@ between += "start_new_session=True); print(p.pid, flush=True); p.wait()"
 child = subprocess.Popen([sys.executable, "-c", between], start_new_session=True)
 print(child.pid, flush=True)
 """
-"""Starts a child in a session of its own, and that one another; prints both of their ids."""
+"""Starts a child in its own session, which starts another one; prints both IDs."""
 
 
-def test_what_hides_in_sessions_of_its_own_goes_with_its_node_and_not_with_another(
+def test_children_in_their_own_sessions_end_with_their_node_only(
     bench: MakeBench,
 ) -> None:
     run = bench({"a": f"{HIDING}time.sleep(600)", "b": f"{HIDING}time.sleep(600)"})
@@ -165,7 +165,7 @@ runpy.run_path({warden.__file__!r}, run_name="__main__")
 """The warden, with processes that take 50 ms to load their program."""
 
 
-def test_a_process_that_is_still_loading_its_program_goes_with_its_node(
+def test_a_process_that_is_still_loading_its_program_ends_with_its_node(
     bench: MakeBench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """The kernel shows an empty environment then, so its start is known only later."""
@@ -181,10 +181,10 @@ def test_a_process_that_is_still_loading_its_program_goes_with_its_node(
     hidden.wait(DEADLINE_S)
 
 
-def test_at_the_end_each_process_is_asked_once_and_may_come_down_in_order(
+def test_at_the_end_each_process_gets_one_request_and_may_end_cleanly(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A node takes a second SIGTERM for haste, and ends where it is."""
+    """A node treats a second SIGTERM as urgent, and exits immediately."""
     leader, other = 11, 12
     sent: list[tuple[str, int, int]] = []
     looks = iter([[leader, other]])
@@ -203,7 +203,7 @@ def test_at_the_end_each_process_is_asked_once_and_may_come_down_in_order(
     assert sent == [("group", leader, signal.SIGTERM), ("process", other, signal.SIGTERM)]
 
 
-def test_nothing_outlives_the_client_not_even_what_hides_in_a_session_of_its_own(
+def test_nothing_outlives_the_client_not_even_children_in_their_own_session(
     bench: MakeBench,
 ) -> None:
     deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
@@ -222,7 +222,7 @@ def test_nothing_outlives_the_client_not_even_what_hides_in_a_session_of_its_own
 
 
 def test_a_signal_that_asks_for_the_end_is_for_the_launcher_alone(bench: MakeBench) -> None:
-    """As `systemctl stop` sends it to every process of a stack at once."""
+    """As `systemctl stop` sends it to all processes of a stack at once."""
     sleep = "import time; print('up', flush=True); time.sleep(60)"
     run = bench({"a": sleep, "b": sleep})
     first = psutil.Process(run.start("a"))
@@ -247,7 +247,7 @@ def test_the_loss_of_the_warden_is_reported_as_the_end_of_its_nodes(bench: MakeB
     assert isinstance(run.ended(), ProcessEnded)
 
 
-def test_the_loss_of_the_warden_is_reported_once_of_what_it_had_not_started_yet(
+def test_the_loss_of_the_warden_is_reported_once_for_unstarted_processes(
     bench: MakeBench,
 ) -> None:
     run = bench({"a": "import time; time.sleep(60)"})
@@ -258,10 +258,10 @@ def test_the_loss_of_the_warden_is_reported_once_of_what_it_had_not_started_yet(
         process="/a", code=127, text="the process that watched over the nodes is gone"
     )
     run.close()
-    assert run.heard.empty()
+    assert run.received.empty()
 
 
-def test_what_hides_in_a_session_of_its_own_does_not_outlive_a_killed_warden(
+def test_children_in_their_own_session_do_not_outlive_a_killed_warden(
     bench: MakeBench,
 ) -> None:
     code = (
@@ -280,7 +280,7 @@ def test_what_hides_in_a_session_of_its_own_does_not_outlive_a_killed_warden(
     assert not _is_alive(hidden)
 
 
-def test_an_environment_larger_than_a_packet_comes_through(bench: MakeBench) -> None:
+def test_an_environment_larger_than_a_packet_is_transferred(bench: MakeBench) -> None:
     run = bench({"a": "import os; print(sum(map(len, os.environ.values())))"})
     (command,) = run.processes._commands.values()
     large = {f"LARGE_{n}": "x" * 100_000 for n in range(4)}
@@ -290,7 +290,7 @@ def test_an_environment_larger_than_a_packet_comes_through(bench: MakeBench) -> 
 
 
 @pytest.mark.parametrize("environment", [{"A": "b\0c"}, {"A=B": "c"}])
-def test_what_cannot_be_started_leaves_the_other_nodes_alone(
+def test_a_program_that_cannot_start_does_not_affect_other_nodes(
     bench: MakeBench, environment: dict[str, str]
 ) -> None:
     run = bench({"a": "", "b": "import time; time.sleep(60)"})
@@ -305,7 +305,7 @@ def test_what_cannot_be_started_leaves_the_other_nodes_alone(
     assert psutil.pid_exists(second)
 
 
-def test_output_without_line_ends_comes_in_pieces(bench: MakeBench) -> None:
+def test_output_without_line_ends_is_split(bench: MakeBench) -> None:
     run = bench({"a": "print('x' * 200_000, end='')"})
     run.start("a")
     assert run.line() == "x" * 65536
@@ -315,7 +315,7 @@ def _is_alive(one: psutil.Process) -> bool:
     return one.is_running() and one.status() != psutil.STATUS_ZOMBIE
 
 
-def test_a_process_that_can_writes_where_it_is(bench: MakeBench) -> None:
+def test_a_process_that_can_dumps_its_stack(bench: MakeBench) -> None:
     code = (
         "import faulthandler, signal, time\n"
         "faulthandler.register(signal.SIGUSR1)\n"
@@ -358,19 +358,19 @@ def test_of_a_process_that_is_started_early_nothing_is_reported_before_its_start
     one = bench({"a": "print('up'); raise SystemExit(3)", "b": "print('up')"})
     one.processes.start_early(unit("a"))
     assert one.line() == "up"
-    # The end of another one comes after that of the first, and is the first that is reported.
+    # The second process ends after the first one, but is reported first.
     one.start("b")
     ended = one.ended()
     assert isinstance(ended, ProcessEnded)
     assert ended.process == "/b"
-    assert one.heard.empty()
+    assert one.received.empty()
     one.start("a")
     assert one.ended() == ProcessEnded(process="/a", code=3, text="up")
     one.start("a")  # again, as after a crash
 
 
 def test_a_node_that_was_bound_to_its_warden_too_late_does_not_begin() -> None:
-    """As where the warden is killed between its fork and the bond."""
+    """As if the warden is killed between its fork and the bond."""
     code = f"""
 import ctypes, os, runpy
 Warden = runpy.run_path({warden.__file__!r})["Warden"]

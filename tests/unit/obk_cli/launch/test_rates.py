@@ -1,4 +1,4 @@
-"""Events about the rates of nodes, and strict rates, in a world of tables."""
+"""Events about the rates of nodes, and strict rates, in a fake world."""
 
 from collections import deque
 from dataclasses import replace
@@ -40,7 +40,7 @@ KEPT = rates(CONTROLLER, 100)
 
 
 def seconds(*reports: RatesReported | None) -> deque[InputEvent | float]:
-    """A report a second, None for a second without."""
+    """One report per second; None for a second without one."""
     return deque(step for report in reports for step in ([report] if report else []) + [1.0])
 
 
@@ -48,7 +48,7 @@ def reported_of_rates(world: World) -> list[OutputEvent]:
     return [e for e in world.published if isinstance(e, RateBroken | RateKept | RateMoved)]
 
 
-def test_a_rate_that_is_kept_is_no_news() -> None:
+def test_a_kept_rate_is_not_reported() -> None:
     world = World(plan=PROMISED, later=seconds(KEPT, KEPT, KEPT))
     assert world.run(duration_s=3).exit_code == 0
     assert reported_of_rates(world) == []
@@ -80,20 +80,20 @@ def test_of_ticks_that_cannot_be_late_only_their_number_is_reported() -> None:
     assert broken.how == "/arm/camera runs at 1.25 of 10 Hz; set at c.yaml:7:21"
 
 
-def test_a_broken_rate_is_reported_again_only_where_it_has_moved() -> None:
+def test_a_broken_rate_is_reported_again_only_if_it_has_changed() -> None:
     later = seconds(BROKEN, rates(CONTROLLER, 54, "broken"), rates(CONTROLLER, 57, "broken"))
     world = World(plan=PROMISED, later=later)
     world.run(duration_s=3)
     assert [event.rate.measured_hz for event in reported_of_rates(world)] == [50, 57]  # type: ignore[union-attr]
 
 
-def test_a_moment_off_is_reported_without_being_broken() -> None:
+def test_a_short_deviation_is_reported_but_not_as_broken() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT, OFF, KEPT))
     assert world.run(duration_s=3).exit_code == 0
     assert [type(event) for event in reported_of_rates(world)] == [RateMoved, RateMoved]
 
 
-def test_where_promises_are_strict_a_broken_one_ends_the_run_and_is_named() -> None:
+def test_with_strict_rates_a_broken_one_ends_the_run_and_is_named() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT, OFF, BROKEN, KEPT))
     ended = world.run(duration_s=9)
     assert ended.exit_code == 1
@@ -106,7 +106,7 @@ def test_where_promises_are_strict_a_broken_one_ends_the_run_and_is_named() -> N
     ]
 
 
-def test_a_node_that_does_not_report_any_more_breaks_its_promises() -> None:
+def test_a_node_that_stops_reporting_breaks_its_rates() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT, *[None] * 6))
     ended = world.run(duration_s=6)
     assert ended.exit_code == 1
@@ -178,7 +178,7 @@ def test_a_node_that_reports_again_after_a_silence_is_reported() -> None:
     assert [type(event) for event in reported_of_rates(world)] == [RateBroken, RateKept]
 
 
-def test_what_is_wrong_is_reported_after_a_silence_that_was_reported() -> None:
+def test_a_fault_is_reported_after_a_reported_silence() -> None:
     world = World(plan=PROMISED, later=seconds(KEPT, KEPT, *[None] * 5, BROKEN, BROKEN))
     world.run(duration_s=9)
     silent, measured = reported_of_rates(world)
@@ -194,7 +194,7 @@ def test_a_rate_that_is_known_to_be_broken_is_not_reported_once_more_after_a_sil
     assert [type(event) for event in reported_of_rates(world)] == [RateBroken, RateMoved, RateMoved]
 
 
-def test_a_node_that_is_not_active_promises_nothing() -> None:
+def test_an_inactive_node_has_no_expected_rates() -> None:
     inactive = StateSeen(node=CONTROLLER, state="inactive", transition="deactivate")
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
     world.later += [inactive, BROKEN, *[1.0] * 6]
@@ -202,14 +202,14 @@ def test_a_node_that_is_not_active_promises_nothing() -> None:
     assert reported_of_rates(world) == []
 
 
-def test_on_the_way_down_nothing_is_promised() -> None:
+def test_during_shutdown_no_rates_are_expected() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
     world.later += [lambda: world.inbox.extend([StopRequested(reason="enough"), BROKEN])]
     assert world.run(duration_s=None).exit_code == 0
     assert reported_of_rates(world) == []
 
 
-def test_a_node_that_crashed_is_no_broken_promise() -> None:
+def test_a_crashed_node_has_no_broken_rate() -> None:
     world = World(plan=PROMISED, strict_rates=True, on_crash="ignore", later=seconds(KEPT))
     world.later += [ProcessEnded(process=CONTROLLER, code=1), *[1.0] * 6]
     assert world.run(duration_s=6).exit_code == 0
@@ -222,14 +222,14 @@ def test_a_node_that_hangs_is_left_to_the_watch_over_hangs() -> None:
     assert reported_of_rates(world) == []
 
 
-def test_nodes_of_other_stacks_and_devices_are_left_aside() -> None:
-    other = rates("/somebody", 10, "broken")
+def test_nodes_of_other_stacks_and_devices_are_ignored() -> None:
+    other = rates("/other", 10, "broken")
     world = World(plan=PROMISED, strict_rates=True, later=seconds(other, other))
     assert world.run(duration_s=2).exit_code == 0
     assert reported_of_rates(world) == []
 
 
-def test_a_rate_without_a_place_in_the_config_is_reported_without() -> None:
+def test_a_rate_without_a_location_in_the_config_is_reported_without() -> None:
     broken = rates(ESTIMATOR, 50, "broken")
     world = World(plan=PROMISED, strict_rates=True, later=seconds(broken))
     ended = world.run(duration_s=5)
@@ -237,7 +237,7 @@ def test_a_rate_without_a_place_in_the_config_is_reported_without() -> None:
     assert ended.origin == "c.yaml:1:1"
 
 
-def test_who_asks_for_the_status_is_reported_the_rates_of_active_nodes() -> None:
+def test_the_status_contains_the_rates_of_active_nodes() -> None:
     answers: list[StackStatus] = []
     world = World(plan=PROMISED, later=seconds(KEPT, OFF))
     world.later += [StatusRequested(reply=answers.append)]

@@ -1,4 +1,4 @@
-"""The recorder beside a stack: the nodes wait for it, and its failure is only a warning."""
+"""The recorder of a stack: nodes wait for it, and its failure is only a warning."""
 
 import json
 import signal
@@ -39,7 +39,7 @@ PLAN = {"name": "x", "processes": [PROCESS]}
 
 
 class Processes:
-    """Keeps what is asked for; a signal ends the recorder at once."""
+    """Stores the requests; a signal ends the recorder immediately."""
 
     def __init__(self) -> None:
         self.started: list[str] = []
@@ -56,7 +56,7 @@ class Processes:
 
 
 class World:
-    """A recorder, and all that it speaks to."""
+    """A recorder, and all objects that it uses."""
 
     def __init__(self, request: RecordRequest | None, folder: Path | None) -> None:
         self.screen = Shown()
@@ -85,14 +85,14 @@ def run_folder(folder: Path) -> Path:
 def test_a_launch_that_records_nothing_has_no_recorder() -> None:
     world = World(None, None)
     world.start()
-    world.recorder.wait_until_begun()
+    world.recorder.wait_until_started()
     world.events.publish(ENDED)
     assert not world.processes.started
     assert world.published == [ENDED]
     assert not world.screen.lines
 
 
-def test_the_topics_of_the_plan_are_recorded_where_none_are_named(tmp_path: Path) -> None:
+def test_the_topics_of_the_plan_are_recorded_by_default(tmp_path: Path) -> None:
     folder = run_folder(tmp_path)
     (command,) = World(RecordRequest(), folder).recorder.commands({"A": "b"}).values()
     job = json.loads(Path(command.arguments[-1]).read_text(encoding="utf-8"))
@@ -104,16 +104,16 @@ def test_the_topics_of_the_plan_are_recorded_where_none_are_named(tmp_path: Path
     assert job["request"] == {"topics": {}, "patterns": ["/b*"], "excludes": []}
 
 
-def test_the_nodes_wait_until_the_recording_has_begun(tmp_path: Path) -> None:
+def test_the_nodes_wait_until_the_recording_has_started(tmp_path: Path) -> None:
     world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     world.recorder.on_process_event(ProcessStarted(process=UNIT.name, pid=1))
     world.recorder.on_process_event(ProcessEnded(process="/node", code=1))
     world.lines.publish(OutputLine(process="/node", text=BEGUN))
-    assert not world.recorder._has_begun.is_set()
+    assert not world.recorder._has_started.is_set()
     world.lines.publish(OutputLine(process=UNIT.name, text=f"{BEGUN}here"))
     assert world.screen.lines[-1] == f"{BEGUN}here"
-    world.recorder.wait_until_begun()
+    world.recorder.wait_until_started()
     assert len(world.screen.lines) == 2
 
 
@@ -126,19 +126,19 @@ def test_the_recording_ends_before_the_end_of_the_run_is_reported(tmp_path: Path
     assert not world.screen.lines
 
 
-def test_a_recorder_that_dies_is_reported_and_the_stack_goes_on(tmp_path: Path) -> None:
+def test_a_recorder_that_dies_is_reported_and_the_stack_continues(tmp_path: Path) -> None:
     world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     world.recorder.on_process_event(ProcessEnded(process=UNIT.name, code=1, text="no space left"))
-    world.recorder.wait_until_begun()
+    world.recorder.wait_until_started()
     world.events.publish(ENDED)
     assert not world.processes.signals
     (line,) = world.screen.lines
-    assert line.startswith("warning: the recorder has ended: the process exited with code 1: no sp")
+    assert line.startswith("warning: the recorder stopped: the process exited with code 1: no sp")
 
 
 def test_without_a_run_folder_it_is_reported_that_nothing_is_recorded() -> None:
     world = World(RecordRequest(), None)
     world.start()
     assert not world.processes.started
-    assert world.screen.lines == ["warning: nothing is recorded: there is no folder for it"]
+    assert world.screen.lines == ["warning: nothing is recorded, because the run has no folder"]

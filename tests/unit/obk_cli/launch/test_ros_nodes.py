@@ -1,4 +1,4 @@
-"""Events from what nodes report: transitions and rates."""
+"""Events from reports of nodes: transitions and rates."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -27,12 +27,12 @@ def test_an_event_begins_a_transition_ends_one_or_fails() -> None:
 
 
 @pytest.mark.parametrize("passed", ["configure", "activate", "shutdown"])
-def test_through_these_a_node_comes_only_when_asked(passed: str) -> None:
+def test_these_transitions_need_a_request(passed: str) -> None:
     assert failed_transition(passed, "on_configure: ValueError: x") == passed
 
 
 @pytest.mark.parametrize("passed", ["deactivate", "cleanup"])
-def test_through_these_it_depends_on_what_failed(passed: str) -> None:
+def test_these_transitions_show_the_failed_step(passed: str) -> None:
     assert failed_transition(passed, f"on_{passed}: ValueError: x") == passed
     assert failed_transition(passed, "Controller.compute_control: ValueError: x") == ""
     assert failed_transition(passed, "") == passed
@@ -56,18 +56,18 @@ def status(name: str, node: str, values: tuple[tuple[str, str], ...]) -> Any:
     return SimpleNamespace(level=b"\x01", name=name, hardware_id=node, values=pairs)
 
 
-def test_what_else_is_reported_beside_rates_is_left_aside() -> None:
+def test_other_diagnostics_are_ignored() -> None:
     own = status("c: timer_ctrl", "/c", rate_values(RATE))
     other = status("c: motor", "/c", (("celsius", "41"),))
     assert rates_of(SimpleNamespace(status=[other, own])) == RatesReported(node="/c", rates=(RATE,))
 
 
-def test_diagnostics_without_rates_are_none() -> None:
+def test_diagnostics_without_rates_are_ignored() -> None:
     assert rates_of(SimpleNamespace(status=[])) is None
     assert rates_of(SimpleNamespace(status=[status("lidar: x", "lidar", ())])) is None
 
 
-def test_an_activation_without_a_time_is_none() -> None:
+def test_an_activation_without_a_time_is_ignored() -> None:
     own = status("c: active_since_s", "/c", (("active_since_s", "0.024"),))
     first = status("c: first_output_s", "/c", (("first_output_s", "0.03"),))
     assert activation_of(SimpleNamespace(status=[own])) == ActivationReported(
@@ -82,11 +82,11 @@ def test_an_activation_without_a_time_is_none() -> None:
         assert activation_of(SimpleNamespace(status=[wrong])) is None
 
 
-def test_only_the_nodes_that_are_listened_to_are_heard() -> None:
-    heard: list[RatesReported] = []
+def test_only_subscribed_nodes_are_received() -> None:
+    received: list[RatesReported] = []
     callbacks: list[Any] = []
     node = SimpleNamespace(create_subscription=lambda *given: callbacks.append(given[2]))
-    subscribe_to_diagnostics(node, ("/c", "/d"), heard.append)
+    subscribe_to_diagnostics(node, ("/c", "/d"), received.append)
     for name in ("/c", "/elsewhere", "/d"):
         callbacks[0](SimpleNamespace(status=[status("c: timer_ctrl", name, rate_values(RATE))]))
-    assert [reported.node for reported in heard] == ["/c", "/d"]
+    assert [reported.node for reported in received] == ["/c", "/d"]

@@ -1,4 +1,4 @@
-"""How a run joins its parts: the order of subscribers, other terminals, the log."""
+"""How a run connects its parts: order of subscribers, other terminals, log."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -36,15 +36,15 @@ def test_a_socket_that_cannot_be_is_reported_and_no_more(tmp_path: Path) -> None
     with ExitStack() as stack:
         _serve_others(tmp_path, Ros(), inbox, output, stack)  # type: ignore[arg-type]
     (line,) = screen.lines
-    assert line.startswith("warning: other terminals are not answered: ")
+    assert line.startswith("warning: other terminals cannot reach this launch: ")
 
 
-def test_what_the_launcher_says_besides_stands_in_the_runs_log_too(tmp_path: Path) -> None:
+def test_other_messages_of_the_launcher_are_in_the_runs_log_too(tmp_path: Path) -> None:
     output = Output(tmp_path, Shown(), LaunchReport((), colour=True, quiet=False), ())
     with output:
-        output.note("warning: nothing is recorded: there is no folder for it")
+        output.note("warning: nothing is recorded, because the run has no folder")
     assert (tmp_path / "launch.log").read_text() == (
-        "warning: nothing is recorded: there is no folder for it\n"
+        "warning: nothing is recorded, because the run has no folder\n"
     )
 
 

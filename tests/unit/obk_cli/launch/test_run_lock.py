@@ -1,4 +1,4 @@
-"""The lock of a run: one launch at a time has the names of nodes, and what stays of others."""
+"""The lock of a run: only one launch may use the names of nodes, and leftovers of others."""
 
 import errno
 import fcntl
@@ -45,7 +45,7 @@ RUN = Run(
 OTHER_NODES = replace(RUN, name="t", nodes=("/c",))
 
 
-def test_a_claim_is_seen_by_other_terminals(tmp_path: Path) -> None:
+def test_a_claim_is_visible_to_other_terminals(tmp_path: Path) -> None:
     folder = claim_run(tmp_path, RUN, NOW)
     assert read_run(folder) == RUN
     assert live_runs(tmp_path) == (RUN,)
@@ -54,9 +54,9 @@ def test_a_claim_is_seen_by_other_terminals(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "second", [replace(OTHER_NODES, name="s"), replace(RUN, name="t", nodes=("/b", "/c"))]
 )
-def test_the_same_name_or_a_common_node_is_refused(tmp_path: Path, second: Run) -> None:
+def test_the_same_name_or_a_common_node_is_rejected(tmp_path: Path, second: Run) -> None:
     claim_run(tmp_path, RUN, NOW)
-    message = rf"the stack `s` already runs in the ROS domain 80 \(process {PID}, .*/b\)"
+    message = rf"the stack `s` is already running in the ROS domain 80 \(process {PID}, .*/b\)"
     with pytest.raises(CommandFailedError, match=message) as raised:
         claim_run(tmp_path, second, NOW)
     assert raised.value.help == "stop it or use another ROS_DOMAIN_ID"
@@ -83,7 +83,7 @@ def test_two_devices_of_one_config_run_side_by_side(tmp_path: Path) -> None:
 )
 def test_a_device_or_a_node_runs_once(tmp_path: Path, second: Run) -> None:
     claim_run(tmp_path, ONE_DEVICE, NOW)
-    with pytest.raises(CommandFailedError, match="already runs"):
+    with pytest.raises(CommandFailedError, match="is already running"):
         claim_run(tmp_path, second, NOW)
 
 
@@ -100,13 +100,13 @@ def test_a_node_without_a_life_cycle_counts_too(tmp_path: Path) -> None:
         claim_run(tmp_path, replace(OTHER_NODES, other_nodes=("/joy",)), NOW)
 
 
-def test_a_run_that_has_ended_is_no_obstacle(tmp_path: Path) -> None:
+def test_a_run_that_has_ended_does_not_block(tmp_path: Path) -> None:
     folder = claim_run(tmp_path, RUN, NOW)
     write_run(folder, replace(RUN, ended=1.0))
     claim_run(tmp_path, RUN, NOW)
 
 
-def test_a_process_that_is_gone_or_another_one_now_is_not_alive() -> None:
+def test_an_ended_or_reused_process_id_is_not_alive() -> None:
     assert is_alive(RUN)
     assert not is_alive(replace(RUN, started=STARTED - 60))
     assert not is_alive(replace(RUN, boot="another start of the machine, or another machine"))
@@ -115,7 +115,7 @@ def test_a_process_that_is_gone_or_another_one_now_is_not_alive() -> None:
     assert not is_alive(replace(RUN, pid=ended.pid))
 
 
-def test_two_claims_at_the_same_moment_do_not_both_pass(tmp_path: Path) -> None:
+def test_two_simultaneous_claims_do_not_both_succeed(tmp_path: Path) -> None:
     code = (
         "import sys\n"
         "from dataclasses import replace\n"
@@ -148,11 +148,11 @@ def test_two_claims_at_the_same_moment_do_not_both_pass(tmp_path: Path) -> None:
         assert racer.stdin is not None
         racer.stdin.write("\n")
         racer.stdin.flush()
-    said = [racer.stdout.readline().strip() for racer in racers if racer.stdout]
+    output = [racer.stdout.readline().strip() for racer in racers if racer.stdout]
     for racer in racers:
         racer.communicate("\n")
-    assert said.count("claimed") == 1
-    assert sum("already runs in the ROS domain 1" in line for line in said) == 2
+    assert output.count("claimed") == 1
+    assert sum("is already running in the ROS domain 1" in line for line in output) == 2
 
 
 def test_the_oldest_runs_are_removed_but_never_live_ones(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_the_oldest_runs_are_removed_but_never_live_ones(tmp_path: Path) -> None
     assert (tmp_path / "notes").is_dir()
 
 
-def test_as_many_runs_stay_as_asked_for(tmp_path: Path) -> None:
+def test_the_requested_number_of_runs_is_kept(tmp_path: Path) -> None:
     for minute in range(3):
         write_run(
             make_run_folder(tmp_path, "s", NOW.replace(minute=minute)), replace(RUN, ended=1.0)
@@ -180,7 +180,7 @@ def test_as_many_runs_stay_as_asked_for(tmp_path: Path) -> None:
     assert len(run_folders(tmp_path)) == 2
 
 
-def test_a_claim_keeps_what_the_run_was_made_from(tmp_path: Path) -> None:
+def test_a_claim_stores_the_config_of_the_run(tmp_path: Path) -> None:
     made_from = RunOrigin(plan='{"name": "s", "processes": []}\n', versions={"obk": "1"})
     reported = json.loads(
         (claim_run(tmp_path, RUN, NOW, made_from=made_from) / "run.json").read_text()
@@ -203,13 +203,13 @@ def test_a_disk_that_takes_a_folder_and_no_file_is_left_as_it_was(
     assert run_folders(tmp_path) == ()
 
 
-def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
+def test_a_replacing_launch_ends_the_other_launcher_first(tmp_path: Path) -> None:
     code = "import time; print('up', flush=True); time.sleep(60)"
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as other:
         started = start_s(other.pid)
         assert started is not None
         assert other.stdout is not None
-        other.stdout.readline()  # While Python starts, SIGINT ends it in another way.
+        other.stdout.readline()  # While Python is starting, SIGINT ends it in a different way.
         claim_run(tmp_path, replace(RUN, pid=other.pid, started=started), NOW)
         folder = claim_run(tmp_path, RUN, NOW, replace_other=True)
         assert other.wait(DEADLINE_S) == -signal.SIGINT
@@ -221,13 +221,13 @@ def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
     [
         (
             "running",
-            rf"the stack `s` in the ROS domain 80 does not end \(process {PID}\)",
+            rf"the stack `s` in the ROS domain 80 did not stop \(process {PID}\)",
         ),
-        ("ended", "the stack `s` is started again and again from elsewhere"),
+        ("ended", "another process keeps restarting the stack `s`"),
     ],
-    ids=("running", "another one by then"),  # the process's number is another in each worker
+    ids=("running", "another one by then"),  # the process ID differs between workers
 )
-def test_who_cannot_replace_another_says_why(
+def test_a_launch_that_cannot_replace_another_reports_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, sentence: str
 ) -> None:
     claim_run(tmp_path, RUN, NOW)
@@ -237,7 +237,7 @@ def test_who_cannot_replace_another_says_why(
     assert len(run_folders(tmp_path)) == 1
 
 
-def test_a_claim_that_is_held_is_not_waited_for_without_end(
+def test_a_claim_in_use_is_not_waited_for_endlessly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run_lock, "CLAIM_S", 0.0)
@@ -247,7 +247,7 @@ def test_a_claim_that_is_held_is_not_waited_for_without_end(
         with pytest.raises(CommandFailedError) as raised:
             claim_run(tmp_path, RUN, NOW)
     assert raised.value.message == f"another process has held {path} for 0 s"
-    assert raised.value.help == "end an `obk launch` that is stopped or hangs"
+    assert raised.value.help == "end any `obk launch` that is suspended or hangs"
     claim_run(tmp_path, RUN, NOW)
 
 
@@ -257,7 +257,7 @@ OPTIONS: Final = LaunchOptions(
 )
 
 
-def test_why_a_run_could_not_begin_stands_in_its_folder(tmp_path: Path) -> None:
+def test_the_reason_why_a_run_could_not_start_is_in_its_folder(tmp_path: Path) -> None:
     variables = {"OBK_HOME": str(tmp_path), "ROS_DOMAIN_ID": "7"}
     environment = RosEnvironment(variables=variables, range="LOCALHOST", notes=())
     voice = LaunchReport((), colour=False, quiet=False)

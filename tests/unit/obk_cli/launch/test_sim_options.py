@@ -24,7 +24,7 @@ ROBOT = process("robot", model="arm.xml")
 CONTROL = process("control", device="pc")
 
 
-def test_every_simulated_robot_gets_the_parameters_and_no_one_else() -> None:
+def test_only_simulated_robots_get_the_parameters() -> None:
     second = replace(ROBOT, node="second")
     plan = Plan(name="s", nodes=(ROBOT, CONTROL, second))
     changed = with_simulator_parameters(plan, share_of(plan, None), WEB, "--viewer web")
@@ -37,11 +37,11 @@ def test_without_parameters_a_plan_without_a_simulated_robot_is_fine() -> None:
     assert with_simulator_parameters(plan, share_of(plan, None), {}, "") is plan
 
 
-def test_a_stack_without_a_simulated_robot_is_refused() -> None:
+def test_a_stack_without_a_simulated_robot_is_rejected() -> None:
     plan = Plan(name="s", nodes=(replace(ROBOT, model=None), CONTROL))
     with pytest.raises(MisuseError) as raised:
         with_simulator_parameters(plan, share_of(plan, None), WEB, "--viewer web")
-    assert str(raised.value) == "`--viewer web`: there is no simulated robot in `s`"
+    assert str(raised.value) == "`--viewer web`: no simulated robot in `s`"
     assert raised.value.help is not None
     assert "`sim` block" in raised.value.help
 

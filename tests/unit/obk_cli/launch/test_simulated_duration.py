@@ -24,7 +24,7 @@ ACTIVE = Phase(name="active", seconds=1.0)
 
 @pytest.fixture
 def clock() -> Iterator[ClockDescriptors]:
-    """A page with a place for a node and one for the launcher."""
+    """A page with a slot for a node and one for the launcher."""
     page = os.memfd_create(CLOCK_PAGE)
     wakes = tuple(os.eventfd(0, os.EFD_NONBLOCK) for _ in range(2))
     os.ftruncate(page, clock_page_bytes(2))
@@ -34,7 +34,7 @@ def clock() -> Iterator[ClockDescriptors]:
 
 
 class Counted:
-    """A simulator and what counts its seconds from 3 s on, when the stack becomes active."""
+    """A simulator and a counter of its seconds, starting at 3 s, when the stack becomes active."""
 
     def __init__(self, clock: ClockDescriptors, duration_s: float) -> None:
         self.simulator = ClockWriter(clock)

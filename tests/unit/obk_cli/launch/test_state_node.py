@@ -17,7 +17,7 @@ from obk_cli.launch.state_node import rejection, state_node_name
         ("x" * 300, "x" * 200),
     ],
 )
-def test_a_configs_name_becomes_one_that_ros_takes(config: str, name: str) -> None:
+def test_a_configs_name_is_converted_to_a_valid_ros_name(config: str, name: str) -> None:
     assert state_node_name(config) == name
     assert node_name_fault(name) is None
 
@@ -26,12 +26,12 @@ def test_a_configs_name_becomes_one_that_ros_takes(config: str, name: str) -> No
     ("state", "possible"),
     [
         ("active", "deactivate, shutdown"),
-        ("activating", "none before the stack is through with `activating`"),
+        ("activating", "none before the stack has finished `activating`"),
         ("unknown", "none before the stack has come up"),
         ("finalized", "none"),
     ],
 )
-def test_a_refusal_says_what_is_possible(state: str, possible: str) -> None:
+def test_a_rejection_lists_the_possible_values(state: str, possible: str) -> None:
     assert rejection(state, "", 1) == (
-        f"refused the transition `1` in the state `{state}`; possible here: {possible}"
+        f"the transition `1` is not allowed in the state `{state}`; possible now: {possible}"
     )

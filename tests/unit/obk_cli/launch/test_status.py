@@ -1,4 +1,4 @@
-"""The status of a run, folded from its events, and the lines at the bottom of the terminal."""
+"""The status of a run, computed from its events, and the lines at the bottom of the terminal."""
 
 import pytest
 from rich.cells import cell_len
@@ -76,7 +76,7 @@ def started(plan: Plan = PLAN) -> tuple[OutputEvent, ...]:
     return tuple(ProcessStarted(process=p.full_name, pid=n) for n, p in enumerate(plan.nodes))
 
 
-def test_the_bring_up_shows_how_many_nodes_are_how_far() -> None:
+def test_the_bring_up_shows_its_progress() -> None:
     starting = started()[:2]
     assert shown(status_after(*starting)) == [
         "dummy  starting  ━━━━────────────────  2 of 3 started  0:00:00  3 nodes",
@@ -94,7 +94,7 @@ def test_the_bring_up_shows_how_many_nodes_are_how_far() -> None:
     ]
 
 
-def test_a_steady_stack_shows_its_state_and_what_is_out_of_order() -> None:
+def test_a_steady_stack_shows_its_state_and_faults() -> None:
     events = (
         *started(),
         *(ended(node, t) for t in ("configure", "activate") for node in (ROBOT, CONTROL)),
@@ -127,7 +127,7 @@ def measured(hz: float, standing: Standing, name: str = "timer_ctrl") -> Rate:
     )
 
 
-def test_a_rate_that_is_off_stands_beside_its_node_until_it_is_kept_or_the_node_rests() -> None:
+def test_a_deviating_rate_is_shown_next_to_its_node_until_kept_or_inactive() -> None:
     up = [*started(PLAN), StateSeen(node=CONTROL, state="active"), Phase(name="active", seconds=1)]
     off = RateMoved(node=CONTROL, rate=measured(880, "off"))
     broken = RateBroken(node=CONTROL, rate=measured(512.34, "broken"), origin="")
@@ -157,7 +157,7 @@ def test_a_rate_that_is_off_stands_beside_its_node_until_it_is_kept_or_the_node_
         (StateSeen(node=ROBOT, state="unconfigured"), "unconfigured"),
         (Failed(node=ROBOT, fault="x"), "errorprocessing"),
         (ProcessEnded(process=ROBOT, code=1), "finalized"),
-        (ProcessEnded(process="/nobody", code=1), "active"),
+        (ProcessEnded(process="/unused", code=1), "active"),
         (AnswersAgain(node=ROBOT), "active"),
     ],
 )
@@ -177,7 +177,7 @@ def test_nodes_that_share_a_process_start_and_end_together() -> None:
     assert [node.state for node in status.nodes] == ["finalized", "finalized", ""]
 
 
-def test_nodes_of_other_devices_are_shown_where_they_are_led_from_here() -> None:
+def test_nodes_of_other_devices_are_shown_by_the_lead() -> None:
     units = units_of(PLAN, devices=("base",))
     assert len(opening_status(PLAN, units).nodes) == 3
     assert opening_status(PLAN, units, leads=False).nodes == ()
@@ -192,7 +192,7 @@ def test_rolling_back_is_an_episode() -> None:
     assert shown(status)[0] == "dummy  x  0:00:01  3 nodes"
 
 
-def test_more_nodes_than_there_is_room_for_are_summed_up_and_the_sick_ones_named() -> None:
+def test_nodes_that_do_not_fit_are_summed_up_and_faulty_ones_named() -> None:
     steady = Phase(name="active", seconds=1)
     names = [p.full_name for p in MANY.nodes]
     up = [ended(name, "activate") for name in names]
@@ -223,7 +223,7 @@ def test_no_size_is_too_small_and_no_name_too_long() -> None:
                     assert all(cell_len(plain(line)) <= max(1, width - 1) for line in lines)
 
 
-def test_a_live_report_words_events_and_draws_the_time_that_passed() -> None:
+def test_a_live_report_describes_events_and_draws_the_elapsed_time() -> None:
     now = 100.0
 
     def clock() -> float:

@@ -1,4 +1,4 @@
-"""The supervisor against a world of tables: up, down, and what can happen on the way."""
+"""The supervisor in a fake world: start, stop, and failures on the way."""
 
 import signal
 from collections import deque
@@ -24,7 +24,7 @@ from obk_cli.plan.plan import Plan
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, process
 
 
-def test_a_stack_comes_up_robot_first_and_goes_down_controllers_first() -> None:
+def test_a_stack_starts_robot_first_and_stops_controllers_first() -> None:
     world = World()
     ended = world.run()
     assert ended == Ended(exit_code=0, cause="")
@@ -66,20 +66,20 @@ def test_a_robot_that_accepts_commands_again_does_not_fail_the_run() -> None:
     assert World(later=deque([rejecting(3.0), 1.0, rejecting(0.0)])).run().exit_code == 0
 
 
-def test_until_configured_activates_no_one() -> None:
+def test_until_configured_activates_no_node() -> None:
     world = World()
     world.run(until="configured")
     assert "activate" not in {transition for _, transition in world.done}
     assert "configured" in world.phases
 
 
-def test_until_none_makes_no_transition_but_the_last() -> None:
+def test_until_none_makes_only_the_last_transition() -> None:
     world = World()
     world.run(until="none")
     assert {transition for _, transition in world.done} == {"shutdown"}
 
 
-def test_a_stop_that_is_asked_for_ends_in_order() -> None:
+def test_a_requested_stop_ends_cleanly() -> None:
     world = World(later=deque([StopRequested(reason="SIGINT")]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
@@ -90,14 +90,14 @@ def test_a_stop_that_is_asked_for_ends_in_order() -> None:
     )
 
 
-def test_a_process_that_runs_no_node_such_as_the_recorder_is_ignored() -> None:
+def test_a_process_without_a_node_such_as_the_recorder_is_ignored() -> None:
     end = ProcessEnded(process="/recorder", code=1)
     world = World(later=deque([ProcessStarted(process="/recorder", pid=7), end]))
     assert world.run() == Ended(exit_code=0, cause="")
     assert end not in world.published
 
 
-def test_a_refused_activate_takes_its_tier_back_and_fails_with_the_nodes_own_words() -> None:
+def test_a_rejected_activate_rolls_its_tier_back_and_fails_with_the_nodes_own_message() -> None:
     world = World(refuses={(ESTIMATOR, "activate"): "on_activate: ValueError: no gain\nTraceback"})
     ended = world.run()
     assert ended.exit_code == 1
@@ -124,14 +124,14 @@ def test_nodes_of_a_tier_that_did_make_a_failed_step_are_rolled_back() -> None:
 def test_a_transition_without_an_answer_is_a_timeout() -> None:
     world = World(silent={(ROBOT, "configure")})
     ended = world.run()
-    assert ended.cause == f"{ROBOT}: the transition `configure` was not done within 10.0 s"
+    assert ended.cause == f"{ROBOT}: the transition `configure` did not finish within 10.0 s"
     assert (
         TransitionEnded(node=ROBOT, transition="configure", result="timed out", seconds=10.0)
         in world.published
     )
 
 
-def test_a_node_that_never_comes_up_is_named() -> None:
+def test_a_node_that_never_starts_is_named() -> None:
     world = World(never_ready={ESTIMATOR})
     ended = world.run()
     assert ended.cause == f"no life-cycle services after 20 s: {ESTIMATOR}"
@@ -142,13 +142,13 @@ def test_a_process_that_dies_takes_the_stack_down_and_is_the_cause() -> None:
     world = World(later=deque([ProcessEnded(process=ROBOT, code=-11)]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 1
-    assert ended.cause == f"{ROBOT}: the process was ended by SIGSEGV"
+    assert ended.cause == f"{ROBOT}: the process was terminated by SIGSEGV"
     assert (ROBOT, "deactivate") not in world.done
     assert (ROBOT, signal.SIGINT) not in world.signals
     assert not world.alive
 
 
-def test_a_process_that_dies_while_it_is_asked_ends_the_wait_at_once() -> None:
+def test_a_process_that_dies_during_a_request_ends_the_wait_immediately() -> None:
     world = World(silent={(ROBOT, "configure")}, later=deque([ProcessEnded(process=ROBOT, code=3)]))
     ended = world.run()
     assert ended.cause == f"{ROBOT}: the process exited with code 3"
@@ -191,33 +191,33 @@ def test_a_process_that_ignores_sigint_gets_harder_signals() -> None:
     assert not world.alive
 
 
-def test_a_finalized_node_whose_process_takes_long_to_end_has_ended_in_order() -> None:
+def test_a_finalized_node_whose_process_ends_slowly_has_ended_cleanly() -> None:
     world = World(deaf_to={(ROBOT, signal.SIGINT)})
     ended = world.run()
     assert (ROBOT, signal.SIGTERM) in world.signals
     assert (ended.exit_code, ended.cause) == (0, "")
 
 
-def test_a_node_that_does_not_shut_down_and_ends_by_sigterm_has_not_ended_in_order() -> None:
+def test_a_node_that_does_not_shut_down_and_ends_by_sigterm_has_not_ended_cleanly() -> None:
     world = World(silent={(ROBOT, "shutdown")}, deaf_to={(ROBOT, signal.SIGINT)})
     ended = world.run()
     assert ended.exit_code == 1
-    assert "`shutdown` was not done within 3.0 s" in ended.cause
+    assert "`shutdown` did not finish within 3.0 s" in ended.cause
     assert ended.consequences == 1
 
 
-def test_a_process_that_had_to_be_killed_is_no_end_in_order() -> None:
+def test_a_killed_process_is_no_clean_end() -> None:
     world = World(deaf_to={(ROBOT, signal.SIGINT), (ROBOT, signal.SIGTERM)})
     ended = world.run()
     assert ended.exit_code == 1
-    assert ended.cause == f"{ROBOT}: the process was ended by SIGKILL"
+    assert ended.cause == f"{ROBOT}: the process was terminated by SIGKILL"
 
 
-def test_a_node_without_an_answer_on_the_way_down_is_asked_nothing_more() -> None:
+def test_a_node_without_a_response_during_shutdown_gets_no_more_requests() -> None:
     world = World(silent={(CONTROLLER, "deactivate")})
     ended = world.run()
     assert ended.exit_code == 1
-    assert "`deactivate` was not done within 3.0 s" in ended.cause
+    assert "`deactivate` did not finish within 3.0 s" in ended.cause
     assert (CONTROLLER, "cleanup") not in world.done
     assert (ROBOT, "shutdown") in world.done
 
@@ -230,7 +230,7 @@ def test_a_stop_before_a_node_is_ready_ends_it_without_a_word_of_python() -> Non
     assert ended.exit_code == 0
 
 
-def test_a_failure_in_a_transition_that_was_asked_for_is_reported_once() -> None:
+def test_a_failure_in_a_requested_transition_is_reported_once() -> None:
     world = World(
         silent={(ROBOT, "configure")},
         later=deque(
@@ -246,7 +246,7 @@ def test_a_failure_in_a_transition_that_was_asked_for_is_reported_once() -> None
     assert not [event for event in world.published if isinstance(event, Failed)]
 
 
-def test_a_stack_that_is_shut_down_from_elsewhere_ends_in_order() -> None:
+def test_a_stack_that_is_shut_down_from_elsewhere_ends_cleanly() -> None:
     seen = [
         StateSeen(node=node, state="finalized", transition="shutdown")
         for node in (CONTROLLER, ESTIMATOR, ROBOT)
@@ -277,12 +277,12 @@ def test_an_old_message_does_not_stand_for_the_state_after_the_newest_answer() -
 def test_a_node_that_became_active_after_its_deadline_is_deactivated() -> None:
     world = World(unanswered={(ROBOT, "activate")})
     ended = world.run()
-    assert ended.cause == f"{ROBOT}: the transition `activate` was not done within 10.0 s"
+    assert ended.cause == f"{ROBOT}: the transition `activate` did not finish within 10.0 s"
     assert ended.consequences == 0
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
 
 
-def test_a_node_in_the_middle_of_a_transition_is_asked_for_everything_in_turn() -> None:
+def test_a_node_in_the_middle_of_a_transition_gets_its_requests_in_turn() -> None:
     world = World(silent={(ROBOT, "activate")}, refuses={(ROBOT, "deactivate"): "not possible"})
     answer = world.ask_state
 
@@ -296,7 +296,7 @@ def test_a_node_in_the_middle_of_a_transition_is_asked_for_everything_in_turn() 
     assert ended.consequences == 0
 
 
-def test_a_mute_node_hangs_and_is_asked_nothing_more() -> None:
+def test_a_silent_node_hangs_and_gets_no_more_requests() -> None:
     world = World(mute={ROBOT})
     ended = world.run()
     assert world.transitions_of(ROBOT) == ["configure", "activate"]
@@ -321,19 +321,19 @@ def test_the_death_of_a_process_without_a_life_cycle_takes_the_stack_down() -> N
     assert world.run(duration_s=None).cause == f"{JOY.full_name}: the process exited with code 1"
 
 
-def test_a_process_that_knows_nothing_of_sigint_ends_in_order_by_it() -> None:
+def test_a_process_without_a_sigint_handler_ends_cleanly_by_it() -> None:
     world = World(plan=Plan(name="s", nodes=(JOY,)), deaf_to={(JOY.full_name, signal.SIGINT)})
     world.later.append(ProcessEnded(process=JOY.full_name, code=-signal.SIGINT))
     world.later.appendleft(StopRequested(reason="SIGTERM"))
     assert world.run(duration_s=None).exit_code == 0
 
 
-def test_a_stop_during_the_bring_up_ends_the_wait_at_once() -> None:
+def test_a_stop_during_the_bring_up_ends_the_wait_immediately() -> None:
     world = World(silent={(ROBOT, "configure")}, mute={ROBOT})
     world.later.append(StopRequested(reason="SIGINT"))
     ended = world.run()
     assert ended.exit_code == 0
-    assert world.now == 2.0  # the question for its state
+    assert world.now == 2.0  # the request for its state
     assert world.phases == ["starting", "ready", "stopping", "stopped"]
 
 
@@ -351,21 +351,21 @@ def test_a_second_stop_skips_the_transitions_that_are_left_and_shortens_the_grac
     assert world.now == 1.0 + 2 * 0.5
 
 
-def test_two_signals_at_once_are_one_request() -> None:
+def test_two_simultaneous_signals_are_one_request() -> None:
     stop = StopRequested(reason="SIGTERM", is_urgent=True)
     world = World(silent={(CONTROLLER, "deactivate")}, later=deque([stop, stop]))
     world.run(duration_s=None)
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
 
 
-def test_a_stop_that_is_not_urgent_hurries_no_one() -> None:
+def test_a_stop_that_is_not_urgent_does_not_hurry_nodes() -> None:
     stop = StopRequested(reason="SIGHUP")
     world = World(silent={(CONTROLLER, "deactivate")}, later=deque([stop, 1.0, stop]))
     world.run(duration_s=None)
     assert (ROBOT, "deactivate") in world.done
 
 
-def test_a_fault_in_a_transition_that_was_asked_for_elsewhere_leaves_the_stack_up() -> None:
+def test_a_fault_in_a_transition_requested_elsewhere_keeps_the_stack_running() -> None:
     fault = Failed(node=ROBOT, fault="on_configure: x", transition="configure")
     world = World(later=deque([fault]))
     ended = world.run(until="none")
@@ -375,4 +375,4 @@ def test_a_fault_in_a_transition_that_was_asked_for_elsewhere_leaves_the_stack_u
 
 
 def test_a_signal_without_a_name_is_reported_by_its_number() -> None:
-    assert ProcessEnded(process=ROBOT, code=-40).how == "the process was ended by signal 40"
+    assert ProcessEnded(process=ROBOT, code=-40).how == "the process was terminated by signal 40"

@@ -1,4 +1,4 @@
-"""A stack that is up: crashes, hangs and requested changes, in a world of tables."""
+"""An active stack: crashes, hangs and requested changes, in a fake world."""
 
 import signal
 from collections import deque
@@ -36,7 +36,7 @@ def died(name: str = ROBOT) -> ProcessEnded:
     return ProcessEnded(process=name, code=-11)
 
 
-def test_a_process_that_is_to_be_restarted_comes_back_to_the_stacks_state() -> None:
+def test_a_restarted_process_returns_to_the_stacks_state() -> None:
     world = World(on_crash="restart", later=deque([died(), 1.0, STOP]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
@@ -63,7 +63,7 @@ def test_restarts_wait_longer_each_time_and_end_when_the_budget_is_spent() -> No
     assert ended.origin == "c.yaml:1:1"
 
 
-def test_what_is_to_be_ignored_is_reported_and_left_out_of_the_stack() -> None:
+def test_an_ignored_node_is_reported_and_left_out_of_the_stack() -> None:
     answers: list[ChangeAnswer] = []
     ask = ChangeRequested(transition="deactivate", reply=answers.append)
     world = World(on_crash="ignore", later=deque([died(CONTROLLER), ask, STOP]))
@@ -74,7 +74,7 @@ def test_what_is_to_be_ignored_is_reported_and_left_out_of_the_stack() -> None:
     assert [m.node for m in answers[0].members] == [ESTIMATOR, ROBOT]
 
 
-def test_a_node_that_fails_by_itself_is_brought_back_without_a_new_process() -> None:
+def test_a_node_that_fails_by_itself_recovers_without_a_new_process() -> None:
     failed = Failed(node=ESTIMATOR, fault="compute_state_estimate: boom")
     world = World(on_crash="restart", later=deque([failed, 1.0, STOP]))
     assert world.run(duration_s=None).exit_code == 0
@@ -82,7 +82,7 @@ def test_a_node_that_fails_by_itself_is_brought_back_without_a_new_process() -> 
     assert world.transitions_of(ESTIMATOR)[2:4] == ["configure", "activate"]
 
 
-def test_a_crash_during_the_bring_up_is_mended_on_the_way() -> None:
+def test_a_crash_during_the_bring_up_is_recovered() -> None:
     world = World(on_crash="restart", dies_at_start={ESTIMATOR: 2})
     ended = world.run()
     assert ended.exit_code == 0
@@ -98,7 +98,7 @@ def test_a_node_that_fails_again_after_its_restart_uses_up_its_budget() -> None:
     assert "the transition `configure` failed after a restart" in ended.cause
 
 
-def test_a_hang_is_seen_within_two_seconds_and_stops_the_stack() -> None:
+def test_a_hang_is_detected_within_two_seconds_and_stops_the_stack() -> None:
     world = World()
     world.later.extend([lambda: world.mute.add(CONTROLLER), 10.0])
     ended = world.run(duration_s=None)
@@ -111,7 +111,7 @@ def test_a_hang_is_seen_within_two_seconds_and_stops_the_stack() -> None:
     assert next(n for name, n in world.signals if name == CONTROLLER) == signal.SIGKILL
 
 
-def test_a_hanging_node_is_killed_and_started_again_where_its_rule_says_so() -> None:
+def test_a_hanging_node_is_killed_and_restarted_if_its_rule_requires() -> None:
     world = World(on_crash="restart")
     hang = [lambda: world.mute.add(ROBOT), 3.0, lambda: world.mute.discard(ROBOT), 3.0, STOP]
     world.later.extend(hang)
@@ -139,7 +139,7 @@ def test_a_short_silence_is_no_hang() -> None:
     assert not world.of(Hung)
 
 
-def test_a_transition_without_an_answer_shows_where_the_node_is_stuck() -> None:
+def test_a_transition_without_a_response_shows_where_the_node_is_stuck() -> None:
     world = World(silent={(ROBOT, "configure")})
     world.run()
     assert world.dumped == [ROBOT]
@@ -147,7 +147,7 @@ def test_a_transition_without_an_answer_shows_where_the_node_is_stuck() -> None:
 
 
 def ask(world: World, transition: str, *nodes: str) -> ChangeAnswer:
-    """Ask a stack that is up for a change, then stop it."""
+    """Request a change of an active stack, then stop it."""
     answers: list[ChangeAnswer] = []
     world.later.extend(
         [ChangeRequested(transition=transition, nodes=nodes, reply=answers.append), 0.1, STOP]
@@ -158,18 +158,18 @@ def ask(world: World, transition: str, *nodes: str) -> ChangeAnswer:
 
 
 class Talkative(World):
-    """Processes that have said much, and whose stack dumps are long."""
+    """Processes with a long output and long stack dumps."""
 
-    said: tuple[str, ...] = tuple(f"line {n}" for n in range(60))
+    output: tuple[str, ...] = tuple(f"line {n}" for n in range(60))
 
     def dump_stack(self, process: str) -> None:
-        self.said = (*self.said, *(f"frame {n}" for n in range(25)))[-60:]
+        self.output = (*self.output, *(f"frame {n}" for n in range(25)))[-60:]
 
     def last_lines(self, process: str) -> tuple[str, ...]:
-        return self.said
+        return self.output
 
 
-def test_a_long_stack_dump_leaves_room_for_what_the_node_said_before() -> None:
+def test_a_long_stack_dump_keeps_the_nodes_earlier_output() -> None:
     world = Talkative(silent={(ROBOT, "configure")})
     assert world.run().exit_code == 1
     evidence = world.of(Evidence)[0]
@@ -212,21 +212,21 @@ def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
     assert StackStateChanged(state="active") in world.published
 
 
-def test_what_cannot_begin_is_refused_as_a_whole() -> None:
+def test_an_invalid_change_is_rejected_as_a_whole() -> None:
     world = World()
     answer = ask(world, "cleanup")
-    assert answer.why == f"`cleanup` starts from inactive, and {CONTROLLER} is active"
+    assert answer.why == f"`cleanup` requires inactive, but {CONTROLLER} is active"
     assert not answer.members
     assert "taken back" not in world.phases
 
 
 def test_a_node_that_is_not_there_is_named() -> None:
     assert ask(World(), "deactivate", "/nobody").why == (
-        "no such node with a life cycle is driven here: /nobody"
+        "this launch controls no such life-cycle node: /nobody"
     )
 
 
-def test_a_shutdown_of_all_ends_the_run_in_order() -> None:
+def test_a_shutdown_of_all_ends_the_run_cleanly() -> None:
     world = World()
     answers: list[ChangeAnswer] = []
     world.later.append(ChangeRequested(transition="shutdown", reply=answers.append))
@@ -234,15 +234,15 @@ def test_a_shutdown_of_all_ends_the_run_in_order() -> None:
     assert answers[0].success
 
 
-def test_a_change_asked_for_during_another_one_is_refused() -> None:
+def test_a_change_requested_during_another_one_is_rejected() -> None:
     answers: list[ChangeAnswer] = []
     world = World(silent={(ROBOT, "configure")})
     world.later.append(ChangeRequested(transition="activate", reply=answers.append))
     world.run()
-    assert answers == [ChangeAnswer(success=False, why="the stack is on its way up")]
+    assert answers == [ChangeAnswer(success=False, why="the stack is being brought up")]
 
 
-def test_how_the_stack_is_can_be_asked_at_any_time() -> None:
+def test_the_status_of_the_stack_can_be_requested_at_any_time() -> None:
     seen: list[StackStatus] = []
     world = World(silent={(ROBOT, "configure")})
     world.later.append(StatusRequested(reply=seen.append))
@@ -278,7 +278,7 @@ def hang_together(world: World, *, for_s: float) -> None:
     world.later.extend([freeze, for_s, thaw, 3.0, STOP])
 
 
-def test_a_hang_is_dealt_with_also_where_no_one_else_says_anything() -> None:
+def test_a_hang_is_handled_even_without_other_events() -> None:
     world = World()
     hang_together(world, for_s=1000.0)
     ended = world.run(duration_s=None)
@@ -296,7 +296,7 @@ def test_nodes_that_hang_in_one_process_restart_it_once() -> None:
     assert len(world.of(Restarted)) == 1
 
 
-def test_nodes_that_hang_in_one_process_are_gone_on_without_once() -> None:
+def test_nodes_that_hang_in_one_process_are_dropped_together() -> None:
     world = World(on_crash="ignore", together=frozenset({CONTROLLER, ESTIMATOR, ROBOT}))
     hang_together(world, for_s=3.0)
     assert world.run(duration_s=None).exit_code == 0
@@ -329,7 +329,7 @@ def test_a_node_of_another_device_is_not_waited_for_longer_than_its_restarts_may
     ended = world.run(duration_s=None)
     assert ended.exit_code == 1
     assert ended.cause.startswith(f"{ROBOT} has not answered for 3")
-    assert ended.cause.endswith(" s, and the launch of its device has not brought it back")
+    assert ended.cause.endswith(" s, and the launch of its device has not restarted it")
     assert world.now < 45.0
 
 
@@ -354,7 +354,7 @@ def test_a_follower_does_not_outlive_its_lead() -> None:
     assert ended.cause.startswith("the lead /s has not answered for ")
 
 
-def test_a_transition_that_is_not_asked_for_here_moves_the_wish_of_a_restart_too() -> None:
+def test_an_external_transition_also_changes_the_target_of_a_restart() -> None:
     seen = StateSeen(node=ROBOT, state="inactive", transition="deactivate")
     world = World(on_crash="restart", later=deque([seen, died(), 1.0, STOP]))
     world.run(duration_s=None)

@@ -1,4 +1,4 @@
-"""The life cycle in ROS's own numbers."""
+"""The life cycle with ROS's own numbers."""
 
 import pytest
 from lifecycle_msgs.msg import State, Transition
@@ -15,7 +15,7 @@ from obk_cli.launch.transitions import (
 from obk_cli.runs.lifecycle import RESTING, TRANSITIONS
 
 
-def test_what_can_be_asked_for_is_what_the_launcher_knows() -> None:
+def test_possible_requests_are_those_known_to_the_launcher() -> None:
     asked = {(edge.label, edge.start) for state in RESTING for edge in edges_from(state)}
     assert asked == {(t.name, start) for t in TRANSITIONS.values() for start in t.starts}
     for name, transition in TRANSITIONS.items():
@@ -42,7 +42,7 @@ def test_edges_have_the_numbers_of_ros(edge: Edge) -> None:
     assert edge.number == getattr(Transition, f"TRANSITION_{name.upper()}")
 
 
-def test_every_edge_joins_known_states_and_has_a_number_of_its_own() -> None:
+def test_every_edge_connects_known_states_and_has_its_own_number() -> None:
     assert all(edge.start in STATES and edge.goal in STATES for edge in EDGES)
     assert len({edge.number for edge in EDGES}) == len(EDGES)
 

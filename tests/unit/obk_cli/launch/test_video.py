@@ -1,4 +1,4 @@
-"""What a launch shows of the films that its robots record."""
+"""Lines of a launch about the videos that its robots record."""
 
 from dataclasses import replace
 from typing import Literal

@@ -1,4 +1,4 @@
-"""A world of tables for the supervisor: no process, no ROS, no waiting."""
+"""A fake world for the supervisor: no process, no ROS, no waiting."""
 
 import math
 import signal
@@ -38,7 +38,7 @@ def process(section: str, index: int = 0, device: str = "onboard") -> PlannedNod
 
 
 def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesReported:
-    """A report of a node with one timer of 100 Hz."""
+    """A report of a node with one 100 Hz timer."""
     rate = Rate(
         name="timer",
         expected_hz=100.0,
@@ -58,26 +58,26 @@ PLAN = Plan(name="s", nodes=tuple(map(process, ("control", "estimation", "robot"
 
 @dataclass
 class World:
-    """Processes, nodes, inbox and clock in one; behaves well unless set otherwise."""
+    """Processes, nodes, inbox and clock in one; behaves correctly unless set otherwise."""
 
     refuses: dict[tuple[str, str], str] = field(default_factory=dict)
     silent: set[tuple[str, str]] = field(default_factory=set)
     never_ready: set[str] = field(default_factory=set)
     deaf_to: set[tuple[str, int]] = field(default_factory=set)
     unanswered: set[tuple[str, str]] = field(default_factory=set)
-    """Transitions that are made, and whose answers are lost."""
+    """Transitions that are made, but whose responses are lost."""
     stale: StateSeen | None = None
-    """One that comes when it is not true any more."""
+    """A response that arrives when it is no longer true."""
     mute: set[str] = field(default_factory=set)
-    """Do not even answer for their state."""
+    """Nodes that do not even reply to requests for their state."""
     diagnostics: frozenset[str] = frozenset()
     """Nodes that publish `/diagnostics`."""
     plan: Plan = PLAN
     states: dict[str, str] = field(default_factory=dict)
     later: deque[InputEvent | float | Callable[[], None]] = field(default_factory=deque)
-    """What happens once nothing else does; a number is time that passes [s]."""
+    """Events for when nothing else happens; a number is time that passes [s]."""
     dies_at_start: dict[str, int] = field(default_factory=dict)
-    """How often a process ends at once."""
+    """How often a process ends immediately."""
     on_crash: OnCrash = "stop"
     together: frozenset[str] = frozenset()
     devices: frozenset[str] = frozenset({"onboard"})
@@ -158,7 +158,7 @@ class World:
         return event
 
     def _wait(self, timeout: float | None) -> InputEvent:
-        """Time passes, until the next thing happens or the deadline is there."""
+        """Advance time to the next event or to the deadline."""
         assert timeout is not None or self.later, "nothing will ever happen again"
         assert self.now < 1e4, "the run never ends"
         left = self.later.popleft() if self.later else math.inf
@@ -194,7 +194,7 @@ class World:
         return [event for event in self.published if isinstance(event, kind)]
 
     def transitions_of(self, node: str) -> list[str]:
-        """What a node was asked for."""
+        """The requests to a node."""
         return [transition for name, transition in self.done if name == node]
 
     @property

@@ -1,4 +1,4 @@
-"""Made-up stacks for those who show one."""
+"""Fake stacks for the tests of displays."""
 
 from dataclasses import replace
 from typing import Final
@@ -94,7 +94,7 @@ HEALTHY: Final = StackView(
     ),
     cost_percent=3.21,
 )
-"""Stamps are carried on from the encoders to the controls."""
+"""Stamps are copied from the encoders to the controls."""
 
 BROKEN: Final = replace(
     HEALTHY,
@@ -131,7 +131,7 @@ BROKEN: Final = replace(
         ),
     ),
 )
-"""A node hangs, one ended, a topic is slow and one silent."""
+"""One node hangs, one has ended, one topic is slow and one is silent."""
 
 COMPOSED: Final = replace(
     HEALTHY, nodes=tuple(replace(one, pid=4711, shares_process=True) for one in HEALTHY.nodes)

@@ -1,4 +1,4 @@
-"""What a plan says of its topics."""
+"""The topics that a plan expects."""
 
 from collections.abc import Iterable
 
@@ -29,7 +29,7 @@ def plan_of(*processes: PlannedNode) -> Plan:
     return Plan(name="arm", nodes=processes)
 
 
-def test_topics_stand_along_the_way_of_data_with_what_they_promise() -> None:
+def test_topics_are_in_the_order_of_the_data_with_their_expected_rates() -> None:
     plan = plan_of(
         process("c", "control", [end("/ctrl", 100.0)], [end("/est")]),
         process("e", "estimation", [end("/est", 50.0)], [end("/q"), end("/imu")]),
@@ -48,7 +48,7 @@ def test_topics_stand_along_the_way_of_data_with_what_they_promise() -> None:
     assert topics[1].made_from == ()
 
 
-def test_what_two_publish_is_wanted_from_both() -> None:
+def test_topics_with_two_publishers_are_expected_from_both() -> None:
     one, other = process("a", "control", [end("/x", 10.0)], []), end("/x", 5.0)
     both = planned_topics(plan_of(one, process("b", "control", [other], [])))
     assert both[0].expected_hz == 15.0
@@ -57,7 +57,7 @@ def test_what_two_publish_is_wanted_from_both() -> None:
 
 
 def wanted_at(*factors: float | str) -> dict[str, float | None]:
-    """What is wanted of a robot of each factor, and of nodes with and without its time."""
+    """The expected topics for a robot with each factor, and for nodes with and without its time."""
     robots = [
         process(
             f"r{number}",
@@ -77,7 +77,7 @@ def wanted_at(*factors: float | str) -> dict[str, float | None]:
     return {topic.name: topic.expected_hz for topic in planned_topics(plan_of(*robots, *nodes))}
 
 
-def test_rates_of_simulated_time_are_wanted_at_its_speed() -> None:
+def test_rates_of_simulated_time_are_expected_at_its_speed() -> None:
     assert wanted_at(0.5) == {"/q0": 500.0, "/est": 250.0, "/ctrl": 100.0}
     assert wanted_at(1) == {"/q0": 1000.0, "/est": 500.0, "/ctrl": 100.0}
 
@@ -105,11 +105,11 @@ def test_a_simulation_that_is_too_slow_is_not_the_fault_of_its_topics(
     assert {topic.name: topic.expected_hz for topic in topics} == {**scaled, "/w": 10.0}
 
 
-def test_what_runs_as_fast_as_possible_is_not_judged() -> None:
+def test_simulations_as_fast_as_possible_are_not_judged() -> None:
     assert wanted_at(0) == {"/q0": None, "/est": None, "/ctrl": 100.0}
 
 
-def test_whose_time_it_is_among_simulators_of_several_speeds_is_not_known() -> None:
+def test_the_clock_of_a_node_is_unknown_with_several_speeds() -> None:
     assert wanted_at(0.5, 2.0) == {"/q0": 500.0, "/q1": 2000.0, "/est": None, "/ctrl": 100.0}
 
 
@@ -129,5 +129,5 @@ def test_a_plan_without_nodes_has_no_topics() -> None:
     assert planned_topics(plan_of()) == ()
 
 
-def test_at_a_speed_that_is_no_number_nothing_is_judged() -> None:
+def test_at_an_invalid_speed_nothing_is_judged() -> None:
     assert wanted_at(".inf") == {"/q0": None, "/est": None, "/ctrl": 100.0}

@@ -1,4 +1,4 @@
-"""The live table: keys, questions, the filter, the stack's end; with made-up views."""
+"""The live table: keys, requests, the filter, the stack's end; with fake views."""
 
 import asyncio
 import threading
@@ -31,7 +31,7 @@ Steps = Callable[["World"], Awaitable[None]]
 
 
 class Watch:
-    """Gives the views that a test hands it."""
+    """Returns the views that a test sets."""
 
     def __init__(self, *views: StackView | Exception | None) -> None:
         self._next: SimpleQueue[StackView | Exception | str | None] = SimpleQueue()
@@ -71,7 +71,7 @@ def tunable(name: str, value: Any) -> TunableParameter:
 
 
 class World:
-    """An app in a test, with what it asked for."""
+    """An app under test, and its requests."""
 
     def __init__(self, watch: Watch) -> None:
         self.watch = watch
@@ -115,7 +115,7 @@ class World:
         await self.pilot.press(*keys)
 
     async def shows(self, part: str, words: str) -> None:
-        """Wait until a part of the screen has these words in it."""
+        """Wait until a part of the screen shows this text."""
         async with asyncio.timeout(30):
             while words not in self.text(part):
                 await self.pilot.pause(0.01)
@@ -137,7 +137,7 @@ def live(
     return world
 
 
-def test_before_anything_runs_it_says_so_and_then_shows_the_stack() -> None:
+def test_before_a_stack_runs_it_reports_that_and_then_shows_the_stack() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "looking for a stack")
         await world.press("a")
@@ -157,7 +157,7 @@ def test_before_anything_runs_it_says_so_and_then_shows_the_stack() -> None:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (40, 10), (20, 5)])
-def test_what_has_no_room_is_left_out_without_a_scrollbar(size: tuple[int, int]) -> None:
+def test_parts_without_room_are_left_out_without_a_scrollbar(size: tuple[int, int]) -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "dummy")
         await world.pilot.pause()
@@ -166,7 +166,7 @@ def test_what_has_no_room_is_left_out_without_a_scrollbar(size: tuple[int, int])
     live(steps, HEALTHY, size=size)
 
 
-def test_a_transition_of_the_stack_is_asked_for_before_it_is_carried_out() -> None:
+def test_a_transition_of_the_stack_is_confirmed_before_it_is_executed() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "dummy")
         await world.press("a")
@@ -182,7 +182,7 @@ def test_a_transition_of_the_stack_is_asked_for_before_it_is_carried_out() -> No
     assert live(steps, HEALTHY).asked == [("deactivate", ())]
 
 
-def test_a_yes_is_for_the_stack_that_was_asked_about() -> None:
+def test_a_confirmation_applies_to_the_stack_of_the_question() -> None:
     other = replace(HEALTHY, run="arm_20310203_040507", name="arm")
 
     async def steps(world: World) -> None:
@@ -222,7 +222,7 @@ def test_a_failure_is_shown_with_its_cause_and_ends_the_rest() -> None:
     assert [verb for verb, _ in live(steps, HEALTHY).asked] == ["configure", "cleanup"]
 
 
-def test_while_one_transition_goes_on_no_other_is_asked_for() -> None:
+def test_during_a_transition_no_other_is_requested() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "dummy")
         world.may_answer.clear()
@@ -239,7 +239,7 @@ def test_while_one_transition_goes_on_no_other_is_asked_for() -> None:
     assert live(steps, HEALTHY).asked == [("deactivate", ())]
 
 
-def test_the_log_is_filtered_while_its_words_are_written() -> None:
+def test_the_log_is_filtered_while_the_filter_is_typed() -> None:
     async def steps(world: World) -> None:
         await world.shows("log_text", "simulation")
         await world.press("slash", *"GOAL")
@@ -255,7 +255,7 @@ def test_the_log_is_filtered_while_its_words_are_written() -> None:
     assert not live(steps, HEALTHY).asked
 
 
-def test_help_takes_the_place_of_topics_and_log_to_be_seen_whole() -> None:
+def test_help_replaces_topics_and_log_to_be_fully_visible() -> None:
     async def steps(world: World) -> None:
         await world.shows("log_text", "simulation")
         await world.press("question_mark")
@@ -270,7 +270,7 @@ def test_help_takes_the_place_of_topics_and_log_to_be_seen_whole() -> None:
     live(steps, HEALTHY)
 
 
-def test_a_stack_that_has_ended_stays_to_be_seen_until_another_begins() -> None:
+def test_a_stack_that_has_ended_stays_visible_until_another_starts() -> None:
     ended = replace(HEALTHY, state="", has_ended=True, cause="/a hangs", nodes=())
 
     async def steps(world: World) -> None:
@@ -288,7 +288,7 @@ def test_a_stack_that_has_ended_stays_to_be_seen_until_another_begins() -> None:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (160, 50), (40, 10)])
-def test_the_chosen_node_of_many_is_to_be_seen(size: tuple[int, int]) -> None:
+def test_the_selected_node_of_many_is_visible(size: tuple[int, int]) -> None:
     nodes = tuple(replace(HEALTHY.nodes[0], node=f"/obelisk_control_{n}") for n in range(60))
 
     async def steps(world: World) -> None:
@@ -316,7 +316,7 @@ def test_it_ends_by_its_keys(key: str) -> None:
 
 
 @pytest.mark.parametrize("error", [CommandFailedError("ROS 2 is not here"), KeyError("a fault")])
-def test_what_watching_fails_of_is_reported(error: Exception) -> None:
+def test_failures_of_monitoring_are_reported(error: Exception) -> None:
     async def steps(world: World) -> None:
         async with asyncio.timeout(30):
             while world.app.return_value is None:
@@ -358,7 +358,7 @@ def test_parameters_are_tuned_by_keys() -> None:
         await world.shows("message", "kp changed from 50.0 to 20.0")
         await world.press("down", "left")
         await world.shows("message", "is_on changed from true to false")
-        await world.press("down", "right")  # without a range there is no slider
+        await world.press("down", "right")  # without a range, there is no slider
         await world.press("enter", "escape", "escape")
         await world.shows("keys", "p parameters")
         assert world.values["steps"] == 3

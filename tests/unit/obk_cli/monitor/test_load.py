@@ -1,12 +1,12 @@
-"""What processes take."""
+"""Resource use of processes."""
 
 import os
 
 from obk_cli.monitor.observers import OwnCpuUse, ProcessLoads
 
 
-def test_a_process_is_looked_at_and_one_that_is_gone_is_left_out() -> None:
-    gone = 2**22 + 1  # above the kernel's highest number
+def test_running_processes_are_measured_and_ended_ones_left_out() -> None:
+    gone = 2**22 + 1  # above the kernel's maximum
     loads = ProcessLoads()
     first = loads.measure({os.getpid(), gone})
     assert set(first) == {os.getpid()}

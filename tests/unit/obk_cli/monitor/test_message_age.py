@@ -1,4 +1,4 @@
-"""Ages of messages by the stamp that stands first in them."""
+"""Ages of messages by the stamp at their start."""
 
 import struct
 
@@ -36,7 +36,7 @@ def test_a_stamp_that_was_taken_over_reports_the_age_of_the_chain() -> None:
     assert not own.is_carried
 
 
-def test_stamps_that_were_never_set_or_are_of_another_clock_tell_nothing() -> None:
+def test_unset_stamps_and_those_of_another_clock_give_no_age() -> None:
     meter = MessageAgeMeter(2.0)
     meter.take(NOW, message(0))
     meter.take(NOW, b"\x00\x01\x00\x00")
@@ -48,7 +48,7 @@ def test_stamps_that_were_never_set_or_are_of_another_clock_tell_nothing() -> No
 def test_simulated_stamps_have_an_age_in_simulated_time() -> None:
     clock = SimulatedClock()
     meter = MessageAgeMeter(2.0, clock)
-    meter.take(NOW, message(S))  # before `/clock` came
+    meter.take(NOW, message(S))  # before `/clock` was received
     assert meter.age(NOW) is None
     for number in range(100):
         time_ns = S + number * 1_000_000
@@ -57,7 +57,7 @@ def test_simulated_stamps_have_an_age_in_simulated_time() -> None:
     assert meter.age(NOW) == MessageAge(p50_s=0.003, p99_s=0.003, is_carried=False)
 
 
-def test_a_topic_on_which_nothing_comes_any_more_has_no_age() -> None:
+def test_a_silent_topic_has_no_age() -> None:
     meter = MessageAgeMeter(2.0)
     meter.take(NOW + S // 10, message(NOW))
     meter.take(NOW + S, message(NOW + S // 2))
@@ -67,9 +67,9 @@ def test_a_topic_on_which_nothing_comes_any_more_has_no_age() -> None:
     assert meter.age(NOW + 4 * S) is None
 
 
-def test_stamps_of_a_slower_topic_are_held_against_those_that_are_still_known() -> None:
+def test_stamps_of_a_slower_topic_are_compared_with_those_still_known() -> None:
     up, down = MessageAgeMeter(2.0), MessageAgeMeter(5.0)
-    for number in range(20_000):  # 20 s at 1 kHz, of which 1 s is kept
+    for number in range(20_000):  # 20 s at 1 kHz, 1 s of which is kept
         stamp = NOW + number * S // 1000
         up.take(stamp, message(stamp))
         if not number % 100:

@@ -1,4 +1,4 @@
-"""What learns of a run whose launcher does not answer; no topic is listened to."""
+"""Observation of a run whose launcher does not reply; no topic has a subscription."""
 
 import json
 import struct
@@ -59,7 +59,7 @@ def answering(monkeypatch: pytest.MonkeyPatch, status: StackStatus | None) -> No
     monkeypatch.setattr(observers, "ask_status", lambda _: status)
 
 
-def test_nodes_of_a_launcher_that_never_answered_are_those_of_its_run(
+def test_nodes_of_a_silent_launcher_are_those_of_its_run(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answering(monkeypatch, None)
@@ -94,7 +94,7 @@ def test_a_run_that_has_ended_has_no_nodes(folder: Path, monkeypatch: pytest.Mon
     assert (view.has_ended, view.nodes) == (True, ())
 
 
-def test_a_speed_that_is_no_float64_is_passed_over() -> None:
+def test_an_invalid_speed_message_is_skipped() -> None:
     watch = TopicWatch(LOOK)
     for data in (b"", b"\0\1\0\0", b"\0\1\0\0" + bytes(7)):
         watch._take_rtf(0, data)
@@ -103,7 +103,7 @@ def test_a_speed_that_is_no_float64_is_passed_over() -> None:
     assert watch.realtime_factor == 1.0
 
 
-def test_the_measured_factor_is_the_mean_of_the_last_ones_and_0_while_none_comes(
+def test_the_measured_factor_is_the_mean_of_the_latest_and_0_without_any(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now = [100.0]

@@ -1,4 +1,4 @@
-"""The factors of simulated robots, with a function in the place of their nodes."""
+"""The factors of simulated robots, with a function instead of their nodes."""
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.expected_topics import RealtimeFactors
@@ -9,7 +9,7 @@ EVENT = b"\x00\x01\x00\x00 /arm/r realtime_factor"
 
 
 class Robots:
-    """What the nodes answer, and who was asked."""
+    """The responses of the nodes, and the requested nodes."""
 
     def __init__(self) -> None:
         self.factor: float | None = 1.0
@@ -35,7 +35,7 @@ def status(state: str, node: str = "/arm/r") -> NodeStatus:
     )
 
 
-def test_a_robot_is_asked_once_it_is_configured() -> None:
+def test_a_robot_is_queried_once_it_is_configured() -> None:
     robots = Robots()
     factors = RealtimeFactors({"/arm/r"}, robots.ask)
     for state in ("unconfigured", "inactive", "active"):
@@ -43,7 +43,7 @@ def test_a_robot_is_asked_once_it_is_configured() -> None:
     assert (robots.asked, factors.factors) == (["/arm/r"], {"/arm/r": 1.0})
 
 
-def test_a_robot_whose_factor_was_set_is_asked_once_it_is_configured_again() -> None:
+def test_a_robot_whose_factor_was_set_is_queried_again_after_configure() -> None:
     robots = Robots()
     factors = RealtimeFactors({"/arm/r"}, robots.ask)
     factors.query_missing([status("active")])
@@ -58,7 +58,7 @@ def test_a_robot_whose_factor_was_set_is_asked_once_it_is_configured_again() -> 
     assert factors.factors == {"/arm/r": 0.5}
 
 
-def test_a_robot_that_does_not_answer_is_asked_again() -> None:
+def test_a_robot_that_does_not_respond_is_queried_again() -> None:
     robots = Robots()
     robots.factor = None
     factors = RealtimeFactors({"/arm/r"}, robots.ask)

@@ -1,4 +1,4 @@
-"""A running stack as lines of a terminal: the whole text, and what narrow ones leave out."""
+"""A running stack as text in a terminal: all lines, and what narrow terminals omit."""
 
 import json
 from dataclasses import replace
@@ -54,7 +54,7 @@ def test_no_line_is_wider_than_the_terminal(width: int) -> None:
     assert "880" in text or width < 40
 
 
-def test_a_long_name_is_cut_before_what_the_stack_does_is_left_out() -> None:
+def test_a_long_name_is_truncated_before_the_state_of_the_stack() -> None:
     head, *_ = monitor_text(replace(BROKEN, name="arm" * 40), 80, colour=False).splitlines()
     assert head.startswith(f"{'arm' * 8}a…  inactive  up 0:01:23  2 topics off")
 
@@ -82,7 +82,7 @@ def test_a_topic_that_is_off_is_marked_in_text_and_for_programs() -> None:
     assert data["nodes"][1]["load"]["memory_bytes"] == 74_000_000
 
 
-def test_a_stack_that_has_ended_says_so_with_the_cause() -> None:
+def test_a_stack_that_has_ended_shows_the_cause() -> None:
     view = replace(HEALTHY, state="", has_ended=True, cause="/a hangs\x1b[2J", nodes=())
     (head, *_) = monitor_text(view, 80, colour=False).splitlines()
     assert head.startswith("dummy  has stopped: /a hangs  ")
@@ -90,7 +90,7 @@ def test_a_stack_that_has_ended_says_so_with_the_cause() -> None:
     assert "launcher does not answer" in monitor_text(silent, 80, colour=False)
 
 
-def test_the_log_is_filtered_in_whatever_case() -> None:
+def test_the_log_is_filtered_case_insensitively() -> None:
     assert [line.text for line in log_lines(HEALTHY, 80, "FELL")] == [
         "robot_0      | [WARN] the simulation fell behind"
     ]

@@ -74,7 +74,7 @@ def test_a_node_becomes_a_process(tmp_path: Path) -> None:
     assert joystick.parameters == {"device_id": 1}
 
 
-def test_the_plan_brings_the_robot_up_first(tmp_path: Path) -> None:
+def test_the_plan_starts_the_robot_first(tmp_path: Path) -> None:
     tiers = lower(tmp_path).tiers
     assert [[p.section for p in tier] for tier in tiers] == [["robot"], ["control"], ["joystick"]]
 
@@ -106,7 +106,7 @@ def test_a_whole_depth_is_written_without_a_fraction() -> None:
     assert process.parameters["sub_q_setting"] == "key:sub_q,topic:/q,history_depth:10"
 
 
-def test_callback_groups_have_a_parameter_of_their_own(tmp_path: Path) -> None:
+def test_callback_groups_have_their_own_parameter(tmp_path: Path) -> None:
     robot, control, _ = lower(tmp_path).nodes
     assert robot.parameters["callback_group_settings"] == "fast:ReentrantCallbackGroup"
     assert "callback_group_settings" not in control.parameters
@@ -127,14 +127,14 @@ def test_a_component_with_only_a_key_gets_its_parameter_and_defaults(tmp_path: P
     assert {**own, "ros_parameter": "pub_true_sim_state_setting"} == setting
 
 
-def test_components_that_share_a_key_have_no_parameter_of_their_own() -> None:
+def test_components_that_share_a_key_have_no_own_parameter() -> None:
     ends = [f"{{key: state, topic: /{topic}}}" for topic in ("in", "out")]
     text = f"subscribers: [{ends[0]}]\n  publishers: [{ends[1]}]"
     (process,) = lower_text(f"robot:\n  pkg: a\n  executable: b\n  {text}\n").nodes
     assert set(process.parameters) == {"obelisk_settings"}
 
 
-def test_timers_and_sensor_groups_are_promises_with_the_places_of_their_periods(
+def test_timers_and_sensor_groups_are_expected_rates_with_the_locations_of_their_periods(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "arm.xml").touch()
@@ -146,7 +146,7 @@ def test_timers_and_sensor_groups_are_promises_with_the_places_of_their_periods(
     assert control.promises == ()
 
 
-def test_a_simulator_reports_what_it_reads_from_its_model(tmp_path: Path) -> None:
+def test_a_simulator_reports_the_values_from_its_model(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").touch()
     robot, control, joystick = lower(tmp_path).nodes
     assert robot.model == str(tmp_path / "arm.xml")
@@ -172,7 +172,7 @@ def test_user_parameters_are_dotted_and_lists_of_one_type(tmp_path: Path) -> Non
     assert robot.parameters["gains"] == (1.0, 2.5)
 
 
-def test_files_that_are_there_get_their_whole_path(tmp_path: Path) -> None:
+def test_existing_files_get_their_full_path(tmp_path: Path) -> None:
     robot, *_ = lower(tmp_path).nodes
     assert robot.parameters["params_path"] == "gains.txt"
     for name in ("arm.xml", "gains.txt"):
@@ -198,7 +198,7 @@ def test_ends_have_types_and_rates(tmp_path: Path) -> None:
     assert [end.topic for end in joystick.publishes] == ["/joy"]
 
 
-def test_what_was_searched_is_kept(tmp_path: Path) -> None:
+def test_searched_paths_are_kept(tmp_path: Path) -> None:
     parsed = parse_source(SourceFile.of("arm.yaml", CONFIG))
     assert parsed.tree is not None
     stack, _ = read_stack(parsed.tree)
@@ -214,11 +214,11 @@ def test_each_joystick_has_its_own_topics() -> None:
         "a: {joystick: {pub_topic: /a}}\nb: {joystick: {pub_topic: /b, sub_topic: /c}}\n"
     )
     assert [[end.topic for end in p.publishes] for p in plan.nodes] == [["/a"], ["/b"]]
-    heard = [[end.topic for end in p.subscribes] for p in plan.nodes]
-    assert heard == [["/joy/set_feedback"], ["/c"]]
+    received = [[end.topic for end in p.subscribes] for p in plan.nodes]
+    assert received == [["/joy/set_feedback"], ["/c"]]
 
 
-def test_environment_variables_get_what_variables_come_to() -> None:
+def test_environment_variables_get_the_values_of_variables() -> None:
     options = Options(variables={"DOMAIN": "007"}, working_folder=Path.cwd())
     env = "env:\n    A: ${DOMAIN}\n    B: ${NONE:-1.10}\n    C: ${NO:-true}\n"
     text = f"robot:\n  pkg: a\n  executable: b\n  {env}"
@@ -228,7 +228,7 @@ def test_environment_variables_get_what_variables_come_to() -> None:
     assert process.env == {"A": "007", "B": "1.10", "C": "true"}
 
 
-def test_a_pattern_that_is_none_is_left_to_the_checks() -> None:
+def test_an_invalid_pattern_is_left_to_the_checks() -> None:
     group = "{topic: /s, dt: 0.1, msg_type: Unknown, scan_config: {pattern: lidar}}"
     sim = f"sim: {{model_xml_path: m.xml, sensor_settings: [{group}]}}"
     (robot,) = lower_text(f"robot: {{pkg: a, executable: b, {sim}}}").nodes

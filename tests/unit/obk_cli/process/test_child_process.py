@@ -1,4 +1,4 @@
-"""A child that does not outlive its starter, and a ROS domain that no one else has."""
+"""A child that does not outlive its parent, and a ROS domain that no other process uses."""
 
 import os
 import signal
@@ -24,12 +24,14 @@ def is_there(pid: int) -> bool:
         return False
 
 
-def test_a_child_is_heard_line_by_line_to_its_end() -> None:
+def test_the_output_of_a_child_is_received_line_by_line() -> None:
     lines: list[str] = []
     over = threading.Event()
-    say = "import sys; print('one'); sys.stdout.flush(); print('two', file=sys.stderr); sys.exit(3)"
+    code = (
+        "import sys; print('one'); sys.stdout.flush(); print('two', file=sys.stderr); sys.exit(3)"
+    )
     child = BoundChild(
-        [sys.executable, "-c", say], os.environ, on_line=lines.append, on_output_end=over.set
+        [sys.executable, "-c", code], os.environ, on_line=lines.append, on_output_end=over.set
     )
     assert child.wait(DEADLINE_S) == 3
     assert over.wait(DEADLINE_S)
@@ -37,7 +39,7 @@ def test_a_child_is_heard_line_by_line_to_its_end() -> None:
     assert lines == ["one", "two"]
 
 
-def test_a_child_has_a_session_of_its_own_and_is_killed_at_the_close() -> None:
+def test_a_child_has_its_own_session_and_is_killed_at_the_close() -> None:
     child = BoundChild(["sleep", "60"], os.environ, on_line=print, on_output_end=lambda: None)
     assert child.exit_code is None
     assert os.getsid(child.pid) != os.getsid(0)
@@ -45,7 +47,7 @@ def test_a_child_has_a_session_of_its_own_and_is_killed_at_the_close() -> None:
     assert child.exit_code == -signal.SIGKILL
 
 
-def test_a_program_in_the_foreground_gives_its_exit_code() -> None:
+def test_a_program_in_the_foreground_returns_its_exit_code() -> None:
     program = [sys.executable, "-c", "import sys; sys.exit(3)"]
     assert run_in_foreground(program, os.environ) == 3
 
@@ -95,7 +97,7 @@ def test_a_child_does_not_outlive_a_starter_that_is_killed(tmp_path: Path) -> No
         eventually(lambda: not is_there(pid), "the end of the child")
 
 
-def test_two_that_ask_at_once_get_two_domains() -> None:
+def test_two_simultaneous_requests_get_two_domains() -> None:
     with free_domain() as one, free_domain() as other:
         assert one != other
         assert {one, other} <= set(range(1, 101))
@@ -103,8 +105,8 @@ def test_two_that_ask_at_once_get_two_domains() -> None:
         assert again == one
 
 
-def test_where_every_domain_is_in_use_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_if_every_domain_is_in_use_it_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("obk_cli.ros.environment._is_bound", lambda *_: False)
-    said = "on this host every ROS domain from 1 to 100 is in use"
+    said = "every ROS domain from 1 to 100 is in use on this host"
     with pytest.raises(CommandFailedError, match=said), free_domain():
         pytest.fail("a domain was found")

@@ -1,4 +1,4 @@
-"""Which process a number means."""
+"""The process that an ID identifies."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Segments and ports of the dead go, those of the living stay."""
+"""Segments and ports of dead processes are removed, those of live processes are kept."""
 
 import fcntl
 import mmap
@@ -24,7 +24,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_only_segments_without_an_owner_go(tmp_path: Path) -> None:
+def test_only_segments_without_an_owner_are_removed(tmp_path: Path) -> None:
     make(tmp_path, DEAD, f"{DEAD}_el", ALIVE, f"{ALIVE}_el")
     with (tmp_path / f"{ALIVE}_el").open() as owner:
         fcntl.flock(owner, fcntl.LOCK_EX)
@@ -32,7 +32,7 @@ def test_only_segments_without_an_owner_go(tmp_path: Path) -> None:
     assert names(tmp_path) == [ALIVE, f"{ALIVE}_el"]
 
 
-def test_a_port_that_no_one_has_goes_with_all_that_belongs_to_it(tmp_path: Path) -> None:
+def test_an_unused_port_is_removed_with_all_its_files(tmp_path: Path) -> None:
     make(tmp_path, *PORT, "fastrtps_port7000", "fastrtps_port7000_sl")
     make(tmp_path, "fastrtps_port9_el", "sem.fastrtps_port10_mutex")
     assert remove_dead_segments(tmp_path) == 4
@@ -40,7 +40,7 @@ def test_a_port_that_no_one_has_goes_with_all_that_belongs_to_it(tmp_path: Path)
 
 
 @pytest.mark.parametrize("used", PORT[::2])
-def test_a_port_that_someone_has_mapped_stays_whole(tmp_path: Path, used: str) -> None:
+def test_a_mapped_port_is_kept_completely(tmp_path: Path, used: str) -> None:
     make(tmp_path, *PORT)
     with (tmp_path / used).open("r+b") as file:
         memory = mmap.mmap(file.fileno(), 0)
@@ -51,7 +51,7 @@ def test_a_port_that_someone_has_mapped_stays_whole(tmp_path: Path, used: str) -
 
 
 @pytest.mark.parametrize("suffix", ["el", "sl"])
-def test_a_port_whose_reader_lives_stays_whole(tmp_path: Path, suffix: str) -> None:
+def test_a_port_with_a_live_reader_is_kept(tmp_path: Path, suffix: str) -> None:
     files = ("fastrtps_port7411", f"fastrtps_port7411_{suffix}")
     make(tmp_path, *files)
     with (tmp_path / files[1]).open() as reader:
@@ -60,7 +60,7 @@ def test_a_port_whose_reader_lives_stays_whole(tmp_path: Path, suffix: str) -> N
     assert names(tmp_path) == sorted(files)
 
 
-def test_what_is_not_ours_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_foreign_files_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     foreign = ("fastrtps_x_el", "sem.other", "notes_el", "fastrtps_portx", "fastrtps_port1_old")
     make(tmp_path, *foreign)
     assert remove_dead_segments(tmp_path) == 0
@@ -71,13 +71,13 @@ def test_what_is_not_ours_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert remove_dead_segments(tmp_path) == 0
 
 
-def test_a_folder_that_is_not_there_has_none(tmp_path: Path) -> None:
+def test_a_missing_folder_has_no_files(tmp_path: Path) -> None:
     assert remove_dead_segments(tmp_path / "nowhere") == 0
 
 
 @pytest.fixture
 def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder that is full while there is anything in it."""
+    """A folder that is full as long as it contains anything."""
     usage = shutil.disk_usage(tmp_path)
 
     def used(folder: Path) -> object:
@@ -87,7 +87,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_what_dead_processes_have_left_makes_room(small: Path) -> None:
+def test_leftovers_of_dead_processes_are_removed_to_free_space(small: Path) -> None:
     (small / DEAD).touch()
     (small / f"{DEAD}_el").touch()
     require_shared_memory(small)

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command even if a library drops the exception or makes an error of it."""
+"""Ctrl-C ends a command even if a library drops the exception or converts it to an error."""
 
 import signal
 import subprocess
@@ -20,9 +20,9 @@ from obk_cli.process.signals import (
 )
 
 OBK: Final = Path(sys.executable).with_name("obk")
-SOUND: Final = Path(__file__).parents[3] / "cases/accept/OBK004/topic_twice.yaml"
+VALID_CONFIG: Final = Path(__file__).parents[3] / "cases/accept/OBK004/topic_twice.yaml"
 REPEATS_S: Final = 0.5
-"""Longer than some repeats of the interrupt."""
+"""Longer than a few repetitions of the interrupt."""
 ENDLESS_S: Final = 60.0
 
 
@@ -129,7 +129,7 @@ def test_without_an_interrupt_errors_and_timers_stay() -> None:
 
 def test_a_command_that_a_script_starts_in_the_background_ends_on_ctrl_c() -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell does for `command &`
-    command = [OBK, "validate", "--watch", SOUND]
+    command = [OBK, "validate", "--watch", VALID_CONFIG]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     signal.signal(signal.SIGINT, before)
     with process:
@@ -142,21 +142,21 @@ def test_a_command_that_a_script_starts_in_the_background_ends_on_ctrl_c() -> No
             process.kill()
 
 
-def test_each_is_heard_and_afterwards_all_is_as_before() -> None:
-    heard: list[signal.Signals] = []
+def test_each_signal_is_received_and_handlers_are_restored() -> None:
+    received: list[signal.Signals] = []
     before = signal.getsignal(signal.SIGTERM)
-    with handle_end_signals(heard.append):
+    with handle_end_signals(received.append):
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.raise_signal(number)
-    assert heard == [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    assert received == [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_under_nohup_the_terminal_may_go_and_sigint_still_ends() -> None:
-    heard: list[signal.Signals] = []
+def test_under_nohup_the_terminal_may_close_and_sigint_still_works() -> None:
+    received: list[signal.Signals] = []
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    with handle_end_signals(heard.append):
+    with handle_end_signals(received.append):
         signal.raise_signal(signal.SIGHUP)
         signal.raise_signal(signal.SIGINT)
-    assert heard == [signal.SIGINT]
+    assert received == [signal.SIGINT]

@@ -1,4 +1,4 @@
-"""`obk bag`, `obk plot` and `obk record` as they are called; no ROS is running."""
+"""The `obk bag`, `obk plot` and `obk record` commands, without ROS."""
 
 import json
 from pathlib import Path

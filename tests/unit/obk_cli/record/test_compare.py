@@ -1,4 +1,4 @@
-"""`obk diff`: two recordings that were made to differ in known ways."""
+"""`obk diff`: two recordings that differ in known ways."""
 
 import json
 import struct
@@ -35,7 +35,7 @@ def written(
     definition: str = DEFINITION,
     topic: str = "/arm/est",
 ) -> Path:
-    """A number over time, from the first message."""
+    """A number over time, starting with the first message."""
     with BagWriter(path) as writer:
         writer.describe({"obelisk_versions": {"obk": obk}}, {"plan.json": plan(gain)}, 0)
         channel = writer.add_topic(topic, "demo_msgs/msg/Est", definition, {})
@@ -50,7 +50,7 @@ def compared(first: Path, second: Path) -> Any:
     return compare_runs(open_run(first), open_run(second))
 
 
-def test_a_run_is_the_same_as_itself(tmp_path: Path) -> None:
+def test_a_run_equals_itself(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap", np.sin)
     found = compared(path, path)
     assert found.is_same
@@ -77,7 +77,9 @@ def test_a_signal_is_compared_at_the_same_time_since_activation(tmp_path: Path) 
     assert not q.is_within(0.2)
 
 
-def test_parts_of_any_size_give_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_of_any_size_give_the_same_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = written(tmp_path / "a.mcap", np.sin)
     second = written(tmp_path / "b.mcap", np.cos, step_ns=3 * MS, count=300)
     (whole, _) = compared(first, second).signals
@@ -91,7 +93,7 @@ def test_parts_of_any_size_give_the_same(tmp_path: Path, monkeypatch: pytest.Mon
         assert parts.rms == pytest.approx(whole.rms)
 
 
-def test_what_the_runs_were_made_from_is_compared(tmp_path: Path) -> None:
+def test_the_configs_of_the_runs_are_compared(tmp_path: Path) -> None:
     first = written(tmp_path / "a.mcap", np.sin)
     second = written(
         tmp_path / "b.mcap", np.sin, gain=25.0, obk="0.2.0", definition=DEFINITION + "# new\n"

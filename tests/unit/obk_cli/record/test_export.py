@@ -1,4 +1,4 @@
-"""`obk export`: the tables hold what the recording holds."""
+"""`obk export`: the tables have the content of the recording."""
 
 import csv
 import json
@@ -61,9 +61,7 @@ def obk(*words: object) -> int:
     return int(end.value.code or 0)
 
 
-def test_parquet_gives_the_messages_back(
-    recording: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_parquet_contains_the_messages(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert obk("export", recording, "--to", "parquet") == 0
     lines = ("arm/arm.joints.parquet  40 messages", "arm/arm.speed.parquet  40 messages")
     assert sorted(capsys.readouterr().out.splitlines()) == list(lines)

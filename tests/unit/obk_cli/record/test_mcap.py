@@ -1,4 +1,4 @@
-"""Recordings written, cut off anywhere, read back and drawn; no ROS is running."""
+"""Recordings written, truncated anywhere, read back and plotted, without ROS."""
 
 import errno
 import os
@@ -49,7 +49,7 @@ def written(path: Path) -> Path:
     return path
 
 
-def test_a_recording_reports_what_is_in_it(tmp_path: Path) -> None:
+def test_a_recording_reports_its_content(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap")
     bag = read_bag(path)
     assert bag.is_complete
@@ -63,7 +63,7 @@ def test_a_recording_reports_what_is_in_it(tmp_path: Path) -> None:
     assert bag.attachments == {"plan.json": 2}
 
 
-def test_what_was_made_from_stands_before_the_messages(tmp_path: Path) -> None:
+def test_the_config_precedes_the_messages(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap")
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
@@ -73,7 +73,7 @@ def test_what_was_made_from_stands_before_the_messages(tmp_path: Path) -> None:
     assert min(index.offset for index in summary.metadata_indexes) < first_chunk
 
 
-def test_messages_come_back_by_the_definitions_in_the_file(tmp_path: Path) -> None:
+def test_messages_are_read_by_the_definitions_in_the_file(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap")
     run = open_run(path)
     assert run["/speed"].data.tolist() == [float(n) for n in range(COUNT)]
@@ -83,7 +83,7 @@ def test_messages_come_back_by_the_definitions_in_the_file(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("part", [0.0, 0.001, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.9999])
-def test_a_file_that_breaks_off_anywhere_is_read_up_to_there(tmp_path: Path, part: float) -> None:
+def test_a_truncated_file_is_read_up_to_any_end(tmp_path: Path, part: float) -> None:
     whole = written(tmp_path / "a.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: int(len(whole) * part)])
@@ -98,7 +98,7 @@ def test_a_file_that_breaks_off_anywhere_is_read_up_to_there(tmp_path: Path, par
 def test_a_file_of_another_format_is_no_recording(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "text.mcap"
     path.write_bytes(content)
-    with pytest.raises(RecordingError, match="is no MCAP file"):
+    with pytest.raises(RecordingError, match="is not an MCAP file"):
         read_bag(path)
 
 
@@ -116,7 +116,7 @@ def test_a_damaged_chunk_is_an_error_of_the_file(tmp_path: Path) -> None:
         open_run(path).read(["/speed"])
 
 
-def test_what_was_flushed_is_there_without_an_end(tmp_path: Path) -> None:
+def test_flushed_messages_exist_without_an_end(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     writer = BagWriter(path)
     channel = writer.add_topic("/speed", TYPE, "float64 data\n", {})
@@ -128,7 +128,7 @@ def test_what_was_flushed_is_there_without_an_end(tmp_path: Path) -> None:
     assert read_bag(path).is_complete
 
 
-def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
+def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("mine")
     with pytest.raises(CommandFailedError, match=r"a\.mcap"):
@@ -136,7 +136,7 @@ def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-def test_what_is_no_recording_is_reported(tmp_path: Path) -> None:
+def test_invalid_recordings_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("some text that is no recording")
     with pytest.raises(RecordingError, match="MCAP"):
@@ -149,7 +149,7 @@ def speed_lines(path: Path) -> tuple[PlotPart, ...]:
     return plot_parts([open_run(path)], [parse_field("/speed.data")])
 
 
-def test_a_field_is_drawn_as_png_and_as_svg_the_same_bytes_each_time(tmp_path: Path) -> None:
+def test_a_field_is_drawn_as_png_and_as_svg_reproducibly(tmp_path: Path) -> None:
     (lines,) = speed_lines(written(tmp_path / "a.mcap"))
     for name, begin in (("a.png", b"\x89PNG"), ("a.svg", b"<?xml")):
         draw([lines, lines], "a title", tmp_path / name)
@@ -170,7 +170,7 @@ def test_a_picture_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
-def test_a_picture_that_was_there_stays_where_no_new_one_can_be_drawn(
+def test_an_existing_picture_is_kept_if_no_new_one_can_be_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
@@ -183,14 +183,14 @@ def test_a_picture_that_was_there_stays_where_no_new_one_can_be_drawn(
     assert (tmp_path / "a.png").read_text() == "the one before"
 
 
-def test_a_recording_that_cannot_be_begun_is_reported(tmp_path: Path) -> None:
+def test_a_recording_that_cannot_be_started_is_reported(tmp_path: Path) -> None:
     gone = re.escape(f"`{tmp_path}/no/a.mcap` cannot be written: the folder {tmp_path}/no does")
     with pytest.raises(CommandFailedError, match=gone):
         BagWriter(tmp_path / "no" / "a.mcap")
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_messages_of_overlapping_chunks_come_in_the_order_of_their_receipt(
+def test_messages_of_overlapping_chunks_are_read_in_order_of_receipt(
     compression: CompressionType, tmp_path: Path
 ) -> None:
     path = tmp_path / "a.mcap"
@@ -204,11 +204,11 @@ def test_messages_of_overlapping_chunks_come_in_the_order_of_their_receipt(
             made.add_message(speed, number, message(number), number)
             made.add_message(other, number, message(-1.0), number)
         made.finish()
-    heard = open_run(path)["/speed"].messages.received_ns.view(np.uint64).tolist()
-    assert heard == [*range(10), 2**64 - 1]
+    received = open_run(path)["/speed"].messages.received_ns.view(np.uint64).tolist()
+    assert received == [*range(10), 2**64 - 1]
     with path.open("rb") as file:
         theirs = [m.log_time for _, _, m in make_reader(file).iter_messages(topics=["/speed"])]
-    assert heard == theirs
+    assert received == theirs
 
 
 def test_times_beyond_any_calendar_are_shown(tmp_path: Path) -> None:
@@ -255,11 +255,11 @@ def test_a_message_that_breaks_off_is_reported_and_not_cut_short(
     tmp_path: Path, definition: str, data: bytes
 ) -> None:
     path = with_definition(tmp_path / "a.mcap", definition, data)
-    with pytest.raises(RecordingError, match=r"damaged: \d+ bytes were expected"):
+    with pytest.raises(RecordingError, match=r"damaged: expected \d+ bytes"):
         _ = open_run(path)["/speed"]["data"]
 
 
-def test_bytes_of_names_that_are_no_utf8_are_escaped(tmp_path: Path) -> None:
+def test_bytes_of_names_with_invalid_utf8_are_escaped(tmp_path: Path) -> None:
     name = os.fsdecode(b"caf\xe9")
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.describe({"obelisk": {"config": name}}, {"plan.json": name}, BEGIN_NS)
@@ -279,7 +279,7 @@ OFFER = OfferedQos(
 )
 
 
-def test_offers_are_kept_in_the_words_of_rosbag2() -> None:
+def test_offered_qos_is_stored_in_the_format_of_rosbag2() -> None:
     first, second = yaml.safe_load(offers_text([OFFER, replace(OFFER, reliability="best_effort")]))
     assert first == {
         "history": "keep_last",

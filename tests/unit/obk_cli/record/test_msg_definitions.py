@@ -1,4 +1,4 @@
-"""The definition of a type as recordings carry it: whole, each part once, comments kept."""
+"""The definition of a type in recordings: complete, each part once, comments kept."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def find(package: str, name: str) -> str | None:
     return TEXTS.get((package, name))
 
 
-def test_a_type_comes_with_everything_that_it_refers_to_each_once() -> None:
+def test_a_type_includes_everything_that_it_refers_to_once() -> None:
     text = schema_text("arm_msgs/msg/Joints", find)
     assert text is not None
     parts = text.split(f"{BAR}\n")
@@ -39,16 +39,16 @@ def test_a_type_comes_with_everything_that_it_refers_to_each_once() -> None:
     assert parts[3] == "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 
 
-def test_a_type_with_plain_fields_is_its_own_text() -> None:
+def test_a_type_with_plain_fields_is_its_own_definition() -> None:
     assert schema_text("builtin_interfaces/msg/Time", find) == "int32 sec\nuint32 nanosec\n"
 
 
-def test_a_text_that_misses_a_part_is_none() -> None:
+def test_an_incomplete_definition_is_none() -> None:
     texts = {("a", "A"): "b/B part\n"}
     assert schema_text("a/msg/A", lambda *name: texts.get(name)) is None
 
 
-def test_a_definition_is_read_whatever_its_comments_are_written_in(
+def test_a_definition_is_read_with_any_encoding_of_comments(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "share" / "arm_msgs" / "msg"

@@ -1,4 +1,4 @@
-"""Which recorded topics may be published again, and when each message is due."""
+"""The recorded topics that may be published again, and when each message is due."""
 
 import json
 import struct
@@ -46,7 +46,7 @@ def test_commands_by_the_config_or_by_the_type_are_left_out(run: RecordedRun) ->
 
 
 @pytest.mark.parametrize("name", ["/arm/ctrl", "/legs/torques"])
-def test_a_command_that_is_named_is_refused_unless_on_purpose(run: RecordedRun, name: str) -> None:
+def test_a_named_command_is_rejected_unless_allowed(run: RecordedRun, name: str) -> None:
     with pytest.raises(CommandFailedError, match=f"`{name}`, which commands a robot"):
         playable_topics(run, [name], may_move=False)
     assert playable_topics(run, [name], may_move=True) == ([name], [])
@@ -83,7 +83,7 @@ uint32 nanosec
 
 
 def stamped_run(path: Path, *, is_simulated: bool) -> RecordedRun:
-    """Stamps of 1, 2 and 3 s, half a second apart; beside them a topic without stamps."""
+    """Stamps of 1, 2 and 3 s, half a second apart, and a topic without stamps."""
     parameters = {"use_sim_time": True} if is_simulated else {}
     plan = {"processes": [{"node": "est", "section": "estimation", "parameters": parameters}]}
     with BagWriter(path) as writer:

@@ -1,4 +1,4 @@
-"""Fields of recorded runs by name, and the lines that are drawn of them."""
+"""Fields of recorded runs by name, and the lines plotted from them."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -78,7 +78,7 @@ def test_a_field_is_a_topic_and_the_way_into_its_message() -> None:
 
 
 @pytest.mark.parametrize("text", ["imu", "imu.", ".x", "imu.x..y", "imu.x[a]", "imu.x y", ""])
-def test_what_is_no_field_is_reported(text: str) -> None:
+def test_invalid_fields_are_reported(text: str) -> None:
     with pytest.raises(MisuseError, match="does not name a field"):
         parse_field(text)
 
@@ -94,7 +94,7 @@ def test_a_number_is_one_line_an_array_or_a_message_one_for_each_number(tmp_path
     assert lines(tmp_path, "t.position", named) == {"hip": [3.0], "knee": [4.0]}
 
 
-def test_an_array_that_grows_and_shrinks_has_the_numbers_that_are_there(tmp_path: Path) -> None:
+def test_an_array_of_varying_size_has_the_existing_numbers(tmp_path: Path) -> None:
     shorter = reading(position=[7.0])
     both = (shorter, reading())
     assert lines(tmp_path, "t.position", *both) == {"[0]": [7.0, 3.0], "[1]": [4.0]}
@@ -106,21 +106,21 @@ def test_an_array_that_grows_and_shrinks_has_the_numbers_that_are_there(tmp_path
     [
         ("t.giro", "did you mean `gyro`"),
         ("t.gyro.z", "did you mean `gyro.y`, `gyro.x`"),
-        ("t.frame", "holds no number"),
-        ("t.ok[0]", "is no array"),
+        ("t.frame", "contains no numbers"),
+        ("t.ok[0]", "is not an array"),
         ("t.gyro.x.y", "has no field `gyro.x.y`"),
         ("t.position[2]", "has only 2 items"),
         ("u.ok", "has no topic `u`"),
     ],
 )
-def test_a_field_that_is_not_there_is_reported_with_those_that_are(
+def test_a_missing_field_is_reported_with_the_existing_ones(
     tmp_path: Path, text: str, reported: str
 ) -> None:
     with pytest.raises(RecordingError, match=reported.replace("[", "\\[")):
         lines(tmp_path, text)
 
 
-def test_more_lines_than_can_be_reported_apart_are_refused(tmp_path: Path) -> None:
+def test_more_lines_than_can_be_distinguished_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(CommandFailedError) as error:
         lines(tmp_path, "t.position", reading(position=[0.0] * 100))
     assert error.value.help == "select one, such as t.position[32]"
@@ -130,14 +130,14 @@ def test_a_topic_may_be_named_by_its_end() -> None:
     topics = ["/arm/imu", "/leg/imu", "/arm/est"]
     assert topic_named("/arm/imu", topics) == "/arm/imu"
     assert topic_named("est", topics) == "/arm/est"
-    with pytest.raises(RecordingError, match="means several topics"):
+    with pytest.raises(RecordingError, match="matches several topics"):
         topic_named("imu", topics)
     with pytest.raises(RecordingError, match="has no topic `st`"):
         topic_named("st", topics)
 
 
 @pytest.mark.parametrize("text", [f"/a.b[{'9' * 5000}]", "/a.b[\u0661]", "/a.b[-1]"])
-def test_a_place_that_no_array_has_names_no_field(text: str) -> None:
+def test_an_index_outside_of_an_array_names_no_field(text: str) -> None:
     with pytest.raises(MisuseError, match="does not name a field"):
         parse_field(text)
 
@@ -171,7 +171,7 @@ def test_fields_have_a_part_each_or_one_for_all(tmp_path: Path) -> None:
     ]
 
 
-def test_only_the_times_asked_for_are_drawn(tmp_path: Path) -> None:
+def test_only_the_requested_times_are_drawn(tmp_path: Path) -> None:
     drawn = parts(two_runs(tmp_path), "t.position")
     draw(drawn, "all", tmp_path / "all.svg")
     draw(drawn, "all", tmp_path / "part.svg", xlim=(0.0, 1.0))
@@ -214,7 +214,7 @@ def test_the_page_draws_the_numbers_without_a_network(tmp_path: Path) -> None:
         ]
         assert second["labels"] == ["t [s]", "one x", "one y", "two x", "two y"]
         assert (second["min"], second["max"]) == (0, 2.5)
-        # A zoom in one plot is a zoom in all.
+        # Zooming one plot zooms all.
         box = browser.locator(".u-over").first.bounding_box()
         assert box is not None
         y = box["y"] + 50

@@ -1,4 +1,4 @@
-"""What a recorder reports about topics that it cannot record; no message arrives."""
+"""A recorder's reports about topics that it cannot record, without messages."""
 
 from types import SimpleNamespace
 from typing import Any

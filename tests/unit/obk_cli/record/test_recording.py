@@ -1,4 +1,4 @@
-"""Which recording is meant by a file's or a run's name."""
+"""The recording that the name of a file or a run refers to."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def test_a_file_is_itself_and_a_folder_the_one_in_it(runs: Path) -> None:
     assert find_recording(runs, "bag") == Path("bag/bag_0.mcap")
 
 
-def test_a_run_is_named_by_config_or_folder_and_else_the_newest_that_was_recorded(
+def test_a_run_is_named_by_config_or_folder_and_the_newest_recorded_is_the_default(
     runs: Path,
 ) -> None:
     assert find_recording(runs, "arm").parent.name == "arm_20260101_000000"
@@ -44,7 +44,7 @@ def test_a_run_is_named_by_config_or_folder_and_else_the_newest_that_was_recorde
         (None, "obk launch --record"),
     ],
 )
-def test_a_missing_recording_is_reported_with_what_to_do(
+def test_a_missing_recording_is_reported_with_a_hint(
     runs: Path, name: str | None, expected: str
 ) -> None:
     if name is None:
@@ -54,7 +54,7 @@ def test_a_missing_recording_is_reported_with_what_to_do(
     assert expected in f"{error.value.message} {error.value.help}"
 
 
-def test_a_name_that_no_file_can_have_is_that_of_none(runs: Path) -> None:
+def test_an_impossible_name_is_that_of_no_file(runs: Path) -> None:
     with pytest.raises(RecordingError, match="`aaa"):
         find_recording(runs, "a" * 300)
 

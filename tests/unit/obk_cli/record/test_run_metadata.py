@@ -1,4 +1,4 @@
-"""A recorder's arguments arrive unchanged; what it knows of a run comes from its folder."""
+"""A recorder's arguments are kept unchanged, and its run metadata comes from the run's folder."""
 
 import json
 import re
@@ -54,7 +54,7 @@ def run_folder(parent: Path) -> Path:
     return folder
 
 
-def test_a_job_comes_back_from_json_as_it_was() -> None:
+def test_a_job_round_trips_through_json() -> None:
     job = RecorderJob(
         path=Path("/runs/x.mcap"),
         request=RecordRequest(
@@ -111,7 +111,7 @@ def test_a_folder_without_a_run_reports_nothing(tmp_path: Path) -> None:
     )
 
 
-def test_a_file_is_named_after_the_config_whose_run_it_is_of() -> None:
+def test_a_file_is_named_after_the_config_of_its_run() -> None:
     when = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC)
     assert file_name(None, when) == "ros_20260304_050607.mcap"
     for run in ("leg_arm_20260102_030405", "leg_arm_20260102_030405_2"):

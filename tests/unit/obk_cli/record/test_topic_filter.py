@@ -15,7 +15,7 @@ GRAPH = {
 }
 
 
-def test_a_named_topic_of_known_type_is_recorded_before_it_is_there() -> None:
+def test_a_named_topic_of_known_type_is_recorded_before_it_exists() -> None:
     request = RecordRequest(topics={"/ctrl": "arm_msgs/msg/Torque", "/late": None})
     assert matching_topics(request, GRAPH) == {"/ctrl": "arm_msgs/msg/Torque"}
 
@@ -32,7 +32,7 @@ def test_patterns_choose_from_the_graph_and_excludes_take_away_from_everything()
     assert matching_topics(request, GRAPH) == {"/arm/joints": "sensor_msgs/msg/JointState"}
 
 
-def test_hidden_topics_are_recorded_only_where_a_pattern_is_about_them() -> None:
+def test_hidden_topics_are_recorded_only_if_a_pattern_names_them() -> None:
     assert "/arm/grip/_action/status" not in matching_topics(RecordRequest(patterns=("*",)), GRAPH)
     assert "/arm/grip/_action/status" in matching_topics(
         RecordRequest(patterns=("*/_action/*",)), GRAPH
@@ -46,7 +46,7 @@ def test_the_clock_is_recorded_only_if_a_name_or_a_pattern_names_it() -> None:
         assert "/clock" in matching_topics(request, graph)
 
 
-def test_a_topic_of_several_types_is_none() -> None:
+def test_a_topic_of_several_types_is_skipped() -> None:
     assert "/odd" not in matching_topics(RecordRequest(patterns=("*",)), GRAPH)
 
 

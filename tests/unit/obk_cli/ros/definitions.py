@@ -1,4 +1,4 @@
-"""Message types without ROS: their fields, named as generated packages name them, and a message."""
+"""Message types without ROS: fields with the names in generated packages, and a message."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,7 +27,7 @@ def fields_of(name: str) -> Mapping[str, str]:
 
 
 class Message:
-    """Stands in for a message of a generated package."""
+    """A fake message of a generated package."""
 
     def __init__(self, **fields: Any) -> None:
         self._fields = fields

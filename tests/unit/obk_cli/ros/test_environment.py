@@ -41,24 +41,24 @@ def discovery_range(environment: RosEnvironment) -> str:
 
 
 def reported_to_ros(environment: RosEnvironment) -> tuple[str, str]:
-    """The range and the name of the file with settings of Fast DDS."""
+    """The discovery range and the file name of the Fast DDS settings."""
     variables = environment.variables
     return variables[RANGE], Path(variables.get(PROFILE, "")).name
 
 
-def test_a_stack_is_seen_by_this_host_only_unless_it_is_asked_for() -> None:
+def test_a_stack_is_visible_to_this_host_only_by_default() -> None:
     assert discovery_range(ros_environment()) == "LOCALHOST"
     assert discovery_range(ros_environment("lan")) == "SUBNET"
 
 
-def test_a_domain_that_is_empty_is_none_as_it_is_to_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_empty_domain_is_unset_as_in_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "")
     environment = ros_environment()
     assert environment.domain == 0
     assert "ROS_DOMAIN_ID" not in environment.variables
 
 
-def test_ros_gets_a_place_for_its_logs_where_the_home_takes_nothing(
+def test_ros_gets_a_log_folder_if_the_home_is_read_only(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -72,13 +72,13 @@ def test_ros_gets_a_place_for_its_logs_where_the_home_takes_nothing(
     assert note.startswith("ROS cannot write its log files into")
 
 
-def test_devices_on_several_hosts_find_each_other_unless_the_user_says_otherwise(
+def test_devices_on_several_hosts_find_each_other_by_default(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert discovery_range(ros_environment(devices_are_split=True)) == "SUBNET"
     here = ros_environment("localhost", devices_are_split=True)
     assert discovery_range(here) == "LOCALHOST"
-    hint = "keeps devices on other hosts from being found; use `--network lan`"
+    hint = "prevents the discovery of devices on other hosts; use `--network lan`"
     assert here.notes == (f"`--network localhost` {hint}",)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     kept = ros_environment(devices_are_split=True)
@@ -88,7 +88,7 @@ def test_devices_on_several_hosts_find_each_other_unless_the_user_says_otherwise
     assert ros_environment(devices_are_split=True).notes == ()
 
 
-def test_the_old_switch_is_heeded_once_and_never_handed_on(
+def test_the_old_switch_is_respected_once_and_never_passed_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
@@ -97,7 +97,7 @@ def test_the_old_switch_is_heeded_once_and_never_handed_on(
     assert (discovery_range(here), here.notes) == ("LOCALHOST", ())
     lan = ros_environment("lan")
     assert discovery_range(lan) == "SUBNET"
-    assert lan.notes == ("ROS_LOCALHOST_ONLY=1 is left out for `--network lan`",)
+    assert lan.notes == ("ROS_LOCALHOST_ONLY=1 is ignored for `--network lan`",)
     assert "ROS_LOCALHOST_ONLY" not in lan.variables
     lan.put_into_effect()
     assert "ROS_LOCALHOST_ONLY" not in os.environ
@@ -105,14 +105,14 @@ def test_the_old_switch_is_heeded_once_and_never_handed_on(
     assert discovery_range(ros_environment()) == "SUBNET"
 
 
-def test_peers_elsewhere_stay_unless_the_stack_is_to_be_seen_here_only(
+def test_remote_peers_are_kept_unless_the_stack_is_local_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.2")
     assert ros_environment().variables["ROS_STATIC_PEERS"] == "10.0.0.2"
     here = ros_environment("localhost")
     assert "ROS_STATIC_PEERS" not in here.variables
-    assert here.notes == ("ROS_STATIC_PEERS=10.0.0.2 is left out for `--network localhost`",)
+    assert here.notes == ("ROS_STATIC_PEERS=10.0.0.2 is ignored for `--network localhost`",)
 
 
 def test_settings_of_fast_dds_stay_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,7 +120,7 @@ def test_settings_of_fast_dds_stay_the_users(monkeypatch: pytest.MonkeyPatch) ->
     assert reported_to_ros(ros_environment()) == ("LOCALHOST", "")
 
 
-def test_what_lies_in_the_working_folder_is_no_setting_of_the_users(
+def test_files_in_the_working_folder_are_no_settings_of_the_user(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for network in ("localhost", "lan"):
@@ -129,7 +129,7 @@ def test_what_lies_in_the_working_folder_is_no_setting_of_the_users(
     assert "SKIP_DEFAULT_XML_FILE" not in ros_environment().variables
 
 
-def test_messages_go_over_udp_alone_and_here_over_the_loopback_device_alone(
+def test_local_messages_use_udp_over_the_loopback_device_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert reported_to_ros(ros_environment()) == ("SYSTEM_DEFAULT", "dds_localhost.xml")
@@ -138,7 +138,7 @@ def test_messages_go_over_udp_alone_and_here_over_the_loopback_device_alone(
     assert reported_to_ros(ros_environment()) == ("LOCALHOST", "dds_lan.xml")
 
 
-def test_another_middleware_heeds_no_settings_of_fast_dds(
+def test_another_middleware_ignores_settings_of_fast_dds(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "lib").mkdir()
@@ -148,7 +148,7 @@ def test_another_middleware_heeds_no_settings_of_fast_dds(
     assert reported_to_ros(ros_environment())[0] == "LOCALHOST"
 
 
-def test_an_environment_made_within_another_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_nested_environment_is_created_again(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in ros_environment().variables.items():
         monkeypatch.setenv(name, value)
     within = ros_environment()
@@ -173,7 +173,7 @@ def test_the_settings_for_here_and_for_the_lan_differ_in_addresses_only() -> Non
     assert [line.rpartition(" ")[2] for line in addresses] == ["127.0.0.1", "127.0.0.1"]
 
 
-def test_every_domain_has_ports_for_those_who_are_looked_for() -> None:
+def test_every_domain_has_ports_for_discoverable_participants() -> None:
     """DDSI-RTPS 2.5, 9.6.2.3: the last of two ports of each participant."""
     most = next(
         int(element.text or 0)
@@ -183,30 +183,31 @@ def test_every_domain_has_ports_for_those_who_are_looked_for() -> None:
     assert 7400 + 250 * HIGHEST_DOMAIN + 11 + 2 * (most - 1) < 1 << 16
 
 
-def test_what_the_user_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_of_the_user_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     environment = ros_environment()
     assert environment.variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "OFF"
     assert environment.domain == 7
     assert environment.notes == (
-        "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF keeps the nodes of a stack from finding each other",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF prevents the nodes of a stack from discovering "
+        "each other",
     )
 
 
-def test_a_middleware_that_is_not_there_is_replaced_and_reported(
+def test_a_missing_middleware_is_replaced_and_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_nowhere")
     environment = ros_environment()
     assert environment.variables["RMW_IMPLEMENTATION"] == "rmw_fastrtps_cpp"
     assert environment.notes == (
-        "RMW_IMPLEMENTATION=rmw_nowhere is not installed here; rmw_fastrtps_cpp is used instead",
+        "RMW_IMPLEMENTATION=rmw_nowhere is not installed; using rmw_fastrtps_cpp",
     )
 
 
 @pytest.mark.parametrize("domain", ["x", "-1", "233"])
-def test_a_domain_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch, domain: str) -> None:
+def test_an_invalid_domain_is_rejected(monkeypatch: pytest.MonkeyPatch, domain: str) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     with pytest.raises(CommandFailedError, match=f"ROS_DOMAIN_ID={domain} is not a number from 0"):
         ros_environment()

@@ -1,4 +1,4 @@
-"""Fields that a user selects, held against types and taken out of messages."""
+"""Fields selected by a user, checked against types and read from messages."""
 
 from array import array
 
@@ -48,7 +48,7 @@ def test_a_selection_is_names_and_places() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "a..b", "a[", "a[-1]", "a b", "1"])
-def test_what_names_no_field_is_misuse(text: str) -> None:
+def test_an_invalid_field_name_is_misuse(text: str) -> None:
     with pytest.raises(MisuseError, match="does not name a field"):
         parse_selection(text)
 
@@ -62,7 +62,7 @@ def test_what_names_no_field_is_misuse(text: str) -> None:
         ("gains", ArrayType(Number("double"), 3, "exactly")),
     ],
 )
-def test_a_field_that_is_there_has_its_type(text: str, kind: object) -> None:
+def test_an_existing_field_has_its_type(text: str, kind: object) -> None:
     assert check_selection(parse_selection(text), "pkg/State", fields_of) == kind
 
 
@@ -77,12 +77,12 @@ def test_a_field_that_is_there_has_its_type(text: str, kind: object) -> None:
         ),
         ("gains[3]", "`gains[3]`: the array has 3", None),
         ("few[2]", "`few[2]`: the array holds at most 2", None),
-        ("name[0]", "`name[0]`: [0] is of no array", None),
-        ("q_joints.x", "`q_joints.x`: `x` is of no message", None),
-        ("count.x", "`count.x`: `x` is of no message", None),
+        ("name[0]", "`name[0]`: [0] needs an array", None),
+        ("q_joints.x", "`q_joints.x`: `x` needs a message", None),
+        ("count.x", "`count.x`: `x` needs a message", None),
     ],
 )
-def test_a_field_that_is_not_there_is_reported_with_what_is(
+def test_a_missing_field_is_reported_with_the_existing_ones(
     text: str, message: str, help: str | None
 ) -> None:
     with pytest.raises(CommandFailedError) as caught:
@@ -90,7 +90,7 @@ def test_a_field_that_is_not_there_is_reported_with_what_is(
     assert (caught.value.message, caught.value.help) == (message, help)
 
 
-def test_the_value_of_a_message_is_taken_where_it_has_one() -> None:
+def test_the_value_of_a_message_is_read_if_it_exists() -> None:
     message = FakeMessage(q=array("d", [0.5, 1.5]), at=FakeMessage(x=3))
     assert selected(message, parse_selection("q[1]")) == 1.5
     assert selected(message, parse_selection("at.x")) == 3

@@ -1,4 +1,4 @@
-"""Message packages without their generator, until someone wants it."""
+"""Message packages without their generator, until it is needed."""
 
 import subprocess
 import sys
@@ -18,5 +18,5 @@ assert not hasattr(rosidl_generator_py, "other")
 """
 
 
-def test_messages_bring_their_generator_only_when_someone_wants_it() -> None:
+def test_messages_load_their_generator_only_when_needed() -> None:
     subprocess.run([sys.executable, "-c", CODE], check=True, timeout=60)

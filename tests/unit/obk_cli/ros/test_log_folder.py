@@ -1,4 +1,4 @@
-"""Where ROS writes its log files, and where it does so instead."""
+"""The folder of ROS's log files, and its fallback."""
 
 import errno
 import os
@@ -18,14 +18,14 @@ def _own_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 @pytest.fixture
 def blocked(tmp_path: Path) -> Path:
-    """What no one can make a folder in, not even root."""
+    """A path in which even root cannot create a folder."""
     path = tmp_path / "a file"
     path.touch()
     return path
 
 
 @pytest.mark.parametrize("name", ["HOME", "ROS_HOME", "ROS_LOG_DIR"])
-def test_a_folder_that_ros_can_write_to_or_make_stays(tmp_path: Path, name: str) -> None:
+def test_a_folder_that_ros_can_write_to_or_create_is_kept(tmp_path: Path, name: str) -> None:
     variables = {"HOME": "/no/such", name: str(tmp_path / "to be made")}
     before = dict(variables)
     assert list(set_log_folder(variables)) == []
@@ -33,21 +33,19 @@ def test_a_folder_that_ros_can_write_to_or_make_stays(tmp_path: Path, name: str)
     assert not (tmp_path / "to be made").exists()
 
 
-def test_a_home_that_takes_nothing_is_reported_with_the_place_that_does(
-    tmp_path: Path, blocked: Path
-) -> None:
+def test_a_read_only_home_is_reported_with_the_folder_in_use(tmp_path: Path, blocked: Path) -> None:
     variables = {"HOME": str(blocked)}
     (sentence,) = set_log_folder(variables)
     (folder,) = tmp_path.glob("obk-ros-*")
     assert variables == {"HOME": str(blocked), "ROS_HOME": str(folder)}
     assert sentence == (
-        f"ROS cannot write its log files into {blocked}/.ros/log; they go to {folder}/log"
+        f"ROS cannot write its log files into {blocked}/.ros/log; they are written to {folder}/log"
     )
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
 def test_a_home_that_is_closed_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As `sudo -u robot` leaves it: root's."""
+    """Owned by root, as after `sudo -u robot`."""
     closed = tmp_path / "closed"
     closed.mkdir()
     look, may = os.stat, os.access
@@ -60,13 +58,17 @@ def test_a_home_that_is_closed_is_reported(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("os.stat", look_if_open)
     monkeypatch.setattr("os.access", lambda path, mode: path != closed and may(path, mode))
     (sentence,) = set_log_folder({"HOME": str(closed)})
-    assert sentence.startswith(f"ROS cannot write its log files into {closed}/.ros/log; they go")
+    assert sentence.startswith(
+        f"ROS cannot write its log files into {closed}/.ros/log; they are written"
+    )
 
 
 @pytest.mark.parametrize("variables", [{}, {"HOME": ""}, {"ROS_LOG_DIR": "~/logs"}])
-def test_without_a_home_there_is_another_place(variables: dict[str, str]) -> None:
+def test_without_a_home_another_folder_is_used(variables: dict[str, str]) -> None:
     (sentence,) = set_log_folder(variables)
-    assert sentence.startswith("ROS finds no place for its log files, as HOME is not set; they go")
+    assert sentence.startswith(
+        "ROS has no folder for its log files, because HOME is not set; they are written"
+    )
     assert "ROS_HOME" in variables
 
 
@@ -77,12 +79,15 @@ def test_a_disk_without_room_for_the_folder_is_reported(
     total = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: total._replace(free=0))
     (sentence,) = set_log_folder(variables)
-    assert f"ROS cannot make {tmp_path}/.ros/log for its log files, as the disk is full" in sentence
+    assert (
+        f"ROS cannot create {tmp_path}/.ros/log for its log files, because the disk is full"
+        in sentence
+    )
     (tmp_path / ".ros" / "log").mkdir(parents=True)
     assert list(set_log_folder({"HOME": str(tmp_path)})) == []
 
 
-def test_runs_are_found_where_they_were(blocked: Path) -> None:
+def test_runs_are_found_in_their_original_folder(blocked: Path) -> None:
     given = {"HOME": "/no/such", "ROS_LOG_DIR": str(blocked)}
     variables = dict(given)
     assert len(list(set_log_folder(variables))) == 1
@@ -97,5 +102,5 @@ def test_a_folder_of_another_user_is_not_taken(
     variables = {"HOME": str(blocked)}
     (sentence,) = set_log_folder(variables)
     assert sentence.startswith("ROS will not start: ROS cannot write its log files into")
-    assert "is another user's" in sentence
+    assert "belongs to another user" in sentence
     assert variables == {"HOME": str(blocked)}

@@ -1,4 +1,4 @@
-"""What a user writes for a message, held against its type."""
+"""Messages typed by a user, checked against their type."""
 
 import math
 
@@ -17,7 +17,7 @@ def faults(text: str) -> tuple[str, ...]:
     return fill(load_yaml_core(text), "pkg/State", fields_of).faults
 
 
-def test_what_fits_is_taken_with_numbers_as_the_type_has_them() -> None:
+def test_matching_values_are_accepted_and_numbers_converted() -> None:
     text = """
     {header: {stamp: now, frame_id: base}, q_joints: [1, 2e-3, .inf], few: [-128],
      corners: [{x: 1}, {}], name: abcde, is_on: true, count: 255, mark: 7}
@@ -36,11 +36,11 @@ def test_what_fits_is_taken_with_numbers_as_the_type_has_them() -> None:
     }
 
 
-def test_nothing_stands_for_a_message_as_it_is_by_default() -> None:
+def test_an_empty_value_is_a_default_message() -> None:
     assert fill(None, "pkg/State", fields_of).data == {}
 
 
-def test_what_does_not_fit_is_refused_with_its_faults_and_the_fields() -> None:
+def test_invalid_values_are_rejected_with_their_faults_and_the_fields() -> None:
     text = f"{{{', '.join(f'wrong_{number}: 1' for number in range(22))}}}"
     with pytest.raises(MisuseError, match="the message does not fit pkg/Point:") as refused:
         require_fit(load_yaml_core(text), "pkg/Point", fields_of)
@@ -79,7 +79,7 @@ def test_a_header_may_be_left_to_the_time_of_publishing() -> None:
         ),
     ],
 )
-def test_what_does_not_fit_is_reported_with_what_the_type_wants(text: str, fault: str) -> None:
+def test_mismatched_values_are_reported_with_the_expected_type(text: str, fault: str) -> None:
     assert faults(text) == (fault,)
 
 

@@ -1,4 +1,4 @@
-"""Values of parameters, as a user types them."""
+"""Parameter values, as typed by a user."""
 
 import pytest
 
@@ -25,13 +25,13 @@ from obk_cli.ros.parameters import KINDS, NodeParameter, fit_parameter, parse_pa
         ("[]", "bool_array", ()),
     ],
 )
-def test_a_text_stands_for_a_value_and_its_type(text: str, kind: str, value: object) -> None:
+def test_a_text_represents_a_value_and_its_type(text: str, kind: str, value: object) -> None:
     assert parse_parameter(text) == NodeParameter(kind=kind, value=value)  # type: ignore[arg-type]
     assert kind in KINDS
 
 
 @pytest.mark.parametrize("text", ["[1, a]", "[[1]]", "{a: 1}", "", "[true, 1]", "[", "9" * 20])
-def test_what_no_parameter_can_have_is_misuse(text: str) -> None:
+def test_impossible_parameters_are_misuse(text: str) -> None:
     with pytest.raises(MisuseError):
         parse_parameter(text)
 
@@ -48,14 +48,14 @@ def test_what_no_parameter_can_have_is_misuse(text: str) -> None:
         ("5", "string", "string", "5"),
         ("1.50", "string", "string", "1.50"),
         ("true", "string", "string", "true"),
-        # What does not fit is left to the node to refuse.
+        # Values that do not match are left for the node to reject.
         ("1.5", "integer", "double", 1.5),
         ("true", "double", "bool", True),
         ("[300]", "byte_array", "integer_array", (300,)),
         ("5", "not set", "integer", 5),
     ],
 )
-def test_a_value_is_taken_as_the_parameters_type_wants_it(
+def test_a_value_is_converted_to_the_parameters_type(
     text: str, wanted: str, kind: str, value: object
 ) -> None:
     fitted = fit_parameter(text, parse_parameter(text), wanted)
@@ -64,7 +64,7 @@ def test_a_value_is_taken_as_the_parameters_type_wants_it(
 
 
 @pytest.mark.parametrize(
-    ("reason", "said"),
+    ("reason", "output"),
     [
         (
             "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.STRING'",
@@ -78,7 +78,7 @@ def test_a_value_is_taken_as_the_parameters_type_wants_it(
         ("the gain is above 10", "the gain is above 10"),
     ],
 )
-def test_a_refusal_is_in_the_nodes_own_words_not_in_those_of_a_library(
-    reason: str, said: str
+def test_a_rejection_has_the_nodes_own_message_not_that_of_a_library(
+    reason: str, output: str
 ) -> None:
-    assert refusal(reason, parse_parameter("fast")) == said
+    assert refusal(reason, parse_parameter("fast")) == output

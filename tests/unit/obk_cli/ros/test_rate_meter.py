@@ -1,4 +1,4 @@
-"""Counting the messages of topics, without ROS: what comes is made up."""
+"""Counting the messages of topics, without ROS, on fake messages."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -11,7 +11,7 @@ S = 1_000_000_000
 
 
 class Topic:
-    """A topic on which messages wait, each with when it was published and received [ns]."""
+    """A topic with waiting messages, each with its times of publication and reception [ns]."""
 
     publishers = 1
 
@@ -32,7 +32,7 @@ class Topic:
 
 
 class Look:
-    """A participant that listens to one topic."""
+    """A participant with a subscription to one topic."""
 
     def __init__(self) -> None:
         self.topic = Topic()
@@ -68,18 +68,18 @@ def test_a_rate_in_simulated_time_is_that_of_its_clock(look: Any) -> None:
     look.topic.waiting = [(begin + n * S // 10, begin + n * S // 10) for n in range(20)]
     meter.turn()
     rate = meter.rates()["/imu"]
-    assert rate.seen == 19  # the first one came before the clock was known
+    assert rate.seen == 19  # the first message arrived before the clock was known
     assert rate.rate_hz == pytest.approx(20.0)
 
 
-def test_what_was_published_before_anybody_listened_is_no_part_of_the_rate(look: Look) -> None:
+def test_messages_from_before_the_subscription_do_not_count(look: Look) -> None:
     old = [(99 * S + n, 100 * S + n) for n in range(10)]
     new = [(100 * S + n, 100 * S + n) for n in range(10, 13)]
     assert counted(look, *old) == 0
     assert counted(look, *old, *new) == 3
 
 
-def test_what_came_while_the_asker_rested_is_counted(look: Any) -> None:
+def test_messages_during_a_pause_are_counted(look: Any) -> None:
     meter = RosMeter(look, 10.0, turn_s=0.0)
     meter.add("/imu", "p/msg/M", object)
     meter.turn()
@@ -87,6 +87,6 @@ def test_what_came_while_the_asker_rested_is_counted(look: Any) -> None:
     assert meter.rates()["/imu"].age_s == 0.0
 
 
-def test_a_publisher_whose_clock_is_behind_is_counted_all_the_same(look: Look) -> None:
+def test_a_publisher_with_a_late_clock_is_still_counted(look: Look) -> None:
     behind = [(n * S // 10, 100 * S + n * S // 10) for n in range(20)]
     assert counted(look, *behind) == 14

@@ -1,4 +1,4 @@
-"""Rates, losses, bandwidth and delays, from times that are made up."""
+"""Rates, losses, bandwidth and delays, from made-up times."""
 
 import math
 
@@ -74,7 +74,7 @@ def test_nothing_came() -> None:
     assert rate_at(Meter(1.0), 0) == TopicRate(count=0, lost=0, seen=0, window_s=0.0)
 
 
-def test_messages_of_the_same_moment_have_no_rate() -> None:
+def test_simultaneous_messages_have_no_rate() -> None:
     assert rate_at(metered([3.0, 3.0]), 4.0).rate_hz is None
 
 
@@ -141,7 +141,7 @@ def test_delays_are_from_stamp_to_receipt() -> None:
     assert delay.std_dev_s == pytest.approx(math.sqrt(2 / 3) * 1e-3)
 
 
-def test_stamps_of_a_simulators_clock_tell_only_differences() -> None:
+def test_stamps_of_a_simulators_clock_give_only_differences() -> None:
     meter = DelayMeter(10)
     for delay_ms in (5, 7):
         meter.take(BEGIN + delay_ms * MS, 3_000 * MS)
@@ -166,7 +166,7 @@ def test_a_simulators_clock_that_is_slow_or_fast_makes_no_delays(pace: float) ->
 
 def test_stamps_of_simulated_time_have_delays_in_it() -> None:
     meter = DelayMeter(10)
-    meter.take(BEGIN, 1_000 * MS)  # before `/clock` came
+    meter.take(BEGIN, 1_000 * MS)  # before `/clock` was received
     for number in (1, 2, 3):
         simulated = (1_000 + 10 * number) * MS
         meter.take(BEGIN + 20 * number * MS, simulated - number * MS, simulated)
@@ -179,7 +179,7 @@ def test_stamps_of_simulated_time_have_delays_in_it() -> None:
     assert "in simulated time, 0.51" in delay_text(delay)
 
 
-def test_delays_forget_what_is_beyond_the_window() -> None:
+def test_delays_forget_values_outside_the_window() -> None:
     meter = DelayMeter(1)
     meter.take(BEGIN + 9 * MS, BEGIN)
     meter.take(BEGIN + 1 * MS, BEGIN)
@@ -198,7 +198,7 @@ def test_messages_that_were_never_stamped_are_counted_apart() -> None:
 def test_a_publisher_that_fell_silent_is_reported_as_silent() -> None:
     steady = metered([100.0 * number for number in range(50)])
     assert "none for" not in rate_text(rate_at(steady, 5_000))
-    assert rate_text(rate_at(steady, 8_000)).endswith("  none for 3.1 s")
+    assert rate_text(rate_at(steady, 8_000)).endswith("  no message for 3.1 s")
     assert rate_text(rate_at(steady, 65_000)) == "no message for 60.1 s"
     assert rate_text(rate_at(metered([0.0]), 65_000)) == "one message"
     assert rate_text(rate_at(Meter(1.0), 0)) == "no message yet"
@@ -207,4 +207,4 @@ def test_a_publisher_that_fell_silent_is_reported_as_silent() -> None:
 def test_a_slow_topic_is_not_silent_between_two_messages() -> None:
     slow = metered([0.0, 4_000.0, 8_000.0], window_s=60.0)
     assert "none for" not in rate_text(rate_at(slow, 15_900))
-    assert rate_text(rate_at(slow, 16_100)).endswith("  none for 8.1 s")
+    assert rate_text(rate_at(slow, 16_100)).endswith("  no message for 8.1 s")

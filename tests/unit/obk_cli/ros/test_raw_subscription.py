@@ -1,4 +1,4 @@
-"""The quality of service that raw subscriptions request, and the messages that they miss."""
+"""The QoS that raw subscriptions request, and the messages that they miss."""
 
 from dataclasses import replace
 
@@ -19,18 +19,18 @@ LATCHED = replace(RELIABLE, durability="transient_local")
 UNRELIABLE = replace(RELIABLE, reliability="best_effort")
 
 
-def test_what_all_publishers_offer_is_asked_for() -> None:
+def test_the_qos_that_all_publishers_offer_is_requested() -> None:
     assert requested_qos([]) == RequestedQos(is_reliable=True, is_transient_local=False)
     assert requested_qos([RELIABLE]) == RequestedQos(is_reliable=True, is_transient_local=False)
     assert requested_qos([LATCHED]) == RequestedQos(is_reliable=True, is_transient_local=True)
 
 
-def test_one_weaker_publisher_among_them_is_heard_too() -> None:
+def test_one_weaker_publisher_among_them_is_received_too() -> None:
     assert requested_qos([LATCHED, RELIABLE]) == RequestedQos()
     assert requested_qos([RELIABLE, UNRELIABLE]) == RequestedQos(is_reliable=False)
 
 
-def test_a_light_one_is_reliable_only_for_what_was_published_before() -> None:
+def test_a_light_subscription_is_reliable_only_for_latched_messages() -> None:
     assert requested_qos([], is_light=True) == RequestedQos(is_reliable=False)
     assert requested_qos([RELIABLE], is_light=True) == RequestedQos(is_reliable=False)
     assert requested_qos([LATCHED], is_light=True) == requested_qos([LATCHED])
@@ -48,7 +48,7 @@ def test_gaps_in_the_numbers_are_lost_messages() -> None:
     assert counted(1, 2, 5, 6, 9) == (5, 4)
 
 
-def test_what_was_published_before_the_recording_is_not_lost() -> None:
+def test_messages_from_before_the_recording_are_not_lost() -> None:
     assert counted(100, 101) == (2, 0)
 
 
@@ -57,5 +57,5 @@ def test_a_publisher_that_begins_again_has_lost_nothing() -> None:
     assert counted(1, 1) == (2, 0)
 
 
-def test_numbers_of_several_publishers_tell_nothing() -> None:
+def test_numbers_of_several_publishers_give_no_losses() -> None:
     assert counted(1, 50, 2, 51, publishers=2) == (4, 0)

@@ -1,4 +1,4 @@
-"""How a participant leaves the ROS graph; nothing of ROS is loaded."""
+"""How a participant leaves the ROS graph, without ROS."""
 
 import os
 import threading
@@ -12,7 +12,7 @@ from obk_cli.ros.participant import RosParticipant, remove_participant
 
 
 class Node:
-    """A node of rclpy that is not there."""
+    """A node of rclpy that does not exist."""
 
     def __init__(self, events: list[str]) -> None:
         self._events = events

@@ -1,4 +1,4 @@
-"""Calls whose first answer is lost, as it is where the node did not know of the client by then."""
+"""Service calls whose first response is lost, as happens before the node discovers the client."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +14,7 @@ GET_STATE = ros_calls.QUESTIONS["get_state"]
 
 
 class LossyClient:
-    """Answers from the second question on."""
+    """Responds from the second request on."""
 
     def __init__(self) -> None:
         self.asked = 0
@@ -33,7 +33,7 @@ class LossyClient:
 
 
 class LossyNode:
-    """Answers from the second question for its state on."""
+    """Responds from the second request for its state on."""
 
     def __init__(self) -> None:
         self.asked = 0
@@ -74,18 +74,18 @@ def client(lossy: LossyClient) -> ServiceClient:
     return made
 
 
-def test_a_question_is_asked_again(client: ServiceClient, lossy: LossyClient) -> None:
+def test_a_request_is_repeated(client: ServiceClient, lossy: LossyClient) -> None:
     assert client.call("request", 60.0, is_question=True) == "the answer"
     assert lossy.asked == 2
 
 
 def test_what_may_change_something_is_asked_once(client: ServiceClient, lossy: LossyClient) -> None:
-    with pytest.raises(CommandFailedError, match=r"/n/get_state gave no answer within 0\.02 s"):
+    with pytest.raises(CommandFailedError, match=r"/n/get_state did not answer within 0\.02 s"):
         client.call("request", 0.02)
     assert lossy.asked == 1
 
 
-def test_a_nodes_state_is_asked_for_again() -> None:
+def test_a_request_for_a_nodes_state_is_repeated() -> None:
     ros, node = object.__new__(LifecycleClient), LossyNode()
     vars(ros).update(_clients=node, _wait=node.answer)
     assert ros.state("/n", 60.0) == "active"
@@ -101,7 +101,7 @@ SERVICES = {
 @pytest.mark.parametrize(
     ("name", "asked"), [("/n/on", ["/n/get_state", "/n/on"]), ("/n/get_state", ["/n/get_state"])]
 )
-def test_a_node_is_asked_something_before_it_is_asked_to_do_something(
+def test_a_node_is_queried_before_it_gets_a_request_with_side_effects(
     monkeypatch: pytest.MonkeyPatch, name: str, asked: list[str]
 ) -> None:
     sent: list[str] = []

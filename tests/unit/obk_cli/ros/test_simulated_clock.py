@@ -1,4 +1,4 @@
-"""Simulated time at a time of the wall clock, by messages that are made up."""
+"""Simulated time at a wall time, from made-up messages."""
 
 import struct
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ def clock_of(times: Iterable[tuple[int, int]]) -> SimulatedClock:
     return clock
 
 
-def test_the_time_is_the_last_one_that_had_come() -> None:
+def test_the_time_is_the_last_received_one() -> None:
     clock = clock_of((10 * n, 5 * n) for n in range(20))
     assert clock.at(BEGIN + 100 * MS) == 50 * MS
     assert clock.at(BEGIN + 109 * MS) == 50 * MS
@@ -38,14 +38,14 @@ def test_before_the_first_message_no_time_is_known() -> None:
     assert clock_of([(10, 7)]).at(BEGIN) == 7 * MS
 
 
-def test_a_time_that_goes_back_starts_an_epoch() -> None:
+def test_a_time_that_goes_back_starts_a_new_epoch() -> None:
     clock = clock_of([(0, 900), (1, 901), (2, 0), (3, 1)])
     assert clock.epoch == 1
     assert clock.at(BEGIN) == 0
     assert clock.at(BEGIN + 3 * MS) == 1 * MS
 
 
-def test_the_pace_is_that_of_the_time_asked_for() -> None:
+def test_the_speed_is_that_at_the_requested_time() -> None:
     assert SimulatedClock().pace(BEGIN) is None
     fast = [(n, n) for n in range(2000)]
     slow = [(2000 + n, 2000 + n // 4) for n in range(2001)]

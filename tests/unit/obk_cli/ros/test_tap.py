@@ -1,4 +1,4 @@
-"""A tap's numbers: a gap in them is a message that was lost."""
+"""Sequence numbers of a tap: a gap is a lost message."""
 
 from collections import deque
 from pathlib import Path
@@ -16,7 +16,7 @@ PUBLISHER = bytes(range(16))
 DEPTH = 10
 
 
-def test_packets_that_others_got_before_a_publisher_connects_are_no_gap(
+def test_packets_from_before_the_connection_are_no_gap(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     dds = deque(Sample(b"", PUBLISHER, number, 0, 0) for number in (1, 2))

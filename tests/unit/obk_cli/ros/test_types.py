@@ -1,4 +1,4 @@
-"""Types by their names, which come from whoever is in the ROS graph."""
+"""Types by their names, which come from other nodes in the ROS graph."""
 
 import sys
 from pathlib import Path
@@ -11,11 +11,11 @@ from obk_cli.ros.types import find_type
 
 @pytest.fixture
 def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of packages that can be imported, each of which says so."""
-    said = "from pathlib import Path\nPath(__file__).with_name('imported').touch()\n"
+    """A folder of importable packages, each of which records its import."""
+    output = "from pathlib import Path\nPath(__file__).with_name('imported').touch()\n"
     for name in ("no_messages", "odd_msgs", "odd_msgs/msg", "no_messages/tool"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text(said)
+        (tmp_path / name / "__init__.py").write_text(output)
     (tmp_path / "odd_msgs" / "msg" / "__init__.py").write_text("class Odd: ...\nother = 1\n")
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
@@ -42,11 +42,11 @@ def test_a_message_is_found(packages: Path) -> None:
     ],
 )
 def test_nothing_is_imported_that_holds_no_messages(packages: Path, name: str) -> None:
-    with pytest.raises(CommandFailedError, match="is not here"):
+    with pytest.raises(CommandFailedError, match="cannot be loaded"):
         find_type(name)
     assert list(packages.rglob("imported")) == []
 
 
-def test_what_is_no_type_is_none(packages: Path) -> None:
+def test_invalid_types_are_none(packages: Path) -> None:
     with pytest.raises(CommandFailedError, match="the package odd_msgs has no type"):
         find_type("odd_msgs/msg/other")

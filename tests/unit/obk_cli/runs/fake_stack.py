@@ -21,7 +21,7 @@ ROBOT, CONTROL, JOY = "/obelisk_robot_0", "/obelisk_control_0", "/joy"
 
 
 class FakeStack:
-    """The supervisor: changes states as asked, unless a node is broken."""
+    """The supervisor: changes states on request, unless a node is broken."""
 
     def __init__(self, folder: Path, run: Run, states: Mapping[str, str]) -> None:
         self.folder = folder
@@ -29,15 +29,15 @@ class FakeStack:
         self.states = dict(states)
         self.broken: set[str] = set()
         self.hung: set[str] = set()
-        self.heard: list[InputEvent] = []
+        self.received: list[InputEvent] = []
 
-    def answer(self, heard: InputEvent) -> None:
-        self.heard.append(heard)
-        match heard:
+    def answer(self, received: InputEvent) -> None:
+        self.received.append(received)
+        match received:
             case StatusRequested():
-                heard.reply(self._status())
+                received.reply(self._status())
             case ChangeRequested():
-                heard.reply(self._changed(heard))
+                received.reply(self._changed(received))
             case StopRequested():
                 record_end(self.folder, self.run, 1.0, exit_code=0)
             case _:
@@ -91,15 +91,15 @@ def fake_stack(
     leads: bool = True,
     elsewhere: Mapping[str, str] | None = None,
 ) -> Iterator[FakeStack]:
-    """A stack that runs and answers; one without a state has no life cycle.
+    """A stack that is running and replies; nodes without a state have no life cycle.
 
     Args:
         parent: the folder of all runs.
-        states: of the nodes that run here.
-        name: the config's.
+        states: states of the nodes on this host.
+        name: the name of the config.
         domain: the ROS domain.
-        devices: that are run here.
-        leads: whether this launcher drives the whole stack.
+        devices: the devices that run on this host.
+        leads: whether this launcher controls the whole stack.
         elsewhere: states of other devices' nodes.
     """
     pid, started = this_process()
@@ -118,8 +118,8 @@ def fake_stack(
     inbox: SimpleQueue[InputEvent | None] = SimpleQueue()
 
     def supervise() -> None:
-        while (heard := inbox.get()) is not None:
-            stack.answer(heard)
+        while (received := inbox.get()) is not None:
+            stack.answer(received)
 
     thread = threading.Thread(target=supervise)
     thread.start()

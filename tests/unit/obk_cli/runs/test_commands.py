@@ -1,4 +1,4 @@
-"""`obk lifecycle`, `ps`, `stop`, `logs`, `reap` as a person meets them."""
+"""The `obk lifecycle`, `ps`, `stop`, `logs` and `reap` commands."""
 
 import json
 import os
@@ -29,9 +29,9 @@ PID, STARTED = this_process()
 def parent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("OBK_HOME", str(tmp_path))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    # The launcher is this very process, which stays.
+    # The launcher is this process, which continues.
     monkeypatch.setattr(registry, "EXIT_S", 0.0)
-    # What others leave behind on this host is neither shown nor ended.
+    # Orphans of other stacks on this host are neither shown nor ended.
     monkeypatch.setattr(leftovers, "_own_processes", psutil.Process().children)
     return tmp_path / "runs"
 
@@ -50,7 +50,7 @@ def test_get_shows_nodes_and_states(parent: Path, capsys: pytest.CaptureFixture[
         assert json.loads(capsys.readouterr().out) == {CONTROL: "inactive"}
 
 
-def test_a_state_that_no_one_knows_fails(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_state_fails(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with fake_stack(parent, {ROBOT: "unknown", CONTROL: "active"}) as stack:
         assert obk("lifecycle", "get") == 1
         stack.states[ROBOT] = "gone"
@@ -61,7 +61,9 @@ def test_a_state_that_no_one_knows_fails(parent: Path, capsys: pytest.CaptureFix
     assert f"{CONTROL}  no answer" in capsys.readouterr().out
 
 
-def test_list_shows_what_is_possible(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_shows_the_possible_transitions(
+    parent: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with fake_stack(parent, {ROBOT: "finalized", CONTROL: "inactive"}):
         assert obk("lifecycle", "list") == 0
         assert capsys.readouterr().out == (
@@ -85,7 +87,7 @@ def test_a_change_shows_each_member(parent: Path, capsys: pytest.CaptureFixture[
     }
 
 
-def test_the_culprit_comes_first(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_cause_comes_first(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with fake_stack(parent, STATES) as stack:
         stack.broken.add(CONTROL)
         assert obk("lifecycle", "activate") == 1
@@ -100,7 +102,7 @@ def test_the_culprit_comes_first(parent: Path, capsys: pytest.CaptureFixture[str
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
         (("lifecycle", "activte"), "did you mean `activate`"),
         (("lifecycle", "get", "--format", "xml"), "expected `text` or `json`"),
@@ -112,10 +114,10 @@ def test_the_culprit_comes_first(parent: Path, capsys: pytest.CaptureFixture[str
     ],
 )
 def test_misuse(
-    parent: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+    parent: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], output: str
 ) -> None:
     assert obk(*arguments) == 2
-    assert said in capsys.readouterr().err
+    assert output in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", ["lifecycle", "ps", "stop", "logs", "reap"])
@@ -126,7 +128,7 @@ def test_every_command_has_help_with_an_example(
     assert f"Example: obk {verb}" in capsys.readouterr().out
 
 
-def test_ros_stays_out_where_the_launcher_answers(parent: Path) -> None:
+def test_ros_is_not_used_if_the_launcher_replies(parent: Path) -> None:
     code = (
         "import sys\n"
         "from obk_cli.cli.main import main\n"
@@ -140,7 +142,7 @@ def test_ros_stays_out_where_the_launcher_answers(parent: Path) -> None:
     assert result.stdout.splitlines()[-1] == "0 False"
 
 
-def test_a_launcher_that_dies_before_it_answers_is_reported(
+def test_a_launcher_that_dies_before_it_replies_is_reported(
     parent: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lifecycle, "ask_change", lambda *_, **__: None)
@@ -167,12 +169,12 @@ def test_stop_ends_the_only_stack(parent: Path, capsys: pytest.CaptureFixture[st
     with fake_stack(parent, STATES) as stack:
         assert obk("stop") == 0
         assert capsys.readouterr().out == "dummy: ended\n"
-        assert stack.heard == [StopRequested(reason="asked by `obk stop`")]
+        assert stack.received == [StopRequested(reason="requested by `obk stop`")]
         assert obk("stop") == 1
     assert capsys.readouterr().err.startswith("error: no stack is running on this host")
 
 
-def test_stop_wants_to_know_which(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stop_requires_a_choice(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = {"/left/obelisk_control_1": "inactive"}
     with fake_stack(parent, STATES) as dummy, fake_stack(parent, other, name="left") as left:
         assert obk("stop") == 2
@@ -180,9 +182,9 @@ def test_stop_wants_to_know_which(parent: Path, capsys: pytest.CaptureFixture[st
         assert obk("stop", "lft") == 1
         assert "did you mean `left`?" in capsys.readouterr().err
         assert obk("stop", left.folder.name) == 0
-        assert (len(dummy.heard), len(left.heard)) == (0, 1)
+        assert (len(dummy.received), len(left.received)) == (0, 1)
         assert obk("stop", "--all") == 0
-        assert len(dummy.heard) == 1
+        assert len(dummy.received) == 1
         assert obk("stop", "--all") == 0
 
 
@@ -224,7 +226,7 @@ def test_logs_show_the_newest_run_and_its_nodes(
         assert "does not exist" in capsys.readouterr().err
 
 
-def test_reap_ends_what_is_left_and_says_so(
+def test_reap_ends_orphans_and_reports_them(
     parent: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     marks = {"OBK_RUN": f"reaped_{os.getpid()}", "OBK_LAUNCHER": f"{PID}:{STARTED - 60}"}

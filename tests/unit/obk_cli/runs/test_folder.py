@@ -30,7 +30,7 @@ def test_the_folder_carries_the_configs_name_and_the_time(tmp_path: Path) -> Non
     assert folder.name == "dummy_20310203_040506"
 
 
-def test_runs_are_for_their_owner_only_whatever_the_umask(tmp_path: Path) -> None:
+def test_runs_are_private_to_their_owner_with_any_umask(tmp_path: Path) -> None:
     before = os.umask(0)
     try:
         folder = make_run_folder(tmp_path / "home" / "runs", "dummy", NOW)
@@ -44,11 +44,13 @@ def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
     assert first != second
 
 
-def test_of_a_hundred_runs_in_one_second_the_last_is_reported_why_not(tmp_path: Path) -> None:
+def test_the_last_of_a_hundred_runs_in_one_second_is_rejected_with_the_reason(
+    tmp_path: Path,
+) -> None:
     for _ in range(99):
         make_run_folder(tmp_path, "dummy", NOW)
-    said = r"dummy_20310203_040506: 99 runs were started within this second"
-    with pytest.raises(FileExistsError, match=said):
+    output = r"dummy_20310203_040506: 99 runs were started within this second"
+    with pytest.raises(FileExistsError, match=output):
         make_run_folder(tmp_path, "dummy", NOW)
 
 
@@ -79,7 +81,7 @@ def test_a_run_of_another_shape_is_left_out(tmp_path: Path, field: str, value: o
     assert read_runs(tmp_path) == ()
 
 
-def test_a_run_file_that_is_no_file_or_too_long_is_not_waited_for(tmp_path: Path) -> None:
+def test_an_invalid_run_file_is_not_waited_for(tmp_path: Path) -> None:
     pipe, device, long = (make_run_folder(tmp_path, name, NOW) for name in "abc")
     os.mkfifo(pipe / "run.json")
     (device / "run.json").symlink_to("/dev/zero")
@@ -92,7 +94,7 @@ def test_obk_home_moves_the_runs(tmp_path: Path) -> None:
     assert runs_folder({"OBK_HOME": str(tmp_path)}) == tmp_path / "runs"
 
 
-def test_runs_come_newest_first_whatever_their_names(tmp_path: Path) -> None:
+def test_runs_are_listed_newest_first_whatever_their_names(tmp_path: Path) -> None:
     old = make_run_folder(tmp_path, "zebra", NOW)
     same_second = make_run_folder(tmp_path, "zebra", NOW)
     new = make_run_folder(tmp_path, "ant", NOW.replace(year=2032))
@@ -100,15 +102,13 @@ def test_runs_come_newest_first_whatever_their_names(tmp_path: Path) -> None:
     assert run_folders(tmp_path) == (new, same_second, old)
 
 
-def test_ros_log_dir_takes_the_runs_where_obk_home_does_not(tmp_path: Path) -> None:
+def test_ros_log_dir_contains_the_runs_if_obk_home_does_not(tmp_path: Path) -> None:
     logs = {"ROS_LOG_DIR": str(tmp_path)}
     assert runs_folder(logs) == tmp_path / "obk" / "runs"
     assert runs_folder({**logs, "OBK_HOME": "/home"}) == Path("/home/runs")
 
 
-def test_in_a_folder_that_is_closed_there_are_no_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unreadable_folder_has_no_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_run_folder(tmp_path, "dummy", NOW)
 
     def refused(*_: object) -> None:
@@ -118,7 +118,7 @@ def test_in_a_folder_that_is_closed_there_are_no_runs(
     assert run_folders(tmp_path) == ()
 
 
-def test_a_user_without_a_home_is_reported_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_without_a_home_gets_a_hint(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("HOME", "XDG_STATE_HOME"):
         monkeypatch.delenv(name, raising=False)
 
@@ -131,7 +131,7 @@ def test_a_user_without_a_home_is_reported_what_to_set(monkeypatch: pytest.Monke
     assert refused.value.help == "set HOME, or OBK_HOME"
 
 
-def test_the_end_is_noted_beside_what_the_run_was_made_from(tmp_path: Path) -> None:
+def test_the_outcome_is_stored_next_to_the_config_of_the_run(tmp_path: Path) -> None:
     write_run(tmp_path, RUN, RunOrigin(plan='{"name": "dummy"}', versions={"obk": "1"}))
     record_end(tmp_path, RUN, 7.0, exit_code=1, cause="a node crashed")
     assert read_run(tmp_path) == replace(RUN, ended=7.0, exit_code=1, cause="a node crashed")

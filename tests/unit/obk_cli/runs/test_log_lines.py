@@ -1,4 +1,4 @@
-"""A log that is followed while it is written, replaced, cut short."""
+"""Following a log while it is written, replaced or truncated."""
 
 from pathlib import Path
 
@@ -25,10 +25,10 @@ def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
     assert list(read_lines(path)) == ["one", "", "two"]
 
 
-def test_lines_come_as_they_are_written_whole(tmp_path: Path) -> None:
+def test_only_complete_lines_are_returned(tmp_path: Path) -> None:
     path = tmp_path / "log"
     lines = follow_lines(path)
-    assert next(lines) is None  # it is not there yet
+    assert next(lines) is None  # it does not exist yet
     append(path, b"one\ntw")
     assert [next(lines), next(lines)] == ["one", None]
     append(path, "o ä".encode()[:-1])
@@ -37,7 +37,7 @@ def test_lines_come_as_they_are_written_whole(tmp_path: Path) -> None:
     assert [next(lines), next(lines)] == ["two ä", None]
 
 
-def test_a_file_in_its_place_is_gone_on_with(tmp_path: Path) -> None:
+def test_a_replaced_file_is_followed(tmp_path: Path) -> None:
     path = tmp_path / "log"
     append(path, b"one\n")
     lines = follow_lines(path)
@@ -70,7 +70,7 @@ def test_the_last_lines_of_a_long_file_are_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("block", [1, 2, 3, 4, 5, 100])
-def test_the_last_lines_are_those_of_the_file_however_much_is_read_at_once(
+def test_the_last_lines_are_those_of_the_file_for_any_block_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
 ) -> None:
     monkeypatch.setattr(logs, "_BLOCK", block)

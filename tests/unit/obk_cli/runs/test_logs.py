@@ -1,4 +1,4 @@
-"""Which log is meant."""
+"""The log that arguments refer to."""
 
 from datetime import datetime
 from pathlib import Path
@@ -14,7 +14,7 @@ NODES = ("/obelisk_robot_0", "/obelisk_control_0", "/left/obelisk_control_1")
 
 @pytest.fixture
 def folders(tmp_path: Path) -> list[Path]:
-    """Two runs of one config, a newer one of another."""
+    """Two runs of one config, and a newer one of another."""
     made = []
     for year, name in ((2031, "dummy"), (2032, "dummy"), (2033, "other")):
         folder = make_run_folder(tmp_path, name, datetime(year, 2, 3))
@@ -24,7 +24,7 @@ def folders(tmp_path: Path) -> list[Path]:
     return made
 
 
-def test_the_newest_run_is_meant_unless_one_is_named(tmp_path: Path, folders: list[Path]) -> None:
+def test_the_newest_run_is_the_default(tmp_path: Path, folders: list[Path]) -> None:
     old, new, other = folders
     assert find_log(tmp_path, None, None) == other / "launch.log"
     assert find_log(tmp_path, "dummy", None) == new / "launch.log"
@@ -57,7 +57,7 @@ def test_a_log_of_a_run_that_reports_nothing_is_found(tmp_path: Path) -> None:
         (("dummy", "control"), "`control` is ambiguous", "choose one of `control_0`, `left/"),
     ],
 )
-def test_what_is_not_there_is_reported_with_what_is(
+def test_a_missing_name_is_reported_with_the_existing_ones(
     tmp_path: Path, folders: list[Path], names: tuple[str, str | None], message: str, help: str
 ) -> None:
     with pytest.raises(CommandFailedError, match=message) as raised:
@@ -66,6 +66,6 @@ def test_what_is_not_there_is_reported_with_what_is(
     assert raised.value.help.startswith(help)
 
 
-def test_no_runs_at_all(tmp_path: Path) -> None:
+def test_without_runs(tmp_path: Path) -> None:
     with pytest.raises(CommandFailedError, match="no runs in"):
         find_log(tmp_path / "none", None, None)

@@ -1,4 +1,4 @@
-"""Which nodes a name means."""
+"""The nodes that a name refers to."""
 
 from obk_cli.runs.registry import in_tier_order, section_of, select_nodes, stack_nodes
 
@@ -28,7 +28,7 @@ def test_the_section_is_read_from_a_nodes_name() -> None:
     assert section_of("/obelisk_control_fast_one") == "control"
 
 
-def test_a_name_that_is_none_of_ours_has_no_section() -> None:
+def test_a_foreign_name_has_no_section() -> None:
     assert section_of("/camera") is None
     assert section_of("/obelisk_dance_0") is None
 
@@ -43,7 +43,7 @@ def test_robot_first_and_others_last() -> None:
     )
 
 
-def test_a_full_name_means_that_node_and_none_of_another_namespace() -> None:
+def test_a_full_name_means_only_that_node_in_its_namespace() -> None:
     known = ("/obelisk_control_0", "/arm/obelisk_control_0")
     assert select_nodes("/obelisk_control_0", known) == ("/obelisk_control_0",)
     assert select_nodes("control_0", known) == known

@@ -1,4 +1,4 @@
-"""Leftovers of stacks: found by their environment, ended with all that belongs to them."""
+"""Leftovers of stacks: found by their environment, ended with all their children."""
 
 import os
 import subprocess
@@ -41,7 +41,7 @@ os.write(1, b'\\n')
 while True:
     signal.pause()
 """
-"""What it starts when it is to end is not there when it is looked for."""
+"""A child that it starts at the end does not exist during the scan."""
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +52,7 @@ def turn() -> Iterator[None]:
 
 @contextmanager
 def running(code: str, marks: Mapping[str, str]) -> Iterator["subprocess.Popen[str]"]:
-    """A process that has come up, in a session of its own."""
+    """A running process in its own session."""
     with subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", code],
         env=dict(marks),
@@ -67,7 +67,7 @@ def running(code: str, marks: Mapping[str, str]) -> Iterator["subprocess.Popen[s
             process.kill()
 
 
-def test_a_process_whose_launcher_is_gone_is_found(tmp_path: Path) -> None:
+def test_a_process_whose_launcher_has_ended_is_found(tmp_path: Path) -> None:
     with running(WAIT, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
         assert process.stdout is not None
         process.stdout.readline()
@@ -77,7 +77,7 @@ def test_a_process_whose_launcher_is_gone_is_found(tmp_path: Path) -> None:
         assert not find_orphans(tmp_path, run="another")
 
 
-def test_a_process_whose_launcher_is_there_is_none(tmp_path: Path) -> None:
+def test_a_process_whose_launcher_is_running_is_no_orphan(tmp_path: Path) -> None:
     marks = launch_marks(tmp_path / RUN)
     assert marks == {"OBK_RUN": RUN, "OBK_LAUNCHER": f"{PID}:{STARTED}"}
     with running(WAIT, marks) as process:
@@ -87,7 +87,7 @@ def test_a_process_whose_launcher_is_there_is_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mark", [{}, {"OBK_LAUNCHER": "nonsense"}])
-def test_without_the_launchers_number_the_runs_own_word_counts(
+def test_without_the_launchers_number_the_run_file_is_used(
     tmp_path: Path, mark: Mapping[str, str]
 ) -> None:
     (tmp_path / RUN).mkdir()
@@ -95,7 +95,7 @@ def test_without_the_launchers_number_the_runs_own_word_counts(
     with running(WAIT, {"OBK_RUN": RUN, **mark}) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        assert not find_orphans(tmp_path, run=RUN)  # nobody knows whose it is
+        assert not find_orphans(tmp_path, run=RUN)  # its owner is unknown
         write_run(tmp_path / RUN, run)
         assert [left.pid for left in find_orphans(tmp_path, run=RUN)] == [process.pid]
 
@@ -104,7 +104,7 @@ def test_a_run_without_a_folder_is_unrecorded() -> None:
     assert launch_marks(None)["OBK_RUN"] == "unrecorded"
 
 
-def test_a_leftover_is_ended_with_its_children_in_sessions_of_their_own(tmp_path: Path) -> None:
+def test_an_orphan_is_ended_with_its_children_in_their_own_sessions(tmp_path: Path) -> None:
     with running(WITH_CHILD, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
         assert process.stdout is not None
         grandchild = int(process.stdout.readline())
@@ -124,7 +124,7 @@ def test_one_that_ignores_sigterm_is_killed(
         assert process.wait(DEADLINE_S) == -9
 
 
-def test_what_is_started_meanwhile_is_ended_too(
+def test_processes_started_during_the_scan_are_ended_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("obk_cli.runs.orphans.GRACE_S", 0.5)
@@ -135,7 +135,7 @@ def test_what_is_started_meanwhile_is_ended_too(
         assert start_s(int(process.stdout.readline())) is None
 
 
-def test_whoever_clears_up_is_spared(tmp_path: Path) -> None:
+def test_the_reaping_process_itself_is_spared(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; "
         "from obk_cli.runs.orphans import find_orphans; "
@@ -151,7 +151,7 @@ def test_whoever_clears_up_is_spared(tmp_path: Path) -> None:
     assert result.stdout == "0\n"
 
 
-def test_what_runs_in_a_container_is_left_to_it(
+def test_processes_in_a_container_are_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with running(WAIT, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:

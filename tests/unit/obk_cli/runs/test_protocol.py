@@ -1,4 +1,4 @@
-"""Requests and answers of the control socket as lines."""
+"""Requests and replies of the control socket as lines."""
 
 import json
 
@@ -72,7 +72,7 @@ FAULT = Fault(error="the stack has ended")
     "request_",
     [
         StatusRequest(),
-        StopRequest(reason="asked by `obk stop`"),
+        StopRequest(reason="requested by `obk stop`"),
         ChangeRequest(transition="activate"),
         ChangeRequest(transition="cleanup", nodes=("/a", "/b"), timeout_s=2.5),
     ],
@@ -101,7 +101,7 @@ def test_an_answer_is_read_back(answer: object) -> None:
     assert decode_answer(line, type(answer)) == answer
 
 
-def test_the_words_on_the_wire_are_those_of_other_versions() -> None:
+def test_the_wire_format_is_that_of_other_versions() -> None:
     assert json.loads(encode_line(StatusRequest())) == {"ask": "status"}
     change = ChangeRequest(transition="activate", nodes=("/a",))
     expected = {"ask": "change", "transition": "activate", "nodes": ["/a"]}
@@ -122,17 +122,17 @@ def test_an_answer_of_a_later_version_is_read_as_far_as_it_is_known() -> None:
     "nodes",
     [["/a"], {}, 7, [{"node": "/a"}], [{**msgspec.to_builtins(STATUS.nodes[0]), "pid": "7"}]],
 )
-def test_an_answer_of_another_shape_is_none(nodes: object) -> None:
+def test_a_reply_of_another_shape_is_none(nodes: object) -> None:
     data = {**msgspec.to_builtins(STATUS), "nodes": nodes}
     assert decode_answer(json.dumps(data).encode(), StackStatus) is None
 
 
-def test_an_answer_to_another_request_is_none() -> None:
+def test_a_reply_to_another_request_is_none() -> None:
     assert decode_answer(encode_line(STATUS), ChangeAnswer) is None
     assert decode_answer(encode_line(Stopping()), StackStatus) is None
 
 
-def test_bytes_that_are_no_text_spoil_no_answer() -> None:
+def test_invalid_utf8_breaks_no_reply() -> None:
     answer = ChangeAnswer(success=False, why="/a: \udcff")
     assert decode_answer(encode_line(answer), ChangeAnswer) == ChangeAnswer(
         success=False, why="/a: ?"
@@ -146,7 +146,7 @@ def test_a_status_has_a_time_that_json_can_hold() -> None:
     )
 
 
-def test_the_data_of_a_change_has_no_words_of_the_wire() -> None:
+def test_the_data_of_a_change_is_independent_of_the_wire_format() -> None:
     assert list(change_data(ANSWER)) == ["success", "why", "members"]
     assert change_data(ANSWER)["members"][0]["result"] == "refused"
 
@@ -167,7 +167,9 @@ def test_the_data_of_a_change_has_no_words_of_the_wire() -> None:
         (b'{"ask": "change", "transition": "activate", "nodes": [7]}', "$.nodes[0]"),
     ],
 )
-def test_what_is_no_request_is_answered_by_a_fault_with_its_place(line: bytes, place: str) -> None:
+def test_an_invalid_request_is_answered_by_a_fault_with_its_location(
+    line: bytes, place: str
+) -> None:
     fault = decode_request(line)
     assert isinstance(fault, Fault)
     assert fault.error.startswith("invalid request: ")

@@ -1,4 +1,4 @@
-"""The end of a launcher, with a sleeping process in its place."""
+"""The end of a launcher, with a sleeping process instead."""
 
 import signal
 import subprocess
@@ -47,14 +47,14 @@ def test_a_launcher_without_a_socket_gets_sigint(tmp_path: Path) -> None:
         assert process.wait(DEADLINE_S) == -signal.SIGINT
 
 
-def test_a_launcher_that_was_stopped_goes_on_to_its_end(tmp_path: Path) -> None:
+def test_a_stopped_launcher_is_continued_until_it_ends(tmp_path: Path) -> None:
     with launcher(WAIT, tmp_path) as (process, run):
         process.send_signal(signal.SIGSTOP)
         assert end_launcher(tmp_path, run, reason="test", timeout_s=DEADLINE_S) == "ended"
         assert process.wait(DEADLINE_S) == -signal.SIGINT
 
 
-def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path) -> None:
+def test_a_launcher_that_does_not_end_is_left_or_killed_as_requested(tmp_path: Path) -> None:
     with launcher(IGNORE, tmp_path) as (process, run):
         assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01) == "running"
         assert process.poll() is None
@@ -62,21 +62,21 @@ def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path)
         assert process.wait(DEADLINE_S) == -signal.SIGKILL
 
 
-def test_a_launcher_that_answers_is_asked_and_not_signalled(
+def test_a_launcher_that_replies_is_requested_and_not_signalled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(registry, "EXIT_S", 0.0)
-    heard = []
+    received = []
 
     with launcher(WAIT, tmp_path) as (process, run):
 
-        def hear(asked: object) -> None:
-            heard.append(asked)
+        def receive(asked: object) -> None:
+            received.append(asked)
             write_run(tmp_path, replace(run, ended=1.0))
 
-        with serve_control(tmp_path, hear):
+        with serve_control(tmp_path, receive):
             assert end_launcher(tmp_path, run, reason="test") == "ended"
-        assert heard == [StopRequested(reason="test")]
+        assert received == [StopRequested(reason="test")]
         assert process.poll() is None
 
 
@@ -98,7 +98,7 @@ def test_a_launcher_that_is_slow_to_answer_is_not_hurried(
         assert [number for *_, number in sent] == [signal.SIGCONT]
 
 
-def test_another_process_of_the_same_number_is_left_alone(tmp_path: Path) -> None:
+def test_another_process_with_the_same_id_is_left_alone(tmp_path: Path) -> None:
     with launcher(WAIT, tmp_path) as (process, run):
         other = replace(run, started=run.started - 60)
         write_run(tmp_path, other)

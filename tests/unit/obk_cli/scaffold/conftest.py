@@ -17,7 +17,7 @@ from .owners import no_owner
 
 @pytest.fixture
 def make_spec() -> Callable[..., PackageSpec]:
-    """Make a checked spec from what a user would type."""
+    """Create a checked spec from user input."""
 
     def make(kind: Kind = "controller", name: str = "foo", **typed: Any) -> PackageSpec:
         spec = check_request(PackageRequest(kind=kind, name=name, **typed), owner_of=no_owner)
@@ -29,7 +29,7 @@ def make_spec() -> Callable[..., PackageSpec]:
 
 @pytest.fixture
 def templates() -> Callable[[PackageSpec], tuple[Template, ...]]:
-    """The project's own templates for a spec of a package that is in no workspace."""
+    """The project's own templates for a package outside any workspace."""
     library = TemplateLibrary(own=resource_folder("templates"))
     return lambda spec: library.read(layers_of(spec, has_settings=False))
 
@@ -53,13 +53,13 @@ def package(
 
 @pytest.fixture(scope="session")
 def mypy_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What mypy knows of the libraries."""
+    """The library types that mypy knows."""
     return tmp_path_factory.mktemp("mypy")
 
 
 @pytest.fixture
 def tree() -> Callable[[Path], dict[str, bytes]]:
-    """Every file below a folder with its bytes, hidden ones too."""
+    """All files below a folder with their content, including hidden ones."""
     return lambda root: {
         path.relative_to(root).as_posix(): path.read_bytes()
         for path in sorted(root.rglob("*"))

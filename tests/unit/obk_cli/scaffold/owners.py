@@ -1,4 +1,4 @@
-"""Who has a name of a package or module already, for tests of names."""
+"""Owners of the names of packages and modules, for tests of names."""
 
 
 def no_owner(_name: str) -> str | None:

@@ -1,4 +1,4 @@
-"""`obk new ... --add-to`: the package and the config's entry are made together, or neither."""
+"""`obk new ... --add-to` creates the package and the config's entry together, or neither."""
 
 import json
 import os
@@ -21,7 +21,7 @@ EXAMPLE = Path(__file__).resolve().parents[4] / "examples" / "dummy"
 
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A workspace with the example's config in it, to stand in."""
+    """A workspace with the example's config, set as the working folder."""
     folder = tmp_path / "ws"
     (folder / "src").mkdir(parents=True)
     shutil.copytree(EXAMPLE, folder / "config")
@@ -53,7 +53,7 @@ def errors(config: Path) -> list[str]:
 
 
 def hazards(config: Path) -> set[str]:
-    """The rules about lock-step runs that find something."""
+    """The rules about lock-step runs that have findings."""
     options = Options(variables={}, working_folder=Path.cwd(), for_test=True)
     return {finding.code for finding in compile_config(str(config), options).hazards}
 
@@ -71,16 +71,18 @@ def hazards(config: Path) -> set[str]:
     ],
     ids=" ".join,
 )
-def test_the_config_is_as_sound_with_the_new_node(
+def test_the_config_is_as_valid_with_the_new_node(
     arguments: tuple[str, ...], config: Path, workspace: Path
 ) -> None:
-    said = obk_new(*arguments, "--add-to", "config/dummy.yaml")
-    assert "added to config/dummy.yaml:\n" in said
-    assert said.endswith(("obk launch config/dummy.yaml\n", "colcon build --packages-select foo\n"))
+    reported = obk_new(*arguments, "--add-to", "config/dummy.yaml")
+    assert "added to config/dummy.yaml:\n" in reported
+    assert reported.endswith(
+        ("obk launch config/dummy.yaml\n", "colcon build --packages-select foo\n")
+    )
     assert (workspace / "src/foo/package.xml").is_file()
     assert "pkg: foo\n" in config.read_text()
     is_built_later = "cpp" in arguments
-    assert ("until it is built" in said) == is_built_later
+    assert ("until it is built" in reported) == is_built_later
     assert [error for error in errors(config) if not is_built_later or "OBK402" not in error] == []
     by_nature = "OBK611" if is_built_later else "OBK613"
     assert hazards(config) == ({by_nature} if is_built_later or "robot" in arguments else set())
@@ -97,7 +99,7 @@ def test_a_node_more_in_a_package_joins_too(
 
 @pytest.fixture
 def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The config of a workspace as `obk init` makes it, to stand beside."""
+    """The config of a workspace from `obk init`, outside the working folder."""
     monkeypatch.chdir(tmp_path)
     init = typer.Typer()
     init.command()(make_workspace)
@@ -148,7 +150,7 @@ def test_its_test_leaves_out_a_stack_that_cannot_be_in_lock_step(fresh: Path) ->
 
 @pytest.mark.ros
 @pytest.mark.mujoco
-def test_its_test_passes_at_once(fresh: Path) -> None:
+def test_its_test_passes_immediately(fresh: Path) -> None:
     obk_new("controller", "foo", "--replace", "obelisk_control_0", "--add-to", "arm.yaml")
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "src/foo"],
@@ -163,12 +165,12 @@ def test_its_test_passes_at_once(fresh: Path) -> None:
     assert "3 passed" in done.stdout
 
 
-def test_a_type_that_was_asked_for_is_not_exchanged(fresh: Path) -> None:
+def test_a_requested_type_is_not_exchanged(fresh: Path) -> None:
     error = refused("estimator", "foo", "--sensor-msg", "JointEncoders", "--add-to", "arm.yaml")
     assert error.message.startswith("nothing in `robot` or `sensing` publishes JointEncoders")
 
 
-def test_the_usual_type_stays_where_the_config_has_it(config: Path) -> None:
+def test_the_usual_type_is_kept_if_the_config_has_it(config: Path) -> None:
     assert "(JointEncoders)" in obk_new("estimator", "foo", "--add-to", str(config), "--dry-run")
 
 
@@ -185,7 +187,7 @@ def test_a_config_that_cannot_take_the_node_leaves_everything(
     assert list((workspace / "src").iterdir()) == []
 
 
-def test_a_package_that_the_config_would_not_find_is_not_made(
+def test_a_package_that_the_config_would_not_find_is_not_created(
     config: Path, workspace: Path, tmp_path: Path
 ) -> None:
     before = config.read_bytes()
@@ -196,23 +198,23 @@ def test_a_package_that_the_config_would_not_find_is_not_made(
     assert not elsewhere.exists()
 
 
-def test_from_outside_every_workspace_the_package_goes_into_the_configs(
+def test_from_outside_a_workspace_the_package_goes_into_the_configs(
     config: Path, workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    said = obk_new("controller", "foo", "--add-to", "ws/config/dummy.yaml")
-    assert "in ws/src/foo/\n" in said
-    assert "pytest ws/src/foo/test/test_foo.py\n" in said
+    reported = obk_new("controller", "foo", "--add-to", "ws/config/dummy.yaml")
+    assert "in ws/src/foo/\n" in reported
+    assert "pytest ws/src/foo/test/test_foo.py\n" in reported
     assert (workspace / "src/foo/package.xml").is_file()
 
 
-def test_what_stands_in_a_workspace_of_its_own_stays_there(
+def test_a_package_in_another_workspace_is_kept(
     config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "other" / "src").mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "other")
-    said = obk_new("controller", "foo", "--add-to", str(config))
-    assert "in src/foo/\n" in said
+    reported = obk_new("controller", "foo", "--add-to", str(config))
+    assert "in src/foo/\n" in reported
 
 
 def test_an_existing_package_is_as_it_was_if_the_config_cannot_be_written(
@@ -248,17 +250,17 @@ def test_a_dry_run_shows_the_diff_of_the_config_and_changes_nothing(
     config: Path, workspace: Path
 ) -> None:
     before = config.read_bytes()
-    said = obk_new("sensor", "foo", "--add-to", "config/dummy.yaml", "--dry-run")
-    assert "`/obelisk_sensing_0` would be added to config/dummy.yaml:\n" in said
-    assert "+++ b/config/dummy.yaml\n" in said
-    assert "+    - pkg: foo\n" in said
+    reported = obk_new("sensor", "foo", "--add-to", "config/dummy.yaml", "--dry-run")
+    assert "`/obelisk_sensing_0` would be added to config/dummy.yaml:\n" in reported
+    assert "+++ b/config/dummy.yaml\n" in reported
+    assert "+    - pkg: foo\n" in reported
     assert config.read_bytes() == before
     assert list((workspace / "src").iterdir()) == []
 
 
-def test_json_says_what_was_wired_to_what(config: Path) -> None:
-    said = json.loads(obk_new("robot", "foo", "--add-to", str(config), "--format", "json"))
-    added = said["added_to"]
+def test_json_lists_the_connections(config: Path) -> None:
+    reported = json.loads(obk_new("robot", "foo", "--add-to", str(config), "--format", "json"))
+    added = reported["added_to"]
     assert added["node"] == "/obelisk_robot_1"
     assert [(link["component"], link["topic"]) for link in added["links"]] == [
         ("sub_ctrl", "/obelisk/dummy/ctrl"),
@@ -270,11 +272,11 @@ def test_json_says_what_was_wired_to_what(config: Path) -> None:
 @pytest.mark.parametrize(
     "options", [("--device", "onboard"), ("--replace", "a"), ("--add-to", "-")], ids=" ".join
 )
-def test_options_that_need_a_config_are_refused_without_one(options: tuple[str, ...]) -> None:
+def test_options_that_need_a_config_are_rejected_without_one(options: tuple[str, ...]) -> None:
     assert isinstance(refused("controller", "foo", *options), MisuseError)
 
 
-def test_a_config_that_is_not_there_is_reported(workspace: Path) -> None:
+def test_a_missing_config_is_reported(workspace: Path) -> None:
     error = refused("controller", "foo", "--add-to", "none.yaml")
     assert error.message.startswith("`none.yaml` cannot be read")
     assert list((workspace / "src").iterdir()) == []

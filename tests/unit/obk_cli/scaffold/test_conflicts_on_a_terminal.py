@@ -1,4 +1,4 @@
-"""Files in the way, on a real terminal: the user is asked about each."""
+"""Existing files on a real terminal: the user is asked about each."""
 
 import fcntl
 import os
@@ -36,7 +36,7 @@ class Dialogue:
             stdout=slave,
             stderr=slave,
             start_new_session=True,
-            # Of its own terminal, so that Ctrl-C there is a signal.
+            # Its own controlling terminal, so that Ctrl-C there is a signal.
             preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
         )
         os.close(slave)
@@ -80,7 +80,7 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def dialogue(root: Path) -> Iterator[Dialogue]:
-    """The same command once more."""
+    """Run the same command again."""
     started = Dialogue(root.parent)
     yield started
     if started.process.poll() is None:
@@ -99,9 +99,7 @@ def test_one_is_kept_and_one_is_replaced(root: Path, dialogue: Dialogue) -> None
     assert b"replace   setup.py" in dialogue.seen
 
 
-def test_the_difference_is_shown_and_the_question_comes_again(
-    root: Path, dialogue: Dialogue
-) -> None:
+def test_the_diff_is_shown_and_the_question_repeated(root: Path, dialogue: Dialogue) -> None:
     dialogue.answer("d")
     dialogue.answer("what?")
     dialogue.answer("k")
@@ -116,9 +114,7 @@ def test_the_difference_is_shown_and_the_question_comes_again(
     [("q", 1), ("\x03", 130), ("\x04", 1)],
     ids=["quit", "ctrl-c", "ctrl-d"],
 )
-def test_whoever_leaves_leaves_everything_as_it_was(
-    root: Path, dialogue: Dialogue, key: str, code: int
-) -> None:
+def test_quitting_changes_nothing(root: Path, dialogue: Dialogue, key: str, code: int) -> None:
     dialogue.answer("r")
     dialogue.answer(key)
     assert dialogue.end() == code
@@ -127,7 +123,9 @@ def test_whoever_leaves_leaves_everything_as_it_was(
     assert b"Traceback" not in dialogue.seen
 
 
-def test_what_cannot_be_replaced_is_not_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_that_cannot_be_replaced_are_skipped_in_questions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     for stream in ("stdin", "stderr"):
         monkeypatch.setattr(f"sys.{stream}.isatty", lambda: True)
     file = RenderedFile(path=PurePosixPath("a"), content=b"")

@@ -1,6 +1,6 @@
-"""The C++ packages: names that agree over all files, and text that a compiler takes.
+"""The C++ packages: names agree in all files, and a compiler accepts the code.
 
-The library that they are written against is not here: small stand-ins of its headers are.
+The real library is not available here, so the tests use fakes of its headers.
 """
 
 import re
@@ -37,7 +37,7 @@ STANDARD = """\
 #include <string>
 #include <vector>
 """
-"""What the stand-ins include in every source file anyway."""
+"""Headers that the fakes include in every source file anyway."""
 NODE_STAND_IN = """\
 #pragma once
 #include <functional>
@@ -68,7 +68,7 @@ REGISTRATION = {
     "v0.4": ("const std::string&, const std::string&", ", const std::string&"),
     "2026": ("const std::string&", ""),
 }
-"""What stands before and after the callback in each release of the library."""
+"""The code before and after the callback in each release of the library."""
 STAND_INS = {
     "rclcpp/rclcpp.hpp": """\
 #pragma once
@@ -168,8 +168,8 @@ def message_stand_in(header: str, code: str) -> str:
         ("A", "a"),
     ],
 )
-def test_a_header_has_the_name_that_ros_gives_it(name: str, header: str) -> None:
-    """Source: rosidl's generators, which make `x2_y` of `X2Y`."""
+def test_a_header_has_the_name_used_by_ros(name: str, header: str) -> None:
+    """Source: rosidl's generators, which convert `X2Y` to `x2_y`."""
     assert cpp_header(MessageType(package="a_msgs", name=name)) == f"a_msgs/msg/{header}.hpp"
 
 
@@ -229,7 +229,7 @@ def test_an_estimator_reads_a_message_that_the_library_s_users_have(package: Pac
 
 @pytest.fixture(scope="module")
 def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The stand-ins of the library's headers by release, with the standard headers precompiled."""
+    """The fakes of the library's headers by release, with precompiled standard headers."""
     folders = {}
     for release, registration in REGISTRATION.items():
         folders[release] = folder = tmp_path_factory.mktemp("stand_ins")
@@ -253,7 +253,7 @@ def compiled(*command: str, cwd: Path) -> None:
 
 
 def compiled_variants() -> Iterator[object]:
-    """Every variant for the newest release; for an older one, all but a package a kind are slow."""
+    """Every variant for the newest release; for older ones, most variants are slow tests."""
     for release in REGISTRATION:
         kinds = set()
         for kind, name, typed in VARIANTS:
@@ -273,7 +273,7 @@ def test_a_compiler_takes_it(
     typed: dict[str, str],
     release: str,
 ) -> None:
-    if COMPILER is None:  # what can be checked without one stands above
+    if COMPILER is None:  # what can be checked without a compiler is tested above
         return
     files = package(kind, name, language="cpp", release=release, **typed)
     code = "".join(f.content.decode() for f in files.values() if f.path.suffix == ".cpp")

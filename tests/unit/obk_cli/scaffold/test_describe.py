@@ -1,4 +1,4 @@
-"""The diff of what a run would change."""
+"""The diff of the changes that a command would make."""
 
 from pathlib import PurePosixPath
 
@@ -10,7 +10,7 @@ from obk_cli.scaffold.write import Action, Decision
 
 
 @pytest.mark.parametrize("mark", ["\f", "\v", "\x1c", "\x85", "\u2028", "\r"])
-def test_a_line_ends_where_patch_takes_it_to_end(mark: str) -> None:
+def test_a_line_ends_as_patch_expects(mark: str) -> None:
     edit = Decision(
         file=RenderedFile(path=PurePosixPath("a.py"), content=f"a{mark}b\nd\n".encode()),
         action=Action.EDIT,

@@ -1,4 +1,4 @@
-"""Entry points in setup.cfg and pyproject.toml; those in setup.py have a file of their own."""
+"""Entry points in setup.cfg and pyproject.toml; those in setup.py have their own test file."""
 
 import configparser
 import tomllib
@@ -102,7 +102,7 @@ def test_pyproject_gets_one_more_line_and_keeps_the_rest(before: str, after: str
 def test_scripts_that_are_written_otherwise_are_reported_with_the_line_to_add(text: str) -> None:
     problem = in_toml(text)
     assert isinstance(problem, Problem)
-    assert "without touching the rest" in problem.sentence
+    assert "without changing the rest" in problem.sentence
     assert problem.help is not None
     assert 'new = "foo.new:main"' in problem.help
 
@@ -110,9 +110,12 @@ def test_scripts_that_are_written_otherwise_are_reported_with_the_line_to_add(te
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("[options.entry_points]\nconsole_scripts =\n    new = foo.other:main\n", "setup.cfg has"),
-        ("", "setup.py holds no plain list"),
-        ("not a cfg", "setup.py holds no plain list"),
+        (
+            "[options.entry_points]\nconsole_scripts =\n    new = foo.other:main\n",
+            "setup.cfg already has",
+        ),
+        ("", "setup.py has no plain list"),
+        ("not a cfg", "setup.py has no plain list"),
     ],
 )
 def test_setup_cfg_that_cannot_take_it_is_reported(text: str, sentence: str) -> None:
@@ -125,7 +128,7 @@ def test_an_executable_of_another_module_is_not_replaced() -> None:
     problem = in_toml(f'{TOML}[project.scripts]\nnew = "foo.other:main"\n')
     assert isinstance(problem, Problem)
     assert problem.sentence == (
-        "pyproject.toml has the executable `new` already: new = foo.other:main"
+        "pyproject.toml already has the executable `new`: new = foo.other:main"
     )
 
 
@@ -134,7 +137,7 @@ def test_the_same_entry_point_again_changes_nothing() -> None:
     assert in_cfg(text) == text
 
 
-def test_scripts_of_setup_py_are_added_to_there() -> None:
+def test_scripts_of_setup_py_are_extended() -> None:
     setup_py = 'setup(entry_points={"console_scripts": ["a = b:c"]})\n'
     texts = PackageTexts(package_xml="", setup_py=setup_py, setup_cfg=CFG, pyproject=TOML)
     changed = add_console_script(texts, NEW)

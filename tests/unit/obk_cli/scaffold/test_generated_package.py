@@ -1,4 +1,4 @@
-"""The packages that come out, judged by other programs: ruff, pytest under ROS."""
+"""Generated packages, checked by other programs: ruff, and pytest with ROS."""
 
 import os
 import subprocess
@@ -66,9 +66,7 @@ def ros_environment(tmp_path: Path) -> dict[str, str]:
     }
 
 
-def test_they_pass_ruff_by_their_own_rules_and_by_the_projects(
-    package: Package, tmp_path: Path
-) -> None:
+def test_they_pass_ruff_with_their_rules_and_the_projects(package: Package, tmp_path: Path) -> None:
     roots = [
         write(package(kind, name, **typed), tmp_path / f"{number}_{kind}" / name)
         for number, (kind, name, typed) in enumerate(VARIANTS)
@@ -81,7 +79,7 @@ def test_they_pass_ruff_by_their_own_rules_and_by_the_projects(
 
 
 @pytest.mark.slow
-def test_they_pass_mypy_by_their_own_rules(
+def test_they_pass_mypy_with_their_rules(
     package: Package, tmp_path: Path, mypy_cache: Path
 ) -> None:
     roots = []
@@ -89,10 +87,10 @@ def test_they_pass_mypy_by_their_own_rules(
         name = f"foo_{kind}"
         root = write(package(kind, name), tmp_path / name)
         with (root / name / f"{name}.py").open("a") as node:
-            node.write(f"\n\ndef tell(node: Foo{kind.capitalize()}) -> None:\n")
+            node.write(f"\n\ndef report(node: Foo{kind.capitalize()}) -> None:\n")
             node.write("    node.get_logger().info('here')\n")
         roots.append(root)
-    # The rules of a package name it, and are otherwise the same.
+    # The rules of a package contain its name, and are otherwise the same.
     rules = {(root / "pyproject.toml").read_text().replace(root.name, "foo") for root in roots}
     assert len(rules) == 1
     packages = [word for root in roots for word in ("--package", root.name)]

@@ -16,7 +16,7 @@ from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.install_source import InstallSource
 
-from .new_command import printed_by, refused_by
+from .new_command import error_of, printed_by
 
 Tree = Callable[[Path], dict[str, bytes]]
 
@@ -24,12 +24,12 @@ OBK = "import sys; from obk_cli.cli.main import main; main(sys.argv[1:])"
 app = typer.Typer()
 app.command()(command)
 obk_init = partial(printed_by, app)
-refused = partial(refused_by, app)
+refused = partial(error_of, app)
 
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to stand in."""
+    """An empty working folder."""
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -37,8 +37,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
-    said = obk_init("my_robot")
-    assert said.startswith("created the workspace `my_robot` in my_robot/\n")
+    output = obk_init("my_robot")
+    assert output.startswith("created the workspace `my_robot` in my_robot/\n")
     made = set(tree(here / "my_robot"))
     assert {
         ".github/workflows/check.yaml",
@@ -55,10 +55,10 @@ def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
     assert not [path for path in made if "{" in path or path.endswith(".jinja")]
 
 
-def test_it_says_what_to_type_next(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_prints_the_next_commands(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
-    said = obk_init("my_robot")
-    assert said.endswith(
+    output = obk_init("my_robot")
+    assert output.endswith(
         "next:\n  cd my_robot\n  obk validate my_robot.yaml\n  obk launch my_robot.yaml\n"
         "  obk test my_robot.yaml\n"
     )
@@ -69,12 +69,12 @@ def test_a_dot_is_this_folder_and_its_name_the_stacks(
 ) -> None:
     (here / "arm").mkdir()
     monkeypatch.chdir(here / "arm")
-    said = obk_init()
-    assert "cd " not in said
+    output = obk_init()
+    assert "cd " not in output
     assert (here / "arm/arm.yaml").read_text().count("config: arm\n") == 1
 
 
-def test_the_config_names_the_schema_that_is_there(here: Path) -> None:
+def test_the_config_names_the_existing_schema(here: Path) -> None:
     obk_init("my_robot")
     first, *_ = (here / "my_robot/my_robot.yaml").read_text().splitlines()
     marker, _, schema = first.partition("$schema=")
@@ -88,7 +88,7 @@ def test_its_config_is_valid_without_a_finding(here: Path) -> None:
     options = Options(variables={}, working_folder=here, for_test=True)
     outcome = compile_config("my_robot/my_robot.yaml", options)
     found = [str(d) for d in outcome.diagnostics]
-    # The simulator's package is there only where the tool is installed.
+    # The simulator's package exists only if the tool is installed.
     assert [fault for fault in found if "`obelisk_sim_py`" not in fault] == []
     assert outcome.config is not None
 
@@ -100,7 +100,7 @@ def test_its_config_is_valid_without_a_finding(here: Path) -> None:
         (InstallSource(archive="file:///dist/obelisk_cli-0.1.0-py3-none-any.whl"), True),
     ],
 )
-def test_every_file_installs_obk_from_where_it_came(
+def test_every_file_installs_obk_from_its_source(
     here: Path, tree: Tree, monkeypatch: pytest.MonkeyPatch, source: InstallSource, is_local: bool
 ) -> None:
     monkeypatch.setattr("obk_cli.cli.init.read_install_source", lambda: source)
@@ -115,12 +115,12 @@ def test_every_file_installs_obk_from_where_it_came(
         assert ("only on the machine" in texts[path]) == is_local
 
 
-def test_the_same_again_changes_nothing(here: Path, tree: Tree) -> None:
+def test_repeating_the_command_changes_nothing(here: Path, tree: Tree) -> None:
     obk_init("my_robot")
     before = tree(here)
-    said = obk_init("my_robot")
-    assert "  create " not in said
-    assert "  identical my_robot.yaml\n" in said
+    output = obk_init("my_robot")
+    assert "  create " not in output
+    assert "  identical my_robot.yaml\n" in output
     assert tree(here) == before
 
 
@@ -130,9 +130,9 @@ def test_a_file_with_other_content_is_never_lost(here: Path, tree: Tree) -> None
     before = tree(here)
     fault = refused("my_robot")
     assert isinstance(fault, CommandFailedError)
-    assert "README.md: it is there with other content" in fault.message
+    assert "README.md: it has different content" in fault.message
     assert fault.help is not None
-    assert fault.help.startswith("choose another folder, or move what is in the way")
+    assert fault.help.startswith("choose another folder, or move these files")
     assert "--force" not in fault.help  # which `obk init` does not have
     assert tree(here) == before
 
@@ -156,10 +156,10 @@ def test_the_editors_settings_stay_and_an_old_schema_is_replaced(here: Path) -> 
     assert "properties" in json.loads((folder / "obelisk.schema.json").read_text())
 
 
-def test_a_dry_run_shows_the_files_and_makes_none(here: Path, tree: Tree) -> None:
-    said = obk_init("my_robot", "--dry-run")
-    assert "  create    my_robot.yaml\n" in said
-    assert "\n--- /dev/null\n+++ b/my_robot.yaml\n" in said
+def test_a_dry_run_shows_the_files_and_creates_none(here: Path, tree: Tree) -> None:
+    output = obk_init("my_robot", "--dry-run")
+    assert "  create    my_robot.yaml\n" in output
+    assert "\n--- /dev/null\n+++ b/my_robot.yaml\n" in output
     assert list(here.iterdir()) == []
 
 
@@ -170,14 +170,16 @@ def test_the_result_as_json() -> None:
 
 
 @pytest.mark.parametrize("name", ["My-Robot", "2fast", "class", "x" * 30, "with space"])
-def test_a_folder_whose_name_no_stack_can_have_is_misuse(here: Path, tree: Tree, name: str) -> None:
+def test_a_folder_with_a_name_that_is_invalid_for_stacks_is_misuse(
+    here: Path, tree: Tree, name: str
+) -> None:
     fault = refused(name)
     assert isinstance(fault, MisuseError)
     assert fault.message.startswith("the folder's name becomes the stack's name: the name `")
     assert tree(here) == {}
 
 
-def test_a_name_whose_packages_are_taken_is_refused(here: Path) -> None:
+def test_a_name_whose_packages_exist_is_rejected(here: Path) -> None:
     (here / "arm/src/group/mine").mkdir(parents=True)
     (here / "arm/src/group/mine/package.xml").write_text(
         "<package><name>arm_controller</name></package>"
@@ -185,19 +187,19 @@ def test_a_name_whose_packages_are_taken_is_refused(here: Path) -> None:
     assert "`arm_controller` is taken" in refused("arm").message
 
 
-def test_a_workspace_beside_another_may_have_its_name(here: Path) -> None:
+def test_a_workspace_next_to_another_may_have_its_name(here: Path) -> None:
     obk_init("one/arm")
     obk_init("two/arm")
     assert (here / "two/arm/arm.yaml").is_file()
 
 
-def test_a_package_is_no_place_for_a_workspace(here: Path) -> None:
+def test_a_package_cannot_contain_a_workspace(here: Path) -> None:
     (here / "pkg").mkdir()
     (here / "pkg/package.xml").write_text("<package/>")
     assert "is a package" in refused("pkg").message
 
 
-def test_a_file_is_no_place_for_a_workspace(here: Path) -> None:
+def test_a_file_cannot_contain_a_workspace(here: Path) -> None:
     (here / "arm").write_text("")
     assert "arm is a file" in refused("arm").message
 
@@ -209,9 +211,9 @@ def test_a_link_to_a_folder_is_that_folder_under_the_links_name(here: Path) -> N
     assert (here / "real/arm.yaml").is_file()
 
 
-def test_a_link_to_nothing_is_refused(here: Path) -> None:
+def test_a_dangling_link_is_rejected(here: Path) -> None:
     (here / "arm").symlink_to("nowhere")
-    assert "which is not there" in refused("arm").message
+    assert "which does not exist" in refused("arm").message
     assert not (here / "nowhere").exists()
 
 
@@ -220,7 +222,7 @@ def test_a_link_inside_is_not_followed_out(here: Path, tmp_path: Path, tree: Tre
     elsewhere.mkdir()
     (here / "arm").mkdir()
     (here / "arm/src").symlink_to(elsewhere)
-    assert "a symbolic link leads it to" in refused("arm").message
+    assert "a symbolic link redirects it to" in refused("arm").message
     assert tree(elsewhere) == {}
 
 
@@ -247,7 +249,7 @@ def test_the_workspace_passes_ruff_and_mypy(here: Path, mypy_cache: Path) -> Non
     run(here / "my_robot", "mypy", "--cache-dir", str(mypy_cache))
 
 
-def test_ruff_leaves_alone_what_building_makes_in_a_workspace_without_git(here: Path) -> None:
+def test_ruff_ignores_build_output_in_a_workspace_without_git(here: Path) -> None:
     obk_init("my_robot")
     for made_by in (".obk/build", "build", "install", "log"):
         folder = here / "my_robot" / made_by / "my_msgs"
@@ -281,7 +283,7 @@ def test_the_commands_of_its_readme_work_in_their_order(here: Path) -> None:
 
 @pytest.mark.ros
 @pytest.mark.mujoco
-def test_the_tests_of_the_workspace_pass_and_it_launches_at_once(
+def test_the_tests_of_the_workspace_pass_and_it_launches_immediately(
     here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))

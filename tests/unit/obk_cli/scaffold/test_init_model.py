@@ -1,4 +1,4 @@
-"""`obk init --model`: a workspace around a robot's model."""
+"""`obk init --model`: a workspace for a robot's model."""
 
 import json
 import struct
@@ -16,7 +16,7 @@ from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError
 
 from ....robot_models import BOX, CART, MIXED, MUSCLE, PENDULUM_URDF, TETRAHEDRON  # noqa: TID252 - shared by folders of tests
-from .new_command import printed_by, refused_by
+from .new_command import error_of, printed_by
 
 Tree = Callable[[Path], dict[str, bytes]]
 
@@ -24,12 +24,12 @@ pytestmark = pytest.mark.mujoco
 app = typer.Typer()
 app.command()(command)
 obk_init = partial(printed_by, app)
-refused = partial(refused_by, app)
+refused = partial(error_of, app)
 
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder to stand in."""
+    """An empty working folder."""
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -39,7 +39,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def findings(config: str) -> list[str]:
     options = Options(variables={}, working_folder=Path.cwd(), for_test=True)
     outcome = compile_config(config, options)
-    # The simulator's package is there only where the tool is installed.
+    # The simulator's package exists only if the tool is installed.
     return [str(d) for d in outcome.diagnostics if "`obelisk_sim_py`" not in str(d)]
 
 
@@ -83,7 +83,7 @@ def test_the_code_of_the_workspace_passes_ruff_and_mypy(here: Path, mypy_cache: 
         assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_a_urdf_becomes_mjcf_with_motors_encoders_and_its_meshes(here: Path) -> None:
+def test_a_urdf_is_converted_to_mjcf_with_motors_encoders_and_its_meshes(here: Path) -> None:
     urdf = package_with_urdf(here / "checkout")
     obk_init("robot", "--model", str(urdf))
     assert findings("robot/robot.yaml") == []
@@ -149,7 +149,7 @@ def test_files_around_the_model_keep_their_places(here: Path) -> None:
     assert findings("robot/robot.yaml") == []
 
 
-def test_an_attached_model_brings_the_files_of_its_own_folder(here: Path) -> None:
+def test_an_attached_model_is_copied_with_the_files_of_its_folder(here: Path) -> None:
     (here / "lab/box/meshes").mkdir(parents=True)
     (here / "lab/box/meshes/box.stl").write_bytes(TETRAHEDRON)
     named = BOX.replace("../meshes", "meshes").replace("<body>", '<body name="box">')
@@ -163,14 +163,14 @@ def test_an_attached_model_brings_the_files_of_its_own_folder(here: Path) -> Non
     assert findings("robot/robot.yaml") == []
 
 
-def test_the_result_as_json_notes_what_was_added(here: Path) -> None:
+def test_the_json_result_contains_the_added_parts(here: Path) -> None:
     (here / "given.xml").write_text(CART)
     result = json.loads(obk_init("robot", "--model", "given.xml", "--format", "json"))
     assert len(result["notes"]) == 2
     assert "model/robot.xml" in result["notes"][0]
 
 
-def test_the_same_again_changes_nothing(here: Path, tree: Tree) -> None:
+def test_repeating_the_command_changes_nothing(here: Path, tree: Tree) -> None:
     (here / "given.xml").write_text(MIXED)
     obk_init("robot", "--model", "given.xml")
     before = tree(here)
@@ -196,7 +196,7 @@ UNSTABLE = MIXED.replace('kv="0.2"', 'kv="1e6"')
         (XACRO, "is a xacro file"),
     ],
 )
-def test_what_cannot_be_a_robot_is_refused_and_nothing_is_made(
+def test_an_invalid_robot_is_rejected_and_nothing_is_created(
     here: Path, text: str, part: str
 ) -> None:
     (here / "given.xml").write_text(text)
@@ -206,7 +206,7 @@ def test_what_cannot_be_a_robot_is_refused_and_nothing_is_made(
     assert not (here / "robot").exists()
 
 
-def test_a_file_that_is_not_there_is_refused() -> None:
+def test_a_missing_file_is_rejected() -> None:
     assert (
         "`nothing.xml` cannot be read: file not found"
         in refused("robot", "--model", "nothing.xml").message

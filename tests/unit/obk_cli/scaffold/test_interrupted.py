@@ -1,4 +1,4 @@
-"""Interrupted or failing at any step, nothing is left behind and nothing is lost."""
+"""After an interrupt or a failure at any step, nothing is left behind and nothing is lost."""
 
 import errno
 import os
@@ -16,13 +16,13 @@ from obk_cli.scaffold.write import Action, Decision, decide, read_existing, writ
 Tree = Callable[[Path], dict[str, bytes]]
 
 STEPS = ("mkdir", "write_bytes", "chmod", "replace", "rename", "read_bytes", "exists")
-"""What `write` asks the disk for, by the methods of Path."""
+"""The file operations of `write`, by the methods of Path."""
 NEW = [RenderedFile(path=PurePosixPath(path), content=b"new") for path in ("a", "b/c", "b/d/e")]
 NO_ROOM = OSError(errno.ENOSPC, "No space left on device")
 
 
 def whole(root: Path) -> dict[str, bytes | None]:
-    """Everything below a folder, folders and hidden files too."""
+    """Everything below a folder, including folders and hidden files."""
     return {
         path.relative_to(root).as_posix(): path.read_bytes() if path.is_file() else None
         for path in root.rglob("*")
@@ -33,11 +33,11 @@ def plan(root: Path) -> tuple[Decision, ...]:
     edits = [RenderedFile(path=PurePosixPath("mine"), content=b"edited")] if root.exists() else []
     paths = [file.path for file in (*NEW, *edits)]
     decisions = decide(NEW, read_existing(root, paths), edits=edits)
-    return decisions[::-1]  # so that steps follow an edit
+    return decisions[::-1]  # so that there are steps after an edit
 
 
 class Failing:
-    """The n-th step of all raises; those that undo come later and work."""
+    """The n-th step raises; the later steps that undo it work."""
 
     def __init__(self, patch: pytest.MonkeyPatch, at: int, fault: BaseException) -> None:
         self.count = 0
@@ -57,7 +57,7 @@ class Failing:
 
 
 def steps_of(root: Path) -> int:
-    """How many steps an undisturbed run has."""
+    """The number of steps in an undisturbed run."""
     decisions = plan(root)
     with pytest.MonkeyPatch.context() as patch:
         counter = Failing(patch, 0, NO_ROOM)
@@ -75,7 +75,7 @@ def prepare(root: Path, *, exists: bool) -> None:
 
 @pytest.mark.parametrize("exists", [False, True], ids=["new folder", "folder that is there"])
 @pytest.mark.parametrize("fault", [KeyboardInterrupt(), NO_ROOM], ids=["interrupt", "disk full"])
-def test_whichever_step_fails_everything_is_as_before(
+def test_after_a_failure_at_any_step_everything_is_as_before(
     tmp_path: Path, fault: BaseException, exists: bool
 ) -> None:
     prepare(tmp_path / "trial/src/foo", exists=exists)
@@ -93,19 +93,19 @@ def test_whichever_step_fails_everything_is_as_before(
         assert whole(folder) == before, f"step {at} of {count}"
 
 
-def test_a_file_that_has_changed_since_it_was_looked_at_is_kept(tmp_path: Path) -> None:
+def test_a_file_that_has_changed_since_the_check_is_kept(tmp_path: Path) -> None:
     root = tmp_path / "foo"
     prepare(tmp_path / "foo", exists=True)
     decisions = plan(root)
-    (root / "mine").write_bytes(b"changed by somebody")
-    (root / "a").write_bytes(b"made by somebody")
+    (root / "mine").write_bytes(b"changed by the user")
+    (root / "a").write_bytes(b"created by the user")
     before = whole(tmp_path)
-    with pytest.raises(OSError, match="has changed meanwhile"):
+    with pytest.raises(OSError, match="has changed in the meantime"):
         write_decisions(root, decisions)
     assert whole(tmp_path) == before
 
 
-def test_what_the_user_wants_to_keep_is_kept(tmp_path: Path) -> None:
+def test_files_that_the_user_keeps_are_kept(tmp_path: Path) -> None:
     root = tmp_path / "foo"
     prepare(root, exists=True)
     kept = Decision(
@@ -117,7 +117,7 @@ def test_what_the_user_wants_to_keep_is_kept(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", [1, 5, 20])
 def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path: Path, count: int) -> None:
-    """A process of its own, and the signal itself: it comes while the count-th file is written."""
+    """Uses a separate process and a real signal, sent while the count-th file is written."""
     code = f"""
 import os, signal, sys
 from pathlib import Path
@@ -147,7 +147,7 @@ main(["init", "my_robot"])
 
 @pytest.mark.usefixtures("unmeasured")
 def test_a_disk_without_room_is_reported_and_nothing_is_left(tmp_path: Path) -> None:
-    """The limit of the process on a file's size stands for the disk."""
+    """The file size limit of the process simulates a full disk."""
     code = """
 import resource, signal
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -157,7 +157,7 @@ main(["new", "controller", "foo"])
 """
     (tmp_path / "here").mkdir()
     done = subprocess.run(
-        [sys.executable, "-B", "-c", code],  # bytecode would be cut short by the limit too
+        [sys.executable, "-B", "-c", code],  # the limit would also truncate bytecode
         cwd=tmp_path / "here",
         env=os.environ | {"XDG_CONFIG_HOME": str(tmp_path)},
         capture_output=True,

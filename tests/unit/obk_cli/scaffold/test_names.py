@@ -33,25 +33,23 @@ def test_lower_snake_case_is_taken(name: str) -> None:
         ("foo\n", "foo"),
     ],
 )
-def test_a_name_of_the_wrong_shape_is_refused_with_the_nearest_right_one(
-    name: str, suggestion: str
-) -> None:
+def test_an_invalid_name_is_rejected_with_the_nearest_valid_one(name: str, suggestion: str) -> None:
     problem = check_name(name, kind="controller", owner_of=no_owner)
     assert problem is not None
     assert problem.help == f"try `{suggestion}`"
 
 
 @pytest.mark.parametrize("name", ["../x_y", "/x_y", "a/x_y", "..", "x_y/", "a\\x_y"])
-def test_a_path_is_refused_as_a_path(name: str) -> None:
+def test_a_path_is_rejected_as_a_path(name: str) -> None:
     problem = check_name(name, kind="estimator", owner_of=no_owner)
     assert problem is not None
-    assert problem.sentence == f"the name `{name}` is a path; a bare name was expected"
+    assert problem.sentence == f"the name `{name}` is a path, expected a name"
     assert problem.help is not None
-    assert problem.help.endswith("--dest DIR chooses the folder")
+    assert problem.help.endswith("choose the folder with --dest DIR")
 
 
 @pytest.mark.parametrize("name", ["class", "lambda", "import"])
-def test_a_keyword_is_refused(name: str) -> None:
+def test_a_keyword_is_rejected(name: str) -> None:
     problem = check_name(name, kind="controller", owner_of=no_owner)
     assert problem is not None
     assert problem.sentence == f"the name `{name}` is a Python keyword"
@@ -59,20 +57,20 @@ def test_a_keyword_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["src", "build", "install", "log", "test", "setup"])
-def test_a_name_that_workspaces_have_for_something_else_is_refused(name: str) -> None:
+def test_a_name_with_a_meaning_in_workspaces_is_rejected(name: str) -> None:
     problem = check_name(name, kind="controller", owner_of=no_owner)
     assert problem is not None
     assert problem.sentence.endswith("has another meaning in workspaces and packages")
     assert problem.help == f"try `{name}_controller`"
 
 
-def test_a_name_in_use_is_refused_with_its_owner() -> None:
+def test_a_name_in_use_is_rejected_with_its_owner() -> None:
     problem = check_name("json", kind="controller", owner_of=lambda name: f"the {name} module")
     assert problem is not None
     assert problem.sentence == "the name `json` is taken: it is the json module"
 
 
-def test_a_name_that_is_too_long_is_refused() -> None:
+def test_a_name_that_is_too_long_is_rejected() -> None:
     problem = check_name("a" * (LONGEST_NAME + 1), kind="controller", owner_of=no_owner)
     assert problem is not None
     assert "has 41 characters; expected at most 40" in problem.sentence

@@ -21,7 +21,7 @@ Tree = Callable[[Path], dict[str, bytes]]
 
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty workspace to stand in."""
+    """An empty workspace as the working folder."""
     return empty_workspace(tmp_path / "ws", monkeypatch)
 
 
@@ -29,9 +29,9 @@ def test_a_package_goes_into_src_of_the_workspace(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
-    said = obk_new("controller", "foo")
-    assert said.startswith("created the controller `foo`, package `foo`, in src/foo/\n")
-    assert said.endswith(
+    output = obk_new("controller", "foo")
+    assert output.startswith("created the controller `foo`, package `foo`, in src/foo/\n")
+    assert output.endswith(
         "next:\n  python -m pytest src/foo/test/test_foo.py\n  obk launch CONFIG\n"
     )
     assert (workspace / "src/foo/foo/foo.py").is_file()
@@ -42,9 +42,9 @@ def test_the_next_commands_work_without_an_active_environment(
 ) -> None:
     monkeypatch.setenv("PATH", "")
     programs = Path(sys.executable).parent
-    said = obk_new("controller", "foo")
-    assert f"  {programs}/python -m pytest src/foo/test/test_foo.py\n" in said
-    assert f"  {programs}/obk launch CONFIG\n" in said
+    output = obk_new("controller", "foo")
+    assert f"  {programs}/python -m pytest src/foo/test/test_foo.py\n" in output
+    assert f"  {programs}/obk launch CONFIG\n" in output
 
 
 def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) -> None:
@@ -52,11 +52,11 @@ def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) 
     assert "amplitude = Parameter(" in (workspace / "src/foo/foo/foo.py").read_text()
 
 
-def test_the_snippet_says_who_would_wire_it(workspace: Path) -> None:
-    said = obk_new("estimator", "foo")
-    assert "under `estimation:` in your config and replace /STACK" in said
-    assert "--add-to CONFIG" in said
-    assert "    - key: pub_est\n        topic: /STACK/est\n" in said
+def test_the_snippet_names_the_option_that_adds_it(workspace: Path) -> None:
+    output = obk_new("estimator", "foo")
+    assert "under `estimation:` in your config and replace /STACK" in output
+    assert "--add-to CONFIG" in output
+    assert "    - key: pub_est\n        topic: /STACK/est\n" in output
 
 
 def test_a_misspelt_kind_is_reported_with_the_near_one() -> None:
@@ -65,7 +65,7 @@ def test_a_misspelt_kind_is_reported_with_the_near_one() -> None:
     assert error.help == "did you mean `controller`?"
 
 
-def test_a_message_package_that_is_not_there_is_reported_of(workspace: Path) -> None:
+def test_a_missing_message_package_is_reported(workspace: Path) -> None:
     obk_new("msgs", "arm_msgs")
     result = CliRunner().invoke(app, ["controller", "foo", "--ctrl-msg", "arm_msg/Example"])
     assert result.exit_code == 0
@@ -105,9 +105,9 @@ def test_the_launcher_finds_the_executable_in_the_sources(workspace: Path) -> No
 
 
 def test_a_dry_run_shows_the_tree_and_makes_nothing(workspace: Path, tree: Tree) -> None:
-    said = obk_new("controller", "foo", "--dry-run")
-    assert said.startswith("would create the controller `foo`")
-    assert "  create    foo/foo.py\n" in said
+    output = obk_new("controller", "foo", "--dry-run")
+    assert output.startswith("would create the controller `foo`")
+    assert "  create    foo/foo.py\n" in output
     assert tree(workspace) == {}
 
 
@@ -118,7 +118,7 @@ def test_the_result_as_json() -> None:
     assert result["section"] == "estimation"
 
 
-def test_the_same_again_changes_nothing(workspace: Path, tree: Tree) -> None:
+def test_repeating_the_command_changes_nothing(workspace: Path, tree: Tree) -> None:
     obk_new("controller", "foo")
     before = tree(workspace)
     assert "  identical setup.py\n" in obk_new("controller", "foo")
@@ -133,7 +133,7 @@ def test_a_changed_file_is_never_lost_without_force(workspace: Path, tree: Tree)
     before = tree(workspace)
     fault = refused("controller", "foo")
     assert isinstance(fault, CommandFailedError)
-    assert "  foo/foo.py: it is there with other content" in fault.message
+    assert "  foo/foo.py: it has different content" in fault.message
     assert tree(workspace) == before
     assert "  replace   foo/foo.py\n" in obk_new("controller", "foo", "--force")
     assert mine.read_text() != "mine"
@@ -157,14 +157,14 @@ def test_a_package_elsewhere_in_the_workspace_is_not_doubled(workspace: Path) ->
     assert f"is taken: it is a ROS package ({workspace / 'src/group/foo'})" in fault.message
 
 
-def test_all_wrong_answers_are_in_one_message() -> None:
+def test_all_invalid_options_are_in_one_message() -> None:
     fault = refused("controller", "foo", "--ctrl-msg", "PositionSetpont", "--est-msg", "x")
     assert "`PositionSetpont`" in fault.message
     assert "did you mean `PositionSetpoint`?" in fault.message
     assert "`x`" in fault.message
 
 
-def test_a_link_that_leads_out_of_the_workspace_is_refused(
+def test_a_link_that_leads_out_of_the_workspace_is_rejected(
     workspace: Path, tmp_path: Path, tree: Tree
 ) -> None:
     elsewhere = tmp_path / "elsewhere"
@@ -188,7 +188,7 @@ def test_a_link_inside_the_package_is_not_followed_out(
     (workspace / "src/foo").mkdir()
     (workspace / "src/foo/test").symlink_to(elsewhere)
     fault = refused("controller", "foo", "--force")
-    assert f"test/test_foo.py: a symbolic link leads it to {elsewhere}" in fault.message
+    assert f"test/test_foo.py: a symbolic link redirects it to {elsewhere}" in fault.message
     assert tree(elsewhere) == {}
 
 
@@ -205,7 +205,7 @@ def test_a_controller_writes_as_many_controls_as_the_model_has_actuators(
     assert f"        msg.u_mujoco = {line}\n" in (workspace / "src/foo/foo/foo.py").read_text()
 
 
-def test_a_file_is_no_destination(workspace: Path) -> None:
+def test_a_file_is_an_invalid_destination(workspace: Path) -> None:
     (workspace / "file").write_text("")
     fault = refused("controller", "foo", "--dest", "file")
     assert fault.message == "--dest: file is a file, expected a folder"
@@ -232,7 +232,7 @@ def test_a_dry_run_shows_a_diff_that_patch_takes(
     assert tree(patched) == tree(root)
 
 
-def test_a_dry_run_shows_what_is_in_the_way_and_fails(workspace: Path, tree: Tree) -> None:
+def test_a_dry_run_shows_existing_files_and_fails(workspace: Path, tree: Tree) -> None:
     obk_new("controller", "foo")
     (workspace / "src/foo/package.xml").write_text("mine\n")
     before = tree(workspace)
@@ -244,8 +244,8 @@ def test_a_dry_run_shows_what_is_in_the_way_and_fails(workspace: Path, tree: Tre
 
 
 def test_a_message_package_is_one_that_the_builder_takes(workspace: Path) -> None:
-    said = obk_new("msgs", "my_msgs", "--srv")
-    assert said.startswith("created the message package `my_msgs` in src/my_msgs/\n")
+    output = obk_new("msgs", "my_msgs", "--srv")
+    assert output.startswith("created the message package `my_msgs` in src/my_msgs/\n")
     (package,) = discover([workspace / "src"])
     assert package.name == "my_msgs"
     assert {interface.file for interface in package.interfaces} == {

@@ -1,4 +1,4 @@
-"""`obk new config`: a config of the nodes and the model that are there."""
+"""`obk new config`: a config of the existing nodes and model."""
 
 import json
 import shutil
@@ -14,14 +14,12 @@ from .new_command import empty_workspace, obk_new, refused
 
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty workspace to stand in."""
+    """An empty workspace as the working folder."""
     return empty_workspace(tmp_path / "ws", monkeypatch)
 
 
 @pytest.mark.mujoco
-def test_what_the_config_is_to_say_is_valid_in_place_of_the_example(
-    workspace: Path, repository: Path
-) -> None:
+def test_the_printed_entry_is_valid_in_the_example(workspace: Path, repository: Path) -> None:
     example = (repository / "examples/dummy/dummy_new.yaml").read_text()
     shutil.copy(repository / "examples/dummy/dummy.xml", workspace)
     made = [
@@ -35,7 +33,7 @@ def test_what_the_config_is_to_say_is_valid_in_place_of_the_example(
     options = Options(variables={}, working_folder=workspace)
     outcome = compile_config("config.yaml", options)
     faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
-    # The simulator's package is there only where the tool is installed.
+    # The simulator's package exists only if the tool is installed.
     assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
     assert outcome.config is not None
 
@@ -72,7 +70,7 @@ def test_a_config_joins_the_nodes_of_the_workspace(workspace: Path) -> None:
 
 
 @pytest.mark.mujoco
-def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: Path) -> None:
+def test_a_config_without_a_robot_simulates_the_existing_model(workspace: Path) -> None:
     obk_new("controller", "my_control")
     obk_new("estimator", "my_estimate", "--sensor-msg", "ObkImu")
     obk_new("config", "one")
@@ -86,11 +84,11 @@ def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: P
     assert not (workspace / "two.xml").exists()
     outcome = compile_config("two.yaml", Options(variables={}, working_folder=workspace))
     faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
-    # The simulator's package is there only where the tool is installed.
+    # The simulator's package exists only if the tool is installed.
     assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
 
 
-def test_a_config_says_which_sensors_its_model_lacks(workspace: Path) -> None:
+def test_a_config_lists_the_sensors_that_its_model_lacks(workspace: Path) -> None:
     obk_new("estimator", "my_estimate", "--sensor-msg", "ObkJointEncoders")
     (workspace / "arm.xml").write_text("<mujoco/>")
     obk_new("config", "arm")

@@ -1,4 +1,4 @@
-"""`obk new` within a package: a node is added to it, or an error says why not."""
+"""`obk new` in a package adds a node to it, or reports why that is not possible."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +15,7 @@ Tree = Callable[[Path], dict[str, bytes]]
 
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty workspace to stand in."""
+    """An empty workspace as the working folder."""
     return empty_workspace(tmp_path / "ws", monkeypatch)
 
 
@@ -25,8 +25,8 @@ def test_inside_a_package_a_node_is_added(
     obk_new("controller", "foo")
     before = tree(workspace / "src/foo")
     monkeypatch.chdir(workspace / "src/foo")
-    said = obk_new("estimator", "second", "--sensor-msg", "ObkImu")
-    assert said.startswith("created the estimator `second`, package `foo`, in ./\n")
+    output = obk_new("estimator", "second", "--sensor-msg", "ObkImu")
+    assert output.startswith("created the estimator `second`, package `foo`, in ./\n")
     after = tree(workspace / "src/foo")
     changed = {path for path in after if after[path] != before.get(path)}
     assert changed == {
@@ -83,7 +83,7 @@ def test_a_setup_that_is_not_plain_stops_the_addition(
         (("controller", "bar", "--lang", "cpp"), "a C++ node needs a package of its own"),
     ],
 )
-def test_what_cannot_go_into_a_package_is_reported(
+def test_invalid_package_contents_are_reported(
     workspace: Path,
     tree: Tree,
     monkeypatch: pytest.MonkeyPatch,
@@ -101,7 +101,7 @@ def test_what_cannot_go_into_a_package_is_reported(
 
 
 @pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor"])
-def test_a_package_that_keeps_its_scripts_in_pyproject_gets_the_node_there(
+def test_a_package_with_scripts_in_pyproject_gets_the_node_there(
     workspace: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     root = workspace / "src/foo"
@@ -130,7 +130,7 @@ def test_deep_inside_a_package_is_inside_it(
     assert (workspace / "src/foo/foo/second.py").is_file()
 
 
-def test_between_the_packages_of_a_workspace_is_inside_none(
+def test_between_the_packages_of_a_workspace_is_outside_of_all(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (workspace / "src/package.xml").write_text("<package><name>outer</name></package>")

@@ -23,13 +23,13 @@ def test_messages_are_resolved_to_their_packages(make_spec: Callable[..., Packag
         ("std_msgs/UInt8MultiArray", "std_msgs/msg/UInt8MultiArray"),
     ],
 )
-def test_a_config_spells_a_message_bare_where_that_means_the_same(
+def test_a_config_uses_the_short_message_name_if_unambiguous(
     make_spec: Callable[..., PackageSpec], written: str, spelling: str
 ) -> None:
     assert make_spec(ctrl_msg=written).ctrl.spelling == spelling
 
 
-def test_every_wrong_answer_is_reported_at_once() -> None:
+def test_all_invalid_options_are_reported_together() -> None:
     request = PackageRequest(
         kind="controller", name="Foo", ctrl_msg="PositionSetpont", est_msg="x/y"
     )
@@ -43,7 +43,7 @@ def test_every_wrong_answer_is_reported_at_once() -> None:
     assert problems[1].help.startswith("did you mean `PositionSetpoint`?")
 
 
-def test_a_message_that_an_obelisk_package_does_not_have_is_refused() -> None:
+def test_a_message_that_an_obelisk_package_lacks_is_rejected() -> None:
     request = PackageRequest(kind="controller", name="foo", ctrl_msg="obelisk_control_msgs/Nothing")
     assert isinstance(check_request(request, owner_of=no_owner), tuple)
 
@@ -68,7 +68,7 @@ def test_a_message_of_the_workspace_is_stamped_if_its_definition_has_a_header() 
     assert [has_header(spec.ctrl) for spec in (known, unknown)] == [True, False]
 
 
-def test_a_message_that_a_package_of_the_workspace_does_not_have_is_refused() -> None:
+def test_a_message_that_a_package_of_the_workspace_lacks_is_rejected() -> None:
     request = PackageRequest(kind="controller", name="foo", ctrl_msg="arm_msgs/Raech")
     problems = check_request(request, owner_of=no_owner, messages=ArmMessages())
     assert isinstance(problems, tuple)
@@ -82,7 +82,7 @@ def test_a_message_that_a_package_of_the_workspace_does_not_have_is_refused() ->
     )
 
 
-def test_two_messages_of_one_class_name_are_refused() -> None:
+def test_two_messages_of_one_class_name_are_rejected() -> None:
     request = PackageRequest(
         kind="controller", name="foo", ctrl_msg="a_msgs/State", est_msg="b_msgs/State"
     )
@@ -94,7 +94,7 @@ def test_two_messages_of_one_class_name_are_refused() -> None:
 
 
 @pytest.mark.parametrize("clash", ["my_msgs/FooController", "my_msgs/ObeliskController"])
-def test_a_message_that_has_the_name_of_another_class_of_the_module_is_refused(clash: str) -> None:
+def test_a_message_with_the_name_of_another_class_of_the_module_is_rejected(clash: str) -> None:
     request = PackageRequest(kind="controller", name="foo", ctrl_msg=clash)
     problems = check_request(request, owner_of=no_owner)
     assert isinstance(problems, tuple)

@@ -21,12 +21,12 @@ def test_without_a_build_type_it_is_catkin() -> None:
     )
 
 
-def test_what_is_no_manifest_is_reported_apart() -> None:
+def test_an_invalid_manifest_is_reported_separately() -> None:
     assert read_identity("<package/>") is None
     assert read_identity("name: foo") is None
 
 
-def test_missing_dependencies_go_behind_those_that_are_there() -> None:
+def test_missing_dependencies_are_added_after_existing_ones() -> None:
     changed = add_dependencies(MANIFEST, ["std_msgs", "rclpy", "b_msgs", "a_msgs"])
     assert changed == MANIFEST.replace(
         "rclpy</exec_depend>",

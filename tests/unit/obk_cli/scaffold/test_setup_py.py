@@ -69,7 +69,7 @@ def test_the_same_entry_point_again_changes_nothing() -> None:
 def test_an_executable_of_another_module_is_not_replaced() -> None:
     problem = add_entry_point(setup_py('["new = foo.other:main"]'), NEW)
     assert problem == Problem(
-        sentence="setup.py has the executable `new` already: new = foo.other:main",
+        sentence="setup.py already has the executable `new`: new = foo.other:main",
         help="choose another name",
     )
 
@@ -86,9 +86,9 @@ def test_an_executable_of_another_module_is_not_replaced() -> None:
         setup_py('["a = b:c"]') + "a" + ".a" * 100_000,
     ],
 )
-def test_a_setup_that_is_not_plain_is_refused_with_the_line_to_add(text: str) -> None:
+def test_a_complex_setup_is_rejected_with_the_line_to_add(text: str) -> None:
     problem = add_entry_point(text, NEW)
     assert isinstance(problem, Problem)
-    assert "cannot be added without touching the rest" in problem.sentence
+    assert "cannot be added without changing the rest" in problem.sentence
     assert problem.help is not None
     assert f'"{NEW}"' in problem.help

@@ -25,7 +25,7 @@ def render_one(name: str, content: str, **variables: object) -> RenderedFile:
 
 
 @pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor"])
-def test_a_package_has_what_ament_python_asks_for(package: Package, kind: str) -> None:
+def test_a_package_has_everything_that_ament_python_requires(package: Package, kind: str) -> None:
     files = package(kind, "foo")
     assert {str(path) for path in files} == {
         "foo/__init__.py",
@@ -67,7 +67,7 @@ def test_an_estimator_registers_its_sensor(package: Package) -> None:
         ("ObkImage", "self.get_clock().now().to_msg()"),
     ],
 )
-def test_an_estimate_has_the_stamp_of_its_sensor_where_that_has_one(
+def test_an_estimate_has_the_stamp_of_its_sensor_if_it_has_one(
     package: Package, sensor_msg: str, stamp: str
 ) -> None:
     node = text_of(package("estimator", sensor_msg=sensor_msg), "foo/foo.py")

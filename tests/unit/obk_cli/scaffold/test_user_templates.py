@@ -1,4 +1,4 @@
-"""Templates of a user's own, the harmful ones too."""
+"""User templates, including harmful ones."""
 
 import json
 from collections.abc import Callable
@@ -16,7 +16,7 @@ Tree = Callable[[Path], dict[str, bytes]]
 
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty workspace to stand in, and no templates in the user's own folder."""
+    """An empty working folder, without templates in the user's folder."""
     folder = tmp_path / "ws"
     (folder / "src").mkdir(parents=True)
     monkeypatch.chdir(folder)
@@ -27,14 +27,14 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def mine(tmp_path: Path) -> Path:
-    """A folder of templates with one of its own for Python packages."""
+    """A folder with a custom template for Python packages."""
     folder = tmp_path / "mine"
     (folder / "package_py").mkdir(parents=True)
     (folder / "package_py" / "LICENSE.jinja").write_text("Licence of {{ package }}\n")
     return folder
 
 
-def test_they_are_layered_over_the_tools_own(workspace: Path, mine: Path) -> None:
+def test_they_extend_the_built_in_ones(workspace: Path, mine: Path) -> None:
     (mine / "package_py" / "setup.py").write_text("# mine\n")
     obk_new("controller", "foo", "--templates", str(mine))
     root = workspace / "src/foo"
@@ -56,10 +56,10 @@ def test_the_folder_may_be_named_by_the_environment_or_be_the_users_config(
         assert (workspace / "src" / name / "LICENSE").is_file()
 
 
-def test_the_list_says_what_is_from_where(mine: Path) -> None:
-    said = obk_new("--list", "--templates", str(mine))
-    assert f"package_py (obk, {mine / 'package_py'})" in said
-    assert "controller_cpp (obk)" in said
+def test_the_list_shows_the_source_of_each_template(mine: Path) -> None:
+    output = obk_new("--list", "--templates", str(mine))
+    assert f"package_py (obk, {mine / 'package_py'})" in output
+    assert "controller_cpp (obk)" in output
     listed = json.loads(obk_new("--list", "--format", "json"))
     assert {(entry["kind"], entry["language"]) for entry in listed} >= {
         ("controller", "py"),
@@ -75,13 +75,13 @@ def test_the_list_says_what_is_from_where(mine: Path) -> None:
 def test_a_folder_that_no_kind_has_is_reported_with_the_near_one(mine: Path) -> None:
     (mine / "contoller_py").mkdir()
     fault = refused("controller", "foo", "--templates", str(mine))
-    assert f"{mine / 'contoller_py'} is the template folder of nothing" in fault.message
+    assert f"{mine / 'contoller_py'} does not match any template folder" in fault.message
     assert fault.help is not None
     assert "controller_py" in fault.help
 
 
 def test_a_folder_that_is_not_there_is_reported(mine: Path) -> None:
-    assert "is not there" in refused("controller", "foo", "--templates", f"{mine}x").message
+    assert "does not exist" in refused("controller", "foo", "--templates", f"{mine}x").message
 
 
 @pytest.mark.parametrize("what", ["file", "folder", "dangling"])
@@ -113,7 +113,7 @@ def test_a_link_in_the_folder_is_not_followed(
         "a{{ '\\x2f' }}..{{ '\\x2f' }}..{{ '\\x2f' }}x",
     ],
 )
-def test_a_file_name_that_leads_out_is_refused(
+def test_a_file_name_that_leads_out_is_rejected(
     mine: Path, workspace: Path, tree: Tree, name: str
 ) -> None:
     (mine / "package_py" / name).write_text("x")
@@ -139,7 +139,7 @@ def test_a_file_name_that_leads_out_is_refused(
         "{{ range(1000000000) }}",
     ],
 )
-def test_a_text_that_reaches_out_or_is_broken_is_refused_with_its_file(
+def test_a_text_that_reaches_out_or_is_broken_is_rejected_with_its_file(
     mine: Path, workspace: Path, tree: Tree, text: str
 ) -> None:
     bad = mine / "package_py" / "bad.jinja"
@@ -170,20 +170,20 @@ def test_a_text_that_asks_for_too_much_is_stopped(
     assert tree(workspace) == {}
 
 
-def test_a_template_of_senseless_size_is_refused(mine: Path) -> None:
+def test_a_template_of_excessive_size_is_rejected(mine: Path) -> None:
     (mine / "package_py" / "big").write_bytes(b"x" * (1024 * 1024 + 1))
     assert "1048577 bytes" in refused("controller", "foo", "--templates", str(mine)).message
 
 
-def test_two_templates_of_one_file_are_refused(mine: Path, workspace: Path, tree: Tree) -> None:
+def test_two_templates_of_one_file_are_rejected(mine: Path, workspace: Path, tree: Tree) -> None:
     (mine / "package_py" / "{{package}}").mkdir()
     (mine / "package_py" / "{{package}}" / "__init__.py").write_text("")
     fault = refused("controller", "foo", "--templates", str(mine))
-    assert fault.message == "two templates would make `foo/__init__.py`"
+    assert fault.message == "two templates would create `foo/__init__.py`"
     assert tree(workspace) == {}
 
 
-def test_what_a_template_usually_computes_is_within_the_bounds() -> None:
+def test_usual_computations_of_a_template_are_within_the_bounds() -> None:
     text = b"{% for i in range(3) %}{{ i * 2 }}{{ '-' * 4 }}{{ 2 ** 10 }}{{ 2 ** -1 }}{% endfor %}"
     (file,) = render_templates([Template(name="a.jinja", content=text)], {})
     assert file.content == b"0----10240.52----10240.54----10240.5"

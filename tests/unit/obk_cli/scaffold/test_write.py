@@ -1,4 +1,4 @@
-"""Deciding on files, and writing all of them or none."""
+"""Decisions about files, and writing all of them or none."""
 
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
@@ -26,22 +26,22 @@ def action(there: Existing | None, *, force: bool = False) -> Action:
     return decision.action
 
 
-def test_a_file_that_is_not_there_is_created() -> None:
+def test_a_missing_file_is_created() -> None:
     assert action(None) is Action.CREATE
     assert action(None, force=True) is Action.CREATE
 
 
-def test_the_same_file_is_left_alone() -> None:
+def test_an_identical_file_is_kept() -> None:
     assert action(Existing(content=b"new")) is Action.IDENTICAL
     assert action(Existing(content=b"new"), force=True) is Action.IDENTICAL
 
 
-def test_another_file_is_refused_or_with_force_replaced() -> None:
+def test_another_file_is_rejected_or_replaced_with_force() -> None:
     assert action(Existing(content=b"old")) is Action.CONFLICT
     assert action(Existing(content=b"old"), force=True) is Action.REPLACE
 
 
-def test_what_is_no_file_is_refused_even_with_force() -> None:
+def test_paths_that_are_no_files_are_rejected_even_with_force() -> None:
     assert action(Existing(content=None, reason="it is a directory"), force=True) is Action.CONFLICT
 
 
@@ -54,12 +54,12 @@ def test_an_edit_needs_the_file_that_it_edits() -> None:
         Action.EDIT,
         Action.IDENTICAL,
     ]
-    assert gone.reason == "it is gone"
+    assert gone.reason == "it no longer exists"
 
 
 def test_conflicts_are_reported_with_their_reason() -> None:
     decisions = decide([FILE], {PATH: Existing(content=b"old")})
-    assert [d.reason for d in conflicts(decisions)] == ["it is there with other content"]
+    assert [d.reason for d in conflicts(decisions)] == ["it has different content"]
     assert conflicts(decide([FILE], {})) == ()
 
 
@@ -67,7 +67,7 @@ Tree = Callable[[Path], dict[str, bytes]]
 
 
 class Interrupted(BaseException):
-    """As a KeyboardInterrupt: no `except Exception` stops it."""
+    """Like a KeyboardInterrupt: no `except Exception` catches it."""
 
 
 def decision(path: str, content: str, action: Action = Action.CREATE) -> Decision:
@@ -77,7 +77,7 @@ def decision(path: str, content: str, action: Action = Action.CREATE) -> Decisio
 
 
 def fail_at(monkeypatch: pytest.MonkeyPatch, method: str, count: int) -> None:
-    """Interrupt the count-th call of a method of Path, before it does anything."""
+    """Interrupt the count-th call of a method of Path, before it has an effect."""
     original = getattr(Path, method)
     calls = iter(range(1, 1000))
 
@@ -110,7 +110,7 @@ def test_a_new_package_interrupted_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_files_are_added_to_a_folder_that_is_there(tmp_path: Path, tree: Tree) -> None:
+def test_files_are_added_to_an_existing_folder(tmp_path: Path, tree: Tree) -> None:
     (tmp_path / "foo").mkdir()
     (tmp_path / "foo/setup.py").write_text("old")
     (tmp_path / "foo/setup.py").chmod(0o600)
@@ -149,14 +149,14 @@ def test_an_interrupted_addition_is_undone(
     assert [path.name for path in tmp_path.iterdir()] == ["foo"]
 
 
-def test_a_folder_that_cannot_be_written_says_so_and_stays(tmp_path: Path) -> None:
+def test_a_read_only_folder_is_reported_and_kept(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="file"):
         write_decisions(tmp_path / "file/foo", [decision("a", "1")])
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_what_stands_there_is_read(tmp_path: Path) -> None:
+def test_existing_entries_are_read(tmp_path: Path) -> None:
     (tmp_path / "foo/sub").mkdir(parents=True)
     (tmp_path / "foo/a").write_bytes(b"a\r\n")
     (tmp_path / "elsewhere").mkdir()
@@ -170,6 +170,6 @@ def test_what_stands_there_is_read(tmp_path: Path) -> None:
         "a/x": None,
     }
     assert existing[PurePosixPath("link/x")].reason == (
-        f"a symbolic link leads it to {tmp_path / 'elsewhere/x'}"
+        f"a symbolic link redirects it to {tmp_path / 'elsewhere/x'}"
     )
     assert existing[PurePosixPath("a/x")].reason == "`a` is a file, not a folder"

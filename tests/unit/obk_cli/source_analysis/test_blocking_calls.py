@@ -1,4 +1,4 @@
-"""OBK426: callbacks that wait for their own executor, and waits that are right."""
+"""OBK426: callbacks that wait for their own executor, and valid waits."""
 
 import pytest
 
@@ -37,7 +37,7 @@ def found(**bodies: str) -> list[str]:
 
 
 @pytest.mark.parametrize("where", ["update", "helper", "tick", "constructor"])
-def test_a_call_of_a_service_is_found_in_whatever_the_executor_runs(where: str) -> None:
+def test_a_service_call_is_found_in_anything_the_executor_runs(where: str) -> None:
     assert found(**{where: CALL}) == ["OBK426"]
 
 
@@ -67,7 +67,7 @@ def test_ways_to_wait(body: str) -> None:
         {"constructor": SPIN},
     ],
 )
-def test_waits_that_are_right_or_that_cannot_be_judged(bodies: dict[str, str]) -> None:
+def test_valid_or_undecidable_waits(bodies: dict[str, str]) -> None:
     assert found(**bodies) == []
 
 

@@ -1,4 +1,4 @@
-"""What is known of a node from its source, and what is rather left unsaid."""
+"""What is known of a node from its source, and what is not reported."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,13 +27,13 @@ def main():
 
 
 def load_from(texts: Mapping[str, str], name: str) -> Module | None:
-    """A module from the texts, or of the run-time library."""
+    """A module from the texts, or from the run-time library."""
     if name in texts:
         return parse_module(name, FoundSource(source=SourceFile.of(f"{name}.py", texts[name])))
     if not name.startswith("obelisk_py"):
         return None
     path = LIBRARY.joinpath(*name.split("."))
-    # A folder without `__init__.py` may be left over from another version of the library.
+    # A folder without `__init__.py` may be left from another version of the library.
     is_package = (path / "__init__.py").is_file()
     file = path / "__init__.py" if is_package else path.with_suffix(".py")
     if not file.is_file():
@@ -67,7 +67,7 @@ def node(constructor: str, *, bases: str = "ObeliskNode") -> str:
     )
 
 
-def test_components_of_the_bases_come_with_the_types_that_the_constructor_hands_up() -> None:
+def test_components_of_the_bases_have_the_types_of_the_constructor_call() -> None:
     body = "class Mine(ObeliskController):\n    def __init__(self):\n"
     found = code(body + "        super().__init__('n', est_msg_type=ObkImu)\n")
     assert {c.name: c.msg_type for c in found.components} == {
@@ -87,7 +87,7 @@ def test_a_method_that_the_constructor_calls_registers_too() -> None:
     assert found.components[0].is_required
 
 
-def test_a_method_registers_what_its_calls_name() -> None:
+def test_a_method_registers_the_components_named_by_its_calls() -> None:
     found = code(node("self.add('pub_a')\nself.add(name='pub_b')\nself.add('pub_c_setting')"))
     assert names(found) == ["pub_a", "pub_b", "pub_c_setting"]
     assert found.knows_components
@@ -109,7 +109,7 @@ def test_names_may_be_constants_of_the_module_or_of_another() -> None:
     assert found.knows_components
 
 
-def test_the_class_may_come_from_another_module_by_a_reexport() -> None:
+def test_the_class_may_be_reexported_from_another_module() -> None:
     other = HEAD + node("self.register_obk_publisher('pub_a_setting')")
     package = "from other import Mine\n"
     found = code("from package import Mine\n", package=package, other=other)
@@ -132,7 +132,7 @@ def test_the_class_may_come_from_another_module_by_a_reexport() -> None:
         "[self.register_obk_publisher(name) for name in names]",
     ],
 )
-def test_what_is_computed_leaves_open_which_components_there_are(constructor: str) -> None:
+def test_computed_names_leave_the_components_open(constructor: str) -> None:
     assert not code(node(constructor)).knows_components
 
 
@@ -217,7 +217,7 @@ def test_whether_a_component_may_be_left_out(
     assert component.has_default is has_default
 
 
-def test_parameters_are_those_that_are_declared_anywhere_in_the_life_cycle() -> None:
+def test_parameters_may_be_declared_anywhere_in_the_life_cycle() -> None:
     configure = "    def on_configure(self, state):\n        self.declare_parameter('late', 1)\n"
     found = code(
         node("self.declare_parameter('a', 1)\nself.declare_parameters('', [('b', 1), ('c', 2)])")
@@ -231,7 +231,7 @@ def test_parameters_are_those_that_are_declared_anywhere_in_the_life_cycle() -> 
     "constructor",
     ["self.declare_parameter(name)", "self.declare_parameters('', table)"],
 )
-def test_computed_parameters_leave_open_which_there_are(constructor: str) -> None:
+def test_computed_parameters_leave_the_parameters_open(constructor: str) -> None:
     found = code(node(constructor))
     assert not found.knows_parameters
     assert found.knows_components
@@ -280,12 +280,12 @@ def test_parameters_of_a_list_are_of_the_kinds_of_their_defaults_behind_its_name
     assert found.items() >= {"arm.a": "float", "arm.b": "int", "arm.c": None}.items()
 
 
-def test_what_a_branch_declares_is_of_a_kind_that_is_not_known() -> None:
+def test_a_declaration_in_a_branch_has_an_unknown_kind() -> None:
     found = kinds(code(node("if x:\n    self.declare_parameter('a', 1.0)")))
     assert found["a"] is None
 
 
-def test_parameters_that_are_declared_by_themselves_leave_open_which_there_are() -> None:
+def test_automatically_declared_parameters_leave_the_parameters_open() -> None:
     body = "class Mine(ObeliskNode):\n    def __init__(self):\n"
     declares = "super().__init__('n', automatically_declare_parameters_from_overrides=True)"
     assert not code(f"{body}        {declares}\n").knows_parameters
@@ -318,12 +318,12 @@ def test_only_lists_that_are_written_out_into_control_messages_have_a_length() -
         "from elsewhere import *\n",
     ],
 )
-def test_an_entry_point_whose_class_is_not_named_says_nothing(tail: str) -> None:
+def test_an_entry_point_with_an_unknown_class_reports_nothing(tail: str) -> None:
     text = f"from elsewhere import A, B, Other, make, make_main, run, x\n{HEAD}{node('pass')}{tail}"
     assert read_node_code("m", "main", lambda name: load_from({"m": text}, name)) is None
 
 
-def test_a_class_that_is_no_obelisk_node_says_nothing() -> None:
+def test_a_class_that_is_no_obelisk_node_reports_nothing() -> None:
     assert read("class Mine:\n    pass\n") is None
 
 
@@ -331,7 +331,7 @@ def test_bases_in_a_circle_end() -> None:
     assert read("class Mine(Other):\n    pass\nclass Other(Mine):\n    pass\n") is None
 
 
-def test_a_fault_in_a_base_is_reported_at_its_place() -> None:
+def test_a_fault_in_a_base_is_reported_at_its_location() -> None:
     found = read("from base import Mine\n", base="class Mine(\n")
     assert isinstance(found, CodeFault)
     assert str(found.span) == "base.py:1:11"
@@ -341,7 +341,7 @@ SOURCES = [path.read_text(encoding="utf-8") for path in sorted(LIBRARY.rglob("co
 
 
 @given(st.sampled_from(SOURCES), st.data())
-def test_any_source_is_read_or_reported_to_be_none(text: str, data: st.DataObject) -> None:
+def test_any_source_is_read_or_reported_as_invalid(text: str, data: st.DataObject) -> None:
     at = data.draw(st.integers(0, len(text)))
     cut = data.draw(st.integers(0, 30))
     text = text[:at] + data.draw(st.text(max_size=5)) + text[at + cut :]

@@ -1,4 +1,4 @@
-"""What may differ between two lock-step runs, and what they simulate and is no finding."""
+"""Differences between two lock-step runs, and what lock-step simulates without a finding."""
 
 import pytest
 from hypothesis import given
@@ -123,24 +123,24 @@ def test_a_hazard_of_a_callback_is_found(imports: str, callback: str, code: str)
         ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import torch", "pass"),
     ],
 )
-def test_what_lockstep_runs_simulate_is_no_hazard(imports: str, callback: str) -> None:
+def test_features_that_lockstep_simulates_are_no_hazard(imports: str, callback: str) -> None:
     assert hazards(f"{imports}\n{node(callback)}") == []
 
 
-def test_the_thread_of_a_simulator_is_no_hazard_but_one_that_it_starts_is() -> None:
+def test_the_thread_of_a_simulator_is_no_hazard_but_its_own_thread_is() -> None:
     loop = "    def run_simulator(self):\n        while self.goes_on():\n            {}\n"
     assert hazards("import time\n" + node() + loop.format("time.sleep(0.001)")) == []
     started = loop.format("threading.Thread(target=f).start()")
     assert hazards("import threading\n" + node() + started) == ["OBK601"]
 
 
-def test_a_class_that_is_a_thread_is_found_where_the_node_uses_it() -> None:
+def test_a_thread_class_is_found_at_its_use_in_the_node() -> None:
     worker = "import threading\nclass Worker(threading.Thread):\n    pass\n"
     assert hazards(worker + node("Worker().start()")) == ["OBK601"]
     assert hazards(worker + node()) == []
 
 
-def test_code_that_the_node_leads_to_is_looked_at_and_no_other() -> None:
+def test_only_code_that_the_node_uses_is_checked() -> None:
     link = (
         "import socket\nclass Link:\n    def __init__(self):\n        self.s = socket.socket()\n"
         "def ask():\n    return input()\n"
@@ -151,7 +151,7 @@ def test_code_that_the_node_leads_to_is_looked_at_and_no_other() -> None:
     assert hazards("import link\n" + node(), link=link) == []
 
 
-def test_what_an_import_runs_is_looked_at_but_not_a_main_program() -> None:
+def test_code_run_by_an_import_is_checked_but_not_a_main_program() -> None:
     begun = "import threading\nT = threading.Thread()\nX = 1\n"
     assert hazards("from other import X\n" + node("print(X)"), other=begun) == ["OBK601"]
     program = "import os\nX = 1\nif __name__ == '__main__':\n    os.system('ls')\n"
@@ -167,7 +167,7 @@ def test_a_method_that_the_class_overrides_is_never_run() -> None:
     assert hazards(ask + "class Mine(Base):\n    pass\n") == ["OBK602"]
 
 
-def test_the_function_of_the_entry_point_is_looked_at() -> None:
+def test_the_function_of_the_entry_point_is_checked() -> None:
     main = "\ndef main():\n    import serial\n    with serial.Serial('/dev/x'):\n"
     text = HEAD + node() + main + "        spin_obelisk(None, Mine)\n"
     found = find_hazards("m", "main", lambda name: load_from({"m": text}, name))
@@ -175,7 +175,7 @@ def test_the_function_of_the_entry_point_is_looked_at() -> None:
     assert text.splitlines()[found[0].span.line - 1].strip().startswith("with serial")
 
 
-def test_one_finding_stands_for_all_of_the_same_in_a_file() -> None:
+def test_one_finding_represents_all_of_its_kind_in_a_file() -> None:
     callback = "threading.Thread(target=f)\nthreading.Thread(target=g)\nthreading.Timer(1, f)"
     assert hazards("import threading\n" + node(callback)) == ["OBK601", "OBK601"]
 
@@ -199,7 +199,7 @@ SOURCES = [path.read_text(encoding="utf-8") for path in sorted(LIBRARY.rglob("co
 
 
 @given(st.sampled_from(SOURCES), st.data())
-def test_any_source_has_hazards_or_none(text: str, data: st.DataObject) -> None:
+def test_any_source_has_hazards_or_not(text: str, data: st.DataObject) -> None:
     at = data.draw(st.integers(0, len(text)))
     cut = data.draw(st.integers(0, 30))
     text = text[:at] + data.draw(st.text(max_size=5)) + text[at + cut :]

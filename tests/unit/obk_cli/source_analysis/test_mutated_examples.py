@@ -1,7 +1,7 @@
-"""The nodes of the examples with one mistake each: found at its place, and nothing else is.
+"""The example nodes with one mistake each: found at its location, and nothing else is.
 
-Every class, key, callback, import and base constructor of their sources is misspelt once, as a
-hasty edit would.
+Every class, key, callback, import and base constructor of their sources is misspelt once, like a
+typing mistake.
 """
 
 import ast
@@ -19,12 +19,12 @@ from obk_cli.workspace.environment import MachineEnvironment
 EXAMPLES = Path(__file__).parents[4] / "examples"
 STACKS = ("arm", "quadruped", "hardware")
 ALWAYS = "arm"
-"""The stack whose nodes have all kinds of mistakes; the other stacks are slow."""
+"""The stack whose nodes have all kinds of mistakes; the other stacks are slow tests."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mistake:
-    """A piece of a source file, what stands there instead, and what is to be found."""
+    """A piece of a source file, its replacement, and the expected finding."""
 
     stack: str
     file: Path
@@ -41,7 +41,7 @@ class Mistake:
 
 
 def misspelt(word: str) -> str:
-    """Two letters in the middle exchanged; one left out where they are the same."""
+    """Swap two letters in the middle; leave one out if they are equal."""
     at = len(word) // 2
     swapped = word[: at - 1] + word[at] + word[at - 1] + word[at + 1 :]
     return swapped if swapped != word else word[:at] + word[at + 1 :]
@@ -111,7 +111,7 @@ def mistakes_in(stack: str, file: Path, text: str) -> Iterator[Mistake]:
 
 
 def findings(folder: Path, config: str) -> list[Diagnostic]:
-    """What the check of the source finds in a stack."""
+    """The findings of the source check in a stack."""
     environment = MachineEnvironment(folder, folder, {})
     options = Options(variables={}, working_folder=folder, environment=environment)
     outcome = compile_config(str(folder / config), options)
@@ -127,7 +127,7 @@ def findings(folder: Path, config: str) -> list[Diagnostic]:
     ],
     ids=str,
 )
-def test_one_mistake_gives_one_finding_at_its_place(mistake: Mistake, tmp_path: Path) -> None:
+def test_one_mistake_gives_one_finding_at_its_location(mistake: Mistake, tmp_path: Path) -> None:
     folder = tmp_path / mistake.stack
     shutil.copytree(EXAMPLES / mistake.stack, folder)
     file = tmp_path / mistake.file

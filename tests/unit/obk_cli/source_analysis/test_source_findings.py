@@ -1,4 +1,4 @@
-"""What is wrong in a node's source for certain, and what may be right and gives no finding."""
+"""Certain errors in a node's source, and possibly valid code, which has no findings."""
 
 import pytest
 
@@ -20,7 +20,7 @@ INSTALLED = (
 
 
 def codes(body: str, **modules: str) -> list[str]:
-    """The findings of a source, wherever its imports lead."""
+    """The findings of a source, including its imports."""
     texts = {"m": HEAD + body + TAIL, **modules}
     places = ImportPlaces(
         may_exist=lambda name: (
@@ -60,7 +60,7 @@ OWN = "class Mine(ObeliskNode):\n    pass\n"
         ("x = undefined\n" + OWN + "    def f(self):\n        return undefined\n", ["OBK420"]),
     ],
 )
-def test_what_certainly_fails_is_found_once(body: str, expected: list[str]) -> None:
+def test_certain_failures_are_found_once(body: str, expected: list[str]) -> None:
     assert codes(body, package="kept = 1\n") == expected
 
 
@@ -95,7 +95,7 @@ def test_what_certainly_fails_is_found_once(body: str, expected: list[str]) -> N
         "def f():\n    return locals_of_another\nlocals_of_another = 1\n",
     ],
 )
-def test_what_may_be_right_is_not_found(text: str) -> None:
+def test_possibly_valid_code_has_no_findings(text: str) -> None:
     modules = {
         "package": "kept = 1\n",
         "opaque": "exec('anything = 1')\n",
@@ -178,7 +178,7 @@ def test_a_callback_is_missing_only_if_nothing_can_set_it(more: str, is_found: b
         ("try: self.obk_publishers['a']\n        except KeyError: pass", []),
     ],
 )
-def test_only_keys_that_are_certainly_looked_up_count(lookup: str, keys: list[str]) -> None:
+def test_only_keys_that_are_certainly_used_count(lookup: str, keys: list[str]) -> None:
     body = f"KEY = 'key of the module'\n{node('pass')}    def use(self, msg):\n        {lookup}\n"
     assert [use.key for use in code(body).key_uses] == keys
 
@@ -219,7 +219,7 @@ def test_the_length_of_a_list_follows_from_constants(value: str, length: int | N
     assert [one.length for one in found] == ([] if length is None else [length])
 
 
-def test_an_expression_of_thousands_of_terms_gives_no_answer() -> None:
+def test_an_expression_of_thousands_of_terms_gives_no_result() -> None:
     method = "    def f(self):\n        msg = PositionSetpoint()\n        msg.u_mujoco = [0.0] * "
     read(node("pass") + method + "(" + "1 + " * 900 + "1)\n")
     read(node("pass") + method + "-" * 90 + "1\n")

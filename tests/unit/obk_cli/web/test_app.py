@@ -1,4 +1,4 @@
-"""The page over HTTP, asked without a network."""
+"""The page over HTTP, requested without a network."""
 
 import asyncio
 import json
@@ -72,13 +72,13 @@ class Answer:
 
 @dataclass
 class Behind:
-    """What is behind a page; its streams end after some looks."""
+    """A fake back end of a page; its streams end after some updates."""
 
     moments: list[Snapshot] = field(default_factory=lambda: [Snapshot(number=1, view=HEALTHY)])
     looks: int = 1
     changes: list[tuple[str, str, tuple[str, ...]]] = field(default_factory=list)
     answer: ChangeAnswer | Exception = REACHED
-    heard_after: list[int] = field(default_factory=list)
+    received_after: list[int] = field(default_factory=list)
     is_wanted: bool = False
     updates: list[ConfigUpdate] = field(default_factory=list)
 
@@ -126,7 +126,7 @@ class Behind:
 
     def data_after(self, wish: FieldRequest, after_ns: int) -> FieldData:
         assert self.is_wanted
-        self.heard_after.append(after_ns)
+        self.received_after.append(after_ns)
         values = (1.0, float("nan"), None)
         return FieldData(
             labels=("q[0]", "q[1]", "q[2]"), samples=((5_000_000_000, values),), fault=""
@@ -142,7 +142,7 @@ def asked(
     headers: dict[str, str] | None = None,
     behind: Behind | None = None,
 ) -> Answer:
-    """A request with the headers of the page itself, but for those given."""
+    """A request with the headers of the page itself, except for given changes."""
     behind = behind or Behind()
     site = PageApi(
         behind.snapshot,
@@ -213,19 +213,19 @@ def test_nothing_is_reported_without_the_token(path: str) -> None:
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_nothing_is_reported_to_a_page_of_another_name(path: str) -> None:
+def test_nothing_is_reported_to_a_page_of_another_host_name(path: str) -> None:
     assert asked(path, headers={"host": f"robot.example:{PORT}"}).status == 403
     assert asked(path, headers={"origin": "http://robot.example"}).status == 403
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_every_answer_says_what_may_run(path: str) -> None:
+def test_every_response_states_what_may_run(path: str) -> None:
     for headers in ({}, {"cookie": ""}, {"host": "robot.example"}):
         reported = asked(path, headers=headers).headers
         assert {name: reported[name.lower()] for name in HEADERS} == HEADERS
 
 
-def test_the_address_with_its_token_gives_the_page_and_a_cookie() -> None:
+def test_the_url_with_its_token_returns_the_page_and_a_cookie() -> None:
     answer = asked("/", query=f"token={TOKEN}", headers={"cookie": "", "origin": ""})
     assert answer.status == 200
     assert "<!doctype html>" in answer.body
@@ -235,7 +235,7 @@ def test_the_address_with_its_token_gives_the_page_and_a_cookie() -> None:
     assert asked("/graph", headers={"cookie": "", "x-obk-token": TOKEN}).status == 200
 
 
-def test_every_file_of_the_page_is_there_and_nothing_else() -> None:
+def test_only_the_files_of_the_page_exist() -> None:
     for name, path in FILES.items():
         answer = asked(f"/{name}")
         assert (answer.status, answer.body) == (200, path.read_text())
@@ -258,7 +258,7 @@ def test_a_stream_reports_the_stack_and_its_log() -> None:
     assert "red [ERROR]" in reported["lines"][2]
 
 
-def test_a_stream_reports_only_what_is_new() -> None:
+def test_a_stream_reports_only_changes() -> None:
     first = Snapshot(number=1, view=HEALTHY)
     same_log = Snapshot(number=2, view=replace(HEALTHY, state="inactive"))
     more_log = Snapshot(number=3, view=replace(HEALTHY, lines=("<b>bold</b>",)))
@@ -268,11 +268,11 @@ def test_a_stream_reports_only_what_is_new() -> None:
     assert events[-1][1] == {"lines": ["<b>bold</b>"]}
 
 
-def test_a_stream_says_that_nothing_runs() -> None:
+def test_a_stream_reports_that_nothing_runs() -> None:
     assert asked("/events", behind=Behind(moments=[Snapshot()])).events == [("waiting", {})]
 
 
-def test_a_stream_reports_a_field_from_where_it_was() -> None:
+def test_a_stream_resumes_a_field_at_its_position() -> None:
     behind = Behind(looks=2)
     curve = quote("/obelisk/dummy/est q")
     events = asked("/events", query=f"curve={curve}&curve={curve}", behind=behind).events
@@ -285,12 +285,12 @@ def test_a_stream_reports_a_field_from_where_it_was() -> None:
             "rows": [[5.0, 1.0, "nan", None]],
         }
     ]
-    assert behind.heard_after == [0, 5_000_000_000]
+    assert behind.received_after == [0, 5_000_000_000]
     assert not behind.is_wanted
 
 
 @pytest.mark.parametrize("path", ["/events", "/history"])
-def test_too_many_fields_are_refused(path: str) -> None:
+def test_too_many_fields_are_rejected(path: str) -> None:
     query = "&".join(f"curve=/t%20f{n}" for n in range(13))
     assert asked(path, query=query).json["why"] == "more than 12 curves"
 
@@ -315,7 +315,7 @@ def test_a_transition_of_a_node_or_of_the_stack_is_carried_out() -> None:
     ]
 
 
-def test_why_a_transition_failed_is_reported() -> None:
+def test_the_reason_of_a_failed_transition_is_reported() -> None:
     behind = Behind(answer=CommandFailedError("the launcher gave no answer", help="see `obk ps`"))
     answer = change({"transition": "configure", "node": "", **RUN}, behind)
     assert (answer.status, answer.json["success"]) == (200, False)
@@ -333,7 +333,7 @@ def test_why_a_transition_failed_is_reported() -> None:
         ("activate", 400),
     ],
 )
-def test_a_change_that_makes_no_sense_is_refused(body: object, status: int) -> None:
+def test_an_invalid_change_is_rejected(body: object, status: int) -> None:
     behind = Behind()
     answer = change(body, behind)
     assert answer.status == status
@@ -360,7 +360,7 @@ def test_a_yes_for_a_stack_that_has_ended_is_not_one_for_the_next() -> None:
     behind = Behind()
     answer = change({"transition": "activate", "node": "", "run": "arm_20310203_040506"}, behind)
     assert answer.status == 409
-    assert answer.json["why"] == "the stack of arm_20310203_040506 is not what runs now"
+    assert answer.json["why"] == "the stack of arm_20310203_040506 is no longer running"
     assert behind.changes == []
 
 
@@ -459,7 +459,7 @@ def test_only_the_page_itself_writes_the_config(config: Path) -> None:
     assert config.read_text() == "kp: 20.0\n"
 
 
-def test_why_nothing_can_be_saved_is_reported() -> None:
+def test_the_reason_why_nothing_can_be_saved_is_reported() -> None:
     answer = asked("/save")
     assert answer.status == 404
     assert answer.json["why"] == "no node of the config is running: launch it"

@@ -1,4 +1,4 @@
-"""Who may use the page of a running stack."""
+"""Access control of the page of a running stack."""
 
 import pytest
 
@@ -27,7 +27,7 @@ def test_a_request_without_the_token_is_rejected(tokens: tuple[str, ...]) -> Non
     assert status(tokens=tokens) == 401
 
 
-def test_tokens_are_long_and_never_the_same() -> None:
+def test_tokens_are_long_and_unique() -> None:
     assert len(TOKEN) >= 32
     assert new_token() != new_token()
 
@@ -41,11 +41,11 @@ def test_this_host_has_several_names_and_a_tunnel_another_port(host: str) -> Non
     "host",
     ["", "robot.example:8420", "127.0.0.1.example", "localhost@evil.example", "10.0.0.2", "[::1"],
 )
-def test_a_name_that_was_made_to_point_here_is_refused(host: str) -> None:
+def test_a_rebound_host_name_is_rejected(host: str) -> None:
     assert status(host=host) == 403
 
 
-def test_a_change_is_asked_for_by_the_page_itself() -> None:
+def test_changes_are_accepted_from_the_page_itself() -> None:
     assert status("POST", origin="http://127.0.0.1:8420") is None
     assert status("POST", host="localhost:9000", origin="http://localhost:9000") is None
 
@@ -54,16 +54,16 @@ def test_a_change_is_asked_for_by_the_page_itself() -> None:
     "origin",
     [None, "", "null", "https://127.0.0.1:8420", "http://127.0.0.1:8080", "http://evil.example"],
 )
-def test_a_change_that_another_page_asks_for_is_refused(origin: str | None) -> None:
+def test_a_change_requested_by_another_page_is_rejected(origin: str | None) -> None:
     assert status("POST", origin=origin) == 403
     assert status("DELETE", origin=origin) == 403
 
 
-def test_another_page_may_not_even_look() -> None:
+def test_another_page_may_not_even_read() -> None:
     assert status(origin="http://evil.example") == 403
 
 
-def test_nothing_is_run_that_does_not_come_from_here() -> None:
+def test_only_code_from_the_page_itself_is_run() -> None:
     policy = dict(part.split(" ", 1) for part in HEADERS["Content-Security-Policy"].split("; "))
     assert policy["default-src"] == "'none'"
     assert policy["script-src"] == "'self'"

@@ -1,4 +1,4 @@
-"""What pages learn of a running stack."""
+"""The data about a running stack that pages receive."""
 
 import json
 import threading
@@ -17,7 +17,7 @@ from ..monitor.stacks import ELSEWHERE, HEALTHY  # noqa: TID252 - shared by fold
 
 
 class Script:
-    """Gives these views, then ends; raises what is an error."""
+    """Yields these views, then ends; raises items that are exceptions."""
 
     def __init__(self, *views: StackView | Exception | None) -> None:
         self._views = views
@@ -46,18 +46,18 @@ def test_the_newest_view_is_shown(tmp_path: Path) -> None:
     assert snapshot == Snapshot(number=2, view=HEALTHY, is_waiting=False)
 
 
-def test_the_last_stack_stays_while_the_next_one_is_waited_for(tmp_path: Path) -> None:
+def test_the_last_stack_is_shown_while_the_next_one_is_awaited(tmp_path: Path) -> None:
     ended = replace(HEALTHY, has_ended=True)
     assert last_moment(tmp_path, HEALTHY, ended).is_waiting
     assert last_moment(tmp_path, HEALTHY, ended, None).view == ended
     assert not last_moment(tmp_path, ended, None, HEALTHY).is_waiting
 
 
-def test_without_a_stack_there_is_nothing_to_show(tmp_path: Path) -> None:
+def test_without_a_stack_nothing_is_shown(tmp_path: Path) -> None:
     assert last_moment(tmp_path, None) == Snapshot(number=1)
 
 
-def test_what_ends_watching_is_reported_where_the_server_ends(tmp_path: Path) -> None:
+def test_the_end_of_monitoring_is_reported_at_the_end_of_the_server(tmp_path: Path) -> None:
     is_over = threading.Event()
     feed = Feed(Script(MisuseError("several stacks run")), tmp_path, is_over.set)
     feed.start()

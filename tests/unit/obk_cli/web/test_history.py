@@ -22,7 +22,7 @@ STEP_NS = 1_000_000
 
 
 def recorded(folder: Path, count: int) -> Path:
-    """A run with numbers `x`, 0 and on, and `text`, each received 1 ms after the one before."""
+    """A run with numbers `x` from 0 on, and `text`, each received 1 ms after the previous one."""
     (folder / HEALTHY.run).mkdir(parents=True)
     with BagWriter(folder / HEALTHY.run / RECORDING) as writer:
         channel = writer.add_topic("/t", "pkg/msg/Pair", "float64[2] x\n", {})
@@ -59,7 +59,7 @@ def test_a_long_run_keeps_its_extremes(tmp_path: Path) -> None:
     assert (values[0], values[-1]) == (0.0, count - 1)
 
 
-def test_a_field_that_is_not_there_does_not_take_the_others_away(tmp_path: Path) -> None:
+def test_a_missing_field_does_not_remove_the_others(tmp_path: Path) -> None:
     wrong, right = read(recorded(tmp_path, 2), "y", "x")
     assert "no field `y`" in wrong["fault"]
     assert right["lines"]
@@ -74,5 +74,5 @@ def test_a_topic_without_messages_is_reported(tmp_path: Path) -> None:
 
 def test_that_a_run_was_not_recorded_is_reported(tmp_path: Path) -> None:
     for view in (HEALTHY, replace(HEALTHY, run="")):
-        with pytest.raises(CommandFailedError, match="is not recorded on this host"):
+        with pytest.raises(CommandFailedError, match="has no recording on this host"):
             recorded_fields(view, tmp_path, [])

@@ -1,4 +1,4 @@
-"""The page's files: what they ask for is theirs, and text is never taken for HTML."""
+"""The page's files reference only each other, and text is never interpreted as HTML."""
 
 import re
 import socket
@@ -34,7 +34,7 @@ HTML = (PAGE / "index.html").read_text()
 TAGS = Tags(HTML).tags
 
 
-def test_nothing_stands_in_the_page_that_its_policy_forbids() -> None:
+def test_the_page_contains_nothing_forbidden_by_its_policy() -> None:
     for tag, attributes in TAGS:
         assert tag != "style"
         assert "style" not in attributes
@@ -42,7 +42,7 @@ def test_nothing_stands_in_the_page_that_its_policy_forbids() -> None:
         assert tag != "script" or attributes["src"]
 
 
-def test_files_that_are_asked_for_are_there() -> None:
+def test_requested_files_exist() -> None:
     named = [a.get("src") or a.get("href") for tag, a in TAGS if tag in ("script", "link")]
     assert named
     for script in SCRIPTS:
@@ -53,7 +53,7 @@ def test_files_that_are_asked_for_are_there() -> None:
 
 
 @pytest.mark.parametrize("path", sorted(PAGE.iterdir()), ids=lambda path: path.name)
-def test_no_other_host_is_asked(path: Path) -> None:
+def test_no_other_host_is_contacted(path: Path) -> None:
     text = path.read_text().replace('xmlns="http://www.w3.org/2000/svg"', "")
     assert not re.search(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]", text)
     assert "@import" not in text

@@ -37,7 +37,7 @@ EST, CTRL = "/obelisk/dummy/est q_joints", "/obelisk/dummy/ctrl u_mujoco[0]"
 
 
 class Stack:
-    """A stack that is up for minutes, and whose fields are waves."""
+    """A stack that has been active for minutes, and whose fields are waves."""
 
     def __init__(self, *, is_recorded: bool) -> None:
         self.is_recorded = is_recorded
@@ -106,7 +106,7 @@ def legend(page: "Page", place: int = 0) -> str:
 
 
 def shown_span(page: "Page") -> tuple[float, float]:
-    """The times of the first plot, which stands [s]."""
+    """The times of the first plot, which is paused [s]."""
     label = page.locator(".chart").first.get_attribute("aria-label") or ""
     begin, end = re.findall(r"-?[\d.]+", label)
     return float(begin), float(end)
@@ -127,7 +127,7 @@ def test_fields_share_a_plot_or_have_their_own() -> None:
         page.locator("#plot-field").fill("u_mujoco[0]")
         page.get_by_role("button", name="Plot", exact=True).click()
         seen(lambda: page.locator(".plot canvas").count() == 2, "another plot")
-        # A cursor in one plot shows the values of all at its time.
+        # A cursor in one plot shows the values of all plots at its time.
         page.locator(".plot .u-over").first.hover(position={"x": 200, "y": 60})
         seen(lambda: re.search(r"\bt\s*[\d.]+ s", legend(page, 1)), "the time of the cursor")
 
@@ -141,7 +141,7 @@ def test_fields_share_a_plot_or_have_their_own() -> None:
         seen(lambda: page.locator(".plot canvas").count() == 2, "the plots of the address")
 
 
-def test_a_paused_picture_stands_and_is_zoomed_and_moved() -> None:
+def test_a_paused_plot_stops_and_is_zoomed_and_moved() -> None:
     with page_of(Stack(is_recorded=False), EST, CTRL) as page:
         seen(lambda: re.search(r"q_joints\[1\]\s*\S*\d", legend(page)), "values")
         page.get_by_role("button", name="Pause").click()

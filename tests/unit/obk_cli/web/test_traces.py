@@ -1,4 +1,4 @@
-"""What a page learns of a field's values."""
+"""The values of a field that a page receives."""
 
 from array import array
 from itertools import pairwise
@@ -41,12 +41,12 @@ def test_a_slow_topic_is_kept_whole() -> None:
     assert [values for _, values in traced(5, 2).samples] == [(float(n),) for n in range(10)]
 
 
-def test_what_is_old_is_forgotten() -> None:
+def test_old_values_are_forgotten() -> None:
     samples = traced(10, 100).samples
     assert samples[-1][0] - samples[0][0] == SHOWN_S * SECOND
 
 
-def test_only_what_is_new_is_reported() -> None:
+def test_only_new_values_are_reported() -> None:
     trace = Trace()
     trace.take(5, {"x": 1.0})
     trace.take(7, {"x": 2.0})
@@ -54,10 +54,10 @@ def test_only_what_is_new_is_reported() -> None:
     assert trace.data_after(7).samples == ()
 
 
-def test_that_messages_have_no_number_there_is_reported_until_one_has() -> None:
+def test_messages_without_a_number_are_reported_until_one_has_it() -> None:
     trace = Trace()
     trace.take(5, {})
-    assert trace.data_after(0).fault == "the newest message has no number there"
+    assert trace.data_after(0).fault == "the newest message has no number in this field"
     trace.take(7, {"x": 2.0})
     assert not trace.data_after(0).fault
 
@@ -66,9 +66,9 @@ def test_an_array_may_grow_and_shrink() -> None:
     trace = Trace()
     for at, count in enumerate((1, 3, 2)):
         trace.take(at, {f"q[{place}]": float(place) for place in range(count)})
-    heard = trace.data_after(-1)
-    assert heard.labels == ("q[0]", "q[1]", "q[2]")
-    assert [values for _, values in heard.samples] == [(0.0,), (0.0, 1.0, 2.0), (0.0, 1.0, None)]
+    received = trace.data_after(-1)
+    assert received.labels == ("q[0]", "q[1]", "q[2]")
+    assert [values for _, values in received.samples] == [(0.0,), (0.0, 1.0, 2.0), (0.0, 1.0, None)]
 
 
 def test_of_many_lines_the_first_are_drawn() -> None:
@@ -95,7 +95,7 @@ def test_numbers_are_found_with_their_names(value: object, numbers: dict[str, fl
     assert numbers_in(value, "q") == numbers
 
 
-def test_a_long_array_gives_its_first_numbers() -> None:
+def test_a_long_array_returns_its_first_numbers() -> None:
     assert len(numbers_in(array("B", bytes(1_000_000)), "data")) == MOST_LINES
 
 

@@ -1,4 +1,4 @@
-"""Shell scripts that do nothing but run a Python module."""
+"""Shell scripts that only run a Python module."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def test_those_of_this_project_run_their_module(repository: Path) -> None:
 
 
 @pytest.mark.parametrize("before", ["", "# why\n\n", "prefix=$(pwd) || exit 127\n"])
-def test_what_only_leads_to_the_interpreter_may_stand_before(before: str, tmp_path: Path) -> None:
+def test_only_the_lookup_of_the_interpreter_may_precede_it(before: str, tmp_path: Path) -> None:
     assert module_of(tmp_path, f"#!/bin/sh\n{before}{RUNS}") == "arm.run"
 
 
@@ -43,9 +43,9 @@ def test_what_only_leads_to_the_interpreter_may_stand_before(before: str, tmp_pa
         "",
     ],
 )
-def test_any_other_program_runs_none(text: str, tmp_path: Path) -> None:
+def test_any_other_program_runs_no_module(text: str, tmp_path: Path) -> None:
     assert module_of(tmp_path, text) is None
 
 
-def test_a_program_that_is_not_there_runs_none(tmp_path: Path) -> None:
+def test_a_missing_program_runs_none(tmp_path: Path) -> None:
     assert module_run_by(tmp_path / "none") is None

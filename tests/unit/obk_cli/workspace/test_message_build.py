@@ -1,4 +1,4 @@
-"""A workspace where a ROS 2 is sourced: a program in colcon's place notes what it is asked."""
+"""A workspace with a sourced ROS 2, and a fake colcon that records its arguments."""
 
 import json
 import os
@@ -54,7 +54,7 @@ def asked(environment: dict[str, str]) -> list[str]:
     return Path(environment["NOTES"]).read_text().splitlines()
 
 
-def test_colcon_builds_where_a_ros_is_sourced_and_is_reported_of(
+def test_colcon_builds_with_a_sourced_ros_and_is_reported(
     workspace: Path, sourced: dict[str, str]
 ) -> None:
     notes: list[str] = []
@@ -62,14 +62,14 @@ def test_colcon_builds_where_a_ros_is_sourced_and_is_reported_of(
     built = build_workspace(workspace, BuildOptions(environment=sourced), listener)
     select = ["build", "--packages-select", "my_msgs", "node"]
     assert asked(sourced) == [str(workspace), *select]
-    assert notes == [f"a ROS 2 is sourced: {find_colcon(sourced)} {' '.join(select)}"]
+    assert notes == [f"building with the sourced ROS 2: {find_colcon(sourced)} {' '.join(select)}"]
     assert (built.builder, built.built) == ("colcon", ("my_msgs", "node"))
     assert built.prefixes == (workspace / "install" / "my_msgs",)
     record = json.loads((built.overlay / "overlay.json").read_text())
     assert (record["builder"], list(record["packages"])) == ("colcon", ["my_msgs"])
 
 
-def test_for_a_launch_colcon_is_asked_for_stale_messages_only(
+def test_for_a_launch_colcon_builds_stale_messages_only(
     workspace: Path, sourced: dict[str, str]
 ) -> None:
     options = BuildOptions(environment=sourced, only_messages=True)
@@ -80,7 +80,7 @@ def test_for_a_launch_colcon_is_asked_for_stale_messages_only(
     assert not Path(sourced["NOTES"]).exists()
 
 
-def test_what_colcon_does_not_build_leaves_the_overlay_as_it_was(
+def test_packages_that_colcon_does_not_build_leave_the_overlay_unchanged(
     workspace: Path, sourced: dict[str, str]
 ) -> None:
     options = BuildOptions(environment={**sourced, "EXIT_CODE": "3"})
@@ -95,7 +95,7 @@ def test_without_a_sourced_ros_or_without_colcon_obk_builds(sourced: dict[str, s
     assert find_colcon({**sourced, "PATH": "/nowhere"}) is None
 
 
-def test_overlays_come_before_everything_else(tmp_path: Path) -> None:
+def test_overlays_precede_everything_else(tmp_path: Path) -> None:
     overlay = tmp_path / "overlay"
     given = {"AMENT_PREFIX_PATH": "/ros", "LD_LIBRARY_PATH": f"/ros/lib:{overlay}/lib", "A": "b"}
     merged = with_overlays(given, [overlay])

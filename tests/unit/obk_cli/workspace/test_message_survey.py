@@ -65,7 +65,7 @@ def states(survey: Survey) -> dict[str, str]:
     return {one.name: one.state for one in survey.packages}
 
 
-def test_packages_with_definitions_come_after_what_they_need(workspace: Path) -> None:
+def test_packages_with_definitions_follow_their_dependencies(workspace: Path) -> None:
     found, _ = find_message_packages(workspace)
     assert [package.name for package in found] == ["b_msgs", "a_msgs", "c_msgs"]
 
@@ -93,7 +93,7 @@ def test_a_package_that_a_link_leads_to_as_well_is_one_package(workspace: Path) 
     assert find_message_packages(workspace) == (packages, ())
 
 
-def test_what_changed_and_what_needs_it_is_stale(workspace: Path) -> None:
+def test_changed_packages_and_their_dependents_are_stale(workspace: Path) -> None:
     survey = survey_workspace(workspace, ())
     assert states(survey) == dict.fromkeys(("b_msgs", "a_msgs", "c_msgs"), "missing")
     build_as_if(survey)
@@ -103,7 +103,7 @@ def test_what_changed_and_what_needs_it_is_stale(workspace: Path) -> None:
     assert states(changed) == {"b_msgs": "changed", "a_msgs": "changed", "c_msgs": "built"}
 
 
-def test_a_package_that_is_gone_or_not_built_makes_the_overlay_old(workspace: Path) -> None:
+def test_a_deleted_or_unbuilt_package_makes_the_overlay_stale(workspace: Path) -> None:
     build_as_if(survey_workspace(workspace, ()), "b_msgs", "c_msgs")
     shutil.rmtree(workspace / "src" / "c_msgs")
     survey = survey_workspace(workspace, ())
@@ -111,7 +111,7 @@ def test_a_package_that_is_gone_or_not_built_makes_the_overlay_old(workspace: Pa
     assert not survey.is_current
 
 
-def test_what_a_prefix_below_has_with_the_same_definitions_is_not_built(
+def test_definitions_that_an_underlying_prefix_has_are_not_built(
     workspace: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     below = tmp_path_factory.mktemp("below")
@@ -125,7 +125,7 @@ def test_what_a_prefix_below_has_with_the_same_definitions_is_not_built(
     assert states(survey) == dict.fromkeys(("b_msgs", "a_msgs", "c_msgs"), "missing")
 
 
-def test_a_name_takes_along_what_it_needs_and_what_is_compiled_against_it(workspace: Path) -> None:
+def test_a_name_includes_its_dependencies_and_its_dependents(workspace: Path) -> None:
     survey = survey_workspace(workspace, ())
     assert [one.name for one in choose(survey, ["a_msgs"], present=())] == ["b_msgs", "a_msgs"]
     assert [one.name for one in choose(survey, ["b_msgs"], present=())] == ["b_msgs"]
@@ -134,21 +134,21 @@ def test_a_name_takes_along_what_it_needs_and_what_is_compiled_against_it(worksp
     assert len(choose(survey, (), present=())) == 3
 
 
-def test_a_name_that_is_no_package_is_reported_with_near_ones(workspace: Path) -> None:
+def test_an_unknown_package_name_is_reported_with_similar_ones(workspace: Path) -> None:
     with pytest.raises(MisuseError) as refused:
         choose(survey_workspace(workspace, ()), ["c_mgs"], present=())
-    assert refused.value.message == f"no message package is called `c_mgs` in {workspace}"
+    assert refused.value.message == f"no message package is named `c_mgs` in {workspace}"
     assert (refused.value.help or "").startswith("did you mean `c_msgs`")
 
 
-def test_colcon_is_given_words_not_a_line() -> None:
+def test_colcon_is_called_with_arguments_not_a_line() -> None:
     assert colcon_command("colcon", ["a", "b"], jobs=3) == (
         *("colcon", "build", "--parallel-workers", "3"),
         *("--packages-select", "a", "b"),
     )
 
 
-def test_a_new_overlay_takes_the_place_of_the_old_one_as_a_whole(workspace: Path) -> None:
+def test_a_new_overlay_replaces_the_old_one_completely(workspace: Path) -> None:
     survey = survey_workspace(workspace, ())
     build_as_if(survey)
     first = overlay_folder(workspace).resolve()
@@ -166,7 +166,7 @@ def test_a_new_overlay_takes_the_place_of_the_old_one_as_a_whole(workspace: Path
     assert overlay_prefixes((workspace,)) == (overlay_folder(workspace),)
 
 
-def test_what_a_killed_build_left_behind_is_removed_by_the_next(workspace: Path) -> None:
+def test_leftovers_of_a_killed_build_are_removed_by_the_next(workspace: Path) -> None:
     build_as_if(survey_workspace(workspace, ()))
     with build_lock(workspace, pytest.fail):
         left = new_overlay(workspace, with_current=True)
@@ -176,7 +176,7 @@ def test_what_a_killed_build_left_behind_is_removed_by_the_next(workspace: Path)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"packages": 3}', '{"packages": {"a": 1}}'])
-def test_a_record_that_cannot_be_read_is_none(workspace: Path, text: str) -> None:
+def test_an_unreadable_record_is_none(workspace: Path, text: str) -> None:
     build_as_if(survey_workspace(workspace, ()))
     (overlay_folder(workspace) / "overlay.json").write_text(text)
     assert read_record(workspace) is None
@@ -189,11 +189,11 @@ def test_another_build_is_reported_of_and_not_waited_for_without_end(
 ) -> None:
     monkeypatch.setattr("obk_cli.workspace.overlay.TURN_S", 0.0)
     reported: list[str] = []
-    said = f"process {os.getpid()} has been building for 0 min"
+    message = f"process {os.getpid()} has been building for 0 min"
     with (
         build_lock(workspace, pytest.fail),
-        pytest.raises(CommandFailedError, match=said),
+        pytest.raises(CommandFailedError, match=message),
         build_lock(workspace, reported.append),
     ):
         pytest.fail("two build at once")
-    assert reported == [f"process {os.getpid()} builds in this workspace; waiting for it"]
+    assert reported == [f"waiting for process {os.getpid()}, which is building in this workspace"]

@@ -82,7 +82,7 @@ BROKEN = ("", "[]", "{", '{"facts": {"sensors": 1}}', "null", "[" * 100_000)
 
 
 @pytest.mark.parametrize("held", BROKEN, ids=range(len(BROKEN)))
-def test_a_broken_entry_counts_as_none(held: str, tmp_path: Path) -> None:
+def test_a_broken_entry_is_ignored(held: str, tmp_path: Path) -> None:
     first = read_model_once(MODELS / "arm.xml", tmp_path)
     (entry,) = tmp_path.glob("*.json")
     assert json.loads(entry.read_text())["facts"]["actuators"] == 1
@@ -90,7 +90,7 @@ def test_a_broken_entry_counts_as_none(held: str, tmp_path: Path) -> None:
     assert read_model_once(MODELS / "arm.xml", tmp_path) == first
 
 
-def test_a_cache_that_cannot_be_written_is_no_fault(tmp_path: Path) -> None:
+def test_a_read_only_cache_is_no_fault(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     read = read_model_once(MODELS / "arm.xml", tmp_path / "file" / "cache")
     assert isinstance(read, ModelRead)
@@ -111,20 +111,20 @@ def test_entries_do_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_the_cache_is_where_the_user_keeps_caches(tmp_path: Path) -> None:
+def test_the_cache_is_in_the_users_cache_folder(tmp_path: Path) -> None:
     assert cache_folder({}) is None
     assert cache_folder({"HOME": str(tmp_path / "nowhere")}) is None
     assert cache_folder({"HOME": str(tmp_path)}) == tmp_path / ".cache" / "obelisk" / "models"
     assert cache_folder({"XDG_CACHE_HOME": "/c"}) == Path("/c/obelisk/models")
 
 
-def test_a_distribution_is_found_by_any_spelling_of_its_name() -> None:
+def test_a_distribution_is_found_by_any_form_of_its_name() -> None:
     assert distribution_version("PyYAML") == distribution_version("pyyaml") is not None
     assert distribution_version("obelisk.cli") is not None
     assert distribution_version("no-such-distribution") is None
 
 
-def test_a_model_is_compiled_once_the_files_that_it_wants_are_there(tmp_path: Path) -> None:
+def test_a_model_is_compiled_once_its_files_exist(tmp_path: Path) -> None:
     model = tmp_path / "model.xml"
     model.write_text(
         '<mujoco><asset><mesh file="part.obj"/></asset><worldbody><body><joint name="elbow"/>'

@@ -1,4 +1,4 @@
-"""Reading models: where their elements stand, and what MuJoCo says of them."""
+"""Reading models: locations of elements, and MuJoCo's errors."""
 
 import os
 import sys
@@ -14,7 +14,7 @@ MODELS = Path(__file__).parents[3] / "cases/workspace/demo_model/mujoco"
 CORPUS = Path(__file__).resolve().parents[5] / "shared/corpus/field"
 
 
-def test_elements_are_found_at_their_place_through_includes(tmp_path: Path) -> None:
+def test_elements_are_found_at_their_location_through_includes(tmp_path: Path) -> None:
     (tmp_path / "top.xml").write_text(
         '<mujoco>\n  <include file="part.xml"/>\n  <geom name="a"/>\n</mujoco>'
     )
@@ -29,9 +29,7 @@ def test_elements_are_found_at_their_place_through_includes(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("content", [b"", b"<mujoco><geom name='a'/>", b"\xff\xfe", b"not xml"])
-def test_a_file_that_is_no_xml_has_what_came_before_the_fault(
-    tmp_path: Path, content: bytes
-) -> None:
+def test_invalid_xml_has_the_elements_before_the_fault(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "m.xml").write_bytes(content)
     assert len(list(mjcf_elements(tmp_path / "m.xml"))) == (1 if b"geom" in content else 0)
     assert list(mjcf_elements(tmp_path / "none.xml")) == []
@@ -47,11 +45,11 @@ def test_an_element_of_several_lines_is_underlined_on_its_first(tmp_path: Path) 
 
 
 @pytest.mark.mujoco
-def test_an_error_that_quotes_what_is_not_utf8_is_a_sentence_of_mujocos(tmp_path: Path) -> None:
+def test_an_error_that_quotes_invalid_utf8_is_a_message_of_mujoco(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_bytes(b"<mujoco><worldbody><geom ma\xff='1'/></worldbody></mujoco>")
     fault = read_model(tmp_path / "m.xml")
     assert isinstance(fault, ModelFault)
-    # Which of the two depends on the version of Python.
+    # The choice depends on the version of Python.
     assert "ma\ufffd" in fault.message or "MuJoCo rejects it" in fault.message
 
 
@@ -65,7 +63,7 @@ def test_an_error_that_quotes_what_is_not_utf8_is_a_sentence_of_mujocos(tmp_path
         ("<urdf/>", None, ""),
     ],
 )
-def test_mujocos_error_becomes_a_sentence_with_its_line(
+def test_mujocos_error_becomes_a_message_with_its_line(
     tmp_path: Path, text: str, line: int | None, message: str
 ) -> None:
     (tmp_path / "m.xml").write_text(text)
@@ -87,7 +85,7 @@ def test_meshes_may_be_missing_and_are_named() -> None:
 
 
 @pytest.mark.mujoco
-def test_a_mesh_that_is_there_is_not_missing(tmp_path: Path) -> None:
+def test_an_existing_mesh_is_not_missing(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_text((MODELS / "meshless.xml").read_text())
     read = read_model(tmp_path / "m.xml")
     assert isinstance(read, ModelRead)
@@ -107,7 +105,7 @@ def test_the_choice_of_a_renderer_is_left_as_it_was(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_file_is_walked_once_however_often_it_is_included(tmp_path: Path) -> None:
-    """Each of a long row of files includes the next one twice, by two paths."""
+    """Each of a long series of files includes the next one twice, by two paths."""
     count = 60
     for number in range(count):
         both = (f"{number + 1}.xml", f"../{tmp_path.name}/{number + 1}.xml")
@@ -117,7 +115,7 @@ def test_a_file_is_walked_once_however_often_it_is_included(tmp_path: Path) -> N
         )
     names = [element.name for element in mjcf_elements(tmp_path / "0.xml")]
     assert names == [f"g{number}" for number in range(count)]
-    # The last one is not there.
+    # The last one does not exist.
     assert len(list(mjcf_files(tmp_path / "0.xml"))) == count + 1
 
 
@@ -130,7 +128,7 @@ def test_a_row_of_includes_may_be_longer_than_python_calls_deep(tmp_path: Path) 
     assert list(mjcf_elements(tmp_path / "0.xml")) == []
 
 
-def test_a_pipe_among_the_files_of_a_model_holds_up_no_one(tmp_path: Path) -> None:
+def test_a_pipe_among_the_files_of_a_model_does_not_block(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.xml")
     model = tmp_path / "m.xml"
     model.write_text(
@@ -141,7 +139,7 @@ def test_a_pipe_among_the_files_of_a_model_holds_up_no_one(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("encoding", ["gbk", "utf-32", "no-such-thing"])
-def test_a_model_is_read_as_utf8_whatever_it_says(tmp_path: Path, encoding: str) -> None:
+def test_a_model_is_read_as_utf8_whatever_it_declares(tmp_path: Path, encoding: str) -> None:
     (tmp_path / "m.xml").write_text(
         f'<?xml version="1.0" encoding="{encoding}"?>\n<mujoco><geom name="\u957f"/></mujoco>',
         encoding="utf-8",

@@ -1,4 +1,4 @@
-"""A model that crashes MuJoCo: a finding names the file."""
+"""A model that crashes MuJoCo gives a finding with the file."""
 
 import os
 import signal
@@ -17,14 +17,14 @@ pytestmark = pytest.mark.mujoco
 MODEL = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.xml"
 
 
-def test_a_sound_model_has_its_facts() -> None:
+def test_a_valid_model_has_its_facts() -> None:
     read = read_model_bounded(MODEL)
     assert isinstance(read, ModelRead)
     assert read.fault is None
     assert read.facts.keyframes == ("ic", "other")
 
 
-def test_what_mujoco_warns_of_is_written_nowhere(
+def test_warnings_of_mujoco_are_not_written_to_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     model = tmp_path / "nan.xml"
@@ -41,31 +41,31 @@ def test_a_crash_is_a_fault_of_the_model(
 ) -> None:
     monkeypatch.setattr(model_reader, "read_model", lambda _: os.kill(os.getpid(), number))
     fault = read_model_bounded(MODEL)
-    assert fault == ModelFault(message=f"MuJoCo crashed while it read it ({number.name})")
+    assert fault == ModelFault(message=f"MuJoCo crashed while reading it ({number.name})")
 
 
-def test_what_our_own_code_raises_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_internal_exception_is_not_swallowed(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_: Path) -> NoReturn:
         raise RecursionError
 
     monkeypatch.setattr(model_reader, "read_model", fail)
     fault = read_model_bounded(MODEL)
-    assert fault == ModelFault(message="MuJoCo crashed while it read it (exit code 1)")
+    assert fault == ModelFault(message="MuJoCo crashed while reading it (exit code 1)")
 
 
-def test_a_model_without_an_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_endless_model_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(model_reader, "_DEADLINE_S", 1)
     monkeypatch.setattr(model_reader, "read_model", lambda _: time.sleep(1000))
     fault = read_model_bounded(MODEL)
-    assert fault == ModelFault(message="MuJoCo has not read it within 1 s")
+    assert fault == ModelFault(message="MuJoCo did not read it within 1 s")
 
 
 @pytest.mark.parametrize("name", ["pipe", "endless", "folder"])
-def test_what_is_no_file_is_not_waited_for(tmp_path: Path, name: str) -> None:
+def test_special_files_are_not_waited_for(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "endless").symlink_to("/dev/zero")
     (tmp_path / "folder").mkdir()
     model = tmp_path / "m.xml"
     model.write_text(f'<mujoco><include file="{name}"/></mujoco>')
     fault = read_model_bounded(model)
-    assert fault == ModelFault(message=f"`{tmp_path}/{name}` is no ordinary file")
+    assert fault == ModelFault(message=f"`{tmp_path}/{name}` is not a regular file")

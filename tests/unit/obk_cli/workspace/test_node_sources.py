@@ -1,4 +1,4 @@
-"""The source behind an executable, wherever its package keeps it."""
+"""The source file of an executable, in any package layout."""
 
 import sys
 from pathlib import Path
@@ -86,7 +86,7 @@ def test_a_shell_script_that_runs_a_module_leads_to_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"\x7fELF\x00\x01", b"#!/bin/sh\nexec ./other\n"])
-def test_a_program_that_is_not_python_says_nothing(tmp_path: Path, content: bytes) -> None:
+def test_a_program_that_is_not_python_reports_nothing(tmp_path: Path, content: bytes) -> None:
     scripts = package(tmp_path / "src" / "demo", "setup()") / "scripts"
     scripts.mkdir()
     (scripts / "run").write_bytes(content)
@@ -94,7 +94,7 @@ def test_a_program_that_is_not_python_says_nothing(tmp_path: Path, content: byte
     assert read(tmp_path) is None
 
 
-def test_a_package_that_lies_elsewhere_says_nothing(tmp_path: Path) -> None:
+def test_a_package_elsewhere_reports_nothing(tmp_path: Path) -> None:
     package(tmp_path / "src" / "demo")
     assert read(tmp_path) is None
 
@@ -106,7 +106,7 @@ def test_a_module_that_is_not_in_its_package_is_a_fault(tmp_path: Path) -> None:
     assert found.place == str(tmp_path / "src" / "demo" / "demo" / "run.py")
 
 
-def test_a_file_in_an_encoding_of_its_own_is_read(tmp_path: Path) -> None:
+def test_a_file_with_a_declared_encoding_is_read(tmp_path: Path) -> None:
     folder = package(tmp_path / "src" / "demo") / "demo"
     folder.mkdir()
     (folder / "run.py").write_bytes(f"# -*- coding: latin-1 -*-\n# é\n{NODE}".encode("latin-1"))

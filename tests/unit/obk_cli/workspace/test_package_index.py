@@ -41,13 +41,13 @@ def test_the_workspace_is_the_nearest_folder_with_src_or_git(tmp_path: Path) -> 
     assert find_workspace(inner) == tmp_path / "ws" / "src" / "demo"
 
 
-def test_a_package_with_a_folder_for_its_cpp_is_no_workspace(tmp_path: Path) -> None:
+def test_a_package_with_a_cpp_folder_is_no_workspace(tmp_path: Path) -> None:
     package = make_package(tmp_path / "ws" / "src" / "demo", "demo")
     (package / "src").mkdir()
     assert find_workspace(package / "src") == tmp_path / "ws"
 
 
-def test_packages_beside_the_configs_folder_make_a_workspace(tmp_path: Path) -> None:
+def test_packages_next_to_the_configs_folder_form_a_workspace(tmp_path: Path) -> None:
     (tmp_path / "config").mkdir()
     assert find_workspace(tmp_path / "config") == tmp_path / "config"
     make_package(tmp_path / "arm", "arm")
@@ -130,7 +130,7 @@ def test_built_ignored_and_hidden_folders_hold_no_packages(tmp_path: Path) -> No
     assert dict(index(tmp_path).source_packages) == {"kept_by_name": tmp_path / "src" / "kept"}
 
 
-def test_a_script_in_source_runs_with_this_python_and_the_packages_own_path(tmp_path: Path) -> None:
+def test_a_script_in_source_runs_with_this_python_and_the_packages_path(tmp_path: Path) -> None:
     root = make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
     command = index(tmp_path).find_executable("demo", "run")
     assert isinstance(command, Command)
@@ -152,7 +152,7 @@ def test_source_wins_over_an_install_prefix(tmp_path: Path) -> None:
     assert command.arguments[0] == sys.executable
 
 
-def test_a_miss_reports_what_was_searched_and_what_there_is(tmp_path: Path) -> None:
+def test_a_miss_reports_the_searched_folders_and_existing_packages(tmp_path: Path) -> None:
     make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
     make_program(tmp_path / "prefix" / "lib" / "demo" / "built")
     packages = index(tmp_path, prefixes=(tmp_path / "prefix",))
@@ -170,9 +170,7 @@ def test_a_miss_reports_what_was_searched_and_what_there_is(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("place", ["build/demo", "install/demo/share/demo", "a/b/log/demo"])
-def test_a_package_that_is_only_where_nothing_is_searched_is_reported(
-    tmp_path: Path, place: str
-) -> None:
+def test_a_package_outside_the_search_path_is_reported(tmp_path: Path, place: str) -> None:
     folder = make_package(tmp_path / place, "demo")
     missing = index(tmp_path).find_executable("demo", "run")
     assert isinstance(missing, ExecutableMissing)
@@ -272,7 +270,7 @@ def test_a_package_xml_that_may_not_be_read_counts_under_its_folders_name(
     assert sorted(index(tmp_path).source_packages) == ["demo", "locked"]
 
 
-def test_a_library_in_the_working_folder_is_none(tmp_path: Path) -> None:
+def test_a_library_in_the_working_folder_is_ignored(tmp_path: Path) -> None:
     root = make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
     (root / "demo").mkdir()
     (root / "demo" / "run.py").write_text(

@@ -7,7 +7,7 @@ from obk_cli.workspace.config_files import did_you_mean_config
 
 @pytest.fixture
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A workspace with configs, to stand in."""
+    """A workspace with configs, set as the working folder."""
     for name in ("arm.yaml", "arm_test.yml", "configs/dog.yaml", "build/dot.yaml", ".obk/dog.yaml"):
         file = tmp_path / name
         file.parent.mkdir(exist_ok=True)
@@ -18,7 +18,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("written", "said"),
+    ("written", "suggestion"),
     [
         ("amr.yaml", "did you mean `arm.yaml`?"),
         ("arm", "did you mean `arm.yaml`?"),
@@ -33,10 +33,10 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("", None),
     ],
 )
-def test_a_path_where_nothing_is_may_stand_for_one(
-    workspace: Path, written: str, said: str | None
+def test_a_missing_path_gets_a_suggestion(
+    workspace: Path, written: str, suggestion: str | None
 ) -> None:
-    assert did_you_mean_config(written) == said
+    assert did_you_mean_config(written) == suggestion
 
 
 def test_from_elsewhere_a_config_of_the_workspace_is_reported_in_full(

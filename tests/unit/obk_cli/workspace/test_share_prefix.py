@@ -1,4 +1,4 @@
-"""The share folders of packages that run from source, as nodes look for them."""
+"""The share folders of packages that run from source, as nodes find them."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -72,7 +72,7 @@ def names_in(folder: Path) -> list[str]:
 
 
 def share_of(workspace: Path, monkeypatch: pytest.MonkeyPatch, *prefixes: Path) -> Path:
-    """The share folder that a node is given."""
+    """The share folder that a node gets."""
     packages = PackageIndex(workspaces=(workspace,), prefixes=prefixes)
     prefix = make_share_prefix(workspace.parent / "run/prefix", packages)
     variables = with_prefix({"AMENT_PREFIX_PATH": ":".join(map(str, prefixes))}, prefix)
@@ -80,9 +80,7 @@ def share_of(workspace: Path, monkeypatch: pytest.MonkeyPatch, *prefixes: Path) 
     return get_package_share_path("demo")
 
 
-def test_files_are_found_where_they_are_in_the_source(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_are_found_in_the_source(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     share = share_of(workspace, monkeypatch)
     for name, text in FILES.items():
         assert (share / name).read_text() == text
@@ -94,7 +92,7 @@ def test_files_are_found_where_they_are_in_the_source(
     ("name", "text"),
     [("setup.py", SETUP_PY), ("setup.cfg", SETUP_CFG), ("CMakeLists.txt", CMAKE)],
 )
-def test_files_are_found_where_they_would_be_installed(
+def test_files_are_found_by_their_installed_path(
     workspace: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str
 ) -> None:
     write(workspace / "src/demo", {name: text})
@@ -109,7 +107,7 @@ def test_files_are_found_where_they_would_be_installed(
     assert names_in(workspace / "src/demo/config") == ["stack.yaml"]
 
 
-def test_what_only_the_installed_package_has_is_found_too(
+def test_files_only_in_the_installed_package_are_found_too(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     installed = workspace / "install"
@@ -130,7 +128,7 @@ def test_what_only_the_installed_package_has_is_found_too(
 
 
 @pytest.mark.parametrize("text", ["def broken(:", "setup(data_files=1)", "\0", "setup(name=3)"])
-def test_a_setup_py_that_says_nothing_leaves_the_plain_layout(
+def test_a_setup_py_without_data_keeps_the_plain_layout(
     workspace: Path, monkeypatch: pytest.MonkeyPatch, text: str
 ) -> None:
     write(workspace / "src/demo", {"setup.py": text})
@@ -156,7 +154,7 @@ def test_a_name_that_leads_elsewhere_has_no_share_folder(workspace: Path) -> Non
     assert names_in(prefix / "share") == ["ament_index", "demo"]
 
 
-def test_a_prefix_is_no_place_for_packages(workspace: Path) -> None:
+def test_a_prefix_is_no_folder_of_packages(workspace: Path) -> None:
     packages = PackageIndex(workspaces=(workspace,), prefixes=())
     make_share_prefix(workspace / "runs/prefix", packages)
     assert list(package_folders(workspace)) == [workspace / "src/demo"]

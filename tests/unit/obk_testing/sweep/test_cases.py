@@ -1,4 +1,4 @@
-"""The cases of a sweep: a function of the tests and of the command line alone."""
+"""The cases of a sweep depend only on the tests and the command line."""
 
 from pathlib import Path
 
@@ -64,7 +64,7 @@ def test_a_sample_has_one_value_in_each_part_of_the_range() -> None:
         assert 50 + 5 * part <= value <= 50 + 5 * (part + 1)
 
 
-def test_two_samples_are_not_in_step_and_the_same_every_time() -> None:
+def test_two_samples_are_out_of_step_and_reproducible() -> None:
     varied = [parse_varied("a=0..1"), parse_varied("b=0..1")]
     cases = make_cases([PUSH], seeds=20, varied=varied)
     pairs = [[float(value) for _, value in case.overrides] for case in cases]
@@ -97,7 +97,7 @@ def test_a_list_is_spread_over_the_samples() -> None:
 
 
 @pytest.mark.parametrize("text", ["gain", "=1..2", "gain=", "gain=1", "gain=2..1", "gain=1..2:0"])
-def test_what_is_no_range_and_no_list_is_rejected(text: str) -> None:
+def test_invalid_ranges_and_lists_are_rejected(text: str) -> None:
     with pytest.raises(MisuseError):
         parse_varied(text)
 

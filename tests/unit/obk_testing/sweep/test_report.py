@@ -1,4 +1,4 @@
-"""What a sweep reports: sums, text, JSON and a page without a network."""
+"""Reports of a sweep: sums, text, JSON and a page without a network."""
 
 import json
 from html.parser import HTMLParser
@@ -86,7 +86,7 @@ def test_many_values_of_a_range_share_parts() -> None:
     assert [part.passed > 0 for part in parts] == [False] * 3 + [True] * 7
 
 
-def test_words_are_values_too() -> None:
+def test_text_values_are_supported_too() -> None:
     words = summary(result(0, gain="soft"), result(1, "failed", gain="stiff"))
     parts = words.parts(words.results[0].case.test, PATH)
     assert [(part.label, part.passed) for part in parts] == [("soft", 1), ("stiff", 0)]
@@ -99,7 +99,7 @@ def test_the_text_names_the_command_for_a_failed_case() -> None:
     assert "out/report.html" in text
 
 
-def test_the_json_has_what_a_program_needs() -> None:
+def test_the_json_has_everything_for_programs() -> None:
     data: dict[str, Any] = summary_json(SOME, "report.html", "sweep.sqlite")
     assert json.loads(json.dumps(data)) == data
     assert (data["ok"], data["cases"], data["done"]) == (False, 5, 5)
@@ -109,7 +109,7 @@ def test_the_json_has_what_a_program_needs() -> None:
 
 
 class Page(HTMLParser):
-    """Checks that tags are closed in their order, and collects attributes."""
+    """Checks that tags are closed in order, and collects attributes."""
 
     def __init__(self, text: str) -> None:
         super().__init__()

@@ -22,7 +22,7 @@ ROW = Row(
 )
 
 
-def test_a_result_is_there_for_the_next_sweep(tmp_path: Path) -> None:
+def test_a_result_exists_for_the_next_sweep(tmp_path: Path) -> None:
     with SweepStore(tmp_path / "out") as store:
         assert store.rows() == {}
         store.add(CASE, ROW)

@@ -1,1 +1,1 @@
-"""The nodes of the arm; the law is in a module of its own."""
+"""The nodes of the arm; the control law is in a separate module."""

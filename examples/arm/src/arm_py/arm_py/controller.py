@@ -1,4 +1,4 @@
-"""The controller's node: a state estimate in, targets, gains and torques for the drives out."""
+"""The controller node: computes targets, gains and torques for the drives from an estimate."""
 
 from pathlib import Path
 
@@ -18,23 +18,23 @@ JOINTS = 6
 
 
 class ArmController(ObeliskController):
-    """Goes from pose to pose; `params_path` is the model that knows the arm's weight."""
+    """Moves the arm from pose to pose; `params_path` is the model for gravity compensation."""
 
-    kp = Parameter([100.0] * JOINTS, ge=0.0, unit="N m/rad", description="of each drive")
-    kd = Parameter([5.0] * JOINTS, ge=0.0, unit="N m s/rad", description="of each drive")
+    kp = Parameter([100.0] * JOINTS, ge=0.0, unit="N m/rad", description="gain of each drive")
+    kd = Parameter([5.0] * JOINTS, ge=0.0, unit="N m s/rad", description="damping of each drive")
     poses = Parameter(
         [0.0] * JOINTS, unit="rad", description="the angles of all poses in a row", live=False
     )
-    move_s = Parameter(2.5, ge=0.1, unit="s", description="from pose to pose", live=False)
-    rest_s = Parameter(1.0, ge=0.0, unit="s", description="at each pose", live=False)
+    move_s = Parameter(2.5, ge=0.1, unit="s", description="time between poses", live=False)
+    rest_s = Parameter(1.0, ge=0.0, unit="s", description="time at each pose", live=False)
 
     x_hat: EstimatedState | None = None
     """The newest estimate."""
-    began: tuple[float, Motion] | None = None
-    """When the motion began [s], and the motion."""
+    started: tuple[float, Motion] | None = None
+    """The start time of the motion [s], and the motion."""
 
     def __init__(self, node_name: str = "arm_controller") -> None:
-        """Make the node; its topics and rates come from the config."""
+        """Create the node; its topics and rates come from the config."""
         super().__init__(node_name, ctrl_msg_type=PDFeedForward, est_msg_type=EstimatedState)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -43,21 +43,21 @@ class ArmController(ObeliskController):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start the motion again, from wherever the arm is."""
-        self.x_hat = self.began = None
+        """Restart the motion from the current pose of the arm."""
+        self.x_hat = self.started = None
         return super().on_activate(state)
 
     def update_x_hat(self, x_hat_msg: EstimatedState) -> None:
-        """Keep the newest state estimate."""
+        """Store the newest state estimate."""
         self.x_hat = x_hat_msg
 
     def compute_control(self) -> PDFeedForward | None:
-        """Publish what the drives are to do; nothing before the first estimate."""
+        """Publish commands for the drives, starting with the first estimate."""
         if self.x_hat is None:
             return None
         q = np.array(self.x_hat.q_joints)
-        began_s, motion = self.began = self.began or (self.t, self._motion_from(q))
-        angles, speeds = motion.at(self.t - began_s)
+        start_s, motion = self.started = self.started or (self.t, self._motion_from(q))
+        angles, speeds = motion.at(self.t - start_s)
         msg = PDFeedForward(
             joint_names=self.x_hat.joint_names,
             pos_target=angles.tolist(),

@@ -1,4 +1,4 @@
-"""The estimator's node: encoders in, the state of the joints out."""
+"""The estimator node: computes the state of the joints from encoders."""
 
 import numpy as np
 from obelisk_estimator_msgs.msg import EstimatedState
@@ -15,19 +15,19 @@ __all__ = ["ArmEstimator", "main"]
 
 
 class ArmEstimator(ObeliskEstimator):
-    """Hands the angles on, and smooths the noise of the speeds."""
+    """Publishes the measured angles and smoothed speeds."""
 
     time_constant_s = Parameter(
-        0.005, ge=0.001, le=0.1, unit="s", description="of the smoothing of the speeds"
+        0.005, ge=0.001, le=0.1, unit="s", description="time constant of the speed filter"
     )
 
     last: ObkJointEncoders | None = None
     """The newest reading."""
     speeds: np.ndarray
-    """Of the joints, smoothed [rad/s], shape (6,); there once there is a reading."""
+    """Smoothed joint speeds [rad/s], shape (6,); set by the first reading."""
 
     def __init__(self, node_name: str = "arm_estimator") -> None:
-        """Make the node; its topics and rates come from the config."""
+        """Create the node; its topics and rates come from the config."""
         super().__init__(node_name, est_msg_type=EstimatedState)
         self.register_obk_subscription(
             "sub_encoders_setting",
@@ -37,7 +37,7 @@ class ArmEstimator(ObeliskEstimator):
         )
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin without a reading; from here on readings come."""
+        """Discard earlier readings."""
         self.last = None
         return super().on_configure(state)
 
@@ -53,7 +53,7 @@ class ArmEstimator(ObeliskEstimator):
         self.last = msg
 
     def compute_state_estimate(self) -> EstimatedState | None:
-        """Publish the estimate; nothing before the first reading."""
+        """Publish the estimate, starting with the first reading."""
         if self.last is None:
             return None
         msg = EstimatedState(joint_names=self.last.joint_names, q_joints=self.last.joint_pos)

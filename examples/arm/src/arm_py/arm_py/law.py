@@ -1,6 +1,6 @@
-"""The law of the arm: the way from pose to pose, and the torques that carry its weight.
+"""The control law of the arm: the path from pose to pose, and gravity compensation.
 
-No ROS. Vectors have an element for each joint, from the table to the hand.
+Does not use ROS. Vectors have one element per joint, from the table to the hand.
 """
 
 import math
@@ -18,19 +18,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Goes through poses again and again, and rests at each."""
+    """A motion that visits all poses repeatedly, and rests at each."""
 
     start: Array
-    """Where the joints are at the beginning [rad], shape (6,)."""
+    """Initial joint angles [rad], shape (6,)."""
     poses: Array
-    """Where it goes [rad], shape (n, 6)."""
+    """Joint angles of the poses [rad], shape (n, 6)."""
     move_s: float
     rest_s: float
 
     def at(self, time_s: float) -> tuple[Array, Array]:
-        """Where the joints are to be [rad], and how fast they are to move [rad/s].
+        """The desired joint angles [rad] and speeds [rad/s].
 
-        The way between two poses is a polynomial that starts and ends with neither speed nor
+        The path between two poses is a polynomial that starts and ends with zero speed and
         acceleration (minimum jerk).
         """
         leg, within_s = divmod(time_s, self.move_s + self.rest_s)
@@ -43,7 +43,7 @@ class Motion:
 
 
 class Gravity:
-    """What the weight of the arm asks of the motors, by a model of the arm."""
+    """Computes the torques that compensate gravity, with a model of the arm."""
 
     def __init__(self, model: Path) -> None:
         """Read the model."""
@@ -59,9 +59,9 @@ class Gravity:
 
 
 def smoothed(last: Array, measured: Array, period_s: float, time_constant_s: float) -> Array:
-    """A low-pass filter of the first order, one step further.
+    """Apply one step of a first-order low-pass filter.
 
-    Where time went back, as simulated time does at a reset, nothing changes.
+    If time went back, as simulated time does at a reset, the value does not change.
     """
     share = 1 - math.exp(-max(period_s, 0.0) / time_constant_s)
     return last + share * (measured - last)

@@ -1,4 +1,4 @@
-"""The estimator's node: encoders in, the state of cart and pole out."""
+"""The estimator node: computes the state of cart and pole from encoders."""
 
 from obelisk_estimator_msgs.msg import EstimatedState
 from obelisk_sensor_msgs.msg import ObkJointEncoders
@@ -11,13 +11,13 @@ __all__ = ["CartPoleEstimator", "main"]
 
 
 class CartPoleEstimator(ObeliskEstimator):
-    """Publishes what the encoders measure, as the state of the joints."""
+    """Publishes the encoder values as the state of the joints."""
 
     last: ObkJointEncoders | None = None
     """The newest reading."""
 
     def __init__(self, node_name: str = "cartpole_estimator") -> None:
-        """Make the node; its topics and rates come from the config."""
+        """Create the node; its topics and rates come from the config."""
         super().__init__(node_name, est_msg_type=EstimatedState)
         self.register_obk_subscription(
             "sub_encoders_setting",
@@ -27,16 +27,16 @@ class CartPoleEstimator(ObeliskEstimator):
         )
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the readings of an earlier run."""
+        """Discard readings of an earlier run."""
         self.last = None
         return super().on_configure(state)
 
     def encoders_callback(self, msg: ObkJointEncoders) -> None:
-        """Keep the newest reading."""
+        """Store the newest reading."""
         self.last = msg
 
     def compute_state_estimate(self) -> EstimatedState | None:
-        """Publish the estimate; nothing before the first reading."""
+        """Publish the estimate, starting with the first reading."""
         if self.last is None:
             return None
         msg = EstimatedState(
@@ -50,5 +50,5 @@ class CartPoleEstimator(ObeliskEstimator):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node."""
+    """Run the node until it is stopped."""
     spin_obelisk(args, CartPoleEstimator)

@@ -1,4 +1,4 @@
-"""UdpMotorRobot with a drive in the same process, without a network."""
+"""UdpMotorRobot with a simulated drive in the same process, over the loopback interface."""
 
 import math
 import socket
@@ -27,10 +27,10 @@ DEADLINE_S = 10.0
 
 
 class Answering:
-    """A drive that answers each command with a state, and keeps the commands."""
+    """A drive that answers each command with a state, and stores the commands."""
 
     def __init__(self) -> None:
-        """Listen on a port of its own."""
+        """Listen on a free port."""
         self.commands: list[Command] = []
         self.faults = Fault.NONE
         self.is_silent = False
@@ -42,12 +42,12 @@ class Answering:
         self._thread.start()
 
     def wait_for(self, mode: Mode, value: float) -> None:
-        """Wait until a command has come."""
+        """Wait until a command has been received."""
         with self._came:
             assert self._came.wait_for(lambda: self._has(mode, value), DEADLINE_S), self.commands
 
     def close(self) -> None:
-        """End the thread and close the socket."""
+        """Stop the thread and close the socket."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.sendto(b"", ("127.0.0.1", self.port))
         self._thread.join()
@@ -86,7 +86,7 @@ def drive() -> Iterator[Answering]:
 
 @pytest.fixture
 def robot(monkeypatch: pytest.MonkeyPatch, drive: Answering) -> Iterator[UdpMotorRobot]:
-    """The robot with the settings above, neither configured nor spinning."""
+    """The robot with the settings above, not configured and not spinning."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     arguments = ["--ros-args", "-p", f"drive_port:={drive.port}"]
     for name, value in SETTINGS.items():
@@ -102,7 +102,7 @@ def robot(monkeypatch: pytest.MonkeyPatch, drive: Answering) -> Iterator[UdpMoto
 
 @pytest.fixture
 def active(robot: UdpMotorRobot) -> UdpMotorRobot:
-    """The robot, active."""
+    """The robot in the active state."""
     assert robot.trigger_configure() == SUCCESS
     assert robot.trigger_activate() == SUCCESS
     return robot
@@ -110,7 +110,7 @@ def active(robot: UdpMotorRobot) -> UdpMotorRobot:
 
 @pytest.fixture
 def warnings(robot: UdpMotorRobot, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What the robot warns of."""
+    """The warnings that the robot logs."""
     warnings: list[str] = []
     monkeypatch.setattr(robot.get_logger(), "warning", warnings.append)
     return warnings
@@ -119,7 +119,7 @@ def warnings(robot: UdpMotorRobot, monkeypatch: pytest.MonkeyPatch) -> list[str]
 def test_a_command_reaches_the_drive_and_zero_torque_at_deactivate(
     active: UdpMotorRobot, drive: Answering
 ) -> None:
-    """Positions go out as they are; leaving the active state stops the motor."""
+    """Positions are sent unchanged; leaving the active state stops the motor."""
     active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
     drive.wait_for(Mode.POSITION, 0.5)
     drive.commands.clear()
@@ -129,7 +129,7 @@ def test_a_command_reaches_the_drive_and_zero_torque_at_deactivate(
 
 @pytest.mark.parametrize("way", ["cleanup", "shutdown", "error"])
 def test_every_way_out_stops_the_motor(active: UdpMotorRobot, drive: Answering, way: str) -> None:
-    """Whatever ends the configured state sends zero torque before the socket is closed."""
+    """The robot sends zero torque before it closes the socket, in all transitions."""
     if way == "cleanup":
         assert active.trigger_deactivate() == SUCCESS
     active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
@@ -141,7 +141,7 @@ def test_every_way_out_stops_the_motor(active: UdpMotorRobot, drive: Answering, 
 
 
 def test_without_commands_the_motor_is_stopped(active: UdpMotorRobot, drive: Answering) -> None:
-    """What the config's `stale_action: damp` asks for."""
+    """The setting `stale_action: damp` stops the motor."""
     assert active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
     drive.wait_for(Mode.POSITION, 0.5)
     drive.commands.clear()
@@ -149,17 +149,17 @@ def test_without_commands_the_motor_is_stopped(active: UdpMotorRobot, drive: Ans
     drive.wait_for(Mode.TORQUE, 0.0)
 
 
-def test_what_is_no_command_is_refused_and_told_once(
+def test_invalid_commands_are_rejected_and_reported_once(
     active: UdpMotorRobot, drive: Answering, warnings: list[str]
 ) -> None:
-    """Wrong lengths and NaN never get to the drive."""
+    """Commands with a wrong length or NaN are not sent to the drive."""
     for command in ([], [0.1, 0.2], [0.3, 0.4], [math.nan]):
         assert not active.apply_control(PositionSetpoint(u_mujoco=command))
     active.report()
     active.report()
     assert warnings == [
-        "control rejected: `u_mujoco` has the length 0, the motor takes 1 (1x); "
-        "`u_mujoco` has the length 2, the motor takes 1 (2x); `u_mujoco[0]` is nan (1x)"
+        "control rejected: `u_mujoco` has length 0, expected 1 (1x); "
+        "`u_mujoco` has length 2, expected 1 (2x); `u_mujoco[0]` is nan (1x)"
     ]
     assert all(command.mode is not Mode.POSITION for command in drive.commands)
 
@@ -167,7 +167,7 @@ def test_what_is_no_command_is_refused_and_told_once(
 def test_a_state_is_published_once(
     active: UdpMotorRobot, drive: Answering, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What publish_sensor gives back is what goes out; without a new state nothing does."""
+    """publish_sensor publishes the message that it returns; without a new state, neither."""
     sent: list[JointEncoders] = []
     monkeypatch.setattr(active.obk_publishers["pub_sensor"], "publish", sent.append)
     active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
@@ -179,10 +179,10 @@ def test_a_state_is_published_once(
     assert list(msg.y) == [0.25]
 
 
-def test_without_a_drive_configure_fails_with_a_sentence(
+def test_without_a_drive_configure_fails_with_a_message(
     robot: UdpMotorRobot, drive: Answering
 ) -> None:
-    """No drive answers: the node stays unconfigured and says what to check."""
+    """If no drive answers, the node stays unconfigured and reports what to check."""
     drive.is_silent = True
     assert robot.trigger_configure() != SUCCESS
     assert robot.state_label == "unconfigured"
@@ -194,18 +194,18 @@ def test_without_a_drive_configure_fails_with_a_sentence(
     assert robot.trigger_configure() == SUCCESS
 
 
-def test_an_address_that_cannot_be_used_is_told(robot: UdpMotorRobot) -> None:
-    """Neither is that a traceback."""
+def test_an_unusable_address_is_reported(robot: UdpMotorRobot) -> None:
+    """The report has no traceback."""
     robot.set_parameters([Parameter("drive_port", value=70_000)])
     assert robot.trigger_configure() != SUCCESS
-    assert "no way to the drive at 127.0.0.1:70000" in str(robot.last_fault)
+    assert "cannot reach the drive at 127.0.0.1:70000" in str(robot.last_fault)
     assert "Traceback" not in str(robot.last_fault)
 
 
-def test_a_drive_that_has_gone_while_the_robot_was_inactive_fails_activate(
+def test_a_drive_that_became_silent_while_the_robot_was_inactive_fails_activate(
     robot: UdpMotorRobot, drive: Answering
 ) -> None:
-    """What the drive said before does not count."""
+    """States that were received earlier do not count."""
     assert robot.trigger_configure() == SUCCESS
     drive.is_silent = True
     assert robot.trigger_activate() != SUCCESS
@@ -214,7 +214,7 @@ def test_a_drive_that_has_gone_while_the_robot_was_inactive_fails_activate(
 
 
 def test_a_silent_drive_is_a_fault(active: UdpMotorRobot, drive: Answering) -> None:
-    """Nothing is repeated as if it were measured: the robot fails instead."""
+    """The robot does not repeat old values as if they were measured; it fails."""
     drive.is_silent = True
     active.timeout_s = 0.05
     with pytest.raises(ObeliskHardwareError, match=r"has sent no new state for \d+\.\d\d s"):
@@ -224,7 +224,7 @@ def test_a_silent_drive_is_a_fault(active: UdpMotorRobot, drive: Answering) -> N
 def test_a_drive_that_has_switched_itself_off_is_a_fault(
     active: UdpMotorRobot, drive: Answering
 ) -> None:
-    """A fault that the drive keeps needs an operator."""
+    """A persistent fault of the drive requires an operator."""
     active.timeout_s = DEADLINE_S
     drive.faults = Fault.OVERSPEED
     active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
@@ -232,20 +232,20 @@ def test_a_drive_that_has_switched_itself_off_is_a_fault(
         publish_until(active, DEADLINE_S)
 
 
-def test_states_with_the_motor_off_are_told(
+def test_states_with_the_motor_off_are_reported(
     active: UdpMotorRobot, drive: Answering, warnings: list[str]
 ) -> None:
-    """The drive's watchdog is reported once something was commanded; it recovers by itself."""
+    """The drive's watchdog is reported after the first command; it recovers by itself."""
     active.timeout_s = DEADLINE_S
     drive.faults = Fault.WATCHDOG
     active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
     assert publish_until(active, DEADLINE_S) is not None
     active.report()
-    assert warnings == ["the line to the drive: motor off, as no command came (1x)"]
+    assert warnings == ["connection to the drive: motor off without a command (1x)"]
 
 
 def publish_until(robot: UdpMotorRobot, deadline_s: float) -> JointEncoders | None:
-    """Publish until something is published."""
+    """Publish until there is a new state."""
     end_s = time.monotonic() + deadline_s
     while time.monotonic() < end_s:
         msg = robot.publish_sensor()

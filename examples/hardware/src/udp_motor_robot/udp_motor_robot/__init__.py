@@ -1,1 +1,1 @@
-"""A robot of one motor whose drive is spoken to over UDP."""
+"""A robot node for one motor whose drive is connected over UDP."""

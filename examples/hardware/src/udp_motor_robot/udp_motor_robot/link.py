@@ -1,8 +1,7 @@
-"""The computer's end of the line to the drive: a UDP socket that never blocks.
+"""Connection to the drive over a UDP socket that never blocks.
 
-In: commands to send. Out: the newest state, and what went wrong on the way as counts. Knows
-nothing of ROS. Only `ask`, for moments at which
-nothing moves yet, waits for an answer.
+Sends commands, returns the newest state, and counts faults of the connection. Does not use ROS.
+Only `ask` waits for an answer, and is called only while nothing moves.
 """
 
 import socket
@@ -15,25 +14,25 @@ from udp_motor_robot.protocol import SEQUENCES, Command, Mode, State, steps_ahea
 __all__ = ["DriveLink"]
 
 ASK_AGAIN_S = 0.01
-"""How long `ask` waits before it asks again: a datagram may be lost [s]."""
+"""Time after which `ask` asks again, because datagrams may be lost [s]."""
 LISTEN_AGAIN_S = 0.1
-"""How often a keep-alive is sent to the drive, if nothing else is [s]."""
+"""Time without a command after which a keep-alive is sent to the drive [s]."""
 LONGEST_DATAGRAM = 1500
 
 
 class DriveLink:
-    """A connection to one drive; only `send` and `stop` may be called on several threads."""
+    """A connection to one drive; only `send` and `stop` may be called from several threads."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Open the socket; nothing is sent yet.
+        """Open the socket without sending anything.
 
         Args:
             host: name or IPv4 address of the drive.
-            port: where it listens.
+            port: UDP port of the drive.
 
         Raises:
-            OSError: the host is not known, or there is no way to it.
-            OverflowError: no port has that number.
+            OSError: the host is unknown or cannot be reached.
+            OverflowError: the port number is invalid.
         """
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -46,18 +45,18 @@ class DriveLink:
         self._next_sequence = 0
         self._last_sequence: int | None = None
         self._sent_at_s = time.monotonic()
-        self.heard_at_s = time.monotonic()
-        """When the last new state came, by the monotonic clock [s]."""
+        self.received_at_s = time.monotonic()
+        """When the last new state was received, on the monotonic clock [s]."""
         self.error = ""
-        """Why the last command could not be sent; empty if it could."""
-        self.troubles: Counter[str] = Counter()
-        """How many datagrams were lost, came late, or could not be sent; reporting clears it."""
+        """Why the last command could not be sent; empty if it was sent."""
+        self.faults: Counter[str] = Counter()
+        """The number of datagrams that were lost, late or not sent; cleared after each report."""
 
     def send(self, mode: Mode, value: float = 0.0) -> None:
-        """Send a command, or count that it could not be sent.
+        """Send a command, or count a fault if that fails.
 
         Args:
-            mode: what the value is.
+            mode: the meaning of the value.
             value: torque [N m] or position [rad]; finite.
         """
         with self._sending:
@@ -67,39 +66,39 @@ class DriveLink:
             self.error = ""
             try:
                 self._socket.send(command.pack())
-            except OSError as error:  # no drive is listening, or the line is full
+            except OSError as error:  # no drive is running, or the send buffer is full
                 self.error = str(error)
-                self.troubles["commands not sent"] += 1
+                self.faults["commands not sent"] += 1
 
     def stop(self) -> None:
-        """Send zero torque. Should that be lost, the drive's watchdog does the same."""
+        """Send zero torque. If the datagram is lost, the drive's watchdog does the same."""
         self.send(Mode.TORQUE, 0.0)
 
     def newest(self) -> State | None:
-        """The newest state that has come since the last call; None if none has."""
+        """The newest state received since the last call; None without a new one."""
         if time.monotonic() - self._sent_at_s > LISTEN_AGAIN_S:
             self.send(Mode.LISTEN)
         newest = None
         while (data := self._receive()) is not None:
             state = State.unpack(data)
             if state is None:
-                self.troubles["datagrams that are no states"] += 1
+                self.faults["invalid datagrams"] += 1
             elif self._is_new(state):
                 newest = state
         if newest is not None:
-            self.heard_at_s = time.monotonic()
+            self.received_at_s = time.monotonic()
         return newest
 
     def ask(self, timeout_s: float) -> State | None:
         """Stop the motor and wait for a state.
 
         Args:
-            timeout_s: how long to wait at most [s].
+            timeout_s: maximum waiting time [s].
 
         Returns:
-            The newest state; None if none came in time.
+            The newest state; None if no state was received in time.
         """
-        self.newest()  # what lies here still is from a drive that may be gone by now
+        self.newest()  # drop old states, which prove nothing about the drive
         self._last_sequence = None
         end_s = time.monotonic() + timeout_s
         state = None
@@ -107,7 +106,7 @@ class DriveLink:
             self.stop()
             time.sleep(ASK_AGAIN_S)
             state = self.newest()
-        self.troubles.clear()  # what happens from now on counts
+        self.faults.clear()  # count only later faults
         return state
 
     def close(self) -> None:
@@ -118,7 +117,7 @@ class DriveLink:
     def _receive(self) -> bytes | None:
         try:
             return self._socket.recv(LONGEST_DATAGRAM)
-        except OSError:  # no datagram, or no drive is listening
+        except OSError:  # no datagram, or no drive is running
             return None
 
     def _is_new(self, state: State) -> bool:
@@ -126,9 +125,9 @@ class DriveLink:
         if self._last_sequence is not None:
             ahead = steps_ahead(state.sequence, self._last_sequence)
         if ahead < 1:
-            self.troubles["states out of order"] += 1
+            self.faults["states out of order"] += 1
             return False
         if ahead > 1:
-            self.troubles["states lost"] += ahead - 1
+            self.faults["states lost"] += ahead - 1
         self._last_sequence = state.sequence
         return True

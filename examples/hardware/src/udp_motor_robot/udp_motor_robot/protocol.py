@@ -1,4 +1,4 @@
-"""The datagrams between a computer and the drive: commands to it, states from it.
+"""The datagrams between a computer and the drive: commands and states.
 
 Little endian, without padding:
 
@@ -11,7 +11,8 @@ Little endian, without padding:
 | | | velocity [rad/s], float64 | 8 |
 | | | faults, uint32 | 4 |
 
-Each side counts its datagrams; after 4294967295 comes 0. Needs neither ROS nor a socket.
+Each side numbers its datagrams; the sequence continues at 0 after 4294967295. This module uses
+neither ROS nor a socket.
 """
 
 import math
@@ -22,7 +23,7 @@ from enum import IntEnum, IntFlag
 __all__ = ["PORT", "Command", "Fault", "Mode", "State", "steps_ahead"]
 
 PORT = 47001
-"""The drive's default address."""
+"""The default UDP port of the drive."""
 SEQUENCES = 1 << 32
 COMMAND = struct.Struct("<4sIId")
 COMMAND_MAGIC = b"OBMC"
@@ -31,24 +32,24 @@ STATE_MAGIC = b"OBMS"
 
 
 class Mode(IntEnum):
-    """What a command asks for."""
+    """The kind of a command."""
 
     LISTEN = 0
-    """Send me your states; the motor is left as it is, and the watchdog is not fed."""
+    """Only request states; changes neither the motor nor the watchdog."""
     TORQUE = 1
     """The value is a torque [N m]; zero also clears faults."""
     POSITION = 2
-    """The value is a position to go to [rad]."""
+    """The value is a desired position [rad]."""
 
 
 class Fault(IntFlag):
-    """Why the motor is off."""
+    """The reason why the motor is off."""
 
     NONE = 0
     WATCHDOG = 1
-    """No command came for too long; the next one is obeyed."""
+    """The drive received no command for too long; it executes the next one."""
     OVERSPEED = 2
-    """It turned too fast; it stays off until a command of zero torque."""
+    """The motor was too fast; it stays off until a command of zero torque."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,15 +59,15 @@ class Command:
     sequence: int
     mode: Mode
     value: float = 0.0
-    """Torque [N m] or position [rad], by the mode; finite."""
+    """Torque [N m] or position [rad], depending on the mode; finite."""
 
     def pack(self) -> bytes:
-        """The datagram."""
+        """Encode the command as a datagram."""
         return COMMAND.pack(COMMAND_MAGIC, self.sequence, self.mode, self.value)
 
     @classmethod
     def unpack(cls, data: bytes) -> "Command | None":
-        """The command that a datagram holds; None if it is none."""
+        """Decode a datagram; None if it is not a command."""
         if len(data) != COMMAND.size:
             return None
         magic, sequence, mode, value = COMMAND.unpack(data)
@@ -81,7 +82,7 @@ class State:
 
     sequence: int
     time_s: float
-    """Since the drive was switched on [s]."""
+    """Time since the drive was switched on [s]."""
     position: float
     """[rad]."""
     velocity: float
@@ -89,13 +90,13 @@ class State:
     faults: Fault
 
     def pack(self) -> bytes:
-        """The datagram."""
+        """Encode the state as a datagram."""
         numbers = (self.time_s, self.position, self.velocity)
         return STATE.pack(STATE_MAGIC, self.sequence, *numbers, self.faults)
 
     @classmethod
     def unpack(cls, data: bytes) -> "State | None":
-        """The state that a datagram holds; None if it is none."""
+        """Decode a datagram; None if it is not a state."""
         if len(data) != STATE.size:
             return None
         magic, sequence, time_s, position, velocity, faults = STATE.unpack(data)
@@ -111,6 +112,6 @@ class State:
 
 
 def steps_ahead(sequence: int, last: int) -> int:
-    """How far a sequence number is ahead of another: 1 for the next; below 1: not newer."""
+    """How far a sequence number is ahead of another: 1 for the next one, below 1 if not newer."""
     ahead = (sequence - last) % SEQUENCES
     return ahead if ahead < SEQUENCES // 2 else ahead - SEQUENCES

@@ -18,28 +18,28 @@ from udp_motor_robot.protocol import PORT, Fault, Mode
 __all__ = ["UdpMotorRobot", "main"]
 
 ANSWER_S = 1.0
-"""How long the drive may take for its first answer [s]."""
+"""Timeout for the first answer of the drive [s]."""
 
 
 class UdpMotorRobot(ObeliskRobot):
-    """Hands positions to the drive, and publishes JointEncoders from it.
+    """Sends positions to the drive, and publishes its encoder values as JointEncoders.
 
-    ROS parameters: `drive_host`, `drive_port`, and `drive_timeout_sec`: how long no state may come
-    while the node is active [s].
+    ROS parameters: `drive_host`, `drive_port`, and `drive_timeout_sec`, the longest time without a
+    state while the node is active [s].
     """
 
     def __init__(self, node_name: str = "udp_motor_robot") -> None:
-        """Make the node; its topics, rates and queue depths come from the config."""
+        """Create the node; its topics, rates and queue depths come from the config."""
         super().__init__(node_name, ctrl_msg_type=PositionSetpoint)
         self.declare_parameter("drive_host", "127.0.0.1")
         self.declare_parameter("drive_port", PORT)
-        # A config may write 1 as well as 0.5.
+        # Accept integers such as 1 too.
         self.declare_parameter("drive_timeout_sec", 0.5, ParameterDescriptor(dynamic_typing=True))
         self.link: DriveLink | None = None
         self.address = ""
         self.timeout_s = 0.0
         self.is_commanded = False
-        self.refused: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()
         self.register_obk_publisher(
             "pub_sensor_setting",
             key="pub_sensor",
@@ -58,10 +58,10 @@ class UdpMotorRobot(ObeliskRobot):
         )
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the line to the drive.
+        """Open the connection to the drive.
 
         Raises:
-            ObeliskHardwareError: there is no way to the drive, or it does not answer.
+            ObeliskHardwareError: the drive cannot be reached, or does not answer.
         """
         result = super().on_configure(state)
         host = str(self.get_parameter("drive_host").value)
@@ -71,21 +71,22 @@ class UdpMotorRobot(ObeliskRobot):
         try:
             self.link = DriveLink(host, port)
         except (OSError, OverflowError) as error:
-            raise ObeliskHardwareError(f"no way to the drive at {self.address}: {error}") from error
-        # Closed at cleanup, shutdown and error, whatever led there; closing stops the motor.
+            fault = f"cannot reach the drive at {self.address}: {error}"
+            raise ObeliskHardwareError(fault) from error
+        # Closed at cleanup, shutdown and error, for any reason; closing stops the motor.
         self.opened.callback(self.link.close)
         self._ask_drive(self.link)
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make sure that the drive is still there.
+        """Check that the drive still answers.
 
         Raises:
-            ObeliskHardwareError: it does not answer.
+            ObeliskHardwareError: the drive does not answer.
         """
         assert self.link is not None
         self.is_commanded = False
-        self.refused.clear()
+        self.rejected.clear()
         self._ask_drive(self.link)
         return super().on_activate(state)
 
@@ -96,13 +97,13 @@ class UdpMotorRobot(ObeliskRobot):
         return super().on_deactivate(state)
 
     def apply_control(self, control_msg: PositionSetpoint) -> bool:
-        """Send the control message to the drive; False if it is refused."""
+        """Send the control message to the drive; return False if it is rejected."""
         assert self.link is not None
         command = control_msg.u_mujoco
         if len(command) != 1:
-            self.refused[f"`u_mujoco` has the length {len(command)}, the motor takes 1"] += 1
+            self.rejected[f"`u_mujoco` has length {len(command)}, expected 1"] += 1
         elif not math.isfinite(command[0]):
-            self.refused[f"`u_mujoco[0]` is {command[0]:g}"] += 1
+            self.rejected[f"`u_mujoco[0]` is {command[0]:g}"] += 1
         else:
             self.is_commanded = True
             self.link.send(Mode.POSITION, command[0])
@@ -110,21 +111,21 @@ class UdpMotorRobot(ObeliskRobot):
         return False
 
     def apply_damping(self) -> None:
-        """Stop the motor, as no command came for `max_age_sec`; friction brakes the joint."""
+        """Stop the motor after `max_age_sec` without a command; friction brakes the joint."""
         assert self.link is not None
         self.is_commanded = False
         self.link.stop()
 
     def publish_sensor(self) -> JointEncoders | None:
-        """Publish the newest state of the drive, if one has come since the last time.
+        """Publish the newest state of the drive, unless there is no new one.
 
         Raises:
-            ObeliskHardwareError: none has come for too long, or the drive has a fault.
+            ObeliskHardwareError: no state was received for too long, or the drive has a fault.
         """
         assert self.link is not None
         state = self.link.newest()
         if state is None:
-            silent_s = time.monotonic() - self.link.heard_at_s
+            silent_s = time.monotonic() - self.link.received_at_s
             if silent_s > self.timeout_s:
                 raise ObeliskHardwareError(
                     f"the drive at {self.address} has sent no new state for {silent_s:.2f} s"
@@ -135,7 +136,7 @@ class UdpMotorRobot(ObeliskRobot):
                 f"the drive at {self.address} has switched its motor off: overspeed"
             )
         if state.faults & Fault.WATCHDOG and self.is_commanded:
-            self.link.troubles["motor off, as no command came"] += 1
+            self.link.faults["motor off without a command"] += 1
         msg = JointEncoders()
         msg.header.stamp = self.get_clock().now().to_msg()
         msg.y = [state.position]
@@ -143,16 +144,16 @@ class UdpMotorRobot(ObeliskRobot):
         return msg
 
     def report(self) -> None:
-        """Report what was refused, and faults of the line, since the last report."""
+        """Log the rejected commands and the connection faults since the last report."""
         assert self.link is not None
-        if self.refused:
-            reasons = (f"{reason} ({count}x)" for reason, count in self.refused.items())
+        if self.rejected:
+            reasons = (f"{reason} ({count}x)" for reason, count in self.rejected.items())
             self.get_logger().warning(f"control rejected: {'; '.join(reasons)}")
-            self.refused.clear()
-        if self.link.troubles:
-            counts = (f"{what} ({count}x)" for what, count in self.link.troubles.items())
-            self.get_logger().warning(f"the line to the drive: {', '.join(counts)}")
-            self.link.troubles.clear()
+            self.rejected.clear()
+        if self.link.faults:
+            counts = (f"{what} ({count}x)" for what, count in self.link.faults.items())
+            self.get_logger().warning(f"connection to the drive: {', '.join(counts)}")
+            self.link.faults.clear()
 
     def _ask_drive(self, link: DriveLink) -> None:
         if link.ask(ANSWER_S) is None:

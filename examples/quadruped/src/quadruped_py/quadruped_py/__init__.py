@@ -1,1 +1,1 @@
-"""The nodes of the quadruped; what they compute stands in modules of its own."""
+"""The nodes of the quadruped; their computations are in separate modules."""

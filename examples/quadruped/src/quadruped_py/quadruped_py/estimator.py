@@ -1,4 +1,4 @@
-"""The estimator's node: encoders, IMU and feet in, the state of trunk and joints out."""
+"""The estimator node: computes the state of trunk and joints from encoders, IMU and feet."""
 
 import numpy as np
 from obelisk_estimator_msgs.msg import EstimatedState
@@ -14,16 +14,16 @@ __all__ = ["QuadrupedEstimator", "main"]
 
 
 class QuadrupedEstimator(ObeliskEstimator):
-    """Orientation from the IMU, position and velocity of the trunk from the legs."""
+    """Estimates the orientation from the IMU, and position and velocity from the legs."""
 
     encoders: ObkJointEncoders | None = None
     imu: ObkImu | None = None
     feet: ObkForceSensor | None = None
     read_at: Time | None = None
-    """When the encoders were read that the last estimate is made of."""
+    """The stamp of the encoder reading behind the last estimate."""
 
     def __init__(self, node_name: str = "quadruped_estimator") -> None:
-        """Make the node; its topics and rates come from the config."""
+        """Create the node; its topics and rates come from the config."""
         super().__init__(node_name, est_msg_type=EstimatedState)
         self.register_obk_subscription(
             "sub_encoders_setting",
@@ -41,23 +41,23 @@ class QuadrupedEstimator(ObeliskEstimator):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start from the pose of the keyframe."""
         self.encoders = self.imu = self.feet = self.read_at = None
-        self.odometry = Odometry.at_the_beginning()
+        self.odometry = Odometry.at_start()
         return super().on_activate(state)
 
     def encoders_callback(self, msg: ObkJointEncoders) -> None:
-        """Keep the newest reading of the encoders."""
+        """Store the newest reading of the encoders."""
         self.encoders = msg
 
     def imu_callback(self, msg: ObkImu) -> None:
-        """Keep the newest reading of the IMU."""
+        """Store the newest reading of the IMU."""
         self.imu = msg
 
     def feet_callback(self, msg: ObkForceSensor) -> None:
-        """Keep the newest forces on the feet."""
+        """Store the newest forces on the feet."""
         self.feet = msg
 
     def compute_state_estimate(self) -> EstimatedState | None:
-        """Publish the estimate; nothing before each sensor has spoken."""
+        """Publish the estimate after each sensor has published a reading."""
         if self.encoders is None or self.imu is None or self.feet is None:
             return None
         turned, turning = self.imu.orientation, self.imu.angular_velocity
@@ -74,7 +74,7 @@ class QuadrupedEstimator(ObeliskEstimator):
         msg.header.stamp = self.encoders.stamp
         msg.header.frame_id = "world"
         msg.q_base = [*self.odometry.position, *quaternion]
-        # In the world, and in the trunk's own frame.
+        # Linear in the world, angular in the frame of the trunk.
         msg.v_base = [*self.odometry.velocity, *reading.turning]
         msg.q_joints = self.encoders.joint_pos
         msg.v_joints = self.encoders.joint_vel
@@ -82,7 +82,7 @@ class QuadrupedEstimator(ObeliskEstimator):
         return msg
 
     def period_s(self, read_at: Time) -> float:
-        """The time since the encoders' last reading [s]."""
+        """The time since the previous encoder reading [s]."""
         last, self.read_at = self.read_at or read_at, read_at
         return float((read_at - last).nanoseconds * 1e-9)
 

@@ -1,7 +1,7 @@
-"""Where the feet are for given joint angles, and the other way round.
+"""Forward and inverse kinematics of the legs.
 
-Legs stand in the order front left, front right, rear left, rear right, the joints of each in the
-order hip, thigh, knee. Positions are seen from the trunk: x forward, y left, z up [m].
+The order of legs is front left, front right, rear left, rear right; the order of joints is hip,
+thigh, knee. Positions are relative to the trunk: x forward, y left, z up [m].
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ Array = NDArray[np.float64]
 
 LEGS = ("fl", "fr", "rl", "rr")
 LINK_M = 0.2
-"""Thigh and shin are of the same length [m]."""
+"""Length of thigh and shin [m]."""
 SIDES = np.array([1.0, -1.0, 1.0, -1.0])
 OFFSETS = 0.085 * SIDES
-"""From the axis of the hip to the plane of the leg, to the left [m], shape (4,)."""
+"""Distance from the axis of the hip to the plane of the leg, to the left [m], shape (4,)."""
 HIPS = np.array([[0.18, 0.05, 0.0], [0.18, -0.05, 0.0], [-0.18, 0.05, 0.0], [-0.18, -0.05, 0.0]])
 """The axes of the hips [m], shape (4, 3)."""
 
@@ -33,9 +33,9 @@ def foot_positions(angles: Array) -> Array:
 
 
 def joint_angles(feet: Array) -> Array:
-    """The joint angles [rad], shape (4, 3), that put the feet there [m], shape (4, 3).
+    """The joint angles [rad], shape (4, 3), for positions of the feet [m], shape (4, 3).
 
-    A foot that is out of reach is put as near as the leg gets.
+    If a position is out of reach, the foot gets as close as possible.
     """
     x, y, z = (feet - HIPS).T
     down = -np.sqrt(np.maximum(y**2 + z**2 - OFFSETS**2, 1e-9))
@@ -46,7 +46,7 @@ def joint_angles(feet: Array) -> Array:
 
 
 def foot_jacobians(angles: Array) -> Array:
-    """Velocity of each foot for velocities of its joints [m/rad], shape (4, 3, 3)."""
+    """Jacobian of each foot with respect to its joints [m/rad], shape (4, 3, 3)."""
     hip, thigh, knee = angles.T
     x, y, z = (foot_positions(angles) - HIPS).T
     down = -LINK_M * (np.cos(thigh) + np.cos(thigh + knee))

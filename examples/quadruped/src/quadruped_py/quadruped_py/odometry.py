@@ -1,6 +1,6 @@
-"""Where the trunk is, from the legs: feet that carry weight stand still, so the trunk moves.
+"""Estimate the motion of the trunk from the legs, because feet that carry weight do not move.
 
-In: one reading of encoders, IMU and feet. Out: position and velocity of the trunk. No ROS.
+Computes position and velocity of the trunk from readings of encoders, IMU and feet. Uses no ROS.
 """
 
 from dataclasses import dataclass
@@ -16,41 +16,41 @@ Array = NDArray[np.float64]
 
 FOOT_RADIUS_M = 0.022
 LEAST_FORCE_N = 5.0
-"""Less than this on all feet together: the robot is in the air, or lies."""
+"""Total force on all feet below which the robot is in the air or lying on the ground."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What the sensors say at one time."""
+    """The sensor values at one time."""
 
     angles: Array
-    """Of the joints [rad], shape (4, 3)."""
+    """Joint angles [rad], shape (4, 3)."""
     speeds: Array
-    """Of the joints [rad/s], shape (4, 3)."""
+    """Joint speeds [rad/s], shape (4, 3)."""
     rotation: Array
-    """Of the trunk in the world, by the IMU, shape (3, 3)."""
+    """Rotation matrix of the trunk in the world, from the IMU, shape (3, 3)."""
     turning: Array
-    """Of the trunk in its own frame, by the gyroscope [rad/s], shape (3,)."""
+    """Angular velocity of the trunk in its frame, from the gyroscope [rad/s], shape (3,)."""
     forces: Array
-    """On the feet [N], shape (4,)."""
+    """Forces on the feet [N], shape (4,)."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Odometry:
-    """Adds up the trunk's way since the beginning, which is at x = y = 0 on level ground."""
+    """Integrates the motion of the trunk, which starts at x = y = 0 on level ground."""
 
     position: Array
-    """Of the trunk in the world [m], shape (3,)."""
+    """Position of the trunk in the world [m], shape (3,)."""
     velocity: Array
-    """Of the trunk in the world [m/s], shape (3,)."""
+    """Velocity of the trunk in the world [m/s], shape (3,)."""
 
     @classmethod
-    def at_the_beginning(cls) -> "Odometry":
-        """Nothing is known yet."""
+    def at_start(cls) -> "Odometry":
+        """The state before the first reading."""
         return cls(position=np.zeros(3), velocity=np.zeros(3))
 
     def update(self, reading: Reading, period_s: float) -> None:
-        """Go on by one reading, `period_s` after the last."""
+        """Add one reading, `period_s` after the previous one."""
         weight = reading.forces.sum()
         if weight < LEAST_FORCE_N:
             return
@@ -64,7 +64,7 @@ class Odometry:
 
 
 def rotation_matrix(quaternion: Array) -> Array:
-    """The matrix, shape (3, 3), of a unit quaternion in the order x, y, z, w."""
+    """The rotation matrix, shape (3, 3), of a unit quaternion in the order x, y, z, w."""
     axis, w = quaternion[:3], quaternion[3]
     cross = np.cross(np.eye(3), axis)  # cross @ v == axis x v
     matrix: Array = np.eye(3) + 2 * w * cross + 2 * cross @ cross

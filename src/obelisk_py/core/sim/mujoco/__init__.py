@@ -1,4 +1,4 @@
-"""MuJoCo in place of the robot."""
+"""The MuJoCo simulator, which replaces the robot."""
 
 import importlib
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ __all__ = ["ObeliskMujocoRobot"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the robot on first use: viewer processes do not need ROS."""
+    """Import the robot on first use, because viewer processes do not need ROS."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f"{__name__}.robot"), name)

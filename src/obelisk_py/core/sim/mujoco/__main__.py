@@ -1,4 +1,4 @@
-"""Runs the simulator as a process: `python -m obelisk_py.core.sim.mujoco --ros-args ...`."""
+"""Run the simulator as a process: `python -m obelisk_py.core.sim.mujoco --ros-args ...`."""
 
 import importlib
 import os
@@ -11,10 +11,10 @@ VARIABLE = "MUJOCO_GL"
 
 
 def import_without_windows() -> None:
-    """Import MuJoCo without GLFW, whose search for its library starts another Python.
+    """Import MuJoCo without GLFW, whose library search starts another Python process.
 
-    This process opens no window: cameras draw off screen with a back end of their own, and viewers
-    are processes of their own. Both see MUJOCO_GL as the user has set it.
+    This process opens no windows: cameras render off screen with their own back end, and viewers
+    run in their own processes. Both use the user's value of MUJOCO_GL.
     """
     chosen = os.environ.get(VARIABLE)
     os.environ[VARIABLE] = "disable"
@@ -32,7 +32,7 @@ from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot  # noqa: E402 - MuJoCo
 
 
 def main() -> None:
-    """Spin the simulator until it is asked to end."""
+    """Spin the simulator until shutdown."""
     spin_obelisk(None, ObeliskMujocoRobot)
 
 

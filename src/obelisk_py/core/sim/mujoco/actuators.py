@@ -1,7 +1,8 @@
 """Compute a model's actuator controls: force laws, brakes, and torques from gains.
 
-In: a compiled model, its state after mj_step1, `PDFeedForward` messages with gains. Out: controls
-of shape (nu,), or the reason why a message is rejected. Never writes to the state.
+The inputs are a compiled model, its state after mj_step1, and `PDFeedForward` messages with gains.
+The outputs are controls of shape (nu,), or the reason to reject a message. The state is never
+modified.
 
 Source: https://mujoco.readthedocs.io/en/stable/computation/index.html (actuation model):
 force = gain * ctrl + b0 + b1 * length + b2 * velocity, for a fixed gain and an affine bias.
@@ -27,12 +28,12 @@ __all__ = [
 ]
 
 LARGEST: Final = 1e10
-"""If a number is larger than this, MuJoCo sets every control to zero (mjMAXVAL)."""
+"""If the magnitude of a number exceeds this, MuJoCo sets all controls to zero (mjMAXVAL)."""
 BRAKING_TIME_S: Final = 0.1
-"""In this time a braked motor loses 63 % of its speed [s], where nothing else moves it.
+"""Time in which a braked motor loses 63 % of its speed, if nothing else moves it [s].
 
-Measured by the inertia that it feels with all others free: the least there can be, so that many
-motors that brake together never overshoot. Joints that move as one take longer.
+Based on the inertia that the motor feels while all other joints are free. This is the smallest
+possible inertia, so that motors that brake together never overshoot. Coupled joints take longer.
 """
 _NONE: Final = int(mujoco.mjtDyn.mjDYN_NONE)
 _FOLLOWING: Final = (
@@ -40,7 +41,7 @@ _FOLLOWING: Final = (
     int(mujoco.mjtDyn.mjDYN_FILTER),
     int(mujoco.mjtDyn.mjDYN_FILTEREXACT),
 )
-"""Dynamics of actuators whose activation goes to the control, at once or after a while."""
+"""Dynamics of actuators whose activation follows the control, immediately or with a delay."""
 Numbers = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _FIELDS = ("pos_target", "vel_target", "feed_forward", "kp", "kd")
@@ -49,8 +50,8 @@ _OF_ONE_NUMBER = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SL
 
 
 def out_of_limits(field: str, values: NDArray[np.float64]) -> str | None:
-    """The first number that is not finite or too large, as "`u_mujoco[1]` is nan"; else None."""
-    # Written so that it is false for NaN too.
+    """Describe the first non-finite or too large number, "`u_mujoco[1]` is nan", or None."""
+    # The comparison is false for NaN too.
     in_range = np.abs(values) <= LARGEST
     if in_range.all():
         return None
@@ -62,32 +63,32 @@ class Actuators:
     """The force laws of a model's actuators."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Read them from a compiled model."""
+        """Read the force laws from a compiled model."""
         self.gain: Numbers = model.actuator_gainprm[:, 0].copy()
-        """Of those with a fixed gain, in the units of their force per unit of control."""
+        """Force per unit of control, for actuators with a fixed gain, shape (nu,)."""
         self.bias: Numbers = model.actuator_biasprm[:, :3].copy()
-        """b0, b1, b2 of those with an affine bias, shape (nu, 3)."""
+        """b0, b1, b2 of actuators with an affine bias, shape (nu, 3)."""
         fixed = (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED) & (self.gain != 0)
         unbiased = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
         affine = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
         direct = model.actuator_dyntype == _NONE
         self.are_motors: Flags = fixed & unbiased & direct
-        """Actuators whose force is a multiple of the control."""
+        """Actuators whose force is proportional to the control."""
         self.are_servos: Flags = fixed & affine & np.isin(model.actuator_dyntype, _FOLLOWING)
         """Actuators whose control is a position or velocity."""
         self.take_forces: Flags = fixed & (unbiased | affine) & direct
-        """Actuators that have a control for every force."""
+        """Actuators that can produce any requested force."""
         self.bias[~affine] = 0.0
         limited = model.actuator_ctrllimited.astype(bool)
         self.least = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
         self.most = np.where(limited, model.actuator_ctrlrange[:, 1], np.inf)
-        """The range of the controls."""
+        """Limits of the controls, with `least`, shape (nu,)."""
 
     def control_for(self, force: Numbers, length: Numbers, velocity: Numbers) -> Numbers:
-        """The control with which each actuator that takes forces has that one.
+        """Compute the control with which each force-capable actuator produces the given force.
 
         Args:
-            force: of each actuator.
+            force: force of each actuator, shape (nu,).
             length: `data.actuator_length`.
             velocity: `data.actuator_velocity`.
         """
@@ -98,14 +99,14 @@ class Actuators:
 
 
 class Brake:
-    """Stops a model by its actuators, from the state in which it is made.
+    """Stops a model with its actuators, starting from the state at construction.
 
-    A motor's force is opposed to its velocity; a position servo holds the position where it is now,
-    a velocity servo the velocity zero; every other actuator gets zero.
+    A motor's force opposes its velocity. A position servo holds its current position, and a
+    velocity servo holds zero velocity. All other actuators get zero.
     """
 
     def __init__(self, actuators: Actuators, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Read the inertia of each motor's load and the position of each servo."""
+        """Read the load inertia of each motor and the position of each servo."""
         b0, b1, _ = actuators.bias.T
         gain = np.where(actuators.gain == 0, 1.0, actuators.gain)
         hold = -(b0 + b1 * data.actuator_length) / gain
@@ -115,7 +116,7 @@ class Brake:
         self._actuators = actuators
 
     def control(self, velocity: Numbers) -> Numbers:
-        """The control of the next step.
+        """Compute the control for the next step.
 
         Args:
             velocity: `data.actuator_velocity`.
@@ -125,7 +126,7 @@ class Brake:
 
 
 def _loads(model: mujoco.MjModel, data: mujoco.MjData) -> Numbers:
-    """The inertia that each actuator has to move, force over acceleration of its length."""
+    """Compute the inertia that each actuator moves: force per acceleration of its length."""
     moments = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(
         moments,
@@ -146,7 +147,7 @@ def _loads(model: mujoco.MjModel, data: mujoco.MjData) -> Numbers:
 class TorqueLaw:
     """torque = kp (pos_target - position) + kd (vel_target - velocity) + feed_forward.
 
-    Each field has the shape (nu,), in the order of the actuators; units as in `PDFeedForward`.
+    Each field has shape (nu,), in the order of the actuators; units as in `PDFeedForward`.
     """
 
     pos_target: Numbers
@@ -157,12 +158,12 @@ class TorqueLaw:
 
 
 def has_gains(message: Any) -> bool:
-    """Whether a `PDFeedForward` asks for torques; without gains its `u_mujoco` counts."""
+    """Whether a `PDFeedForward` requests torques; without gains, its `u_mujoco` is used."""
     return bool(len(message.kp) or len(message.kd))
 
 
 class JointTorques:
-    """The joints that a model's actuators drive."""
+    """The joints driven by a model's actuators."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Find the joint of each actuator."""
@@ -179,10 +180,10 @@ class JointTorques:
             self._gear = model.actuator_gear[:, 0].copy()
 
     def read(self, message: Any) -> TorqueLaw | str:
-        """The law of a `PDFeedForward`, or the reason to reject it.
+        """Read the law of a `PDFeedForward`, or return the reason to reject the message.
 
-        An empty `vel_target`, `feed_forward`, `kp` or `kd` is zero; `pos_target` may be empty where
-        `kp` is.
+        An empty `vel_target`, `feed_forward`, `kp` or `kd` counts as zero. `pos_target` may be
+        empty only if `kp` is empty.
         """
         if self._unfit is not None:
             return self._unfit
@@ -197,7 +198,7 @@ class JointTorques:
             if values.size == 0 and may_be_empty:
                 values = np.zeros(count)
             if values.size != count:
-                return f"`{field}` has the length {values.size}, the model has {count} joints"
+                return f"`{field}` has the length {values.size}, expected {count} (one per joint)"
             fault = out_of_limits(field, values)
             if fault is not None:
                 return fault
@@ -205,7 +206,7 @@ class JointTorques:
         return TorqueLaw(**read)
 
     def control(self, law: TorqueLaw, data: mujoco.MjData) -> Numbers:
-        """The control by which each joint has the torque that the law asks for in this state."""
+        """Compute the controls with which each joint has the torque of the law in this state."""
         torque = (
             law.kp * (law.pos_target - data.qpos[self._positions])
             + law.kd * (law.vel_target - data.qvel[self._velocities])
@@ -217,12 +218,12 @@ class JointTorques:
         return np.clip(control, -LARGEST, LARGEST)
 
     def _order_of(self, names: Sequence[str]) -> NDArray[np.intp] | str:
-        """Index of each actuator's joint in the message."""
+        """Return the index of each actuator's joint in the message, or the reason to reject it."""
         if not names:
             return np.arange(len(self._joints))
         if sorted(names) != sorted(self._names):
             listed = ", ".join(f"`{name}`" for name in self._names)
-            return f"`joint_names` are not the joints that the model drives: {listed}"
+            return f"`joint_names` does not match the joints that the model drives: {listed}"
         places = {name: place for place, name in enumerate(names)}
         return np.array([places[name] for name in self._names], dtype=np.intp)
 
@@ -234,9 +235,9 @@ class JointTorques:
                 or model.jnt_type[joint] not in _OF_ONE_NUMBER
                 or model.actuator_gear[index, 0] == 0
             ):
-                return f"gains are for joints, and the actuator `{name}` drives no hinge or slide"
+                return f"gains need joints, but the actuator `{name}` drives no hinge or slide"
             if not self._actuators.take_forces[index]:
-                return f"the actuator `{name}` takes no torque"
+                return f"gains need torques, but the actuator `{name}` takes no torque"
             if joint in self._joints[:index]:
                 return f"two actuators drive the joint `{self._names[index]}`"
         return None

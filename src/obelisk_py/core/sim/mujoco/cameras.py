@@ -1,8 +1,8 @@
-"""Images of the model's cameras, rendered off screen.
+"""Render images of the model's cameras off screen.
 
-In: a model, the number of a camera or none, the state at `update`; the environment and libraries of
-this machine. Out: images. `CameraView.update` may be called on any thread; all other calls belong
-to the thread that made the view, because an OpenGL context belongs to one thread.
+The inputs are a model, the index of a camera or None, the state at `update`, and the environment
+and libraries of this machine. `CameraView.update` may be called on any thread. All other calls must
+be made on the thread that created the view, because an OpenGL context belongs to one thread.
 
 Source: https://mujoco.readthedocs.io/en/stable/programming/visualization.html (back ends).
 """
@@ -22,33 +22,34 @@ from obelisk_py.core.exceptions import ObeliskConfigError
 __all__ = ["CameraView", "choose_back_end", "open_context", "picture_size"]
 
 _LIBRARIES: Final = {"egl": "EGL", "osmesa": "OSMesa"}
-"""Back end -> the library it needs, the preferred one first."""
+"""Back end -> the library that it needs, in order of preference."""
 _FIX: Final = (
-    "`obk doctor` reports which back ends draw on this machine; `apt install libegl1 "
-    "libgl1-mesa-dri` brings one that needs neither a screen nor a graphics card"
+    "`obk doctor` reports which back ends work on this machine; `apt install libegl1 "
+    "libgl1-mesa-dri` installs one that needs neither a screen nor a graphics card"
 )
 _DEFAULT_SIZE = (640, 480)
-"""Width and height of a camera whose model sets none [pixels]."""
+"""Width and height of a camera if the model sets none [pixels]."""
 _UNSET = 1
-"""MuJoCo's width and height if the model sets none."""
+"""MuJoCo's value of width and height if the model sets none."""
 
 
 def choose_back_end(
     environment: Mapping[str, str] = os.environ,
     find: Callable[[str], str | None] = find_library,
 ) -> str:
-    """The back end of MUJOCO_GL if set, otherwise the first whose library is installed.
+    """Return the back end in MUJOCO_GL if set, otherwise the first whose library is installed.
 
     Raises:
-        ObeliskConfigError: there is none, or MUJOCO_GL names one that needs a screen.
+        ObeliskConfigError: no library is installed, or MUJOCO_GL names a back end that needs a
+            screen.
     """
     chosen = environment.get("MUJOCO_GL", "").strip().lower()
     if chosen in _LIBRARIES:
         return chosen
     if chosen:
         raise ObeliskConfigError(
-            f"MUJOCO_GL is `{chosen}`, which does not draw off screen; "
-            "`egl` and `osmesa` do, and without MUJOCO_GL one of them is chosen"
+            f"MUJOCO_GL is `{chosen}`, which does not draw off screen; set it to `egl` or "
+            "`osmesa`, or unset it to choose one automatically"
         )
     for back_end, library in _LIBRARIES.items():
         if find(library) is not None:
@@ -64,7 +65,7 @@ def open_context(
     height: int,
     load: Callable[[str], Any] = importlib.import_module,
 ) -> Any:
-    """An OpenGL context for pictures of up to this size, current on this thread.
+    """Open an OpenGL context for pictures up to this size, and make it current on this thread.
 
     Raises:
         ObeliskConfigError: the back end does not work.
@@ -72,7 +73,7 @@ def open_context(
     try:
         context = load(f"mujoco.{back_end}").GLContext(width, height)
         context.make_current()
-    # Each back end and driver fails with exceptions of its own, AttributeError among them.
+    # Each back end and driver raises its own exceptions, including AttributeError.
     except Exception as error:
         raise ObeliskConfigError(
             f"cameras need OpenGL, and the back end `{back_end}` does not work: "
@@ -82,7 +83,7 @@ def open_context(
 
 
 def picture_size(model: mujoco.MjModel, camera: int | None) -> tuple[int, int]:
-    """Width and height of a camera's pictures [pixels]: its `resolution`, else 640 x 480."""
+    """Width and height of a camera's pictures [pixels]: its `resolution`, otherwise 640 x 480."""
     if camera is None:
         return _DEFAULT_SIZE
     width, height = (int(length) for length in model.cam_resolution[camera])
@@ -90,7 +91,7 @@ def picture_size(model: mujoco.MjModel, camera: int | None) -> tuple[int, int]:
 
 
 class CameraView:
-    """Draws one camera: call `update`, then `draw`."""
+    """Renders one camera; call `update`, then `draw`."""
 
     def __init__(
         self,
@@ -103,9 +104,9 @@ class CameraView:
 
         Args:
             model: the model.
-            camera: its number; None: the view that shows the whole model.
-            back_end: as `choose_back_end` has it.
-            size: width and height [pixels]; None: the camera's.
+            camera: index of the camera; None for a view of the whole model.
+            back_end: as returned by `choose_back_end`.
+            size: width and height [pixels]; None for the camera's own size.
 
         Raises:
             ObeliskConfigError: OpenGL does not work.
@@ -129,7 +130,7 @@ class CameraView:
         self._pixels = np.empty((height, width, 3), np.uint8)
 
     def update(self, data: mujoco.MjData) -> None:
-        """Copy the state of the scene; draws nothing."""
+        """Copy the state of the scene without rendering."""
         mujoco.mjv_updateScene(
             self._model,
             data,
@@ -141,9 +142,9 @@ class CameraView:
         )
 
     def draw(self) -> NDArray[np.uint8]:
-        """The picture of the last `update`, shape `(height, width, 3)`, the upper row first.
+        """Render the last `update`, shape `(height, width, 3)`, top row first.
 
-        A view of memory that the next `draw` overwrites.
+        Returns a view of memory that the next `draw` overwrites.
         """
         mujoco.mjr_render(self._area, self._scene, self._drawing)
         mujoco.mjr_readPixels(self._pixels, None, self._area, self._drawing)
@@ -156,5 +157,5 @@ class CameraView:
 
 
 def _most_geoms(model: mujoco.MjModel) -> int:
-    """Enough for the model's own, its lights and what a scene adds to them."""
+    """Upper bound: the model's geoms, lights and other elements, and the scene's decorations."""
     return int(model.ngeom + model.nlight + model.nsite + model.nskin + model.nflex) + 1000

@@ -1,10 +1,10 @@
-"""Hold the control that the simulation applies next, and write it to the actuators at each step.
+"""Store the newest control, and write it to the actuators at each step.
 
-In: control messages, on any thread. Out: an array of the actuators' size or a torque law, from the
-newest valid message; reports of rejected and late messages; `data.ctrl`, on the thread that steps.
-A message is rejected if it has the wrong length, a number that is not finite or too large for
-MuJoCo, or a stamp older than that of the applied control. A control without a stamp (zero) is never
-late.
+Control messages may arrive on any thread. The newest valid message yields an array of nu controls
+or a torque law, which the stepping thread writes to `data.ctrl`. Rejected and late messages are
+reported. A message is rejected if it has the wrong length, contains a number that is not finite or
+too large for MuJoCo, or has an older stamp than the applied control. A control with a zero stamp is
+never late.
 """
 
 import time
@@ -48,21 +48,21 @@ __all__ = [
 
 PDFeedForward: Any = optional_message("PDFeedForward")
 DEFAULT_LATENESS_S: Final = 1.0
-"""Age at which an arriving control is reported as late, unless the config sets one [s]."""
+"""Age at which a control counts as late on arrival, unless the config sets one [s]."""
 CONTROL_FIELDS: Final = ("u_mujoco", "u")
-"""Fields of a control message that the simulator reads, the first that the type has."""
+"""Control fields of a message, in order of preference."""
 Control = NDArray[np.float64] | TorqueLaw
-"""The actuators' controls, shape (nu,), or a law for the torques of each step."""
+"""Controls of the actuators, shape (nu,), or a law for the torques of each step."""
 
 
 class StampOrder:
-    """The stamp of the newest control."""
+    """Compares the stamps of controls with the newest one and with the clock."""
 
     def __init__(self, now_ns: Callable[[], int], lateness_s: float) -> None:
         """Start without a control.
 
         Args:
-            now_ns: the node's clock [ns].
+            now_ns: returns the time of the node's clock [ns].
             lateness_s: age at which a control is reported as late [s].
         """
         self._now_ns = now_ns
@@ -74,17 +74,17 @@ class StampOrder:
         self._newest_ns = 0
 
     def rejection(self, stamp_ns: int) -> str | None:
-        """The reason to reject a control: a newer one was applied.
+        """Return the reason to reject a control: a newer one was applied. None to accept it.
 
-        Stamps are ignored if the newest one is ahead of the clock: the clock was set back, or it is
-        not the sender's.
+        If the newest stamp is ahead of the clock, stamps are ignored. In this case the clock jumped
+        back, or the sender uses another clock.
         """
         if 0 < stamp_ns < self._newest_ns <= self._now_ns():
-            return "it is older than the one applied, by their stamps"
+            return "its stamp is older than that of the applied control"
         return None
 
     def accept(self, stamp_ns: int) -> str | None:
-        """Accept a control as the newest; returns a sentence if it is late."""
+        """Record a control as the newest; if it is late, return a description of this."""
         if stamp_ns == 0:
             return None
         self._newest_ns = stamp_ns
@@ -94,22 +94,22 @@ class StampOrder:
 
 
 def control_field(message_type: type[Any]) -> str:
-    """The field of a control message type that holds what the actuators get.
+    """Return the field of a control message type that holds the actuators' controls.
 
     Raises:
-        ObeliskConfigError: it has none.
+        ObeliskConfigError: the type has no such field.
     """
     for field in CONTROL_FIELDS:
         if hasattr(message_type, field):
             return field
     raise ObeliskConfigError(
         f"the control message {message_type.__name__} has neither a field `u_mujoco` nor `u`, "
-        "so the simulator cannot read what to write to the actuators"
+        "so the simulator cannot read the actuators' controls from it"
     )
 
 
 class ControlInbox:
-    """Holds the newest control; may be filled on one thread and read on another."""
+    """Stores the newest control; one thread may write it while another one reads it."""
 
     def __init__(
         self,
@@ -120,14 +120,14 @@ class ControlInbox:
         torques: JointTorques | None = None,
         stamps: StampOrder | None = None,
     ) -> None:
-        """Make an empty inbox.
+        """Create an empty inbox.
 
         Args:
-            field: field of the messages that holds the control; None: of each message its own.
+            field: control field of the messages; None to choose it for each message.
             size: number of actuators `nu`.
-            monotonic_s: clock for the rate of reports [s].
+            monotonic_s: clock that limits the rate of reports [s].
             torques: reads the gains of `PDFeedForward`; None for other messages.
-            stamps: checks the messages' stamps; None: they are ignored.
+            stamps: checks the messages' stamps; None to ignore them.
         """
         self._field = field
         self._size = size
@@ -136,10 +136,10 @@ class ControlInbox:
         self._rejections = RejectionLog("control rejected", monotonic_s, ONLY_REJECTIONS)
         self._late = RejectionLog("late control applied", monotonic_s)
         self.newest: Control | None = None
-        """The control to apply; None until there is one."""
+        """The control to apply; None before the first one."""
 
     def clear(self) -> None:
-        """Forget the newest control."""
+        """Drop the newest control."""
         self.newest = None
         self._rejections.accept()
         if self._stamps is not None:
@@ -157,7 +157,7 @@ class ControlInbox:
         return self._accept(control, sent_ns)
 
     def put(self, control: Iterable[float]) -> bool:
-        """Accept or reject numbers for the actuators; returns whether they were accepted."""
+        """Accept or reject controls for the actuators; returns whether they were accepted."""
         checked = self._checked("ctrl", list(control))
         if isinstance(checked, str):
             self._rejections.add(checked)
@@ -173,16 +173,16 @@ class ControlInbox:
         return True
 
     def reports(self) -> list[RejectionReport]:
-        """Reports that are not logged yet, each kind at most once per second."""
+        """Return the reports that are due, each kind at most once per second."""
         reports = (self._rejections.report(), self._late.report())
         return [report for report in reports if report is not None]
 
     def lasting_rejection(self) -> LastingRejection | None:
-        """The rejections since a control was accepted."""
+        """The rejections since the last accepted control; None if they span less than 1 s."""
         return self._rejections.lasting()
 
     def _read(self, message: Any) -> Control | str:
-        """The control of a message, or the reason to reject it."""
+        """Return the control in a message, or the reason to reject it."""
         if self._torques is not None and isinstance(message, PDFeedForward) and has_gains(message):
             return self._torques.read(message)
         try:
@@ -194,7 +194,9 @@ class ControlInbox:
     def _checked(self, field: str, numbers: Any) -> Control | str:
         control = np.array(numbers, dtype=np.float64, ndmin=1)
         if control.shape != (self._size,):
-            return f"`{field}` has the length {control.size}, the model takes {self._size}"
+            return (
+                f"`{field}` has the length {control.size}, expected {self._size} (one per actuator)"
+            )
         return out_of_limits(field, control) or control
 
 
@@ -205,16 +207,16 @@ def make_inbox(
     now_ns: Callable[[], int],
     lateness_s: float | None,
 ) -> ControlInbox:
-    """An inbox for the controls of a model.
+    """Create an inbox for the controls of a model.
 
     Args:
-        message_type: class of the control messages; None: any, each with a field of its own.
+        message_type: class of the control messages; None if each message may have its own class.
         model: the model to control.
-        now_ns: the clock that the messages' stamps are compared with [ns].
-        lateness_s: age at which a control is reported as late [s]; None: the default.
+        now_ns: returns the time to compare the messages' stamps with [ns].
+        lateness_s: age at which a control is reported as late [s]; None for the default.
 
     Raises:
-        ObeliskConfigError: the message has no field for the actuators.
+        ObeliskConfigError: the message type has no control field.
     """
     return ControlInbox(
         field=None if message_type is None else control_field(message_type),
@@ -226,7 +228,7 @@ def make_inbox(
 
 
 def _sent_ns(message: Any) -> int:
-    """The stamp of a message [ns]; 0 if it has none."""
+    """Return the stamp of a message [ns]; 0 if it has none."""
     if not hasattr(message, "header"):
         return 0
     stamp = message.header.stamp
@@ -235,16 +237,16 @@ def _sent_ns(message: Any) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WhenStale:
-    """The action on commands that are too old."""
+    """The response to stale commands."""
 
     action: str
     """One of `obelisk_spec.components.STALE_ACTIONS`."""
     is_stale: Callable[[], bool]
-    """Returns whether the newest command is too old; called before each step."""
+    """Returns whether the newest command is stale; called before each step."""
 
 
 class ControlWriter:
-    """Writes the controls of one simulation."""
+    """Writes the controls of a simulation."""
 
     def __init__(
         self,
@@ -253,7 +255,7 @@ class ControlWriter:
         inbox: ControlInbox,
         when_stale: WhenStale | None,
     ) -> None:
-        """Take what it reads from and writes to."""
+        """Write to `data`, from `inbox`."""
         self._model = model
         self._data = data
         self._inbox = inbox
@@ -265,13 +267,13 @@ class ControlWriter:
         self._brake: Brake | None = None
 
     def restart(self) -> None:
-        """Forget the controls; `data.ctrl` stays until a new one is written."""
+        """Drop the controls; `data.ctrl` stays unchanged until a new one is written."""
         self._inbox.clear()
         self._applied = None
         self._brake = None
 
     def write(self) -> bool:
-        """Write the next step's control; returns whether the steps after it have the same one."""
+        """Write the next step's control; returns whether later steps can reuse it."""
         stale = self._when_stale
         if stale is not None and stale.is_stale() and stale.action != "hold":
             return self._write_safe(stale.action)

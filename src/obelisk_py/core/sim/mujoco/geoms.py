@@ -1,8 +1,8 @@
-"""Geoms of the model as markers for a visualiser.
+"""Sample the model's geoms as markers for a visualizer.
 
-In: names of geoms and the state. Out: a `visualization_msgs/MarkerArray` in the frame `world`.
-Sizes are full lengths, as RViz expects, but MuJoCo's are half lengths and radii. A capsule,
-for which RViz has no marker, is a cylinder and two spheres.
+The inputs are names of geoms and the state; the output is a `visualization_msgs/MarkerArray` in the
+frame `world`. Marker sizes are full lengths, as RViz expects; MuJoCo's sizes are half lengths and
+radii. RViz has no marker for a capsule, so a capsule becomes a cylinder and two spheres.
 
 Source: visualization_msgs/Marker.msg; MuJoCo XML reference, body/geom/size.
 """
@@ -23,7 +23,7 @@ __all__ = ["GEOM_KINDS", "MARKER_NAMESPACE", "marker_sampler"]
 
 MARKER_NAMESPACE: Final = "mujoco"
 _UNPAINTED: Final = (0.5, 0.5, 0.5, 1.0)
-"""MuJoCo's default of a geom's rgba; a material wins over it."""
+"""MuJoCo's default rgba of a geom, which a material overrides."""
 
 Sizes = tuple[float, float, float]
 
@@ -36,7 +36,7 @@ class _Part:
     scale: Sizes
     """Full lengths along x, y, z [m]."""
     along_z: float = 0.0
-    """How far from the geom's centre, in its own frame [m]."""
+    """Offset from the geom's center along its own z axis [m]."""
 
 
 def _box(x: float, y: float, z: float) -> tuple[_Part, ...]:
@@ -75,11 +75,11 @@ GEOM_KINDS: Final[Mapping[str, Callable[[float, float, float], tuple[_Part, ...]
         }
     )
 )
-"""Geom type -> its markers, from MuJoCo's three sizes."""
+"""Geom type -> function that returns its markers for MuJoCo's three sizes."""
 
 
 def marker_sampler(model: mujoco.MjModel, data: mujoco.MjData, geoms: Mapping[str, str]) -> Sampler:
-    """What takes the markers of the present state.
+    """Create a sampler of the markers in the current state.
 
     Args:
         model: the model.
@@ -113,7 +113,7 @@ def _marker(number: int, part: _Part, colour: Iterable[float]) -> Marker:
 def _placing(
     data: mujoco.MjData, geom: int, along_z: float, message: PackedMessage, pose: str
 ) -> Copy:
-    """Puts a marker where its geom is."""
+    """Return a function that moves a marker to its geom."""
     position, orientation = (
         message.numbers(f"{pose}.{part}") for part in ("position", "orientation")
     )

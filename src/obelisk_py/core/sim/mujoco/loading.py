@@ -1,8 +1,7 @@
 """Load a model from the text of a `sim` block, or report every finding about it.
 
-In: the text, the keyframe that the config names. Out: model, config and keyframe. Reads the files
-of the model and of ray casters, and the environment variables that those name. A file that is
-missing or that MuJoCo rejects is an `ObeliskConfigError` with MuJoCo's own message.
+This reads the files of the model and of ray casters, and the environment variables that they use.
+If a file is missing or MuJoCo rejects it, the `ObeliskConfigError` contains MuJoCo's message.
 """
 
 import os
@@ -38,22 +37,22 @@ __all__ = [
 ]
 
 DEFAULT_KEYFRAME: Final = "ic"
-"""The keyframe that a run starts from if the model has it and the config names none."""
+"""The initial keyframe if the config names none and the model has this one."""
 
 
 def find_file(
     path: str, robot_pkg: str | None, folder: Path, share_of: Callable[[str], Path | None]
 ) -> Path:
-    """A file of the sim block: absolute, else in `folder`, else in the package's `mujoco` folder.
+    """Find a file of the sim block, first in `folder`, then in the package's `mujoco` folder.
 
     Args:
-        path: as the settings have it.
-        robot_pkg: `robot_pkg`, None where not given.
+        path: absolute or relative path in the settings.
+        robot_pkg: the setting `robot_pkg`; None if not set.
         folder: base of a relative path.
-        share_of: share folder of a package, None if there is no such package.
+        share_of: returns the share folder of a package; None if the package does not exist.
 
     Raises:
-        ObeliskConfigError: the file is in none of these folders; the message lists them.
+        ObeliskConfigError: the file does not exist; the message lists the searched paths.
     """
     places = [folder / path]
     if robot_pkg is not None and not Path(path).is_absolute():
@@ -62,11 +61,11 @@ def find_file(
     for place in places:
         if place.is_file():
             return place.resolve()
-    looked = ", ".join(str(place) for place in places)
+    tried = ", ".join(str(place) for place in places)
     unknown = robot_pkg is not None and len(places) == 1 and not Path(path).is_absolute()
     raise ObeliskConfigError(
-        f"`{path}` is not there; looked for {looked}"
-        + (f", and there is no package `{robot_pkg}`" if unknown else "")
+        f"file not found: `{path}`; tried {tried}"
+        + (f"; the package `{robot_pkg}` was not found either" if unknown else "")
     )
 
 
@@ -83,14 +82,14 @@ def load_spec(path: Path) -> mujoco.MjSpec:
 
 
 def compile_model(spec: mujoco.MjSpec, time_step_s: float | None) -> mujoco.MjModel:
-    """Compile a model; autoreset is off, so that a divergence is seen and not wiped away.
+    """Compile a model, with autoreset off so that a divergence stays visible.
 
     Args:
         spec: the model.
         time_step_s: overrides the model's own time step [s].
 
     Raises:
-        ObeliskConfigError: MuJoCo cannot compile it.
+        ObeliskConfigError: MuJoCo cannot compile the model.
     """
     try:
         model = spec.compile()
@@ -105,12 +104,12 @@ def compile_model(spec: mujoco.MjSpec, time_step_s: float | None) -> mujoco.MjMo
 def with_ray_casters(
     block: Mapping[str, Any], find: Callable[[str], Path], environment: Mapping[str, str]
 ) -> tuple[Mapping[str, Any], list[str]]:
-    """The block with its files put in place, and what is wrong with them.
+    """Load the files of ray casters into a sim block, and list errors about these files.
 
     Args:
-        block: as it came; one that is malformed is given back as it is.
-        find: the file of a path; raises ObeliskConfigError where there is none.
-        environment: what `${NAME}` stands for in the files.
+        block: the raw block; a malformed one is returned unchanged.
+        find: returns the file for a path; raises ObeliskConfigError if it does not exist.
+        environment: values for `${NAME}` in the files.
     """
     groups, errors = block.get("sensor_settings"), []
     if not isinstance(groups, list):
@@ -137,7 +136,7 @@ def _read_ray_caster(path: Path, environment: Mapping[str, str]) -> Mapping[str,
         value = value.get("scan_config", value)
     if not isinstance(value, Mapping):
         raise ObeliskConfigError(
-            f"{path} holds no ray caster: a mapping with `site_name` and `pattern`"
+            f"{path} is not a ray caster, expected a mapping with `site_name` and `pattern`"
         )
     return value
 
@@ -149,7 +148,7 @@ class LoadedModel:
     model: mujoco.MjModel
     config: SimConfig
     keyframe: str | None
-    """The keyframe that a run starts from; None: the model's own start."""
+    """The initial keyframe; None for the model's own initial state."""
 
 
 def load_model(
@@ -160,17 +159,17 @@ def load_model(
     share_of: Callable[[str], Path | None],
     warn: Callable[[str], None],
 ) -> LoadedModel:
-    """Read, check and compile.
+    """Read, check and compile a model.
 
     Args:
         text: the `sim` block.
-        keyframe: the requested keyframe; empty: `ic` if the model has it.
-        folder: what a relative `model_xml_path` is relative to.
-        share_of: share folder of a package, None if there is no such package.
+        keyframe: the requested keyframe; if empty, `ic` if the model has it.
+        folder: base of a relative `model_xml_path`.
+        share_of: returns the share folder of a package; None if the package does not exist.
         warn: called with findings that do not stop the simulator.
 
     Raises:
-        ObeliskConfigError: with all findings, one a line.
+        ObeliskConfigError: the message contains all findings, one per line.
     """
     raw = read_block(text)
     package = raw.get("robot_pkg")
@@ -197,18 +196,18 @@ def check_keyframe(model: mujoco.MjModel, name: str) -> None:
     """Check that a run can start at a keyframe; an empty name is valid.
 
     Raises:
-        ObeliskConfigError: the model has none of that name.
+        ObeliskConfigError: the model has no keyframe with this name.
     """
-    there = [model.key(number).name for number in range(model.nkey)]
-    if name and name not in there:
-        hint = did_you_mean(name, filter(None, there)) or "it has none"
+    keyframes = [model.key(number).name for number in range(model.nkey)]
+    if name and name not in keyframes:
+        hint = did_you_mean(name, filter(None, keyframes)) or "it has none"
         raise ObeliskConfigError(f"the keyframe `{name}` is not in the model; {hint}")
 
 
 def _read_spec(
     raw: Mapping[str, Any], find: Callable[[str], Path]
 ) -> tuple[mujoco.MjSpec | None, list[str]]:
-    """The model, or why it cannot be read; neither if the block has no usable path."""
+    """Return the model, or why it cannot be read; neither if the block has no valid path."""
     path = raw.get("model_xml_path")
     if not isinstance(path, str) or not path:
         return None, []

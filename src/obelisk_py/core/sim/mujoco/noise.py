@@ -1,9 +1,9 @@
-"""Sensor noise: `noise`, `dropout` and `delay` of a sensor group.
+"""Add sensor noise: `noise`, `dropout` and `delay` of a sensor group.
 
-In: the mapping of a group that has no findings, its packed message with a new sample. Out: changed
-numbers in that message, messages that are dropped, messages held back. A vector gets its noise
-element by element, in its unit; an orientation is turned about its own axes, by angles in radians;
-NaN stays NaN. The same seed gives the same messages in every run.
+The inputs are a valid group's mapping, and its packed message with a new sample. Noise changes
+numbers in this message, dropout discards messages, and delay holds them back. Noise on a vector is
+added to each element, in the vector's unit. An orientation is rotated about its own axes, by angles
+in radians. NaN stays NaN. The same seed yields the same messages in every run.
 """
 
 import sys
@@ -37,11 +37,11 @@ __all__ = [
 ]
 
 Amount = float | tuple[float, ...]
-"""One number for all elements of a field, or one for each axis; in the field's own unit."""
+"""A number for all elements of a field, or one per axis; in the field's unit."""
 _NEVER: Final = sys.maxsize
 Array = NDArray[np.float64]
 _Draw = Callable[[int], Array]
-"""Returns a number of random numbers."""
+"""Returns the requested number of random values."""
 _PLACES: Final[Mapping[str, Mapping[str, str]]] = {
     "PoseStamped": {"position": "pose.position", "orientation": "pose.orientation"},
     "Odometry": {
@@ -51,13 +51,13 @@ _PLACES: Final[Mapping[str, Mapping[str, str]]] = {
         "angular": "twist.twist.angular",
     },
 }
-"""`msg_type` -> field -> where it is, for those that are not the message's own."""
+"""`msg_type` -> field -> path in the message, for fields that are not at the top level."""
 _AXES: Final = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FieldNoise:
-    """Noise of one field: normally distributed around a bias."""
+    """Noise of one field: a normal distribution around a bias."""
 
     sigma: Amount
     bias: Amount
@@ -77,7 +77,7 @@ class SensorNoise:
 
 
 def typed_sensor_noise(group: Mapping[str, Any]) -> SensorNoise:
-    """The values of a sensor group that has no findings."""
+    """Read the noise settings of a valid sensor group."""
     noise = {
         field: FieldNoise(sigma=_amount(given.get("sigma")), bias=_amount(given.get("bias")))
         for field, given in (group.get("noise") or {}).items()
@@ -99,7 +99,7 @@ def _amount(value: Any) -> Amount:
 class RandomStream:
     """Random numbers that depend only on seed, topic and purpose, and can be restarted.
 
-    Noise on one field thus changes nothing in another, and a run can be repeated.
+    Noise on one field therefore does not affect another field, and runs are repeatable.
     """
 
     def __init__(self, *, seed: int, topic: str, purpose: str) -> None:
@@ -108,7 +108,7 @@ class RandomStream:
             [seed, crc32(topic.encode()), crc32(purpose.encode())]
         )
         self.numbers = np.random.Generator(np.random.PCG64(self._source))
-        """The stream, where it is."""
+        """The stream at its current position."""
 
     def restart(self) -> None:
         """Restart the stream."""
@@ -119,7 +119,7 @@ class Dropout:
     """Decides which messages are not published."""
 
     def __init__(self, probability: float, stream: RandomStream) -> None:
-        """Decide by `stream`, with a probability from 0 to 1."""
+        """Drop messages with a probability from 0 to 1, drawn from `stream`."""
         self._probability = probability
         self._stream = stream
 
@@ -128,19 +128,19 @@ class Dropout:
         return bool(self._stream.numbers.random() < self._probability)
 
     def restart(self) -> None:
-        """Restart the same decisions."""
+        """Restart the same sequence of decisions."""
         self._stream.restart()
 
 
 class DelayLine:
-    """Delays messages; as the times of an output it gives the step of the next one."""
+    """Delays messages; as the sample times of an output, it returns the step of the next one."""
 
     def __init__(self, *, delay_s: float, step_s: float) -> None:
-        """Make an empty delay line.
+        """Create an empty delay line.
 
         Args:
             delay_s: delay of a message [s], > 0.
-            step_s: simulation time of a step [s].
+            step_s: simulation time per step [s].
         """
         self._steps = whole_steps(delay_s, step_s)
         self._held: deque[tuple[int, Any]] = deque()
@@ -151,23 +151,23 @@ class DelayLine:
         return self._held[0][0] if self._held else _NEVER
 
     def hold(self, message: Any, step: int) -> None:
-        """Take a message that was sampled after `step`."""
+        """Add a message that was sampled after `step`."""
         self._held.append((step + self._steps, message))
 
     def release(self) -> Any:
-        """The message that is due next; there must be one."""
+        """Remove and return the next message; fails if there is none."""
         return self._held.popleft()[1]
 
     def pass_step(self, step: int) -> None:
-        """Does nothing: the delayed messages determine the next step."""
+        """Do nothing: the delayed messages determine the next step."""
 
     def restart(self) -> None:
-        """Forget all messages."""
+        """Drop all messages."""
         self._held.clear()
 
 
 def field_place(msg_type: str, field: str) -> str:
-    """Path of a noisy field of a bare `msg_type` in its message, such as `pose.position`."""
+    """Path of a noisy field in messages of a bare `msg_type`, such as `pose.position`."""
     return _PLACES.get(msg_type, {}).get(field, field)
 
 
@@ -177,7 +177,7 @@ class NoiseGenerator:
     def __init__(
         self, msg_type: str, settings: SensorNoise, topic: str, message: PackedMessage
     ) -> None:
-        """Find the fields of a bare `msg_type` in the message."""
+        """Locate the noisy fields of a bare `msg_type` in the message."""
         self._streams = []
         self._adders: list[Callable[[], None]] = []
         for field, noise in settings.noise.items():
@@ -188,12 +188,12 @@ class NoiseGenerator:
             self._adders.append(_adder(NOISY_FIELDS[msg_type][field], numbers, draw))
 
     def add(self) -> None:
-        """Change the message's numbers."""
+        """Add noise to the message's numbers."""
         for add in self._adders:
             add()
 
     def restart(self) -> None:
-        """Restart the same noise."""
+        """Restart the same sequence of noise."""
         for stream in self._streams:
             stream.restart()
 
@@ -215,7 +215,7 @@ def _adder(kind: FieldKind, numbers: NDArray[Any], draw: _Draw) -> Callable[[], 
             points = numbers.view(np.float32).reshape(-1, len(POINT_FIELDS))[:, :_AXES]
             return partial(_add_to_points, points, draw)
         case "array":
-            # Images hold their 32-bit numbers as bytes.
+            # Images store their 32-bit numbers as bytes.
             is_raw = numbers.dtype == np.uint8
             return partial(_add_to_numbers, numbers.view(np.float32) if is_raw else numbers, draw)
     assert_never(kind)

@@ -1,13 +1,13 @@
 """Create the outputs of the stepping thread from the `sim` block.
 
-In: a simulation, its config, a factory of publishers. Out: one output per sensor group, one more
-if its messages are delayed, one for the markers of geoms. Nothing is cast, drawn or sent without a
-subscriber, unless the group has noise or dropout: its random numbers must not depend on who
-subscribes. A group without noise, dropout and delay pays nothing for them.
+Each sensor group has one output, and a second one if its messages are delayed. The markers of geoms
+have one output. Without a subscriber nothing is cast, rendered or sent, except for groups with
+noise or dropout: their random numbers must not depend on who subscribes. Groups without noise,
+dropout and delay have no extra cost.
 
-The simulation time is an output too (`SimulationClock`): on the clock page of the launch after each
-step, for the Python nodes of the launch on this host; as `/clock` for all others, at a bounded
-rate, and only while that has subscribers.
+`SimulationClock` outputs the simulation time. It writes the time to the launch's clock page after
+each step, for the launch's Python nodes on this host. For all other nodes it publishes `/clock`, at
+a limited rate and only while it has subscribers.
 """
 
 import time
@@ -45,34 +45,34 @@ __all__ = [
 ]
 
 _CHECK_PERIOD_NS: Final = 5_000_000
-"""Wall time for which a count is valid [ns]: a query of the middleware for each sample is slow."""
+"""Wall time for which a count stays valid [ns]; querying the middleware per sample is slow."""
 Publish = Callable[[Any], None]
 Sample = Callable[[int], None]
-"""Takes a sample and sends it, with a stamp [ns]."""
+"""Takes a sample and sends it with a stamp [ns]."""
 GEOM_TOPICS: Final = ("~/viz_geoms", "obelisk/sim/mujoco_scene_viz")
-"""Topics of the markers; the second is where a visualiser looks without knowing the node."""
+"""Topics of the markers; the second one does not depend on the name of the node."""
 GEOM_DEPTH: Final = 10
 CLOCK_DEPTH: Final = 10
-"""Of a reliable publisher, which matches reliable and best-effort subscriptions. Nodes ask for best
-effort and depth 1 (`ClockQoS` of rclcpp)."""
+"""For a reliable publisher, which matches reliable and best-effort subscriptions. Nodes request
+best effort and depth 1 (`ClockQoS` of rclcpp)."""
 MonitorRate = Callable[[str, float], Callable[[], None]]
-"""Topic, simulation time between two samples [s] -> what is to be called at each sample."""
+"""Topic, simulation time between two samples [s] -> function to call per sample."""
 
 
 class SubscriberCheck:
-    """Whether one publisher has subscribers, checked every few milliseconds."""
+    """Checks every few milliseconds whether a publisher has subscribers."""
 
     def __init__(
         self, count: Callable[[], int], now_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        """Count subscriptions by `count`, at times of the clock `now_ns` [ns]."""
+        """Call `count` for the number of subscriptions, and `now_ns` for the time [ns]."""
         self._count = count
         self._now_ns = now_ns
         self._check_at_ns: float = -float("inf")
         self._has_subscribers = False
 
     def has_subscribers(self) -> bool:
-        """Whether the topic has a subscriber; may be out of date by `_CHECK_PERIOD_NS`."""
+        """Whether the topic has a subscriber; up to `_CHECK_PERIOD_NS` out of date."""
         now_ns = self._now_ns()
         if now_ns >= self._check_at_ns:
             self._check_at_ns = now_ns + _CHECK_PERIOD_NS
@@ -89,16 +89,16 @@ def group_outputs(
     has_subscribers: Callable[[], bool],
     count: Callable[[], None],
 ) -> Iterator[TimedOutput]:
-    """The outputs of a group.
+    """Create the outputs of a group.
 
     Args:
         simulation: the simulation to sample.
         group: the settings.
         sampler: takes the samples.
         publish: sends a message.
-        has_subscribers: whether the topic has a subscriber.
-        count: called for each sample that is taken, dropped, or has no subscriber; of samples that
-            come later only for the last two.
+        has_subscribers: returns whether the topic has a subscriber.
+        count: called for each sample that is taken, dropped, or has no subscriber. If the sampler
+            delivers its samples later, called only in the last two cases.
     """
     times = SampleTimes(period_s=group.period_s, step_s=simulation.step_s)
     settings = group.sensor_noise
@@ -139,7 +139,7 @@ def group_outputs(
 
 
 def sampled(sampler: Sampler, send: Publish, count: Callable[[], None]) -> Sample:
-    """Take, count and send samples at once; a sampler without a message sends its own later."""
+    """Take, count and send samples; a sampler without a message sends its samples itself, later."""
     take, message = sampler.take, sampler.message
     if message is None:
         return lambda _stamp_ns: take()
@@ -156,7 +156,7 @@ def sampled(sampler: Sampler, send: Publish, count: Callable[[], None]) -> Sampl
 def if_subscribed(
     has_subscribers: Callable[[], bool], sample: Sample, count: Callable[[], None]
 ) -> Sample:
-    """Takes samples while there is a subscriber; otherwise calls `count`."""
+    """Take samples while there is a subscriber, otherwise call `count`."""
 
     def publish(stamp_ns: int) -> None:
         if has_subscribers():
@@ -182,7 +182,7 @@ class Publisher(Protocol):
         """Send a message, or the bytes of a packed one."""
 
     def get_subscription_count(self) -> int:
-        """The number of subscriptions."""
+        """Number of subscriptions."""
 
 
 MakePublisher = Callable[[type[Any], str, int], Publisher]
@@ -190,7 +190,7 @@ MakePublisher = Callable[[type[Any], str, int], Publisher]
 
 
 def no_rate_monitor(_topic: str, _period_s: float) -> Callable[[], None]:
-    """Counts nothing."""
+    """Monitor nothing."""
     return _count_nothing
 
 
@@ -199,21 +199,20 @@ def _count_nothing() -> None: ...
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputContext:
-    """What outputs use of the simulation's node."""
+    """The parts of the simulation's node that outputs use."""
 
     make_publisher: MakePublisher
     """Called once per topic."""
     warn: Callable[[str], None]
-    """Takes warnings about sensor groups; called on any thread."""
+    """Logs warnings about sensor groups; called on any thread."""
     on_close: Callable[[Callable[[], None]], object]
-    """Takes what has to be called when the simulation is freed."""
+    """Registers functions to call when the simulation is closed."""
     is_paced: bool
-    """Whether steps are due at times."""
+    """Whether steps are due at given times."""
     is_lockstep: bool = False
-    """Whether a picture is drawn before the simulation continues, and subscribers are counted for
-    each sample."""
+    """Whether the simulation waits for each picture, and counts subscribers for each sample."""
     noise_seed: int = 0
-    """Changes the noise of all groups; 0: it is as the config has it."""
+    """Changes the noise of all groups; 0 keeps the noise as configured."""
     monitor_rate: MonitorRate = no_rate_monitor
     """Called once per sensor group."""
 
@@ -221,10 +220,10 @@ class OutputContext:
 def outputs_of(
     simulation: Simulation, config: SimConfig, context: OutputContext
 ) -> tuple[TimedOutput, ...]:
-    """The outputs that the config defines.
+    """Create the outputs that the config defines.
 
     Raises:
-        ObeliskConfigError: with all groups that this machine cannot sample.
+        ObeliskConfigError: this machine cannot sample some groups; the message lists them all.
     """
     outputs: list[TimedOutput] = []
     errors = []
@@ -283,7 +282,7 @@ def _group(
 
 
 def _check_of(publisher: Publisher, context: OutputContext) -> Callable[[], bool]:
-    """Whether the topic of a publisher has subscribers."""
+    """Return a function that checks whether a publisher's topic has subscribers."""
     count = publisher.get_subscription_count
     return (lambda: count() > 0) if context.is_lockstep else SubscriberCheck(count).has_subscribers
 
@@ -309,7 +308,7 @@ def _geoms(simulation: Simulation, config: SimConfig, context: OutputContext) ->
 
 
 class SimulationClock:
-    """The clock that other nodes follow; all methods run on the stepping thread."""
+    """The clock that other nodes follow; all methods must be called on the stepping thread."""
 
     def __init__(
         self,
@@ -319,13 +318,13 @@ class SimulationClock:
         rate_hz: float,
         time_ns: Callable[[], int],
     ) -> None:
-        """Make the publisher of `/clock`.
+        """Create the publisher of `/clock`.
 
         Args:
-            make_publisher: makes a publisher of the robot.
-            page: None: the launch has none.
-            rate_hz: the highest rate of messages [Hz of simulated time].
-            time_ns: the simulation time [ns].
+            make_publisher: creates a publisher of the robot.
+            page: the launch's clock page; None if it has none.
+            rate_hz: maximum rate of messages [Hz of simulated time].
+            time_ns: returns the simulation time [ns].
         """
         self._publisher = make_publisher(Clock, CLOCK_TOPIC, CLOCK_DEPTH)
         self._check = SubscriberCheck(self._publisher.get_subscription_count)
@@ -348,7 +347,7 @@ class SimulationClock:
             self._publisher.publish(self._message.to_bytes(now_ns))
 
     def restart(self) -> None:
-        """Publish the time of a reset, which no step may follow for long."""
+        """Publish the time of a reset, because the next step may be far away."""
         now_ns = self._time_ns()
         if self._page is not None:
             self._page.restart(now_ns)

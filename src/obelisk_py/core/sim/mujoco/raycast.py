@@ -1,11 +1,11 @@
-"""Ray casters: from the `scan_config` of a sensor group to distances at the present state.
+"""Cast rays: from the `scan_config` of a sensor group to distances in the current state.
 
-In: the mapping of `scan_config`, without findings; a model and its data. Out: distances, and the
-rays in the world, in arrays that are allocated once and filled by each `cast`. Patterns are laid
-out in their own frame, x forward, y left, z up, in the order of the message. Geoms of the site's
-own body are not hit, nor are invisible ones (alpha 0), which is MuJoCo's rule for rays.
+The inputs are the mapping of a valid `scan_config`, a model and its data. The outputs are distances
+and the rays in the world frame. Their arrays are allocated once and filled by each `cast`. Patterns
+are laid out in their own frame, x forward, y left, z up, in the order of the message. Rays do not
+hit geoms of the site's own body, nor invisible geoms (alpha 0), which is MuJoCo's rule.
 
-Source: REP 103 (axes), sensor_msgs/CameraInfo (the middle of the first pixel is 0, 0).
+Source: REP 103 (axes), sensor_msgs/CameraInfo (the center of the first pixel is 0, 0).
 """
 
 import math
@@ -39,7 +39,7 @@ _DOWN: Final = (0.0, 0.0, -1.0)
 _HALF_PIXEL: Final = 0.5
 Array = NDArray[np.float64]
 _FARTHEST_M: Final = 1e10
-"""MuJoCo's own limit for lengths (mjMAXVAL)."""
+"""MuJoCo's limit for lengths (mjMAXVAL)."""
 _WORLD_BODY: Final = 0
 _NO_BODY: Final = -1
 
@@ -49,29 +49,29 @@ class HeightScan:
     """A horizontal grid of parallel rays."""
 
     resolution_m: float
-    """Distance between two rays [m]."""
+    """Distance between neighboring rays [m]."""
     size_m: tuple[float, float]
     """Along x and y [m]."""
     x_is_faster: bool
-    """Whether neighbours in the message are neighbours along x."""
+    """Whether consecutive rays in the message are neighbors along x."""
     direction: tuple[float, float, float]
-    """Of all rays, of any length."""
+    """Direction of all rays; need not be normalized."""
     holds_height: bool
-    """Whether a scan holds the z of each hit in the world; otherwise the distance to it."""
+    """Whether a scan contains the world z of each hit, as opposed to its distance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LidarScan:
-    """Rays over two ranges of angles, from one point."""
+    """Rays from one point over two ranges of angles."""
 
     channels: int
     vertical_deg: tuple[float, float]
-    """First and last channel [deg], positive is up."""
+    """First and last channel [deg], positive upward."""
     horizontal_deg: tuple[float, float]
-    """From x to the left [deg]."""
+    """From the x axis to the left [deg]."""
     horizontal_step_deg: float
     is_exact: bool
-    """Whether rays are exactly a step apart; see `lidar_columns`."""
+    """Whether the spacing is exactly the step; see `lidar_columns`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,10 +82,10 @@ class DepthCamera:
     height: int
     focal_lengths_px: tuple[float, float]
     centre_px: tuple[float, float]
-    """Where the axis meets the picture; the middle of the first pixel is 0, 0."""
+    """Where the optical axis meets the image; the center of the first pixel is 0, 0."""
     skew_px: float
     through_centres: bool
-    """Whether rays pass through the middles of pixels; otherwise through the corners after them."""
+    """Whether rays pass through pixel centers, as opposed to the corners half a pixel further."""
 
 
 Pattern = HeightScan | LidarScan | DepthCamera
@@ -93,25 +93,25 @@ Pattern = HeightScan | LidarScan | DepthCamera
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RayCaster:
-    """Settings of a ray caster: start, pattern and hit geoms."""
+    """Settings of a ray caster: position, pattern, and the geoms that rays hit."""
 
     site: str
     pattern: Pattern
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     offset_wxyz: tuple[float, float, float, float] = _NO_TURN
     geom_groups: tuple[int, ...] = DEFAULT_GROUPS
-    """Groups of geoms that are hit; empty: all."""
+    """Groups of geoms that rays hit; empty for all."""
     frame: str = DEFAULT_FRAME
     """The `frame_id` of the header."""
     points_in_frame: bool = False
-    """Whether the points of a cloud are given in `frame`; otherwise in the site's frame."""
+    """Whether the points of a cloud are given in `frame`, as opposed to the site's frame."""
     keeps_misses: bool = False
-    """Whether a cloud has a point for each ray, NaN for a miss; otherwise it has hits only."""
+    """Whether a cloud has a point for every ray, NaN for a miss, as opposed to hits only."""
     max_distance_m: float = math.inf
 
 
 def typed_ray_caster(scan: Mapping[str, Any]) -> RayCaster:
-    """The values of a `scan_config` that has no findings."""
+    """Read the settings of a valid `scan_config`."""
     pattern = scan["pattern"]
     offset = pattern.get("offset") or {}
     x, y, z = offset.get("pos") or (0.0, 0.0, 0.0)
@@ -126,7 +126,7 @@ def typed_ray_caster(scan: Mapping[str, Any]) -> RayCaster:
         frame=scan.get("frame") or DEFAULT_FRAME,
         points_in_frame=scan.get("points_in") == "frame",
         keeps_misses=bool(scan.get("keep_misses")),
-        # 0 is no limit.
+        # 0 means no limit.
         max_distance_m=float(scan.get("max_distance") or math.inf),
     )
 
@@ -173,14 +173,14 @@ class Rays:
     directions: Array
     """Unit vectors, shape `(n, 3)`; `(1, 3)` for a pattern of parallel rays."""
     starts: Array
-    """Where they start [m], shape `(n, 3)`; `(1, 3)` for rays from one point."""
+    """Origins of the rays [m], shape `(n, 3)`; `(1, 3)` for rays from one point."""
     rows: int
     columns: int
-    """Ray `i` stands in row `i // columns`; rows times columns is n."""
+    """Ray `i` is in row `i // columns`; rows * columns = n."""
 
 
 def lay_out(pattern: Pattern) -> Rays:
-    """The rays of a pattern."""
+    """Compute the rays of a pattern."""
     match pattern:
         case HeightScan():
             return _height_scan(pattern)
@@ -207,7 +207,7 @@ def _height_scan(pattern: HeightScan) -> Rays:
 
 
 def _centred(length_m: float, resolution_m: float) -> Array:
-    """Places along an axis [m], the middle of all at 0."""
+    """Return positions along an axis [m], centered at 0."""
     count = grid_count(length_m, resolution_m)
     numbers = np.arange(count, dtype=np.float64)
     places: Array = (numbers - (count - 1) / 2) * resolution_m
@@ -252,30 +252,30 @@ class Scan(Protocol):
     """The result of a cast, in the world frame."""
 
     rays: Rays
-    """As laid out, in the frame of the pattern."""
+    """The rays as laid out, in the frame of the pattern."""
     distances: Array
-    """Along the rays [m], shape `(n,)`; NaN for no hit."""
+    """Distances along the rays [m], shape `(n,)`; NaN for a miss."""
     starts: Array
-    """[m], shape `(n, 3)` or `(1, 3)`."""
+    """Origins of the rays [m], shape `(n, 3)` or `(1, 3)`."""
     directions: Array
     """Unit vectors, shape `(n, 3)` or `(1, 3)`."""
 
     def cast(self) -> None:
-        """Fill the arrays for the present state."""
+        """Fill the arrays for the current state."""
 
 
 def make_caster(model: mujoco.MjModel, data: mujoco.MjData, settings: RayCaster) -> Scan:
-    """The caster of a pattern; the model must have the site."""
+    """Create the caster for a pattern; the model must have the site."""
     if isinstance(settings.pattern, HeightScan):
         return LevelCaster(model, data, settings)
     return SiteCaster(model, data, settings)
 
 
 class SiteCaster:
-    """Rays from one point that turn with the site: lidar, depth camera; one call of MuJoCo's."""
+    """Casts rays from one point that rotate with the site (lidar, depth camera), in one call."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, settings: RayCaster) -> None:
-        """Lay the rays out and find the site."""
+        """Lay out the rays and find the site."""
         self.rays = lay_out(settings.pattern)
         count = len(self.rays.directions)
         self.distances = np.empty(count)
@@ -295,7 +295,7 @@ class SiteCaster:
         self._flat = self.directions.reshape(-1)
 
     def cast(self) -> None:
-        """Fill the arrays for the present state."""
+        """Fill the arrays for the current state."""
         np.matmul(self._in_site, self._rotation.T, out=self.directions)
         np.matmul(self._rotation, self._offset, out=self._start)
         self._start += self._position
@@ -317,13 +317,13 @@ class SiteCaster:
 
 
 class LevelCaster:
-    """Parallel rays from a grid that stays level: of the site's turn only the heading counts.
+    """Casts parallel rays from a grid that stays level and only follows the site's heading.
 
-    The heading is that of the site's x axis. Every ray has a start of its own, so each is a call.
+    The heading is that of the site's x axis. Each ray has its own origin and needs its own call.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, settings: RayCaster) -> None:
-        """Lay the rays out and find the site."""
+        """Lay out the rays and find the site."""
         self.rays = lay_out(settings.pattern)
         count = len(self.rays.starts)
         self.distances = np.empty(count)
@@ -343,7 +343,7 @@ class LevelCaster:
         self._start_of = tuple(self.starts)
 
     def cast(self) -> None:
-        """Fill the arrays for the present state."""
+        """Fill the arrays for the current state."""
         self._turn_level()
         np.matmul(self._in_level, self._level.T, out=self.starts)
         self.starts += self._position
@@ -359,7 +359,7 @@ class LevelCaster:
     def _turn_level(self) -> None:
         x_axis, y_axis = float(self._rotation[0, 0]), float(self._rotation[1, 0])
         length = math.hypot(x_axis, y_axis)
-        # A site that points straight up or down has no heading; north is as good as any.
+        # A site that points straight up or down has no heading, so use that of the world's x axis.
         cosine, sine = (x_axis / length, y_axis / length) if length > 1e-9 else (1.0, 0.0)
         level = self._level
         level[0, 0] = level[1, 1] = cosine
@@ -367,7 +367,7 @@ class LevelCaster:
 
 
 def _rotation(wxyz: tuple[float, float, float, float]) -> Array:
-    """The matrix of a quaternion of any length, shape `(3, 3)`."""
+    """Return the rotation matrix of a quaternion, which need not be normalized, shape `(3, 3)`."""
     unit, matrix = np.array(wxyz), np.empty(9)
     mujoco.mju_normalize4(unit)
     mujoco.mju_quat2Mat(matrix, unit)
@@ -375,7 +375,7 @@ def _rotation(wxyz: tuple[float, float, float, float]) -> Array:
 
 
 def _own_body(model: mujoco.MjModel, site: int) -> int:
-    """The body whose geoms are not hit; a site of the world sees the world."""
+    """Return the body whose geoms rays do not hit; none for a site attached to the world."""
     body = int(model.site_bodyid[site])
     return _NO_BODY if body == _WORLD_BODY else body
 
@@ -389,5 +389,5 @@ def _group_flags(settings: RayCaster) -> NDArray[np.uint8] | None:
 
 
 def _drop_misses(distances: Array, farthest_m: float) -> None:
-    """NaN for rays that hit nothing (-1 in MuJoCo) and for hits beyond the maximum distance."""
+    """Set misses (-1 in MuJoCo) and hits beyond the maximum distance to NaN."""
     distances[(distances < 0.0) | (distances > farthest_m)] = np.nan

@@ -1,9 +1,9 @@
-"""`ObeliskMujocoRobot`: a life-cycle node that is MuJoCo in place of the robot, for any model.
+"""`ObeliskMujocoRobot`: a lifecycle node that simulates the robot in MuJoCo, for any model.
 
-In: the `sim` block as text in the ROS parameter `mujoco_setting`, control messages. Out: the sensor
-groups of that block, `TrueSimState`, markers of geoms, `~/rtf`, and `/clock` with `use_sim_time`.
-Services: `~/reset`, `~/pause`, `~/step`. The stepping thread publishes what is sampled in
-simulation time.
+Inputs: the `sim` block as a string in the ROS parameter `mujoco_setting`, and control messages.
+Outputs: the block's sensor groups, `TrueSimState`, markers of geoms, `~/rtf`, and `/clock` with
+`use_sim_time`. Services: `~/reset`, `~/pause`, `~/step`. The stepping thread publishes everything
+that is sampled in simulation time.
 """
 
 import threading
@@ -91,14 +91,14 @@ class StateCopy:
 
 
 class TrueStateReader:
-    """Turns copies of one model's state into messages."""
+    """Converts copies of a model's state to messages."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Find the base and the joints of a model."""
         joints = range(model.njnt)
         base = next((j for j in joints if model.jnt_type[j] == _FREE), None)
         scalar = [j for j in joints if model.jnt_type[j] in _SCALAR]
-        self._has_y = hasattr(TrueSimState, "y")  # of the original message, not in every layout
+        self._has_y = hasattr(TrueSimState, "y")  # in the original message, not in every layout
         self._base_name = "" if base is None else model.body(int(model.jnt_bodyid[base])).name
         self._base_qpos = None if base is None else int(model.jnt_qposadr[base])
         self._base_qvel = None if base is None else int(model.jnt_dofadr[base])
@@ -107,7 +107,7 @@ class TrueStateReader:
         self._joint_qvel = model.jnt_dofadr[scalar].astype(np.intp)
 
     def message(self, state: StateCopy) -> TrueSimState:
-        """The message of a state."""
+        """Convert a state to a message."""
         message = TrueSimState()
         seconds, nanoseconds = divmod(state.stamp_ns, NS_PER_S)
         message.header.stamp = Time(sec=seconds, nanosec=nanoseconds)
@@ -126,27 +126,28 @@ class TrueStateReader:
 
 
 def _doubles(values: Array) -> "array[float]":
-    # In this form rclpy keeps numbers as they are; anything else it converts one by one.
+    # rclpy assigns this type as is; it converts anything else element by element.
     return array("d", values.tobytes())
 
 
 KEYFRAME: Final = "ic_keyframe"
 _DEPTH: Final = 10
 _PAUSE_S: Final = 0.05
-"""Longest time until a paused simulation reacts to a stop request [s]."""
+"""Maximum time until a paused simulation reacts to a stop request [s]."""
 
 
 class ObeliskMujocoRobot(ObeliskSimRobot):
     """A simulated robot and its viewers.
 
-    An inheriting class may override `apply_control`, to read control messages of its own and pass
-    numbers on by `_set_shared_ctrl(ctrl)` or another message by `super().apply_control(message)`.
+    A subclass may override `apply_control` to read its own control messages. It then passes numbers
+    to `_set_shared_ctrl(ctrl)`, or another message to `super().apply_control(message)`.
 
-    ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default `ic` where the model
-    has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible),
-    `clock_rate` (of `/clock` at most [Hz of simulated time]), `viewer`
-    (`none`, `native`, `web`), `viewer_port` (of the web viewer; 0: a free one), `render` (a video),
-    `render_camera`, `render_size`, `render_fps` (empty, 0: the defaults of camera and file type).
+    ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default: `ic` if the model has
+    it), `realtime_factor` (simulation time per wall time; 0 for as fast as possible), `clock_rate`
+    (maximum rate of `/clock` [Hz of simulated time]), `viewer` (`none`, `native`, `web`),
+    `viewer_port` (port of the web viewer; 0 for any free port), `render` (video file),
+    `render_camera`, `render_size`, `render_fps` (empty or 0 for the defaults of camera and file
+    type).
     """
 
     def __init__(
@@ -155,19 +156,19 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         ctrl_msg_type: type[Any] | None = None,
         **kwargs: Any,
     ) -> None:
-        """Make the node.
+        """Create the node.
 
         Args:
             node_name: name in the ROS graph, unless it is remapped.
-            ctrl_msg_type: class of the control message; without it the config names the type.
+            ctrl_msg_type: class of the control message; None uses the type from the config.
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, ctrl_msg_type, **kwargs)
-        # The control subscription is required, with and without a message type.
+        # The control subscription is required, with or without a message type.
         self._has_message_types = False
         self.declare_parameter(PARAMETER, "")
         self.declare_parameter(KEYFRAME, "")
-        # A config may write 0 or 1 as well as 0.5.
+        # A config may set 0 or 1 as well as 0.5.
         self.declare_parameter(REALTIME_FACTOR, 1.0, ParameterDescriptor(dynamic_typing=True))
         self.declare_parameter(
             CLOCK_RATE, DEFAULT_CLOCK_RATE_HZ, ParameterDescriptor(dynamic_typing=True)
@@ -195,10 +196,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         rules.add((KEYFRAME,), self._check_keyframe, is_read_at_configure=False)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Read and check the sim block, load the model, make the publishers.
+        """Read and check the sim block, load the model, and create the publishers.
 
         Raises:
-            ObeliskConfigError: with every finding about the block.
+            ObeliskConfigError: the message contains every finding about the block.
         """
         result = super().on_configure(state)
         factor = realtime_factor_of(self.get_parameter(REALTIME_FACTOR).value)
@@ -220,11 +221,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             if self._command_age is not None
             else None,
         )
-        # MuJoCo would write its warnings into a file in the working directory; here they are
+        # By default, MuJoCo writes its warnings to a file in the working directory. Here they are
         # read from the state after each step.
         mujoco.set_mju_user_warning(_drop)
         self._simulation = Simulation(loaded.model, self._inbox, self._when_stale())
-        # Viewers see the start of the run before the first step.
+        # Viewers show the initial state before the first step.
         self._simulation.reset(self._keyframe)
         self._stamp_ns = self._choose_stamp()
         context = OutputContext(
@@ -266,7 +267,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go to the keyframe and start stepping."""
+        """Reset to the keyframe and start stepping."""
         assert self._simulation is not None
         self._reset()
         self._requests.is_paused = False
@@ -285,14 +286,14 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             if requests.is_paused:
                 requests.wait(_PAUSE_S)
                 if self._command_age is not None:
-                    # Commands do not age while no step is taken.
+                    # Commands do not age while the simulation is paused.
                     self._command_age.postpone(time.monotonic())
             else:
                 self._stepper.run(interrupted)
             requests.run_pending()
 
     def step_once(self) -> None:
-        """Take the next step and publish what is due after it, unless the robot is paused."""
+        """Take the next step and publish what is due, unless the robot is paused."""
         assert self._stepper is not None
         if not self._requests.is_paused:
             self._stepper.advance()
@@ -300,7 +301,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             self._command_age.postpone(time.monotonic())
 
     def next_step_ns(self) -> int:
-        """Simulated time from the present step to the next one [ns]."""
+        """Simulated time from the current step to the next one [ns]."""
         return self._configured().next_step_ns
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -310,7 +311,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return result
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop stepping and free the model, whatever the state."""
+        """Stop stepping and free the model, in any state."""
         result = super().on_shutdown(state)
         self._free()
         return result
@@ -339,7 +340,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     @property
     def mj_model(self) -> mujoco.MjModel:
-        """The model; it exists while the node is configured.
+        """The model; available while the node is configured.
 
         Raises:
             ObeliskError: the node is not configured.
@@ -348,7 +349,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     @property
     def mj_data(self) -> mujoco.MjData:
-        """The state of the simulation; the thread that steps changes it.
+        """The state of the simulation; the stepping thread changes it.
 
         Raises:
             ObeliskError: the node is not configured.
@@ -357,7 +358,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     @property
     def shared_ctrl(self) -> Array:
-        """The numbers that the actuators get, a copy, shape `(nu,)`.
+        """A copy of the actuators' controls, shape `(nu,)`.
 
         Raises:
             ObeliskError: the node is not configured.
@@ -372,12 +373,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._set_shared_ctrl(shared_ctrl)
 
     def _set_shared_ctrl(self, ctrl: Iterable[float]) -> None:
-        """Apply numbers for the actuators at the next step, or reject and log them.
+        """Apply controls at the next step, or reject and log them.
 
-        For an inheriting class whose `apply_control` computes them from a message of any type.
+        For subclasses whose `apply_control` computes them from a message of any type.
 
         Args:
-            ctrl: one number for each actuator of the model.
+            ctrl: one number per actuator of the model.
         """
         if self._inbox is not None:
             self._inbox.put(ctrl)
@@ -389,7 +390,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return self._simulation
 
     def _read_msg_type(self) -> Any | None:
-        """The type of the messages that the inbox reads; None if an inheriting class reads them."""
+        """Return the message type that the inbox reads; None if a subclass reads the messages."""
         if type(self).apply_control is not ObeliskMujocoRobot.apply_control:
             return None
         msg_type: Any = self.obk_subscriptions["sub_ctrl"].msg_type
@@ -411,7 +412,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return StepResult(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
 
     def _reset_to_parameter(self) -> StepResult:
-        """Reset to the keyframe that `ic_keyframe` names now."""
+        """Reset to the keyframe in the current value of `ic_keyframe`."""
         assert self._stepper is not None
         self._keyframe = str(self.get_parameter(KEYFRAME).value) or self._keyframe
         answer = self._reset()
@@ -426,7 +427,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return StepResult(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
 
     def _check_keyframe(self, value: Getter) -> None:
-        """Check that the model has the keyframe that the next reset goes to."""
+        """Check that the model has the keyframe for the next reset."""
         if self._simulation is not None:
             check_keyframe(self._simulation.model, value(KEYFRAME))
 
@@ -440,17 +441,17 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         steps = self.surroundings.drive(self, self)
         if steps is None:
             return super()._make_simulator(stop)
-        self._stepper.begin()  # the thread of a normal run does so itself
+        self._stepper.begin()  # in a normal run, the thread does this itself
         return steps
 
     def _start_watchdog(self) -> None:
-        """No thread: the stepping thread checks the age before each step."""
+        """Start no thread, because the stepping thread checks the age before each step."""
 
     def _can_damp(self) -> bool:
-        return True  # by the actuators
+        return True  # with the actuators
 
     def _rejection_of(self, _control_msg: ObeliskControlMsg) -> None:
-        """None: the inbox rejects controls, by the fields that the simulation reads."""
+        """Accept everything here, because the inbox checks the fields that the simulation reads."""
 
     def _lasting_rejection(self) -> LastingRejection | None:
         return None if self._inbox is None else self._inbox.lasting_rejection()
@@ -492,7 +493,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         )
 
     def _time_of_steps_ns(self) -> int | None:
-        """The clock of the expected step rate; a paused simulation has none."""
+        """The clock for the expected step rate; None while the simulation is paused."""
         return None if self._requests.is_paused else time.monotonic_ns()
 
     def _monitor_samples(self, topic: str, period_s: float) -> Callable[[], None]:
@@ -502,7 +503,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return self.rates.expect_samples(name, period_s, lambda: simulation.time_ns)
 
     def _every_step(self, simulation: Simulation) -> list[TimedOutput]:
-        """What follows each step, before the sensors: the copy for `TrueSimState`."""
+        """Return the outputs after each step, before the sensors: the copy for `TrueSimState`."""
         step_s = simulation.step_s
         outputs: list[TimedOutput] = []
         if "pub_true_sim_state" in self.obk_publishers:
@@ -513,8 +514,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
                 self._warn("`pub_true_sim_state` publishes nothing without `timer_true_sim_state`")
         elif "timer_true_sim_state" in self.obk_timers:
             raise ObeliskConfigError(
-                "the config sets `timer_true_sim_state`, but not the publisher "
-                "`pub_true_sim_state` that it publishes by"
+                "the config sets `timer_true_sim_state`, but not its publisher `pub_true_sim_state`"
             )
         return outputs
 
@@ -522,11 +522,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return bool(self.get_parameter(USE_SIM_TIME).value)
 
     def _choose_stamp(self) -> Callable[[], int]:
-        """What stamps messages with the time of the node's clock [ns]."""
+        """Choose the function that returns messages' stamps: the time of the node's clock [ns]."""
         if self.surroundings.is_lockstep:
-            # The clock of all nodes has the time of the step, and never jumps back.
+            # All nodes' clocks have the time of the step, and never jump back.
             return self._ros_time_ns
-        # rclpy's clock would have the same time a hundred times as slowly.
+        # rclpy's clock would return the same time, a hundred times more slowly.
         return self._simulation_time_ns if self._uses_simulation_time() else time.time_ns
 
     def _ros_time_ns(self) -> int:
@@ -546,7 +546,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _report(self, report: StepReport) -> None:
         if self._inbox is not None:
             self._log_rejections(self._inbox)
-        # A node that reports its rates shows it as its rate `steps`.
+        # A node that reports its rates reports this as the rate `steps`.
         if report.overruns and not self.get_parameter(REPORT_RATES).value:
             self._warn(
                 f"simulation could not keep up: skipped {report.lost_s:.3f} s in the last second "
@@ -596,4 +596,4 @@ def _share_of(package: str) -> Path | None:
 
 
 def _drop(_text: str) -> None:
-    """Ignore a warning of MuJoCo."""
+    """Ignore a MuJoCo warning."""

@@ -1,7 +1,7 @@
 """Read and check the simulator's configuration: the `sim` block and the real-time factor.
 
-In: ROS parameters and the facts of the model. Out: every finding as a sentence, and a frozen
-`SimConfig`. Findings and their wording are those of the tool.
+The inputs are ROS parameters and facts about the model. The outputs are all findings as sentences,
+and a frozen `SimConfig`. Findings and their wording are the same as those of `obk validate`.
 """
 
 import math
@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 PARAMETER: Final = "mujoco_setting"
-"""The ROS parameter that carries the block."""
+"""The ROS parameter with the `sim` block."""
 _DEFAULT_DEPTH: Final = 10
 _DEFAULT_GEOMS_PERIOD_S: Final = 1.0
 _DEFAULT_STEPS_PER_VIEW: Final = 8
@@ -55,21 +55,21 @@ class SensorGroupConfig:
     period_s: float
     """Simulation time between two messages [s]."""
     msg_type: str
-    """Bare, a key of `SENSOR_KINDS`."""
+    """Bare type name, a key of `SENSOR_KINDS`."""
     history_depth: int
     sensor_names: Mapping[str, str]
     """Sensor name -> MuJoCo sensor type."""
     rays: RayCaster | None
-    """The ray caster, if the group has one."""
+    """The ray caster, if any."""
     sensor_noise: SensorNoise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimConfig:
-    """What the simulator does with a model."""
+    """Settings of the simulation."""
 
     time_step_s: float | None
-    """Overrides the model's [s]."""
+    """Overrides the model's time step [s]; None keeps it."""
     groups: tuple[SensorGroupConfig, ...]
     geoms: Mapping[str, str]
     """Geom name -> geom type, a key of `GEOM_KINDS`."""
@@ -80,14 +80,14 @@ class SimConfig:
 
 
 def read_block(text: str) -> Mapping[str, Any]:
-    """The block's mapping.
+    """Parse the block.
 
     Raises:
-        ObeliskConfigError: there is none, or the text is not one.
+        ObeliskConfigError: the block is missing or is not a mapping.
     """
     if not text.strip():
         raise ObeliskConfigError(
-            f"the parameter `{PARAMETER}` is not set; it carries the `sim` block of the config"
+            f"the parameter `{PARAMETER}` is not set; it must contain the `sim` block of the config"
         )
     try:
         return parse_mapping(text)
@@ -96,7 +96,7 @@ def read_block(text: str) -> Mapping[str, Any]:
 
 
 def not_given(value: object) -> bool:
-    """Whether a value means "not set"; the config language writes `None` for it."""
+    """Whether a value means "not set", which the config language writes as `None`."""
     return value in (None, "") or is_none(value)
 
 
@@ -106,13 +106,13 @@ def findings_of(
     facts: ModelFacts | None,
     warn: Callable[[str], None],
 ) -> list[str]:
-    """The reasons why a block cannot be simulated, one sentence each.
+    """Return the reasons why a block cannot be simulated, one sentence each.
 
     Args:
-        block: what `read_block` gives.
+        block: the result of `read_block`.
         parameters: the node's user parameters (`ic_keyframe`).
-        facts: the model's; None where it could not be read.
-        warn: takes the findings that do not stop the simulator.
+        facts: facts about the model; None if the model could not be read.
+        warn: called with findings that do not stop the simulator.
     """
     faults = check_sim(block, parameters, facts)
     for fault in faults:
@@ -123,7 +123,7 @@ def findings_of(
 
 
 def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
-    """Parts of the config language that this simulator does not support."""
+    """Return findings for parts of the config language that this simulator does not support."""
     found = [
         f"sensor_settings[{index}].msg_type: this simulator does not publish "
         f"`{group['msg_type']}`; it publishes {', '.join(SENSOR_KINDS)}"
@@ -144,7 +144,7 @@ def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
 
 
 def typed_block(block: Mapping[str, Any], model_geoms: Collection[str] = ()) -> SimConfig:
-    """The values of a block that has no error; geoms that the model lacks are left out."""
+    """Convert a block without errors; geoms that the model lacks are omitted."""
     geoms = block.get("viz_geoms") or {}
     period_s = float(geoms.get("dt", _DEFAULT_GEOMS_PERIOD_S))
     time_step = block.get("time_step")
@@ -171,23 +171,25 @@ def _group(group: Mapping[str, Any]) -> SensorGroupConfig:
 
 
 def realtime_factor_of(value: object) -> float:
-    """Simulation time over wall time; 0: as fast as possible.
+    """Check the real-time factor: simulation time per wall time; 0 for as fast as possible.
 
     Raises:
         ObeliskConfigError: the value is invalid.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ObeliskConfigError(f"the parameter `{REALTIME_FACTOR}` is {value!r}, no number")
+        raise ObeliskConfigError(
+            f"the parameter `{REALTIME_FACTOR}` is {value!r}, expected a number"
+        )
     if not (math.isfinite(value) and value >= 0):
         raise ObeliskConfigError(
-            f"the parameter `{REALTIME_FACTOR}` is {value:g}; expected a number above 0, or 0 "
+            f"the parameter `{REALTIME_FACTOR}` is {value:g}, expected a number above 0, or 0 "
             "for as fast as possible"
         )
     return float(value)
 
 
 def clock_rate_hz_of(value: object) -> float:
-    """The highest rate of `/clock` [Hz of simulated time].
+    """Check the maximum rate of `/clock` [Hz of simulated time].
 
     Raises:
         ObeliskConfigError: the value is invalid.
@@ -195,5 +197,5 @@ def clock_rate_hz_of(value: object) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
         return float(value)
     raise ObeliskConfigError(
-        f"the parameter `{CLOCK_RATE}` is {value!r}; expected a number above 0 [Hz]"
+        f"the parameter `{CLOCK_RATE}` is {value!r}, expected a number above 0 [Hz]"
     )

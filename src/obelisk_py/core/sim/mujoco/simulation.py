@@ -1,8 +1,8 @@
-"""Step a model and its state, without threads, ROS or wall clock.
+"""Step a model and its state, without threads, ROS or a wall clock.
 
-In: controls through a `ControlInbox`. Out: the state in `data`, whose sensors always belong to the
-state that was reached last, and MuJoCo's warnings as sentences with the simulation time and the
-joint.
+Controls come from a `ControlInbox`. The result is the state in `data`; its sensor values always
+belong to the newest state. MuJoCo's warnings are returned as sentences with the simulation time and
+the joint.
 """
 
 from typing import Final
@@ -42,28 +42,28 @@ _TOLERABLE: Final = {
 
 
 class DivergenceError(ObeliskError):
-    """The state is no longer finite; the message has the time and the joint."""
+    """The state is no longer finite; the message names the time and the joint."""
 
 
 class Simulation:
-    """Steps one model.
+    """Steps a model.
 
-    mj_step leaves sensors that belong to the state before it. Here its second half comes first,
-    then its first half, so that positions, velocities and the sensors of both belong to the time
-    in `data.time`; the trajectory is that of mj_step to the bit. Accelerometers,
-    forces and touches belong to the step that has just ended: those of the next depend on a control
-    that is still to come.
+    mj_step leaves sensor values that belong to the previous state. Here, each step runs the second
+    half of mj_step and then the first half. Positions, velocities and the sensors of both thus
+    belong to `data.time`, and the trajectory is bitwise identical to that of mj_step.
+    Accelerometers, forces and touch sensors belong to the step that has just ended, because their
+    next values depend on a control that is not known yet.
     """
 
     def __init__(
         self, model: mujoco.MjModel, inbox: ControlInbox, when_stale: WhenStale | None = None
     ) -> None:
-        """Take a compiled model; `reset` brings it to its start.
+        """Create a simulation of a compiled model; call `reset` before the first step.
 
         Args:
             model: the model to step.
-            inbox: provides its controls.
-            when_stale: the action on old controls; None: they stay.
+            inbox: provides the controls.
+            when_stale: the response to stale controls; None keeps applying them.
         """
         self.model = model
         self.data = mujoco.MjData(model)
@@ -75,7 +75,7 @@ class Simulation:
         self._step_time = StepTime(self.step_s)
         self._start_ns = 0
         self.time_ns = 0
-        """Simulation time [ns]; `data.time` is a sum of floats and drifts."""
+        """Simulation time [ns]; unlike `data.time`, a sum of floats, it does not drift."""
 
     @property
     def step_s(self) -> float:
@@ -84,11 +84,11 @@ class Simulation:
 
     @property
     def next_step_ns(self) -> int:
-        """Simulation time that the next step takes [ns], so that they add up without drift."""
+        """Simulation time of the next step [ns], such that steps add up without drift."""
         return self._step_time.ns(self.steps + 1) - self._step_time.ns(self.steps)
 
     def reset(self, keyframe: str | None) -> None:
-        """Go to a keyframe, with its control, or to the model's own start; controls are dropped."""
+        """Reset to a keyframe and its control, or to the model's initial state; drop controls."""
         self._writer.restart()
         _reset_state(self.model, self.data, keyframe)
         self.steps = 0
@@ -96,10 +96,10 @@ class Simulation:
         self._warnings.restart()
 
     def advance(self, count: int = 1) -> tuple[str, ...]:
-        """Take `count` steps with the newest control; where it depends on the state, with its own.
+        """Take `count` steps with the newest control; a torque law is evaluated for each step.
 
         Returns:
-            Warnings of MuJoCo's that are new, as sentences.
+            New MuJoCo warnings, as sentences.
 
         Raises:
             DivergenceError: the state is no longer finite.
@@ -132,37 +132,37 @@ class Simulation:
 
 
 class StepWarnings:
-    """Watches the warning counters of one simulation."""
+    """Watches the warning counters of a simulation."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Watch `data`, counting from its present counters."""
+        """Watch `data`, starting from its current counters."""
         self._model = model
         self._data = data
         self._stats = data.warning
         self._seen: list[int] = self._stats.number.tolist()
 
     def restart(self) -> None:
-        """Mark the present counters as reported."""
+        """Mark the current counters as reported."""
         self._seen = self._stats.number.tolist()
 
     def changed(self) -> bool:
-        """Whether a counter moved since it was last looked at; cheap, asked after each step."""
+        """Whether a counter changed since the last check; cheap enough to call after each step."""
         return bool(self._stats.number.tolist() != self._seen)
 
     def fatal(self) -> str | None:
-        """A sentence if the state has diverged, else None."""
+        """Return a message if the state has diverged, otherwise None."""
         for kind, quantity in _FATAL.items():
             if self._stats[kind].number > self._seen[kind]:
                 where = self._owner(kind, int(self._stats[kind].lastinfo))
                 return (
                     f"the simulation diverged at {self._data.time:.4f} s: the {quantity} of "
                     f"{where} is not finite or larger than 1e10 "
-                    "(a smaller time step, or weaker gains, may help)"
+                    "(a smaller time step or lower gains may help)"
                 )
         return None
 
     def tolerable(self) -> tuple[str, ...]:
-        """Sentences about warnings seen for the first time; marks all as seen."""
+        """Return messages for warnings that are new, and mark all as seen."""
         number = self._stats.number.tolist()
         fresh = tuple(
             f"MuJoCo, at {self._data.time:.4f} s: {text}"
@@ -173,7 +173,7 @@ class StepWarnings:
         return fresh
 
     def _owner(self, kind: int, index: int) -> str:
-        """Joint and body of an entry of qpos or of qvel."""
+        """Return the joint and body of an entry of qpos or qvel."""
         starts = (
             self._model.jnt_qposadr
             if kind == int(_WARNING.mjWARN_BADQPOS)
@@ -186,7 +186,7 @@ class StepWarnings:
 
 
 def _reset_state(model: mujoco.MjModel, data: mujoco.MjData, keyframe: str | None) -> None:
-    """Put the state, and the control, to a keyframe or to the model's own start."""
+    """Reset the state and control to a keyframe or to the model's initial state."""
     if keyframe is None:
         mujoco.mj_resetData(model, data)
     else:

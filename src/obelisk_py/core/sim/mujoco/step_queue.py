@@ -1,7 +1,7 @@
 """Run requests of other threads on the stepping thread: `~/reset`, `~/pause`, `~/step`.
 
-In: service requests, on the node's thread. Out: actions run between two steps on the stepping
-thread, and their results as responses. No other thread touches the simulation.
+The node's thread receives the service requests. The stepping thread runs their actions between two
+steps, and the results are sent as responses. No other thread touches the simulation.
 """
 
 import threading
@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 __all__ = ["StepQueue", "StepResult", "make_step_services"]
 
 _ANSWER_S: Final = 2.0
-"""A simulation that steps answers between two steps [s]."""
+"""Timeout for a response; a running simulation responds between two steps [s]."""
 
 
 class StepResult(NamedTuple):
@@ -27,17 +27,17 @@ class StepResult(NamedTuple):
 
 
 class StepQueue:
-    """Actions that wait for the stepping thread, and whether it is paused."""
+    """Actions for the stepping thread, and whether it is paused."""
 
     def __init__(self, *, is_immediate: bool = False) -> None:
-        """Make an empty queue of a simulation that is not paused.
+        """Create an empty queue for a simulation that is not paused.
 
         Args:
-            is_immediate: the caller's thread is the stepping thread, so nothing has to wait.
+            is_immediate: whether the caller's thread is the stepping thread, so that nothing waits.
         """
         self._is_immediate = is_immediate
         self.is_paused = False
-        """Whether steps are taken only when asked for; belongs to the stepping thread."""
+        """Whether steps are taken only on request; only the stepping thread may use it."""
         self._waiting: deque[tuple[Callable[[], StepResult], Future[StepResult]]] = deque()
         self._arrived = threading.Event()
 
@@ -56,13 +56,13 @@ class StepQueue:
         return self._arrived.is_set()
 
     def wait(self, timeout_s: float) -> None:
-        """Wait for an action, for `timeout_s` at most."""
+        """Wait for an action, for at most `timeout_s` [s]."""
         self._arrived.wait(timeout_s)
 
     def run_pending(self) -> None:
-        """Carry out what waits.
+        """Run all waiting actions.
 
-        Raises what an action raises; the future of its caller gets the same exception.
+        Raises the exception of an action, which the caller's future receives too.
         """
         self._arrived.clear()
         while self._waiting:
@@ -84,14 +84,14 @@ def make_step_services(
     reset: Callable[[], StepResult],
     step: Callable[[], StepResult],
 ) -> list[Any]:
-    """The services, made by `create` (type, name, callback).
+    """Create the services.
 
     Args:
-        create: `Node.create_service`.
-        requests: what the stepping thread carries out.
-        is_stepping: whether there is a thread that carries requests out.
-        reset: goes to the keyframe; called on the stepping thread.
-        step: takes one step; called on the stepping thread, while the simulation is paused.
+        create: `Node.create_service` (type, name, callback).
+        requests: actions for the stepping thread.
+        is_stepping: returns whether a stepping thread runs the actions.
+        reset: resets to the keyframe; called on the stepping thread.
+        step: takes one step; called on the stepping thread while the simulation is paused.
     """
 
     def answered(action: Callable[[], StepResult], response: Any) -> Any:
@@ -126,12 +126,12 @@ def make_step_services(
 
 
 def _answered(requests: StepQueue, action: Callable[[], StepResult], response: Any) -> Any:
-    asked = requests.submit(action)
+    pending = requests.submit(action)
     try:
-        response.success, response.message = asked.result(_ANSWER_S)
+        response.success, response.message = pending.result(_ANSWER_S)
     except AnswerTimeoutError:
-        # A started action cannot be undone; one that has not started is cancelled.
-        asked.cancel()
+        # A started action cannot be undone; a waiting one is cancelled.
+        pending.cancel()
         response.success = False
-        response.message = f"the simulation gave no answer within {_ANSWER_S:g} s"
+        response.message = f"the simulation did not respond within {_ANSWER_S:g} s"
     return response

@@ -1,7 +1,8 @@
-"""Compute when a step is due, and which steps a sample follows, for a given clock.
+"""Compute when steps are due, and after which steps samples are taken.
 
-In: a clock, a period, the times at which the caller woke. Out: deadlines, and counts of what was
-missed. Never reads a clock of its own and never waits, `MonotonicClock` aside.
+The inputs are a clock, a period, and the times at which the caller woke up. The outputs are
+deadlines and counts of missed steps. Except for `MonotonicClock`, nothing here reads a clock or
+waits.
 """
 
 import time
@@ -14,33 +15,33 @@ __all__ = ["Clock", "MonotonicClock", "Pace", "SampleTimes", "StepTime", "whole_
 NS_PER_S: Final = 1_000_000_000
 _LARGEST_DENOMINATOR: Final = 1_000_000_000
 CATCH_UP_S: Final = 0.05
-"""Lateness that is made up for by steps in quick succession [s]; the scheduler's hiccups are
-shorter, a machine that is too slow is soon beyond it."""
+"""Lateness that is made up for by steps in quick succession [s]. Scheduling delays are shorter than
+this; a machine that is too slow soon exceeds it."""
 LONGEST_SLEEP_NS: Final = 50_000_000
-"""A sleep cannot be interrupted: in this time a slow simulation still answers a stop [ns]."""
+"""Maximum duration of an uninterruptible sleep, and thus of the reaction to a stop request [ns]."""
 
 
 class Clock(Protocol):
-    """A clock that never jumps, and a wait on it."""
+    """A monotonic clock that can be waited on."""
 
     def now_ns(self) -> int:
-        """Now [ns], from an origin of the clock's own."""
+        """Current time [ns], from an arbitrary origin."""
 
     def sleep_until_ns(self, deadline_ns: int, stopped: Callable[[], bool]) -> int:
-        """Wait for `deadline_ns` or for `stopped`; the time at which it returned [ns]."""
+        """Wait until `deadline_ns` or `stopped`, and return the time afterwards [ns]."""
 
 
 class MonotonicClock:
     """CLOCK_MONOTONIC; waits in the kernel, without spinning."""
 
     def now_ns(self) -> int:
-        """Now [ns]."""
+        """Current time [ns]."""
         return time.monotonic_ns()
 
     def sleep_until_ns(self, deadline_ns: int, stopped: Callable[[], bool]) -> int:
-        """Wait for `deadline_ns` or for `stopped`; the time at which it returned [ns]."""
+        """Wait until `deadline_ns` or `stopped`, and return the time afterwards [ns]."""
         now_ns = time.monotonic_ns()
-        # A short sleep asks nothing: the caller has just asked, and will again.
+        # A short sleep does not call `stopped`; the caller has just done so and will again.
         while (left_ns := deadline_ns - now_ns) > 0 and (
             left_ns <= LONGEST_SLEEP_NS or not stopped()
         ):
@@ -51,14 +52,14 @@ class MonotonicClock:
 
 
 class Pace:
-    """The absolute schedule of steps: step n is due n periods after the anchor.
+    """The absolute schedule of steps: step n is due n periods after the start of the schedule.
 
-    Lateness of up to `CATCH_UP_S` is made up for, so there is no drift. Beyond that the schedule
-    is anchored again at the present and the lost time is counted: no racing.
+    Lateness of up to `CATCH_UP_S` is made up for, so there is no drift. Beyond that, the schedule
+    restarts at the current time and the lost time is counted, so steps never race to catch up.
     """
 
     def __init__(self, period_s: float) -> None:
-        """Make a schedule; `start` sets its anchor.
+        """Create a schedule; `start` starts it.
 
         Args:
             period_s: wall time between two steps [s], > 0.
@@ -69,19 +70,19 @@ class Pace:
         self._anchor_ns = 0
         self._count = 0
         self.overruns = 0
-        """Number of times the schedule was anchored again since `start`."""
+        """Number of restarts of the schedule since `start`."""
         self.lost_s = 0.0
         """Wall time of the skipped steps [s]."""
 
     def start(self, now_ns: int) -> None:
-        """Anchor the schedule at `now_ns`; the first step is due one period later."""
+        """Start the schedule at `now_ns`; the first step is due one period later."""
         self._anchor_ns = now_ns
         self._count = 0
         self.overruns = 0
         self.lost_s = 0.0
 
     def next_deadline_ns(self, now_ns: int) -> int:
-        """When the next step is due [ns]; in the past where it is late."""
+        """Return when the next step is due [ns]; in the past if it is late."""
         self._count += 1
         deadline_ns = self._anchor_ns + round(self._count * self.period_ns)
         late_ns = now_ns - deadline_ns
@@ -95,22 +96,22 @@ class Pace:
 
 
 class StepTime:
-    """The simulation time of a step, by counting: nothing adds up, so nothing drifts."""
+    """Simulation time of a step, computed from the step count so that it does not drift."""
 
     def __init__(self, step_s: float) -> None:
-        """Take the step's simulation time [s], > 0."""
+        """Set the simulation time per step [s], > 0."""
         self._ns, self._per = (_meant(step_s) * NS_PER_S).as_integer_ratio()
 
     def ns(self, steps: int) -> int:
-        """Simulation time of `steps` steps [ns], to the nearest."""
+        """Simulation time of `steps` steps, rounded to the nearest ns."""
         return (2 * steps * self._ns + self._per) // (2 * self._per)
 
 
 class SampleTimes:
-    """The steps after which something is sampled: those that reach a multiple of its period.
+    """The steps after which samples are taken: those that reach a multiple of the period.
 
-    A period that is no whole number of steps keeps its mean rate: each multiple is rounded up to
-    a step for itself. A period shorter than the step is sampled at every step.
+    If the period is not a whole number of steps, each multiple is rounded up to a step separately,
+    so the mean rate is exact. A period shorter than a step yields a sample after every step.
     """
 
     def __init__(self, *, period_s: float, step_s: float) -> None:
@@ -136,13 +137,13 @@ class SampleTimes:
 
 
 def whole_steps(duration_s: float, step_s: float) -> int:
-    """How many steps it takes to reach a duration [s]; both > 0."""
+    """Number of steps to reach a duration [s]; both arguments > 0."""
     return -int(-_meant(duration_s) // _meant(step_s))
 
 
 def _meant(seconds: float) -> Fraction:
-    """The number that a float stands for: 0.001 is a thousandth, 1 / 3 a third.
+    """Return the decimal or simple fraction that a float stands for: 0.001 is exactly 1/1000.
 
-    In exact arithmetic 0.002 is then twice 0.001, which the two floats only are by luck.
+    With exact arithmetic, 0.002 is always twice 0.001; with floats, such relations may fail.
     """
     return Fraction(seconds).limit_denominator(_LARGEST_DENOMINATOR) or Fraction(seconds)

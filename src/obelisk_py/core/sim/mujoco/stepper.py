@@ -1,7 +1,8 @@
 """Step a simulation at its pace, and publish the outputs that are due.
 
-In: a simulation, a pace, outputs with their sample times. Out: calls of the outputs on the thread
-that runs the loop, a report each second of wall time. Knows no ROS and starts no thread.
+The inputs are a simulation, a pace, and outputs with their sample times. The thread that runs the
+loop calls the outputs, and a report once per second of wall time. This module does not use ROS and
+starts no threads.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,28 +16,28 @@ from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, Clock, Pace
 __all__ = ["StepReport", "Stepper", "TimeOutput", "TimedOutput", "Times"]
 
 LONGEST_BATCH: Final = 32
-"""Steps taken in one call where no pace holds them back and nothing is due."""
+"""Maximum number of steps per call, if there is no pace and nothing is due."""
 BATCH_NS: Final = 100_000
-"""Wall time that such a batch may take [ns]; a control waits for so long at most."""
+"""Maximum wall time of such a batch, and thus of the delay of a control [ns]."""
 
 
 SHORTEST_SHARE: Final = 0.5
-"""Least time between two steps, as a share of the period, where nodes follow the simulation's time.
+"""Minimum time between two steps as a fraction of the period, if nodes use the simulation's time.
 
-In steps that follow at once, to make up for lateness, they would miss most of their ticks. On a
-machine that is too busy the simulation becomes slower instead, and nodes keep their rates.
+If late steps followed each other immediately, these nodes would miss most of their ticks. Instead,
+on an overloaded machine the simulation slows down and nodes keep their rates.
 """
 
 
 class Times(Protocol):
-    """The steps after which something is published."""
+    """The steps after which an output is published."""
 
     @property
     def next_step(self) -> int:
-        """The next of them."""
+        """The next of these steps."""
 
     def pass_step(self, step: int) -> None:
-        """Find the next one after `step`."""
+        """Find the next of these steps after `step`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,9 +46,9 @@ class TimedOutput:
 
     times: Times
     publish: Callable[[int], None]
-    """Called after a step that `times` names; the argument is the stamp of that step [ns]."""
+    """Called after each of these steps with the step's stamp [ns]."""
     restart: Callable[[], None] | None = None
-    """Called at a reset and before the first step; None where nothing is carried over."""
+    """Called at a reset and before the first step; None if the output has no state."""
 
 
 class TimeOutput(Protocol):
@@ -57,7 +58,7 @@ class TimeOutput(Protocol):
         """Publish the time after steps."""
 
     def restart(self) -> None:
-        """Publish the time of a reset, which no step may follow for long."""
+        """Publish the time of a reset, because the next step may be far away."""
 
 
 class _NoTimeOutput:
@@ -68,10 +69,10 @@ class _NoTimeOutput:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepReport:
-    """Figures of a second of wall time."""
+    """Measurements over one second of wall time."""
 
     realtime_factor: float
-    """Simulation time over wall time."""
+    """Simulation time per wall time."""
     overruns: int
     """How often steps were skipped in this second."""
     lost_s: float
@@ -79,7 +80,7 @@ class StepReport:
 
 
 class Stepper:
-    """Steps one simulation for as long as `run` runs."""
+    """Steps a simulation while `run` is running."""
 
     def __init__(
         self,
@@ -94,14 +95,14 @@ class Stepper:
         ticks: TickCounter | None = None,
         time_output: TimeOutput | None = None,
     ) -> None:
-        """Make a stepper that is not running.
+        """Create a stepper without starting it.
 
         Args:
-            simulation: the simulation to step; no other thread may use it while `run` runs.
-            pace: when steps are due; None: one after another, as fast as possible.
+            simulation: the simulation to step; no other thread may use it while `run` is running.
+            pace: schedule of the steps; None to step as fast as possible.
             clock: the wall clock of `pace`.
             outputs: the outputs to publish.
-            stamp: gives the stamp of the present step [ns].
+            stamp: returns the stamp of the current step [ns].
             warn: called with MuJoCo's warnings.
             report: called about once per second of wall time.
             ticks: counts the steps of `pace`, by `clock`.
@@ -122,7 +123,7 @@ class Stepper:
         """The step after which `advance` publishes next."""
 
     def begin(self) -> None:
-        """Count sample times from the present step, and restart the outputs."""
+        """Count sample times from the current step, and restart the outputs."""
         if self._simulation.steps == 0:
             self._time_output.restart()
         for output in self._outputs:
@@ -132,7 +133,7 @@ class Stepper:
         self._due = self._next_due()
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Step until `stopped`, from where the simulation is.
+        """Step until `stopped`, starting from the current state.
 
         Raises:
             DivergenceError: the state is no longer finite.
@@ -205,7 +206,7 @@ class Stepper:
 
 
 def _next_batch(count: int, took_ns: int) -> int:
-    """How many steps to take at once, when `count` of them took `took_ns`."""
+    """Return the size of the next batch, given that `count` steps took `took_ns`."""
     return max(1, min(LONGEST_BATCH, count * BATCH_NS // max(took_ns, 1)))
 
 

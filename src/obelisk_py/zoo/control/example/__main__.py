@@ -1,4 +1,4 @@
-"""Runs `ExamplePositionSetpointController` as a process."""
+"""Run `ExamplePositionSetpointController` as a process."""
 
 from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_estimator_msgs.msg import EstimatedState
@@ -11,10 +11,10 @@ from obelisk_py.zoo.control.example.example_position_setpoint_controller import 
 
 
 class TypedController(ExamplePositionSetpointController):
-    """Names its message types: existing configs of this executable leave them out."""
+    """Sets the message types, because existing configs of this executable omit them."""
 
     def __init__(self, node_name: str = "example_position_setpoint_controller") -> None:
-        """Make the node; the listing's constructor would leave the types to the config."""
+        """Create the node; the base class's constructor would take the types from the config."""
         ObeliskController.__init__(self, node_name, PositionSetpoint, EstimatedState)
 
 

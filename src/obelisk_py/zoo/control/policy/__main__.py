@@ -1,4 +1,4 @@
-"""Runs `OnnxPolicy` as a process."""
+"""Run `OnnxPolicy` as a process."""
 
 from obelisk_py.core.utils.ros import spin_obelisk
 from obelisk_py.zoo.control.policy import OnnxPolicy

@@ -1,7 +1,7 @@
-"""`OnnxPolicy`: a trained network as a controller.
+"""`OnnxPolicy`: run a trained network as a controller.
 
-The config names the network's file as `params_path`, what the network observes and what its
-outputs mean. Needs the extra `policy` of obelisk-cli.
+The config sets the network's file as `params_path`, what the network observes, and what its outputs
+mean. It needs the extra `policy` of obelisk-cli.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,20 +38,20 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 class ActionKind(StrEnum):
-    """What the scaled outputs of the network are."""
+    """The meaning of the network's scaled outputs."""
 
     POSITION = "position"
-    """Offsets from the default pose [rad or m]; the gains `kp` and `kd` act on them."""
+    """Offsets from the default pose [rad or m], with the gains `kp` and `kd`."""
     EFFORT = "effort"
     """Efforts [N m or N]."""
 
 
 class OnnxPolicy(ObeliskController):
-    """Feeds a network with the state estimate, and the drives with its outputs.
+    """Feeds the state estimate to a network, and its outputs to the actuators.
 
-    A list with one value holds for all joints. The observation is the terms in their order, each
-    multiplied by its scale, then clipped. `linear_velocity` and `angular_velocity` are those of
-    the base in its own frame, `gravity` is the unit vector of gravity in that frame, and
+    A list with a single value applies to all joints. The observation consists of the terms in
+    order, each multiplied by its scale and then clipped. `linear_velocity` and `angular_velocity`
+    are those of the base in its own frame. `gravity` is the unit vector of gravity in that frame.
     `joint_positions` are relative to the default pose.
     """
 
@@ -67,7 +67,7 @@ class OnnxPolicy(ObeliskController):
     """The newest estimate."""
 
     def __init__(self, node_name: str = "onnx_policy", **kwargs: Any) -> None:
-        """Make the node; its topics, and the message of its commands, come from the config.
+        """Create the node; its topics, and the type of its commands, come from the config.
 
         Args:
             node_name: name in the ROS graph, unless it is remapped.
@@ -83,7 +83,7 @@ class OnnxPolicy(ObeliskController):
             )
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the network, and check that its shapes are those of the parameters."""
+        """Load the network, and check that its shapes match the parameters."""
         self.terms = self._strings("observation")
         self.joints = self._strings("joints")
         self.action_joints = self._strings("action_joints") or self.joints
@@ -104,18 +104,18 @@ class OnnxPolicy(ObeliskController):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the state, actions and commands of an earlier activation."""
+        """Reset the state, actions and commands of an earlier activation."""
         self.x_hat = None
         self.command = np.zeros(3)
         self.action = np.zeros(len(self.action_joints))
         return super().on_activate(state)
 
     def update_x_hat(self, x_hat_msg: EstimatedState) -> None:
-        """Keep the newest state estimate."""
+        """Store the newest state estimate."""
         self.x_hat = x_hat_msg
 
     def update_command(self, msg: Twist) -> None:
-        """Keep the newest command: velocities along x and y [m/s], about z [rad/s]."""
+        """Store the newest command: velocities along x and y [m/s] and about z [rad/s]."""
         self.command = np.array([msg.linear.x, msg.linear.y, msg.angular.z])
 
     def compute_control(self) -> PositionSetpoint | PDFeedForward | None:
@@ -136,10 +136,10 @@ class OnnxPolicy(ObeliskController):
         return msg
 
     def observe(self, x_hat: EstimatedState) -> Vector:
-        """The input of the network, shape (inputs,).
+        """Compute the input of the network, shape (inputs,).
 
         Raises:
-            ObeliskError: the estimate lacks a joint, or the state of a base.
+            ObeliskError: the estimate lacks a joint or the state of a base.
         """
         values = self._values(x_hat)
         observed = [
@@ -168,7 +168,7 @@ class OnnxPolicy(ObeliskController):
         return values
 
     def _control_message(self, scaled: Vector) -> PositionSetpoint | PDFeedForward:
-        """The command for scaled outputs, shape (actions,)."""
+        """Build the command for scaled outputs, shape (actions,)."""
         is_position = self.action_kind is ActionKind.POSITION
         if is_position:
             pose = dict(zip(self.joints, self._each(self.default_pose), strict=True))
@@ -187,7 +187,7 @@ class OnnxPolicy(ObeliskController):
         )
 
     def _each(self, values: Sequence[float], count: int | None = None) -> list[float]:
-        """A value for each joint."""
+        """Return one value per joint."""
         return [float(value) for value in np.broadcast_to(values, count or len(self.joints))]
 
     def _strings(self, name: str) -> list[str]:
@@ -204,16 +204,17 @@ class OnnxPolicy(ObeliskController):
         if len(self.scales) != len(self.terms):
             raise ObeliskConfigError(
                 f"`observation_scales` has {len(self.scales)} values, "
-                f"`observation` {len(self.terms)} terms"
+                f"`observation` has {len(self.terms)} terms; these must be equal"
             )
 
 
 def _base_values(x_hat: EstimatedState) -> Mapping[str, Vector]:
-    """The velocities of the base, and gravity, in the frame of the base."""
+    """Compute the velocities of the base, and gravity, in the frame of the base."""
     if len(x_hat.q_base) != 7 or len(x_hat.v_base) != 6:
-        raise ObeliskError("the policy observes a base, and the estimate has none")
+        raise ObeliskError("the policy observes a base, but the estimate has none")
     x, y, z, w = x_hat.q_base[3:]
-    # Rows are the axes of the base in the world, so that it takes vectors from there.
+    # Rows are the axes of the base in the world, so this rotates vectors from the world to the
+    # base.
     to_base = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)],
@@ -231,7 +232,7 @@ def _base_values(x_hat: EstimatedState) -> Mapping[str, Vector]:
 def _check_width(what: str, expected: int, found: int | None) -> None:
     if found is not None and found != expected:
         raise ObeliskConfigError(
-            f"the network's {what} has {found} numbers, the parameters describe {expected}"
+            f"the network's {what} has {found} numbers, expected {expected} from the parameters"
         )
 
 

@@ -1,4 +1,4 @@
-"""Chooses classes of nodes when it runs, which no reader of the source can know."""
+"""Chooses classes of nodes at run time, which static analysis cannot know."""
 
 import importlib
 

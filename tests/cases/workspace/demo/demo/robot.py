@@ -1,4 +1,4 @@
-"""A node whose class is only known at run time, so that nothing can be said of its code."""
+"""A node whose class is only known at run time, so that its code cannot be checked."""
 
 from demo.kinds import node_type
 from obelisk_py.core.utils.ros import spin_obelisk

@@ -10,7 +10,7 @@ class Reports:
 
 
 class CallbacksController(Reports, ArmController):
-    """Callbacks that a reader of the source can find in other places than the class itself."""
+    """Callbacks that static analysis can find outside the class."""
 
     idle = Reports.report
 

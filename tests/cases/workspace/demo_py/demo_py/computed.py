@@ -5,7 +5,7 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class Computed(ArmEstimator):
-    """Registers what its parameters ask for, which no reader of the source can know."""
+    """Registers components named by parameters, which static analysis cannot know."""
 
     def __init__(self, node_name: str = "computed") -> None:
         super().__init__(node_name)

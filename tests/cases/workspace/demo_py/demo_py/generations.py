@@ -9,7 +9,7 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class SecondEstimator(ObeliskEstimator):
-    """Registers as from 2024-12 to 2026-05: the message type before the key."""
+    """Registers in the API of 2024-12 to 2026-05: the message type before the key."""
 
     def __init__(self, node_name: str = "second_estimator") -> None:
         super().__init__(node_name, EstimatedState)
@@ -33,7 +33,7 @@ class SecondEstimator(ObeliskEstimator):
 
 
 class ThirdEstimator(SecondEstimator):
-    """Registers as since 2026-05, and in `on_configure`: keys, and no ROS parameters."""
+    """Registers in the API since 2026-05, and in `on_configure`: keys, and no ROS parameters."""
 
     def __init__(self, node_name: str = "third_estimator") -> None:
         ObeliskEstimator.__init__(self, node_name, EstimatedState)
@@ -45,7 +45,7 @@ class ThirdEstimator(SecondEstimator):
 
 
 class ThirdController(ArmController):
-    """Registers through a method of its own."""
+    """Registers through its own method."""
 
     def __init__(self, node_name: str = "third_controller") -> None:
         super().__init__(node_name)

@@ -7,7 +7,7 @@ CONTROL = "pub_ctrl"
 
 
 class KeysController(ArmController):
-    """Finds its components in every way that is right, or that only a run can judge."""
+    """Accesses its components in every way that is correct, or that only a run can judge."""
 
     def compute_control(self) -> PositionSetpoint:
         msg = PositionSetpoint(u_mujoco=[0.0])

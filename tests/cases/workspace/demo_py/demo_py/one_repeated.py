@@ -5,7 +5,7 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class OneRepeatedController(ArmController):
-    """Fills its messages with one value, or with as many as only a run can count."""
+    """Fills its messages with one value, or with a number of values known only at run time."""
 
     JOINTS = 1
 

@@ -1,4 +1,4 @@
-"""Imports that need not succeed, or that no reader of the source can follow."""
+"""Imports that may fail, or that static analysis cannot follow."""
 
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ class OptionalController(ArmController):
     gains: "Gains | None" = None
 
     def load(self) -> None:
-        """Only if the parameter asks for it."""
+        """Imported only if the parameter requests it."""
         import planner_of_nowhere
 
         self.planner = planner_of_nowhere.Planner(policy_runtime)

@@ -5,7 +5,7 @@ from obelisk_py.core.control import ObeliskController
 
 
 class Controller(ObeliskController):
-    """What the controllers of this package have in common."""
+    """The common base of the controllers of this package."""
 
     def __init__(self, node_name: str = "controller") -> None:
         super().__init__(node_name, PositionSetpoint, EstimatedState)

@@ -6,7 +6,7 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class ExecutorController(Controller):
-    """Makes a second node, which it spins in its own callback."""
+    """Creates a second node, which it spins in its own callback."""
 
     def __init__(self, node_name: str = "executors") -> None:
         super().__init__(node_name)

@@ -8,7 +8,7 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class GpuController(Controller):
-    """Runs a network if it can."""
+    """Runs a network if possible."""
 
     def __init__(self, node_name: str = "gpu") -> None:
         super().__init__(node_name)

@@ -5,7 +5,7 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class Link:
-    """A helper class: the node's code leads to it."""
+    """A helper class that the node's code uses."""
 
     def __init__(self) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

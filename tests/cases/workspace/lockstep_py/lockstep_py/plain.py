@@ -5,11 +5,11 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class Helper(Node):
-    """A node without life cycle."""
+    """A node without a life cycle."""
 
 
 class PlainController(Controller):
-    """Makes a second node."""
+    """Creates a second node."""
 
     def __init__(self, node_name: str = "plain") -> None:
         super().__init__(node_name)

@@ -8,7 +8,7 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class Arm(ObeliskSimRobot):
-    """A simulator of its own, whose loop runs in the thread that the base class starts."""
+    """A custom simulator, whose loop runs in the thread that the base class starts."""
 
     def __init__(self, node_name: str = "arm") -> None:
         super().__init__(node_name, ctrl_msg_type=PositionSetpoint)

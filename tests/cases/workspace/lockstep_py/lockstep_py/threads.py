@@ -6,7 +6,7 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class ThreadController(Controller):
-    """Counts beside its callbacks."""
+    """Counts in a thread next to its callbacks."""
 
     def __init__(self, node_name: str = "threads") -> None:
         super().__init__(node_name)

@@ -6,7 +6,7 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class WaitingController(Controller):
-    """Waits in a callback for the answer of a service."""
+    """Waits in a callback for the response of a service."""
 
     def __init__(self, node_name: str = "waiting") -> None:
         super().__init__(node_name)

@@ -1,7 +1,7 @@
-"""Sensor groups: from MuJoCo's sensors to messages, one module per kind.
+"""Sensor groups: convert MuJoCo's sensors to messages, with one module per kind.
 
-`SENSOR_KINDS` maps the `msg_type` of a group to what builds its sampler. A new kind is a module
-with a builder and a line in this table.
+`SENSOR_KINDS` maps the `msg_type` of a group to the builder of its sampler. To add a kind, add a
+module with a builder and a line in this table.
 """
 
 from collections.abc import Mapping

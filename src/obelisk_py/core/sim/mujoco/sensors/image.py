@@ -1,9 +1,9 @@
-"""Pictures of a camera: `ObkImage`.
+"""Camera pictures: `ObkImage`.
 
-In: one camera of the model. The picture is drawn on a thread of the camera's own, for drawing takes
-longer than a step: the sampler takes over where everything is, and the message comes through
-`deliver` when it is drawn. At a pace, a picture that is due while the last one is still
-being drawn is left out and counted; as fast as possible, the simulation waits for it.
+The input is one camera of the model. Each camera has its own rendering thread, because rendering
+takes longer than a step. The sampler copies the state of the scene, and the message is passed to
+`deliver` when it is rendered. In a paced simulation, a picture that is due while the previous one
+is still being rendered is skipped and counted. Otherwise the simulation waits for the picture.
 """
 
 import time
@@ -35,7 +35,7 @@ def _build(source: SensorSource) -> Sampler:
 
 
 class _Feed:
-    """One camera and the thread that draws it."""
+    """One camera and its rendering thread."""
 
     def __init__(self, source: SensorSource) -> None:
         (self._name,) = source.of_type("camera")
@@ -63,14 +63,14 @@ class _Feed:
             raise ObeliskConfigError(f"camera `{self._name}`: {error}") from error
 
     def sample(self) -> None:
-        """Request a picture of the present state; the message has no stamp."""
+        """Request a picture of the current state; the message has no stamp."""
         if self._pending is not None:
             if self._source.is_paced and not self._pending.done():
                 self._leave_out()
                 return
             self._wait_for(self._pending)
         if self._view is None:
-            # With the first picture: to open OpenGL takes longer than a short run in lock-step.
+            # Opened for the first picture only, because it takes longer than a short lock-step run.
             self._view = self._open()
         self._view.update(self._source.data)
         self._pending = self._thread.submit(self._draw, self._view)
@@ -78,7 +78,7 @@ class _Feed:
             self._wait_for(self._pending)
 
     def close(self) -> None:
-        """End the thread once it has finished its picture."""
+        """End the thread after it has finished its picture."""
         if self._view is not None:
             self._wait_for(self._thread.submit(self._view.close))
         self._thread.shutdown()
@@ -88,8 +88,8 @@ class _Feed:
             drawing.result(_DRAW_S)
         except TimeoutError as error:
             raise ObeliskError(
-                f"camera `{self._name}`: OpenGL has not drawn a picture within {_DRAW_S:g} s; "
-                "`obk doctor mujoco` reports which back ends draw on this machine"
+                f"camera `{self._name}`: OpenGL did not render a picture within {_DRAW_S:g} s; "
+                "`obk doctor mujoco` reports which back ends work on this machine"
             ) from error
 
     def _draw(self, view: CameraView) -> None:
@@ -102,10 +102,10 @@ class _Feed:
         if now_s - self._last_report_s >= _REPORT_S:
             self._last_report_s = now_s
             self._source.warn(
-                f"camera `{self._name}` is drawn more slowly than its `dt` asks for: "
-                f"{with_number(self._left_out, 'picture')} left out since the start"
+                f"camera `{self._name}` cannot keep up with its `dt`: "
+                f"{with_number(self._left_out, 'picture')} skipped since the start"
             )
 
 
 OBK_IMAGE = SensorKind(message_type=ObkImage, build=_build)
-"""obelisk_sensor_msgs/ObkImage: bytes, red, green, blue, the upper row first."""
+"""obelisk_sensor_msgs/ObkImage: bytes in the order red, green, blue, top row first."""

@@ -1,12 +1,12 @@
 """IMUs and force sensors: `ObkImu`, `sensor_msgs/Imu`, `ObkForceSensor`.
 
-An IMU has at most one each of `accelerometer`, `gyro`, `framequat`, all at one site, which is its
-`header.frame_id`: accelerations and rates are given in it. A part without a sensor is marked by -1
-as the first element of its covariance; the others are 0, which means unknown.
+An IMU has at most one `accelerometer`, `gyro` and `framequat` each, all at the same site. This site
+is the `header.frame_id`, in which accelerations and rates are given. If a part has no sensor, the
+first element of its covariance is -1; other covariances are 0, which means unknown.
 
-A force sensor has `force` (three numbers, in the frame of its site) and `touch` (one number)
-sensors. `forces` has their numbers in the order of the config, `frames` their sites in the same
-order; `header.frame_id` is the site if all share one, otherwise empty.
+A force sensor has `force` sensors (three numbers, in the frame of the site) and `touch` sensors
+(one number). `forces` contains their numbers in the order of the config, and `frames` their sites.
+`header.frame_id` is the site if all sensors share one, otherwise empty.
 
 Source: sensor_msgs/Imu.msg.
 """

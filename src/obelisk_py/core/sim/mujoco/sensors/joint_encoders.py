@@ -1,11 +1,11 @@
 """Joint encoders: `ObkJointEncoders`, and the plain `JointEncoders`.
 
-In: `jointpos` and `jointvel` sensors on hinge and slide joints. Joints stand in the order in which
-the config first names one of their sensors.
+The inputs are `jointpos` and `jointvel` sensors on hinge and slide joints. Joints are ordered by
+the first of their sensors in the config.
 
-A group that measures no velocities at all leaves `joint_vel` empty, and likewise `joint_pos`. If
-some joints have both sensors and others one, the missing numbers are the simulation's own: arrays
-stay as long as `joint_names`, and no filler is taken for a measurement.
+If a group has no velocity sensors at all, `joint_vel` is empty; likewise `joint_pos`. If only some
+joints have both sensors, the missing numbers are read from the simulation's state. So the arrays
+are as long as `joint_names`, and no placeholder can be mistaken for a measurement.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -59,14 +59,14 @@ def _build_plain(source: SensorSource) -> Sampler:
 
 
 def _joints(source: SensorSource) -> tuple[int, ...]:
-    """Numbers of the group's joints, in the order in which they are first named."""
+    """Return the ids of the group's joints, in the order in which they are first named."""
     return tuple(dict.fromkeys(source.object(name)[1] for name in source.names))
 
 
 def _copy(
     source: SensorSource, joints: Sequence[int], sensor_type: str, numbers: NDArray[Any]
 ) -> Copy:
-    """Copies one number per joint: its sensor's, or the state's where it has none."""
+    """Copy one number per joint: its sensor's value, or the state's if it has no sensor."""
     sensors = {source.object(name)[1]: name for name in source.of_type(sensor_type)}
     values = source.data.sensordata
     index = _addresses(source, [sensors[joint] for joint in joints if joint in sensors])
@@ -95,4 +95,4 @@ OBK_JOINT_ENCODERS = SensorKind(message_type=ObkJointEncoders, build=_build_obk)
 """Positions, velocities and names."""
 
 JOINT_ENCODERS = SensorKind(message_type=JointEncoders, build=_build_plain)
-"""`y`: the positions in the order of the config, then the velocities in the order of the config."""
+"""`y`: first the positions, then the velocities, each in the order of the config."""

@@ -1,7 +1,8 @@
 """Read the sensors of a group, and define the kinds of sensor groups.
 
-In: a model, its data, the names of a group's sensors. Out: views of MuJoCo's own sensor memory and
-names of frames, found once, so that a sample costs no look-up and makes no message.
+The inputs are a model, its data, and the names of a group's sensors. The outputs are views of
+MuJoCo's sensor memory and names of frames. They are looked up once, so a sample costs no look-up
+and creates no message.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -35,7 +36,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 WORLD: Final = "world"
-"""Name of the frame that is fixed."""
+"""Name of the fixed frame."""
 
 _NAMED_OBJECTS: Final = {
     int(mujoco.mjtObj.mjOBJ_BODY),
@@ -49,10 +50,10 @@ _NAMED_OBJECTS: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sampler:
-    """Takes samples of the present state."""
+    """Takes samples of the current state."""
 
     message: PackedMessage | None
-    """What a sample is taken into; None: a sample is delivered when it is ready."""
+    """The message that a sample is written to; None if samples are delivered when ready."""
     take: Callable[[], None]
     """Takes a sample."""
 
@@ -61,7 +62,7 @@ class Sampler:
 class SensorSource:
     """The sensors of one group, in the order of the config.
 
-    A group that was checked against the model has the sensors that are asked for here.
+    The group must have been checked against the model, so that its sensors exist.
     """
 
     model: mujoco.MjModel
@@ -69,41 +70,41 @@ class SensorSource:
     names: Mapping[str, str]
     """Sensor name -> MuJoCo sensor type, `joint_pos: jointpos`."""
     warn: Callable[[str], None]
-    """Called with a warning about a group that can be published."""
+    """Logs a warning about a group that can still be published."""
     rays: RayCaster | None
-    """The group's ray caster, if it has one."""
+    """The group's ray caster, if any."""
     deliver: Callable[[Any], None]
-    """Called with a message that a sampler finishes later; on any thread."""
+    """Publishes a message that a sampler finishes later; may be called on any thread."""
     on_close: Callable[[Callable[[], None]], object]
-    """Registers a function to call when the simulation is freed."""
+    """Registers a function to call when the simulation is closed."""
     is_paced: bool
     """Whether steps have deadlines; otherwise the simulation may wait for slow samples."""
     is_lockstep: bool = False
-    """Whether the simulation has to wait for them."""
+    """Whether the simulation must wait for slow samples."""
 
     def of_type(self, sensor_type: str) -> tuple[str, ...]:
         """Names of the group's sensors of one type."""
         return tuple(name for name, its_type in self.names.items() if its_type == sensor_type)
 
     def first(self, sensor_type: str) -> str | None:
-        """The first of the group's sensors of one type, None if it has none."""
+        """The group's first sensor of one type; None if there is none."""
         return next(iter(self.of_type(sensor_type)), None)
 
     def view(self, sensor: str) -> Array:
-        """MuJoCo's memory of a sensor's values, shape `(dim,)`; changes with each step."""
+        """A view of a sensor's values in MuJoCo's memory, shape `(dim,)`; each step updates it."""
         number = self.model.sensor(sensor).id
         start = int(self.model.sensor_adr[number])
         values: Array = self.data.sensordata[start : start + int(self.model.sensor_dim[number])]
         return values
 
     def addresses(self, sensor: str) -> NDArray[np.intp]:
-        """Places of a sensor's values in MuJoCo's `sensordata`."""
+        """Indices of a sensor's values in MuJoCo's `sensordata`."""
         number = self.model.sensor(sensor).id
         start = int(self.model.sensor_adr[number])
         return np.arange(start, start + int(self.model.sensor_dim[number]), dtype=np.intp)
 
     def object(self, sensor: str) -> tuple[int, int]:
-        """Type and number of the object that a sensor is attached to."""
+        """Type and id of the object that a sensor is attached to."""
         number = self.model.sensor(sensor).id
         return int(self.model.sensor_objtype[number]), int(self.model.sensor_objid[number])
 
@@ -112,7 +113,7 @@ class SensorSource:
         return self._name(*self.object(sensor))
 
     def reference(self, sensor: str) -> str:
-        """Name of the frame that a sensor's values are given in: its reference object or world."""
+        """Name of the frame of a sensor's values: its reference object or world."""
         number = self.model.sensor(sensor).id
         if int(self.model.sensor_refid[number]) < 0:
             return WORLD
@@ -132,23 +133,23 @@ class SensorKind:
 
     message_type: type[Any]
     build: Callable[[SensorSource], Sampler]
-    """Makes the sampler; raises ObeliskConfigError where the model does not allow it."""
+    """Creates the sampler; raises ObeliskConfigError if the model does not support it."""
 
 
 Copy = Callable[[], None]
 
 
 class Block(NamedTuple):
-    """Numbers that lie side by side in a message and in MuJoCo's memory, both of shape `(n,)`."""
+    """Contiguous numbers in a message and in MuJoCo's memory, both of shape `(n,)`."""
 
     numbers: NDArray[Any]
     source: Array
 
 
 def copy_blocks(blocks: Iterable[Block]) -> Copy:
-    """Copies blocks, in one call for all of them."""
+    """Return a function that copies all blocks."""
     pairs: tuple[tuple[Any, Any], ...] = tuple(blocks)
-    # Memory views take a third of the time of numpy, which also converts.
+    # Memory views take a third of the time of numpy arrays, which also convert types.
     if all(numbers.dtype == source.dtype for numbers, source in pairs):
         pairs = tuple((memoryview(numbers), memoryview(source)) for numbers, source in pairs)
 
@@ -160,34 +161,34 @@ def copy_blocks(blocks: Iterable[Block]) -> Copy:
 
 
 def copy_all(numbers: NDArray[Any], source: Array) -> Copy:
-    """Copies an array, shape `(n,)`."""
+    """Return a function that copies an array, shape `(n,)`."""
     return copy_blocks(vector_blocks(numbers, source))
 
 
 def copy_picked(numbers: NDArray[Any], source: Array, index: NDArray[np.intp]) -> Copy:
-    """Copies the elements of an array that an index, shape `(n,)`, picks."""
+    """Return a function that copies the elements at an index, shape `(n,)`."""
     if (np.diff(index) == 1).all():
         return copy_all(numbers, source[index[0] : index[-1] + 1])
 
     def copy() -> None:
-        # The indices are valid; with "clip" numpy writes without a buffer of its own.
+        # The indices are valid; with "clip", numpy needs no temporary buffer.
         source.take(index, out=numbers, mode="clip")
 
     return copy
 
 
 def vector_blocks(numbers: NDArray[Any], source: Array) -> tuple[Block]:
-    """A vector of MuJoCo's in a message."""
+    """Return the block that copies a MuJoCo vector to a message."""
     return (Block(numbers, source),)
 
 
 def quaternion_blocks(xyzw: NDArray[Any], wxyz: Array) -> tuple[Block, Block]:
-    """A quaternion of MuJoCo's in a message."""
+    """Return the blocks that copy a MuJoCo quaternion to a message."""
     return Block(xyzw[:3], wxyz[1:]), Block(xyzw[3:], wxyz[:1])
 
 
 def in_turn(copies: Iterable[Copy]) -> Copy:
-    """One call for several."""
+    """Combine several functions into one."""
     calls = tuple(copies)
     if len(calls) == 1:
         return calls[0]
@@ -200,6 +201,6 @@ def in_turn(copies: Iterable[Copy]) -> Copy:
 
 
 def set_quaternion(xyzw: NDArray[Any], wxyz: Array) -> None:
-    """Put a quaternion of MuJoCo's into the numbers of a `geometry_msgs/Quaternion`."""
+    """Write a MuJoCo quaternion to the numbers of a `geometry_msgs/Quaternion`."""
     xyzw[:3] = wxyz[1:]
     xyzw[3] = wxyz[0]

@@ -1,12 +1,13 @@
 """Poses and odometry: `ObkFramePose`, `geometry_msgs/PoseStamped`, `nav_msgs/Odometry`.
 
-In: one `framepos` and one `framequat` of one object; for odometry `velocimeter` and `gyro` too. The
-pose is given in `header.frame_id`, the reference object of the position or `world`. An orientation
-that the model gives in another frame is passed on as it is, with a warning at configure.
+The inputs are one `framepos` and one `framequat` of the same object; odometry also needs
+`velocimeter` and `gyro`. The pose is given in `header.frame_id`, which is the reference object of
+the position, or `world`. If the model gives the orientation in another frame, it is published
+unchanged, with a warning at configure.
 
-The twist of an odometry is given in `child_frame_id`, the object. Velocimeter and gyro may sit at
-other sites of the object's body: their measurements are transformed to the object. Covariances are
-0, which means unknown.
+The twist of an odometry message is given in `child_frame_id`, the object. Velocimeter and gyro may
+be at other sites of the object's body; their measurements are transformed to the object.
+Covariances are 0, which means unknown.
 
 Source: nav_msgs/Odometry.msg.
 """
@@ -44,13 +45,13 @@ ObkFramePose: Any = optional_message("ObkFramePose")
 
 
 def pose_reference(source: SensorSource, position: str, orientation: str) -> str:
-    """The frame that a pose is given in: the position's; warns where the orientation's differs."""
+    """Return the frame of a pose, which is the position's; warn if the orientation's differs."""
     of_position, of_orientation = source.reference(position), source.reference(orientation)
     if of_position != of_orientation:
         source.warn(
-            f"the sensor `{position}` is given in the frame `{of_position}` and `{orientation}` in "
-            f"`{of_orientation}`; the message has `{of_position}`. One `reftype` and "
-            "`refname` for both in the model would make it a pose"
+            f"the sensor `{position}` is given in the frame `{of_position}`, but `{orientation}` "
+            f"in `{of_orientation}`; the message uses `{of_position}`. Set the same `reftype` and "
+            "`refname` for both in the model"
         )
     return of_position
 
@@ -68,7 +69,7 @@ def _sensors(source: SensorSource) -> tuple[str, str]:
 
 
 def _sampler(source: SensorSource, message: Any, place: str) -> Sampler:
-    """Takes the pose into the fields `position` and `orientation` behind `place`."""
+    """Sample the pose into the fields `position` and `orientation` under `place`."""
     position, orientation = _sensors(source)
     message.header.frame_id = pose_reference(source, position, orientation)
     packed = PackedMessage(message)
@@ -80,7 +81,7 @@ def _sampler(source: SensorSource, message: Any, place: str) -> Sampler:
 
 
 FRAME_POSE = SensorKind(message_type=ObkFramePose, build=_build_obk)
-"""obelisk_sensor_msgs/ObkFramePose; `frame_name` is the object whose pose it is."""
+"""obelisk_sensor_msgs/ObkFramePose; `frame_name` is the object that has the pose."""
 
 POSE_STAMPED = SensorKind(message_type=PoseStamped, build=_build_stamped)
 """geometry_msgs/PoseStamped."""
@@ -88,25 +89,25 @@ POSE_STAMPED = SensorKind(message_type=PoseStamped, build=_build_stamped)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Mount:
-    """Where something sits on its body."""
+    """The pose of an object on its body."""
 
     body: int
     position: Array
     """In the body's frame [m], shape `(3,)`."""
     rotation: Array
-    """From its own frame to the body's, shape `(3, 3)`."""
+    """From the object's frame to the body's, shape `(3, 3)`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Twist:
-    """Velocities of the object in its own frame, from those at the sensors; constant matrices."""
+    """Constant matrices from velocities at the sensors to those of the object, in its own frame."""
 
     linear: Array | None
-    """Velocimeter -> linear velocity, shape `(3, 3)`; None: the identity."""
+    """Velocimeter -> linear velocity, shape `(3, 3)`; None for the identity."""
     lever: Array | None
-    """Gyro -> linear velocity, shape `(3, 3)`; None where velocimeter and object coincide."""
+    """Gyro -> linear velocity, shape `(3, 3)`; None if velocimeter and object coincide."""
     angular: Array | None
-    """Gyro -> angular velocity, shape `(3, 3)`; None: the identity."""
+    """Gyro -> angular velocity, shape `(3, 3)`; None for the identity."""
 
 
 def _build_odometry(source: SensorSource) -> Sampler:
@@ -174,8 +175,8 @@ def _twist(
         lever = -_cross_matrix(arm) @ angular
     elif speed is not None and not np.allclose(target.position, speed.position):
         source.warn(
-            f"the sensor `{velocimeter}` is not where the pose of `{source.frame(pose)}` is, and "
-            "without a `gyro` on that body the linear velocity is that at the sensor"
+            f"the sensor `{velocimeter}` is not at the pose of `{source.frame(pose)}`. Without "
+            "a `gyro` on that body, the linear velocity is that at the sensor"
         )
     return _Twist(
         linear=_unless(linear, np.eye(3)),
@@ -185,7 +186,7 @@ def _twist(
 
 
 def _mount_on(source: SensorSource, target: _Mount, sensor: str | None, pose: str) -> _Mount | None:
-    """Where a sensor sits on the target's body; None, with a warning, if it is on another."""
+    """Return the mount of a sensor on the target's body; warn and return None if on another."""
     if sensor is None:
         return None
     mount = _mount(source, sensor)
@@ -193,7 +194,7 @@ def _mount_on(source: SensorSource, target: _Mount, sensor: str | None, pose: st
         return mount
     source.warn(
         f"the sensor `{sensor}` and the pose of `{source.frame(pose)}` are on different bodies; "
-        "its values are passed on as they are"
+        "its values are published unchanged"
     )
     return None
 
@@ -218,12 +219,12 @@ def _mount(source: SensorSource, sensor: str) -> _Mount:
 
 
 def _cross_matrix(a: Array) -> Array:
-    """The matrix of `a x`."""
+    """Return the matrix of the cross product `a x`."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def _unless(matrix: Array, trivial: Array) -> Array | None:
-    """None for a matrix that changes nothing, so that numbers pass through untouched."""
+    """Return None for a matrix that changes nothing, so that numbers are copied unchanged."""
     return None if np.allclose(matrix, trivial, atol=1e-12) else matrix
 
 

@@ -1,10 +1,10 @@
 """Ray casters: `ObkScan`, `PointCloud2`, `DepthImage`.
 
-In: the group's ray caster. A ray without a hit is NaN; a cloud leaves it out unless the config
-keeps it. `header.frame_id` is the `frame` of the config, which is only a label: the points of a
-cloud are given in the frame of the site, unless the config asks for those of `frame`.
+The input is the group's ray caster. A ray without a hit is NaN; a cloud omits it unless the config
+keeps misses. `header.frame_id` is the config's `frame`, which is only a label: the points of a
+cloud are given in the frame of the site, unless the config selects `frame`.
 
-Source: sensor_msgs/PointCloud2.msg; REP 118 (a depth image holds distances along the axis).
+Source: sensor_msgs/PointCloud2.msg; REP 118 (a depth image contains distances along the axis).
 """
 
 import sys
@@ -35,10 +35,10 @@ __all__ = [
 ObkScan: Any = optional_message("ObkScan")
 _FLOAT_BYTES: Final = 4
 POINT_FIELDS: Final = ("x", "y", "z", "intensity")
-"""Of a point of a cloud, each a 32-bit number."""
+"""Fields of a point in a cloud, each a 32-bit float."""
 _POINT_BYTES: Final = len(POINT_FIELDS) * _FLOAT_BYTES
 _INTENSITY: Final = 1.0
-"""Of every point: a model of MuJoCo has no reflectivity."""
+"""Intensity of every point, because MuJoCo models have no reflectivity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,15 +46,15 @@ class Frame:
     """A frame that moves with the simulation."""
 
     position: Array
-    """In the world [m], shape `(3,)`."""
+    """Position in the world [m], shape `(3,)`."""
     rotation: Array
-    """From the frame to the world, shape `(3, 3)`."""
+    """Rotation from the frame to the world, shape `(3, 3)`."""
 
 
 def find_frame(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Frame | None:
-    """The site, body, geom or camera of a name, the first that there is; None for the world.
+    """Return the first site, body, geom or camera with this name; None for the world.
 
-    The model must have one of them; `obelisk_spec` checks that.
+    The model must have one of them; `obelisk_spec` checks this.
     """
     if name == WORLD:
         return None
@@ -90,10 +90,10 @@ def _build_scan(source: SensorSource) -> Sampler:
 
 
 class CloudMessage(PackedMessage):
-    """A `PointCloud2` of hits, whose number changes from sample to sample."""
+    """A `PointCloud2` of hits; their number changes from sample to sample."""
 
     def __init__(self, message: PointCloud2) -> None:
-        """Take an unorganised cloud with room for every ray."""
+        """Pack an unorganized cloud with space for every ray."""
         super().__init__(message)
         self._width = self.numbers("width")
         self._row_step = self.numbers("row_step")
@@ -104,7 +104,7 @@ class CloudMessage(PackedMessage):
         self._row_step[:] = count * _POINT_BYTES
 
     def to_bytes(self, stamp_ns: int) -> bytes:
-        """The message as it is now, without the room that is left."""
+        """Return the current bytes, without the unused space."""
         return self.to_bytes_with(stamp_ns, "data", int(self._row_step[0]))
 
 
@@ -141,7 +141,7 @@ def _build_cloud(source: SensorSource) -> Sampler:
         if isinstance(packed, CloudMessage):
             in_frame = in_frame[np.isfinite(scan.distances)]
             packed.set_count(len(in_frame))
-            places[len(in_frame) :] = 0.0  # or noise would add up there from sample to sample
+            places[len(in_frame) :] = 0.0  # otherwise noise would accumulate there
         np.copyto(places[: len(in_frame)], in_frame, casting="same_kind")
 
     return Sampler(message=packed, take=take)
@@ -162,7 +162,7 @@ def _build_image(source: SensorSource) -> Sampler:
     packed = PackedMessage(message)
     numbers = packed.numbers("data").view(np.float32)
     is_camera = isinstance(settings.pattern, DepthCamera)
-    # Of a unit vector, the x component is the part of a distance that lies along the axis.
+    # The x component of a unit vector is the fraction of a distance along the axis.
     along_axis = scan.rays.directions[:, 0] if is_camera else np.ones(len(numbers))
 
     def take() -> None:
@@ -176,16 +176,16 @@ def _scan(source: SensorSource) -> tuple[RayCaster, Scan]:
     settings = source.rays
     if settings is None:
         raise ObeliskConfigError(
-            "a sensor group that casts rays has neither `scan_config` nor `config_path`"
+            "a sensor group with rays has neither `scan_config` nor `config_path`"
         )
     return settings, make_caster(source.model, source.data, settings)
 
 
 OBK_SCAN = SensorKind(message_type=ObkScan, build=_build_scan)
-"""obelisk_sensor_msgs/ObkScan: heights of a height scan's hits, a lidar's distances."""
+"""obelisk_sensor_msgs/ObkScan: heights of a height scan's hits, or a lidar's distances."""
 
 POINT_CLOUD = SensorKind(message_type=PointCloud2, build=_build_cloud)
 """sensor_msgs/PointCloud2: x, y, z, intensity of the hits, in the order of the rays."""
 
 DEPTH_IMAGE = SensorKind(message_type=Image, build=_build_image)
-"""sensor_msgs/Image 32FC1: a depth camera's distances along its axis, a lidar's along its rays."""
+"""sensor_msgs/Image 32FC1: a depth camera's distances along its axis, or along a lidar's rays."""

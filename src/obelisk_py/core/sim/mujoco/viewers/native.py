@@ -1,6 +1,6 @@
-"""MuJoCo's own window: its passive viewer, which follows the states.
+"""Show MuJoCo's own window: its passive viewer, which follows the states.
 
-In: only the states; it needs a display. Closing the window ends the viewer, not the simulation.
+It needs a display. Closing the window ends the viewer, not the simulation.
 
 Source: https://mujoco.readthedocs.io/en/stable/python.html#passive-viewer
 """
@@ -20,17 +20,17 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Notify, States
 __all__ = ["run"]
 
 _PERIOD_S: Final = 1 / 60
-"""Time between two states in the window [s]."""
+"""Time between two updates of the window [s]."""
 _CLOSE_S: Final = 2.0
 """Timeout for the window to close [s]."""
-_FIX: Final = "`web` (a page in the browser) needs none"
+_FIX: Final = "the viewer `web` (a page in the browser) needs none"
 
 
 def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:
-    """Show the window until the last state or until it is closed.
+    """Show the window until the last state, or until the user closes it.
 
     Raises:
-        ObeliskConfigError: there is no display.
+        ObeliskConfigError: no display is available.
     """
     _check_display()
     with mujoco.viewer.launch_passive(
@@ -44,7 +44,7 @@ def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:
                 states.take_newest(0.0)
             window.sync()
             time.sleep(max(0.0, due_s - time.monotonic()))
-    # Ending the process while the window's thread still draws would crash it.
+    # Ending the process while the window's thread is still rendering would crash it.
     for thread in threading.enumerate():
         if thread is not threading.current_thread():
             thread.join(_CLOSE_S)
@@ -59,7 +59,7 @@ def _check_display() -> None:
             "the native viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
             f"{_FIX}"
         )
-    # The viewer would end the process with a word of its own.
+    # Otherwise the viewer would end the process with its own message.
     glfw = mujoco.viewer.glfw
     with warnings.catch_warnings(record=True):
         if not glfw.init():

@@ -1,8 +1,8 @@
 """Start and stop viewer processes, and send them the robot's states.
 
-In: the node's parameters, the model. Out: an output per viewer for the stepping thread, and the
-messages of the process for the user. The simulation goes on whatever happens to the process, which
-ends when the link to the robot is closed, however the robot ended.
+The stepping thread has one output per viewer. Messages of a viewer process are passed to the user.
+The simulation continues regardless of the viewer. The viewer ends when the link to the robot is
+closed, even if the robot crashed.
 """
 
 import mmap
@@ -34,11 +34,11 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
 __all__ = ["PARAMETERS", "ViewerProcess", "ViewerRequest", "requested_viewers", "viewer_outputs"]
 
 PROGRAM: Final = "obelisk_py.core.sim.mujoco.viewers.program"
-_LOSS: Final = "the simulation goes on without it, and brings it back when it is configured again"
+_LOSS: Final = "the simulation continues without it; the next configure starts it again"
 _ROOM: Final = 1 << 22
-"""For states on their way [bytes]; the kernel gives what it allows."""
+"""Requested buffer for states that were sent but not received [bytes]; the kernel may limit it."""
 PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType({"viewer": "none", "viewer_port": 0})
-"""ROS parameter -> its default, whose type it keeps."""
+"""ROS parameter -> its default, which sets its type."""
 VIEWERS: Final = ("none", "native", "web")
 _HIGHEST_PORT: Final = 65535
 
@@ -57,15 +57,15 @@ class ViewerProcess:
         end_s: float | None = None,
         loss: str = _LOSS,
     ) -> None:
-        """Start it; `notify` gets later what it draws, or why it cannot.
+        """Start the process; `notify` later reports what it shows, or why it cannot.
 
         Args:
             kind: a key of `program.VIEWER_KINDS`.
-            arguments: of that kind.
-            model: handed to the process as it is now.
-            data: its state, that `states` sends.
-            notify: called with messages of the process and how it ended, on its own thread.
-            end_s: timeout to finish its work at the end [s]; None: it has none to finish.
+            arguments: arguments of this kind.
+            model: passed to the process in its current form.
+            data: the model's state, which `states` sends.
+            notify: called with messages of the process and its end, on a separate thread.
+            end_s: timeout to finish its work at the end [s]; None if it has nothing to finish.
             loss: consequence for the user if it ends by itself.
         """
         self._kind = kind
@@ -78,27 +78,27 @@ class ViewerProcess:
         with theirs, _saved(model) as model_fd:
             inherited = (theirs.fileno(), model_fd)
             self._process = subprocess.Popen(
-                # -P: what lies in the working folder is no library.
+                # -P keeps files in the working directory from being imported.
                 [sys.executable, "-P", "-m", PROGRAM, kind, *map(str, inherited), *arguments],
                 pass_fds=inherited,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                # Signals for the robot's group are not for it. A session of its own would be
-                # more than that: the kernel weighs niceness within a session (autogroups).
+                # Keeps signals for the robot's process group away. A separate session would go too
+                # far: the kernel applies niceness only within a session (autogroups).
                 process_group=0,
             )
         self.states = StateSender(model, data, self._link, notify)
-        """For the stepping thread."""
+        """Sends states; for the stepping thread."""
         self._listener = threading.Thread(target=self._listen, name=f"{kind} viewer", daemon=True)
         self._listener.start()
 
     @property
     def pid(self) -> int:
-        """The number of the process."""
+        """Process id."""
         return self._process.pid
 
     def close(self) -> None:
-        """End it: once it has finished where it has something to finish, else at once."""
+        """End the process: after its work if it has something to finish, otherwise immediately."""
         if self._is_closing:
             return
         self._is_closing = True
@@ -124,13 +124,12 @@ class ViewerProcess:
 
 @contextmanager
 def _saved(model: mujoco.MjModel) -> Iterator[int]:
-    """A file without a name that holds a model; its descriptor."""
+    """Write a model to an anonymous file, and yield its descriptor."""
     descriptor = os.memfd_create("model")
     try:
         size = mujoco.mj_sizeModel(model)
         os.ftruncate(descriptor, size)
-        # Written in place: MuJoCo's own buffer for a file tears holes into the robot's heap, round
-        # after round.
+        # Written in place: MuJoCo's own buffer for a file fragments the robot's heap each time.
         with mmap.mmap(descriptor, size) as memory:
             mujoco.mj_saveModel(model, None, np.frombuffer(memory, np.uint8))
         yield descriptor
@@ -152,10 +151,10 @@ class ViewerRequest:
 
 
 def requested_viewers(parameter: Callable[[str], Any]) -> tuple[ViewerRequest, ...]:
-    """The viewers that a node's parameters request.
+    """Return the viewers that a node's parameters request.
 
     Args:
-        parameter: gives the value of one of `PARAMETERS`.
+        parameter: returns the value of one of `PARAMETERS`.
 
     Raises:
         ObeliskConfigError: a value is invalid.
@@ -171,14 +170,14 @@ def viewer_outputs(
     notify: Notify,
     on_close: Callable[[Callable[[], None]], object],
 ) -> tuple[TimedOutput, ...]:
-    """Start viewers; return the outputs that send them states.
+    """Start viewers, and return the outputs that send them states.
 
     Args:
-        simulation: what they look at.
-        requests: which viewers.
-        steps_per_view: how many steps lie between two states.
-        notify: called with their messages, on their own threads.
-        on_close: takes what has to be called when the simulation is freed.
+        simulation: the simulation to show.
+        requests: the viewers to start.
+        steps_per_view: number of steps between two states.
+        notify: called with the viewers' messages, on separate threads.
+        on_close: registers functions to call when the simulation is closed.
     """
     outputs = []
     for request in requests:
@@ -199,7 +198,7 @@ def _output(viewer: ViewerProcess, steps_per_view: int) -> TimedOutput:
     return TimedOutput(
         times=SampleTimes(period_s=float(steps_per_view), step_s=1.0),
         publish=publish,
-        # The start of a run is seen too.
+        # Shows the initial state of a run too.
         restart=send,
     )
 
@@ -212,7 +211,7 @@ def _viewer(parameter: Callable[[str], Any]) -> list[ViewerRequest]:
         )
     if not 0 <= port <= _HIGHEST_PORT:
         raise ObeliskConfigError(
-            f"the parameter `viewer_port` is {port}; expected a port from 1 to {_HIGHEST_PORT}, "
+            f"the parameter `viewer_port` is {port}, expected a port from 1 to {_HIGHEST_PORT}, "
             "or 0 for a free one"
         )
     if viewer == "none":

@@ -1,7 +1,7 @@
-"""Main program of a viewer process: `python -m ...program KIND LINK MODEL [ARGUMENT...]`.
+"""Run a viewer process: `python -m ...program KIND LINK MODEL [ARGUMENT...]`.
 
-In: the descriptors of the link and of the saved model. Out: an exit code; messages for the user go
-over the link. Ends when the `run` of the kind returns, which it does once the states are over.
+LINK and MODEL are descriptors of the link and of the saved model. Messages for the user are sent
+over the link. The process ends when the `run` function of the kind returns, after the last state.
 """
 
 import importlib
@@ -32,16 +32,16 @@ _HERE: Final = "obelisk_py.core.sim.mujoco.viewers"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewerKind:
-    """Where a kind of viewer is found; loaded in its process only."""
+    """How to load a kind of viewer; only its own process imports the module."""
 
     module: str
-    """The module whose `run` it is."""
+    """Module with the `run` function."""
     extra: str
-    """The extra of the distribution that brings the libraries it needs."""
-    loss: str = "the simulation goes on without it"
-    """What follows if it cannot run."""
+    """Extra of the distribution that installs the required libraries."""
+    loss: str = "the simulation continues without it"
+    """Consequence for the user if it cannot run."""
     is_awaited: bool = False
-    """Whether the robot waits for it before it steps; makes way for it itself, after that."""
+    """Whether the robot waits for it before the first step; it then lowers its own priority."""
 
 
 VIEWER_KINDS: Final[Mapping[str, ViewerKind]] = MappingProxyType(
@@ -59,26 +59,26 @@ VIEWER_KINDS: Final[Mapping[str, ViewerKind]] = MappingProxyType(
 
 
 class ViewerModule(Protocol):
-    """What the module of a kind has."""
+    """The interface of a viewer's module."""
 
     def run(self, states: States, notify: Notify, arguments: Sequence[str]) -> None:
-        """Look at a simulation until its states are over.
+        """Show a simulation until its states are over.
 
         Args:
-            states: the model and its states as they come.
-            notify: reports a message to the user.
-            arguments: as given to `processes.ViewerProcess`.
+            states: the model, and its states as they arrive.
+            notify: sends a message to the user.
+            arguments: as passed to `processes.ViewerProcess`.
 
         Raises:
-            ObeliskError: it cannot; the message has the reason and a fix.
+            ObeliskError: the viewer cannot run; the message has the reason and a fix.
         """
 
 
 def run_viewer(kind: str, link_fd: int, model_fd: int, arguments: Sequence[str]) -> int:
-    """Run a viewer; return the exit code of the process."""
+    """Run a viewer, and return the exit code of the process."""
     if not VIEWER_KINDS[kind].is_awaited:
         os.nice(NICENESS)
-    # MuJoCo would write its warnings into a file in the working directory.
+    # By default, MuJoCo writes its warnings to a file in the working directory.
     mujoco.set_mju_user_warning(_drop)
     with socket.socket(fileno=link_fd) as link:
 
@@ -93,7 +93,7 @@ def run_viewer(kind: str, link_fd: int, model_fd: int, arguments: Sequence[str])
             notify("warning", f"{error}; {VIEWER_KINDS[kind].loss}")
             return EXIT_REPORTED
         except (BrokenPipeError, ConnectionResetError):
-            # The robot process has ended, so nothing receives a report.
+            # The robot process has ended, so nothing would receive a report.
             return EXIT_REPORTED
     return 0
 
@@ -110,11 +110,11 @@ def _module(kind: str) -> ViewerModule:
 
 
 def _drop(_text: str) -> None:
-    """Ignore a warning of MuJoCo."""
+    """Ignore a MuJoCo warning."""
 
 
 def main() -> int:
-    """Run the viewer that the robot started."""
+    """Run a viewer with the arguments of the command line."""
     kind, link_fd, model_fd, *arguments = sys.argv[1:]
     return run_viewer(kind, int(link_fd), int(model_fd), arguments)
 

@@ -1,8 +1,8 @@
-"""Record a video of a run: start the process that draws it, and report its status.
+"""Record a video of a run: start the process that renders it, and report its status.
 
-Takes the node's parameters and the model; returns an output that sends a state for each frame, and
-publishes the status of the video on `/diagnostics`. If the video cannot be recorded, configure
-fails. If recording fails later, that is reported and the simulation continues.
+An output sends a state for each frame. The status of the video is published on `/diagnostics`. If
+the video cannot be started, configure fails. If recording fails later, the failure is reported and
+the simulation continues.
 """
 
 import json
@@ -42,24 +42,24 @@ __all__ = ["VIDEO_PARAMETERS", "VideoDiagnostics", "requested_video", "video_job
 VIDEO_PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType(
     {"render": "", "render_camera": "", "render_size": "", "render_fps": 0}
 )
-"""ROS parameter -> its default, whose type it keeps."""
+"""ROS parameter -> its default, which sets its type."""
 ReportVideo = Callable[[VideoStatus], None]
 _LOSS: Final = "no video is saved"
 _OPEN_S: Final = 30.0
 """Timeout for OpenGL to open [s]."""
 _END_S: Final = 2.5
-"""Timeout for the last picture and the end of the file [s]; a node has 3 s for each transition of
-a shutdown."""
+"""Timeout for the last picture and the end of the file [s]; during shutdown, a node has 3 s for
+each transition."""
 _DEPTH: Final = 10
 _SENT_S: Final = 0.1
 """Timeout for the last status to reach its subscribers [s]."""
 
 
 def requested_video(parameter: Callable[[str], Any]) -> VideoSettings | None:
-    """The video that a node's parameters request; None if they request none.
+    """Return the video that a node's parameters request; None if they request none.
 
     Args:
-        parameter: gives the value of one of `VIDEO_PARAMETERS`.
+        parameter: returns the value of one of `VIDEO_PARAMETERS`.
 
     Raises:
         ObeliskConfigError: a parameter is invalid.
@@ -80,16 +80,16 @@ def video_outputs(
     report: ReportVideo,
     on_close: Callable[[Callable[[], None]], object],
 ) -> tuple[TimedOutput, ...]:
-    """Start a video; return the output that sends it the states.
+    """Start a video, and return the output that sends it the states.
 
     Args:
         simulation: the simulation to record.
-        settings: the video; None: no video.
+        settings: the video; None for no video.
         report: called with each change of its status, on several threads.
-        on_close: takes what has to be called when the simulation is freed.
+        on_close: registers functions to call when the simulation is closed.
 
     Raises:
-        ObeliskConfigError: the camera does not exist, or nothing can be drawn.
+        ObeliskConfigError: the camera does not exist, or rendering fails.
     """
     if settings is None:
         return ()
@@ -106,7 +106,7 @@ def video_outputs(
 
 
 def video_job(model: mujoco.MjModel, settings: VideoSettings) -> VideoJob:
-    """The arguments of the process that draws a video of a model.
+    """Compute the arguments of the process that renders a video of a model.
 
     Raises:
         ObeliskConfigError: the camera does not exist, or its pictures have an unsupported size.
@@ -143,12 +143,12 @@ class VideoDiagnostics:
     """Publishes the status of a node's video on `/diagnostics`; the launcher subscribes to it."""
 
     def __init__(self, node: Node) -> None:
-        """Create the publisher; a life-cycle publisher sends nothing at configure and cleanup."""
+        """Create the publisher; a lifecycle publisher sends nothing at configure and cleanup."""
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH)
 
     def publish(self, video: VideoStatus) -> None:
-        """Publish a status; may be called on any thread."""
+        """Publish a status; thread-safe."""
         name = self._node.get_fully_qualified_name()
         status = DiagnosticStatus(
             level=DiagnosticStatus.ERROR if video.state == "failed" else DiagnosticStatus.OK,
@@ -162,7 +162,7 @@ class VideoDiagnostics:
         self._publisher.publish(message)
 
     def close(self) -> None:
-        """Remove the publisher once the last status has been sent."""
+        """Destroy the publisher after the last status was sent."""
         self._publisher.wait_for_all_acked(Duration(seconds=_SENT_S))
         self._node.destroy_publisher(self._publisher)
 
@@ -171,10 +171,10 @@ class _Video:
     """The process that records a video."""
 
     def __init__(self, job: VideoJob, simulation: Simulation, report: ReportVideo) -> None:
-        """Start it, and wait until it has drawn its first image.
+        """Start the process, and wait until it has rendered the first picture.
 
         Raises:
-            ObeliskConfigError: it cannot draw; the message is that of the process.
+            ObeliskConfigError: it cannot render; the message comes from the process.
         """
         self._report = report
         self._path = job.path
@@ -196,7 +196,7 @@ class _Video:
         try:
             severity, text = self._first.result(_OPEN_S)
         except TimeoutError:
-            severity, text = "warning", f"the video has not started after {_OPEN_S:g} s"
+            severity, text = "warning", f"the video did not start within {_OPEN_S:g} s"
         if severity == "warning":
             self._viewer.close()
             raise ObeliskConfigError(text)
@@ -210,7 +210,7 @@ class _Video:
             self._fail("the video was not finished")
 
     def _on_message(self, severity: Severity, text: str) -> None:
-        """The first message reports whether the video has started, the last one how it ended."""
+        """Handle a message: the first one reports the start of the video, the last one its end."""
         if not self._first.done():
             self._first.set_result((severity, text))
         elif severity == "warning":

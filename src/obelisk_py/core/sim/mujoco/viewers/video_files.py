@@ -1,9 +1,9 @@
-"""Write images with frame numbers to a video file: `.mp4`, `.gif` or `.png`.
+"""Write pictures with frame numbers to a video file: `.mp4`, `.gif` or `.png`.
 
-An image is shown until the next one comes, so frames that were not drawn cost nothing and the
-timing stays right. Memory does not grow with the length of the video. A file appears whole or not
-at all, even if the process is killed: it has no name until it is finished, or a hidden name if the
-file system knows no files without one. An existing file is never replaced.
+Each picture is shown until the next one, so dropped frames take no space and the timing stays
+correct. Memory use does not grow with the length of the video. A file appears only when it is
+complete, even if the process is killed: until then it has no name, or a hidden name if the file
+system does not support unnamed files. An existing file is never replaced.
 
 Source: open(2), O_TMPFILE.
 """
@@ -38,29 +38,29 @@ __all__ = [
 _GIF_TICKS_HZ: Final = 100
 _LONGEST_TICKS: Final = (1 << 16) - 1
 _UNKNOWN: Final = (errno.EOPNOTSUPP, errno.EISDIR)
-"""Errors of file systems that do not support files without a name."""
+"""Errors of file systems that do not support unnamed files."""
 
 
 class VideoFile(Protocol):
     """A video that is being written."""
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
-        """Have a picture seen from a frame on.
+        """Show a picture from a frame on.
 
         Args:
-            picture: shape (height, width, 3), red, green, blue, the upper row first.
-            number: of the frame, from 0; each time a higher one.
+            picture: shape (height, width, 3), in the order red, green, blue, top row first.
+            number: number of the frame, from 0; higher than in the previous call.
         """
 
     def end(self) -> None:
-        """Write what is missing; the last picture is seen for one frame."""
+        """Write the remaining data; the last picture is shown for one frame."""
 
 
 class Mp4File:
     """H.264 in MP4, for browsers, slides and editors alike (yuv420p)."""
 
     def __init__(self, file: IO[bytes], size: tuple[int, int], rate_hz: int) -> None:
-        """Begin a video; width and height are even."""
+        """Start a video; width and height must be even."""
         self._file = av.open(file, "w", format="mp4")
         self._stream = self._file.add_stream(
             "libx264", rate_hz, options={"preset": "veryfast", "crf": "20"}
@@ -69,18 +69,18 @@ class Mp4File:
         self._stream.pix_fmt = "yuv420p"
         context = self._stream.codec_context
         context.time_base = Fraction(1, rate_hz)
-        # A picture before its turn would confuse the length of a video with gaps.
+        # Reordered pictures would yield a wrong duration for a video with gaps.
         context.max_b_frames = 0
-        # What is drawn is encoded where it was drawn, beside nothing else.
+        # Encode on the rendering thread only.
         context.thread_count = 1
-        # Players guess from the size what is not written down.
+        # Players guess unspecified values from the size.
         context.colorspace = Colorspace.ITU709
         context.color_primaries = ColorPrimaries.BT709
         context.color_trc = ColorTrc.BT709
         context.color_range = ColorRange.MPEG
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
-        """Have a picture seen from a frame on."""
+        """Show a picture from a frame on."""
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24").reformat(
             format="yuv420p",
             dst_colorspace=Colorspace.ITU709,
@@ -91,26 +91,26 @@ class Mp4File:
         self._file.mux(self._stream.encode(frame))
 
     def end(self) -> None:
-        """Write what the encoder holds, and the index."""
+        """Write the encoder's remaining data, and the index."""
         self._file.mux(self._stream.encode(None))
         self._file.close()
 
 
 class GifFile:
-    """GIF with a palette for each picture, of which only what has changed is written."""
+    """GIF with a palette per picture; only the changed part of each picture is written."""
 
     def __init__(self, file: IO[bytes], _size: tuple[int, int], rate_hz: int) -> None:
-        """Begin a video."""
+        """Start a video."""
         self._file = file
         self._rate_hz = rate_hz
         self._shown: Image.Image | None = None
-        """What is seen by now."""
+        """The picture at the newest frame."""
         self._waiting: tuple[Image.Image, tuple[int, int], int] | None = None
-        """Not written yet, for how long it is seen is not known: part, its corner, frame."""
+        """Part, corner and frame of a picture that is not written yet (duration unknown)."""
         self._last = -1
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
-        """Have a picture seen from a frame on."""
+        """Show a picture from a frame on."""
         image = Image.fromarray(np.ascontiguousarray(picture))
         changed: tuple[int, int, int, int] | None = (0, 0, *image.size)
         if self._shown is not None:
@@ -120,7 +120,7 @@ class GifFile:
         if changed is None:
             return
         self._write(number)
-        # The other methods lose the colour of a small thing before a large ground.
+        # The other methods lose the color of a small object on a large background.
         part = image.crop(changed).quantize(method=Image.Quantize.FASTOCTREE)
         self._waiting = part, changed[:2], number
 
@@ -130,14 +130,14 @@ class GifFile:
         self._file.write(b";")
 
     def _write(self, until: int) -> None:
-        """Write what waits, seen until a frame."""
+        """Write the waiting picture, which is shown until frame `until`."""
         if self._waiting is None:
             return
         part, corner, number = self._waiting
         if self._file.tell() == 0:
             header, _ = getheader(part.copy(), info={"loop": 0})
             self._file.writelines(header)
-        # Each time is rounded by itself, so that the errors do not add up.
+        # Each time is rounded separately, so that errors do not add up.
         ticks = self._ticks(until) - self._ticks(number)
         self._file.writelines(
             getdata(
@@ -150,20 +150,20 @@ class GifFile:
         )
 
     def _ticks(self, number: int) -> int:
-        """When a frame begins [1/100 s]."""
+        """Return the start time of a frame [1/100 s]."""
         return round(number * _GIF_TICKS_HZ / self._rate_hz)
 
 
 class PngFile:
-    """The last picture of all."""
+    """A PNG of the last picture."""
 
     def __init__(self, file: IO[bytes], _size: tuple[int, int], _rate_hz: int) -> None:
-        """Begin a video of one picture."""
+        """Start with no picture."""
         self._file = file
         self._last: Image.Image | None = None
 
     def show(self, picture: NDArray[np.uint8], _number: int) -> None:
-        """Take a picture in the place of the one before it."""
+        """Replace the previous picture."""
         self._last = Image.fromarray(np.ascontiguousarray(picture))
 
     def end(self) -> None:
@@ -179,7 +179,7 @@ VIDEO_FILES: Final[Mapping[str, Callable[[IO[bytes], tuple[int, int], int], Vide
 
 
 def free_name(path: Path) -> Path:
-    """`path`, or where that is taken `name-2.mp4`, `name-3.mp4`, ..."""
+    """Return `path`, or if it exists, `name-2.mp4`, `name-3.mp4`, ..."""
     number, name = 1, path
     while os.path.lexists(name):
         number += 1
@@ -188,26 +188,26 @@ def free_name(path: Path) -> Path:
 
 
 class UnfinishedFile:
-    """A file on its way; `finish` gives it its name."""
+    """A file without its final name, which `finish` sets."""
 
     def __init__(self, file: IO[bytes], name: Path | None) -> None:
         self.file = file
-        """To be written to."""
+        """The file to write to."""
         self._name = name
 
     def finish(self, path: Path) -> Path:
-        """Put the file at `path`, or beside a file that is there.
+        """Move the file to `path`, or to a free name if this exists.
 
         Returns:
-            Where it is.
+            The final path.
 
         Raises:
-            OSError: it does not get there.
+            OSError: the file cannot be moved there.
         """
         self.file.flush()
         while True:
             free = free_name(path)
-            with suppress(FileExistsError):  # made in this moment
+            with suppress(FileExistsError):  # created in the meantime
                 self._link(free)
                 return free
 
@@ -216,16 +216,16 @@ class UnfinishedFile:
             self._name.rename(path)
             return
         file_fd = self.file.fileno()
-        # Only with a descriptor beside it does Python follow the link that /proc has.
+        # Python follows the link in /proc only if a descriptor argument is given.
         os.link(f"/proc/self/fd/{file_fd}", path, src_dir_fd=file_fd)
 
 
 @contextmanager
 def unfinished(folder: Path) -> Iterator[UnfinishedFile]:
-    """A file that will be in `folder`; removed at the end unless it was finished.
+    """Open a file that `finish` moves to `folder`; removed at the end unless finished.
 
     Raises:
-        OSError: none can be made there.
+        OSError: the file cannot be created.
     """
     name = None
     try:

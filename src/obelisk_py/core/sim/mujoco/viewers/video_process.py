@@ -1,11 +1,11 @@
-"""Draw a video in a process of its own: receive states, and write one file at the end.
+"""Render a video in a separate process: receive states, and write one file at the end.
 
-Simulation time is video time. A frame that could not be drawn in time is left out: the one before
-it is shown longer, so the video plays at the simulation's speed, and dropped frames are counted.
+Video time is simulation time. A frame that cannot be rendered in time is dropped: the previous one
+is shown longer, so the video plays at the correct speed, and dropped frames are counted.
 
-One thread draws, another one ends the video. The thread that draws is niced below the robot, so on
-a busy machine it may stand in the middle of an image for seconds. The end does not wait for it: the
-last image is shown until the time of the last state.
+One thread renders, another one ends the video. The rendering thread has a lower priority than the
+robot, so on a busy machine a single picture may take seconds. The end does not wait for it: the
+last picture is shown until the time of the last state.
 """
 
 import json
@@ -37,41 +37,41 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_messages import NICENESS, Notify,
 __all__ = ["FrameCounter", "VideoRecording", "run"]
 
 _TOLERANCE: Final = 1e-6
-"""Of a frame: time as a sum of steps may be a hair below it."""
+"""Fraction of a frame by which a sum of time steps may be too low."""
 _WAIT_S: Final = 1.0
 _LAST_S: Final = 0.7
-"""For what is being drawn at the end [s]."""
+"""Timeout for the picture that is being rendered at the end [s]."""
 _LARGEST_SHADOW: Final = 2048
-"""Side of the map that shadows are drawn from [pixels]. MuJoCo's own, 4096, takes a machine without
-a graphics card more time than all the rest, and does not look better in a video."""
+"""Side length of the shadow map [pixels]. Without a graphics card, MuJoCo's default of 4096 takes
+more time than everything else, and the video does not look better."""
 
 
 class FrameCounter:
-    """Counts the frames of one video."""
+    """Counts the frames of a video."""
 
     def __init__(self, rate_hz: int) -> None:
         """Start a video with a number of frames per second of simulation time."""
         self._rate_hz = rate_hz
         self._first = 0
-        """Number of the frame that shows `_begin_s`."""
-        self._begin_s: float | None = None
+        """Number of the frame at `_start_s`."""
+        self._start_s: float | None = None
         self._newest_s = 0.0
         self.count = 0
-        """Frames up to that of the newest state."""
+        """Number of frames up to the newest state."""
 
     def take(self, time_s: float) -> int | None:
-        """The frame for a state.
+        """Assign a frame to a state.
 
         Args:
-            time_s: its simulation time [s].
+            time_s: simulation time of the state [s].
 
         Returns:
-            The frame's number; None where another state is in that frame already.
+            The frame's number; None if the frame already has a state.
         """
-        if self._begin_s is None or time_s < self._newest_s:
-            self._begin_s, self._first = time_s, self.count
+        if self._start_s is None or time_s < self._newest_s:
+            self._start_s, self._first = time_s, self.count
         self._newest_s = time_s
-        number = self._first + floor((time_s - self._begin_s) * self._rate_hz + _TOLERANCE)
+        number = self._first + floor((time_s - self._start_s) * self._rate_hz + _TOLERANCE)
         if number < self.count:
             return None
         self.count = number + 1
@@ -85,25 +85,25 @@ class VideoRecording:
         """Start without a picture.
 
         Args:
-            states: at the first one.
-            video: takes the pictures.
-            rate_hz: frames in a second of simulation time.
+            states: must be at the first state.
+            video: receives the pictures.
+            rate_hz: frames per second of simulation time.
         """
         self._states = states
         self._video = video
         self._rate_hz = rate_hz
         self._lock = threading.Lock()
-        """Of all that follows, the states and the video."""
+        """Protects everything below, the states and the video."""
         self._numbers = FrameCounter(rate_hz)
         self._newest: int | None = self._numbers.take(states.data.time)
         """The frame of the newest state; None once it has a picture."""
         self._picture: NDArray[np.uint8] | None = None
-        """What is seen by now."""
+        """The newest picture."""
         self._shown = 0
         self._is_closed = False
 
     def draw_one(self, view: CameraView) -> None:
-        """Draw the newest state."""
+        """Render the newest state."""
         with self._lock:
             number = self._newest
             view.update(self._states.data)
@@ -113,13 +113,13 @@ class VideoRecording:
                 self._show(picture, number)
 
     def draw_all(self, view: CameraView) -> None:
-        """Draw what comes until it is over, or the video has been closed."""
+        """Render new states until they are over or the video was closed."""
         while self._take(_WAIT_S):
             if self._newest is not None:
                 self.draw_one(view)
 
     def close(self) -> str:
-        """End the video, whatever is still being drawn; in words what there is of it."""
+        """End the video, even during rendering, and return a summary of it."""
         with self._lock:
             self._is_closed = True
             while not self._states.is_over:
@@ -132,7 +132,7 @@ class VideoRecording:
         return f"{frames}, {count / self._rate_hz:.1f} s, {count - self._shown} dropped"
 
     def _take(self, timeout_s: float) -> bool:
-        """Wait for a state; whether there may be more."""
+        """Wait for a state; false if there can be no more."""
         with self._lock:
             if self._is_closed or self._states.is_over:
                 return False
@@ -152,18 +152,18 @@ class VideoRecording:
 
 
 def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
-    """Record until the states are over; report the start and what was written at the end.
+    """Record until the states are over; report the start, and the written file at the end.
 
     Raises:
-        ObeliskError: nothing can be drawn here, or the file takes no more.
+        ObeliskError: rendering fails, or the file cannot be written.
     """
-    # It ends when there are no more states, and has a video to finish then.
+    # The process ends after the last state, and must then finish the video.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     job = VideoJob.from_arguments(arguments)
     path = Path(job.path)
     make = _picture if path.suffix == ".png" else _video
-    # OpenGL belongs to one thread.
+    # An OpenGL context belongs to one thread.
     thread = ThreadPoolExecutor(1, thread_name_prefix="drawing")
     view = thread.submit(_view, states.model, job).result()
     try:
@@ -175,7 +175,7 @@ def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
         raise
     except (OSError, av.FFmpegError) as error:
         raise ObeliskError(f"{path}: {error.strerror or error}") from error
-    # Closing OpenGL takes longer than closing a video, and serves no purpose here.
+    # Closing OpenGL takes longer than closing a video, and is not needed here.
     os._exit(0)
 
 
@@ -193,16 +193,16 @@ def _video(
     thread: ThreadPoolExecutor,
     notify: Notify,
 ) -> str:
-    """Draw what comes; in words what there is."""
+    """Record a video of the states, and return a summary of it."""
     ending = Path(job.path).suffix
     video = VIDEO_FILES[ending](file, (job.width, job.height), job.rate_hz)
     recording = VideoRecording(states, video, job.rate_hz)
-    # The first picture takes longest; nothing is simulated before it.
+    # The first picture takes longest; the simulation waits for it.
     thread.submit(recording.draw_one, view).result()
     _make_way()
     notify("info", job.path)
     drawing = thread.submit(recording.draw_all, view)
-    # Who draws is done before that only if the file takes no more.
+    # The rendering thread only ends earlier if the file cannot be written.
     while not (states.wait_until_over(_WAIT_S) or drawing.done()):
         pass
     with suppress(TimeoutError):
@@ -218,7 +218,7 @@ def _picture(
     thread: ThreadPoolExecutor,
     notify: Notify,
 ) -> str:
-    """Draw the last state of all; in words which it is."""
+    """Save a picture of the last state, and return a summary of it."""
 
     def draw() -> NDArray[np.uint8]:
         view.update(states.data)
@@ -235,9 +235,9 @@ def _picture(
 
 
 def _make_way() -> None:
-    """Lower the priority of every thread but the one that ends the video.
+    """Lower the priority of every thread except the one that ends the video.
 
-    A lowered priority cannot be raised again, and a busy machine would not let the video finish.
+    A lowered priority cannot be raised again, and a busy machine would keep the video from ending.
     """
     for thread in Path("/proc/self/task").iterdir():
         if int(thread.name) != threading.main_thread().native_id:

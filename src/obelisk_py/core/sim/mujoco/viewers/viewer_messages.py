@@ -1,11 +1,11 @@
-"""The link between a simulation and a viewer: states to the viewer, messages for the user back.
+"""The link between a simulation and a viewer: states to the viewer, messages back to the user.
 
-On the robot's side model and data go in; each `send` is one packet, MuJoCo's own flat state vector,
-which is sent at once or dropped and counted, and never waited for. On the viewer's side `data` of
-the same model is brought to the received state. Times in them are simulation time.
+On the robot's side, each `send` sends one packet with MuJoCo's flat state vector. It never blocks:
+if there is no space, the state is dropped and counted. On the viewer's side, `data` of the same
+model is set to the received state. Times in the states are simulation time.
 
-The link is a pair of SOCK_SEQPACKET sockets: packets stay whole and in order, and if one side ends,
-by whatever means, the other one notices.
+The link is a pair of SOCK_SEQPACKET sockets: packets stay whole and in order, and each side detects
+when the other one ends, even by a crash.
 
 Source: https://mujoco.readthedocs.io/en/stable/computation/index.html#the-state
 """
@@ -41,20 +41,20 @@ Notify = Callable[[Severity, str], None]
 EXIT_REPORTED: Final = 3
 """Exit code of a viewer that has reported why it ends."""
 NICENESS: Final = 10
-"""Of a viewer's process: the robot comes first."""
+"""Niceness of a viewer process, so that the robot has priority."""
 _LARGEST: Final = 8192
-"""Of a packet of words; what is longer is cut [bytes]."""
+"""Maximum size of a message packet; longer texts are truncated [bytes]."""
 _SEPARATOR: Final = b":"
 SIGNATURE: Final = int(
     mujoco.mjtState.mjSTATE_FULLPHYSICS
     | mujoco.mjtState.mjSTATE_USER
     | mujoco.mjtState.mjSTATE_WARMSTART
 )
-"""Everything that a step starts from, mjSTATE_INTEGRATION: what follows from it is drawn too."""
+"""The full input of a step (mjSTATE_INTEGRATION), so viewers can also draw what depends on it."""
 
 
 def send_message(link: socket.socket, severity: Severity, text: str) -> None:
-    """Send a sentence.
+    """Send a message.
 
     Raises:
         OSError: the other side is closed.
@@ -63,10 +63,10 @@ def send_message(link: socket.socket, severity: Severity, text: str) -> None:
 
 
 def receive_message(link: socket.socket) -> tuple[Severity, str] | None:
-    """Wait for a message; None: there will be no more."""
+    """Wait for a message; None if there will be no more."""
     try:
         packet = link.recv(_LARGEST)
-    # A process that ends with unread packets resets the link; Linux reports that before the last
+    # A process that ends with unread packets resets the link. Linux reports this before the last
     # messages are read.
     except ConnectionResetError:
         packet = link.recv(_LARGEST)
@@ -77,23 +77,23 @@ def receive_message(link: socket.socket) -> tuple[Severity, str] | None:
 
 
 class StateSender:
-    """The robot's end; belongs to the thread that steps."""
+    """The robot's end of the link; for the stepping thread."""
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, link: socket.socket, notify: Notify
     ) -> None:
-        """Send states of `data` into `link`.
+        """Send states of `data` to `link`.
 
         Args:
             model: the model.
-            data: its state; read in `send` and never changed.
+            data: its state; read by `send` and never changed.
             link: one end of a SOCK_SEQPACKET pair.
             notify: called once if sending fails.
         """
         self.sent = 0
-        """States on their way."""
+        """Number of states sent."""
         self.dropped = 0
-        """States left out, since the viewer had not taken the earlier ones."""
+        """Number of states dropped because the viewer had not received the earlier ones."""
         self._model = model
         self._data = data
         self._link = link
@@ -102,7 +102,7 @@ class StateSender:
         self._is_open = True
 
     def send(self) -> None:
-        """Send the present state, if there is room for it and the viewer is alive."""
+        """Send the current state, if there is space and the viewer is alive."""
         if not self._is_open:
             return
         mujoco.mj_getState(self._model, self._data, self._state, SIGNATURE)
@@ -121,17 +121,17 @@ class StateSender:
     def _too_large(self) -> str:
         room = self._link.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
         return (
-            f"a state of this model has {self._state.nbytes} bytes, more than the {room} that a "
-            "socket of this machine takes at once: no state is shown; "
-            f"`sysctl -w net.core.wmem_max={2 * self._state.nbytes}` makes room"
+            f"a state of this model has {self._state.nbytes} bytes, but a socket on this machine "
+            f"accepts at most {room} at once, so no state is shown; fix: "
+            f"`sysctl -w net.core.wmem_max={2 * self._state.nbytes}`"
         )
 
 
 class States:
-    """The viewer's end: the model, and its data at the state that was taken last."""
+    """The viewer's end of the link: the model, and its data at the last received state."""
 
     def __init__(self, model: mujoco.MjModel, link: socket.socket) -> None:
-        """Take states from `link`; until the first one, `data` is the model's own start."""
+        """Receive states from `link`; until the first one, `data` has the model's initial state."""
         self.model = model
         self.data = mujoco.MjData(model)
         self.is_over = False
@@ -141,13 +141,13 @@ class States:
         mujoco.mj_forward(model, self.data)
 
     def take_next(self, timeout_s: float | None = None) -> bool:
-        """Wait for the next state and bring `data` to it; none is left out.
+        """Wait for the next state and set `data` to it, without skipping any.
 
         Args:
-            timeout_s: how long to wait [s]; None: until a state arrives or the robot process ends.
+            timeout_s: maximum time to wait [s]; None to wait for a state or the end of the robot.
 
         Returns:
-            Whether `data` is at a new state; if not, the time is over, or `is_over`.
+            Whether `data` has a new state; if not, the timeout expired, or `is_over`.
         """
         if not self._receive(timeout_s):
             return False
@@ -155,7 +155,7 @@ class States:
         return True
 
     def take_newest(self, timeout_s: float) -> bool:
-        """The same for the newest state there is; those before it are left out."""
+        """Like `take_next`, but for the newest available state; earlier ones are skipped."""
         if not self._receive(timeout_s):
             return False
         while self._receive(0.0):
@@ -164,13 +164,13 @@ class States:
         return True
 
     def wait_until_over(self, timeout_s: float) -> bool:
-        """Wait until no more states will come; those that have come are still to be taken.
+        """Wait until no more states will arrive; those that have arrived can still be taken.
 
         Args:
-            timeout_s: how long to wait [s].
+            timeout_s: maximum time to wait [s].
 
         Returns:
-            Whether no more will come.
+            Whether no more states will arrive.
         """
         poll = select.poll()
         poll.register(self._link, select.POLLRDHUP)
@@ -197,14 +197,14 @@ class VideoJob:
     """The arguments of a video process."""
 
     path: str
-    """Absolute."""
+    """Absolute path."""
     camera: int | None
-    """Number of the camera; None: a view of the whole model."""
+    """Index of the camera; None for a view of the whole model."""
     width: int
     """[pixels]"""
     height: int
     rate_hz: int
-    """Frames in a second of simulation time."""
+    """Frames per second of simulation time."""
 
     def to_arguments(self) -> tuple[str, ...]:
         """The command-line argument of the process."""

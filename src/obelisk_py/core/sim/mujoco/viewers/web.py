@@ -1,8 +1,8 @@
-"""A page in the browser: mjviser, which draws a MuJoCo model with viser, on this machine only.
+"""Show a page in the browser: mjviser, which renders a MuJoCo model with viser, on this host only.
 
-In: the port, 0 for a free one near 8080. Out: `http://127.0.0.1:PORT`, the library's own page with
-all that it needs; nothing is fetched from elsewhere. Viser answers any client under any host name,
-and browsers let any page open a WebSocket to this host, so every request is checked first.
+The page is at `http://127.0.0.1:PORT`; port 0 selects a free one near 8080. The page contains
+everything that it needs and loads nothing from elsewhere. Viser responds to any client and any host
+name, and browsers let any page open a WebSocket to this host. So every request is checked first.
 
 Source: https://github.com/mujocolab/mjviser, https://viser.studio
 """
@@ -31,19 +31,19 @@ Look = Callable[[ServerConnection, Request], Response | None]
 _HOST: Final = "127.0.0.1"
 _PORT: Final = 8080
 _PERIOD_S: Final = 1 / 30
-"""Time between two states in the browser [s]."""
+"""Time between two updates of the page [s]."""
 _DISTANCE: Final = 1.5
-"""Of the camera, in extents of the model, as in MuJoCo's own viewer."""
+"""Distance of the camera in extents of the model, as in MuJoCo's own viewer."""
 _WAIT_S: Final = 0.1
-"""Longest delay of a setting changed in the page if nothing moves [s]."""
+"""Maximum delay of a setting changed in the page while nothing moves [s]."""
 
 
 @contextmanager
 def own_page_only() -> Iterator[None]:
-    """A server that viser starts while this is entered answers its own page only.
+    """Make a server that viser starts while this is entered respond only to its own page.
 
     Raises:
-        ObeliskConfigError: it could not be kept so: this viser serves in another way.
+        ObeliskConfigError: this version of viser serves requests in another way.
     """
     serve = websockets.asyncio.server.serve
     is_kept = False
@@ -53,7 +53,7 @@ def own_page_only() -> Iterator[None]:
         is_kept = True
         return serve(*arguments, process_request=_guarded(process_request), **options)
 
-    # There is no option of viser's for it; this process has no other server.
+    # Viser has no option for this, and this process has no other server.
     websockets.asyncio.server.serve = serve_guarded  # type: ignore[misc, assignment]
     try:
         yield
@@ -61,8 +61,8 @@ def own_page_only() -> Iterator[None]:
         websockets.asyncio.server.serve = serve  # type: ignore[misc]
     if not is_kept:
         raise ObeliskConfigError(
-            "the web viewer cannot keep other pages of the browser out with this version of "
-            "`viser`; `pip install --upgrade obelisk-cli[viewer]` brings one that fits"
+            "the web viewer cannot block other pages of the browser with this version of "
+            "`viser`; `pip install --upgrade obelisk-cli[viewer]` installs a supported one"
         )
 
 
@@ -77,7 +77,7 @@ def _guarded(look: Look) -> Look:
 
 
 class _Server(viser.ViserServer):
-    """A server whose page cannot be shared with another machine."""
+    """A server whose page cannot be shared with other machines."""
 
     def request_share_url(self, verbose: bool = True) -> None:
         """Reject the request."""
@@ -87,10 +87,10 @@ def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
     """Serve the page until the last state.
 
     Raises:
-        ObeliskConfigError: the port is taken, or viser cannot be kept from other pages.
+        ObeliskConfigError: the port is in use, or viser cannot block other pages.
     """
     (port,) = map(int, arguments)
-    # It would win over the port that was asked for.
+    # This variable would override the requested port.
     os.environ.pop("_VISER_PORT_OVERRIDE", None)
     if port:
         _check_port_is_free(port)
@@ -108,10 +108,10 @@ def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
 
 
 def _scene(server: viser.ViserServer, states: States) -> ViserMujocoScene:
-    """The model in the page, at the state that `states` is at, with what can be chosen there."""
+    """Create the page's scene at the current state of `states`, with its controls."""
     server.gui.configure_theme(show_share_button=False, show_logo=False)
     scene = ViserMujocoScene(server, states.model, num_envs=1)
-    # What is chosen in the page is drawn by this thread, the only one that touches the data.
+    # This thread, the only one that touches the data, applies changes made in the page.
     scene.set_refresh_handler(_nothing)
     view = states.model.vis.global_
     scene.create_visualization_gui(
@@ -124,17 +124,17 @@ def _scene(server: viser.ViserServer, states: States) -> ViserMujocoScene:
 
 
 def _check_port_is_free(port: int) -> None:
-    # Viser would take the next free one.
+    # Viser would silently use the next free port.
     with socket.socket() as trial:
         trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             trial.bind((_HOST, port))
         except OSError as error:
             raise ObeliskConfigError(
-                f"the web viewer cannot have port {port} (`viewer_port`): {error.strerror}; "
-                "another one, or 0 for a free one, would do"
+                f"the web viewer cannot use port {port} (`viewer_port`): {error.strerror}; "
+                "choose another port, or 0 for a free one"
             ) from error
 
 
 def _nothing() -> None:
-    """Leaves it to the next turn of the loop."""
+    """Do nothing; the next turn of the loop applies the change."""

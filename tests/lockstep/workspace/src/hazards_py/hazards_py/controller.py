@@ -1,4 +1,4 @@
-"""A controller that publishes what it sees of time, chance and its components."""
+"""A controller that publishes values of time, random numbers and its components."""
 
 import random
 from time import monotonic
@@ -16,7 +16,7 @@ PLAIN = random.Random()
 
 
 class Controller(ObeliskController):
-    """Follows a sine; its parameter `fault` lets a callback raise or configuring fail."""
+    """Follows a sine; its parameter `fault` makes a callback or configuring fail."""
 
     legacy = np.random.RandomState()
 

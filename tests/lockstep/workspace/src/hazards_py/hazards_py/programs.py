@@ -1,4 +1,4 @@
-"""Programs that cannot be in lock-step."""
+"""Programs that cannot run in lock-step."""
 
 import rclpy
 
@@ -8,7 +8,7 @@ from .controller import Controller
 
 
 def with_helper(args=None):
-    """Make a plain node beside the one that spins."""
+    """Create a plain node next to the one that spins."""
     if not rclpy.ok():
         rclpy.init()
     rclpy.create_node("helper")
@@ -16,4 +16,4 @@ def with_helper(args=None):
 
 
 def without_spin(args=None):
-    """End without a node."""
+    """Return without a node."""

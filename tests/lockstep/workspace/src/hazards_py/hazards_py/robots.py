@@ -1,4 +1,4 @@
-"""Robots: a simulator with a thread of its own, and what a driver of hardware looks like."""
+"""Robots: a simulator with its own thread, and a hardware driver."""
 
 import time
 
@@ -58,7 +58,7 @@ class Simulator(ObeliskSimRobot):
 
 
 class Drive(ObeliskRobot):
-    """A robot of which only the config can say that it is simulated."""
+    """A robot that only the config can declare as simulated."""
 
     def __init__(self, node_name="drive"):
         super().__init__(node_name, PositionSetpoint)

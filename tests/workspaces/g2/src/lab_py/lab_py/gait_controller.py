@@ -17,7 +17,7 @@ class GaitController(ObeliskController):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         super().on_configure(state)
         self.amplitude = self.get_parameter("amplitude").get_parameter_value().double_value
-        # Which topic this controller publishes on, for the log.
+        # The topic of this controller, for the log.
         text = self.get_parameter("pub_ctrl_setting").get_parameter_value().string_value
         settings = {}
         for entry in text.split(","):

@@ -1,4 +1,4 @@
-"""The joint's drive, on hardware."""
+"""The hardware drive of the joint."""
 
 from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_sensor_msgs.msg import ObkJointEncoders

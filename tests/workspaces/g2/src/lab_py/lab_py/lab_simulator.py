@@ -1,4 +1,4 @@
-"""A simulator of the lab's own: one joint that integrates its velocity."""
+"""A custom simulator: one joint that integrates its velocity."""
 
 import time
 

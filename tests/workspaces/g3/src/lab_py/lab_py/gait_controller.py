@@ -13,7 +13,7 @@ class GaitController(ObeliskController):
     def __init__(self, node_name: str = "gait_controller") -> None:
         super().__init__(node_name, Gait, EstimatedState)
         self.declare_parameter("amplitude", 0.8)
-        # Nothing in the config: a warning, and the node goes on.
+        # Missing in the config: a warning, and the node continues.
         self.register_obk_publisher("pub_debug", EstimatedState)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -1,4 +1,4 @@
-"""Passes the encoders on."""
+"""Publishes the encoder values as an estimate."""
 
 from obelisk_estimator_msgs.msg import EstimatedState
 from obelisk_sensor_msgs.msg import ObkJointEncoders

@@ -1,8 +1,8 @@
 """A process that subscribes to what the benchmark of the simulator publishes.
 
-`python -m benchmarks.listener PREFIX [--of-run]` listens until its standard input ends: a foreign
-node, which takes nothing of what comes through DDS, or with `--of-run` a node as `obk launch` runs
-it, which takes everything.
+`python -m benchmarks.subscriber PREFIX [--of-run]` runs until its standard input is closed. By
+default it is a foreign node that never takes the messages it gets through DDS; with `--of-run` it
+is a node as `obk launch` runs it, and takes all messages.
 """
 
 import subprocess
@@ -20,11 +20,11 @@ from rclpy.node import Node
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 
-__all__ = ["SOCKETS_VARIABLE", "listener", "node_of_run"]
+__all__ = ["SOCKETS_VARIABLE", "node_of_run", "subscriber"]
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 SOCKETS_VARIABLE: Final = "OBK_LOCAL_TRANSPORT"
-"""Names the folder of a run's sockets, if the library has a local transport."""
+"""Environment variable with the folder of a run's sockets, for the library's local transport."""
 OF_RUN: Final = "--of-run"
 TOPICS: Final = (
     (ObkJointEncoders, "/encoders"),
@@ -35,10 +35,11 @@ TOPICS: Final = (
 
 
 @contextmanager
-def listener(prefix: str, *, is_of_run: bool = False) -> Iterator[None]:
-    """While entered, such a process listens below a prefix, as soon as it has started."""
-    words = [sys.executable, "-m", "benchmarks.listener", prefix, *([OF_RUN] if is_of_run else [])]
-    process = subprocess.Popen(words, stdin=subprocess.PIPE, cwd=ROOT)
+def subscriber(prefix: str, *, is_of_run: bool = False) -> Iterator[None]:
+    """Run a process that subscribes below a prefix; it may still be starting when entered."""
+    options = [OF_RUN] if is_of_run else []
+    command = [sys.executable, "-m", "benchmarks.subscriber", prefix, *options]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, cwd=ROOT)
     try:
         yield
     finally:
@@ -47,13 +48,13 @@ def listener(prefix: str, *, is_of_run: bool = False) -> Iterator[None]:
 
 def node_of_run(prefix: str) -> GuardedLifecycleNode:
     """A node of the library that subscribes below a prefix."""
-    node = GuardedLifecycleNode("listener")
+    node = GuardedLifecycleNode("subscriber")
     subscribe(node, prefix)
     return node
 
 
 def subscribe(node: Node, prefix: str) -> None:
-    """Subscribe to the three groups and the encoders of 30 joints."""
+    """Subscribe to the three sensor groups and the encoders of 30 joints."""
 
     def drop(_message: Any) -> None: ...
 
@@ -62,12 +63,12 @@ def subscribe(node: Node, prefix: str) -> None:
 
 
 def main() -> None:
-    """Listen until the standard input ends."""
+    """Subscribe until the standard input is closed."""
     rclpy.init()
     prefix, *options = sys.argv[1:]
     if OF_RUN not in options:
-        # Nothing takes the messages: the writer's side is what is measured.
-        node = rclpy.create_node("listener")
+        # No thread takes the messages, because the benchmark measures the publisher.
+        node = rclpy.create_node("subscriber")
         subscribe(node, prefix)
         sys.stdin.read()
         return
