@@ -34,6 +34,8 @@ _BREAKS = (EndOfFile, struct.error)
 """Raised by the library if a file ends in the middle of a record."""
 LONGEST_FAULT: Final = 200
 """Maximum length of a library's error text [characters]."""
+_MAGIC: Final = b"\x89MCAP0\r\n"
+"""The start of every MCAP file."""
 LONGEST_RECORD: Final = 1 << 28
 """Maximum size of a record in the file, far above any chunk or attachment of a recorder [bytes]."""
 
@@ -45,6 +47,9 @@ def read_bag(path: Path) -> Bag:
         RecordingError: it cannot be read or is not an MCAP file.
     """
     with recording_errors(path), path.open("rb") as file:
+        if not _MAGIC.startswith(start := file.read(len(_MAGIC))):
+            raise InvalidMagic(start)
+        file.seek(0)
         return _indexed(path, file) or _scanned(path, file)
 
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from obelisk_spec.suggestions import did_you_mean, list_names
+from obelisk_spec.suggestions import ask_for, list_names, near_names
 from obelisk_spec.values import ParameterValue
 
 __all__ = ["ParameterNotes", "parse_notes", "range_text"]
@@ -49,8 +49,9 @@ class ParameterNotes:
     def fault(self, value: object) -> str | None:
         """Why a value is invalid, "is 500.0 N m/rad, expected 0.0 to 200.0"; None if valid."""
         if self.choices and value not in self.choices:
-            hint = did_you_mean(str(value), self.choices) or ""
-            return f"is `{value}`, expected one of {list_names(self.choices)}; {hint}"
+            hint = ask_for(near_names(str(value), self.choices))
+            wrong = f"is `{value}`, expected one of {list_names(self.choices)}"
+            return f"{wrong}; {hint}" if hint else wrong
         items = value if isinstance(value, list | tuple) else [value]
         for item in items:
             if isinstance(item, bool) or not isinstance(item, int | float):

@@ -103,6 +103,9 @@ def test_no_command_is_published_that_is_not_finite(world: World) -> None:
         ({"observation_scales": [1.0]}, "1 values"),
         ({"joints": ["a"]}, "has 4 numbers, expected 2 from the parameters"),
         ({"params_path": __file__}, "not an ONNX network"),
+        ({"default_pose": [0.0] * 3}, "`default_pose` has 3 values, expected 1 or 2"),
+        ({"action_scale": [1.0, 2.0]}, "`action_scale` has 2 values, expected 1"),
+        ({"kp": [1.0, 2.0]}, "`kp` has 2 values, expected 1"),
     ],
 )
 def test_parameters_that_do_not_match_the_network_are_rejected(

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 from obelisk_spec.names import resolve_msg_type
@@ -42,6 +43,16 @@ _NETWORK: Final = ".onnx"
 _OBSERVATION: Final = "observation"
 _JOINTS: Final = "joints"
 _ACTION_JOINTS: Final = "action_joints"
+_LISTS: Final = MappingProxyType(
+    {
+        "observation_scales": _OBSERVATION,
+        "default_pose": _JOINTS,
+        "action_scale": _ACTION_JOINTS,
+        "kp": _ACTION_JOINTS,
+        "kd": _ACTION_JOINTS,
+    }
+)
+"""Parameter of a policy -> the parameter whose items it has values for."""
 
 
 def check_sim_blocks(context: CheckContext) -> Iterator[Diagnostic]:
@@ -325,8 +336,32 @@ def check_policies(context: CheckContext) -> Iterator[Diagnostic]:
         yield from unknown
         for parameter in dict.fromkeys((joints, actions)):
             yield from _unknown_joints(parameter, context)
+        lengths = {_JOINTS: len(_words(joints)), _ACTION_JOINTS: len(_words(actions))}
+        yield from _check_list_lengths(
+            parameters, {**lengths, _OBSERVATION: len(_words(observation))}
+        )
         if not unknown:
             yield from _check_network(path, node, observation, joints, actions, context)
+
+
+def _check_list_lengths(
+    parameters: Mapping[str, ConfigParameter], lengths: Mapping[str, int]
+) -> Iterator[Diagnostic]:
+    """Lists with an item for each joint, action or observed term."""
+    for name, of in _LISTS.items():
+        parameter, expected = parameters.get(name), lengths[of]
+        if parameter is None or not isinstance(parameter.value, list | tuple):
+            continue
+        allowed = {expected} if of == _OBSERVATION else {1, expected}
+        if (count := len(parameter.value)) not in allowed:
+            yield found(
+                "OBK322",
+                f"`{name}` has {with_number(count, 'value')}, expected "
+                f"{' or '.join(map(str, sorted(allowed)))}",
+                parameter.span,
+                help=f"write one value for each of `{of}`"
+                + ("" if of == _OBSERVATION else ", or a single one for all"),
+            )
 
 
 def _words(parameter: ConfigParameter) -> Sequence[str]:

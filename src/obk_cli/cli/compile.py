@@ -29,6 +29,8 @@ EXAMPLE = "Example: obk compile config.yaml --to params --output build/dummy.par
 OutputOption = Annotated[
     str | None,
     typer.Option(
+        "--output",
+        "-o",
         metavar="FILE|DIR",
         help="Output file, or a folder for a file named after the stack; `-` is stdout.",
     ),

@@ -24,7 +24,7 @@ from obk_cli.cli.new_target import (
     require_suitable_package,
 )
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.files import STANDARD_INPUT, resource_folder
+from obk_cli.files import STANDARD_INPUT, explain_os_error, resource_folder
 from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
 from obk_cli.scaffold.describe import (
     NewFiles,
@@ -348,5 +348,5 @@ def _write(root: Path, decisions: Iterable[Decision], finish: Callable[[], None]
         write_decisions(root, decisions, finish=finish)
     except OSError as fault:
         raise CommandFailedError(
-            f"{root} cannot be written; nothing was created: {fault}"
+            f"`{root}` cannot be written: {explain_os_error(fault)}; nothing was created"
         ) from fault

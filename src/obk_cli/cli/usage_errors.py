@@ -26,9 +26,10 @@ def misuse(error: click.UsageError, context: click.Context) -> MisuseError:
     usage = f"usage: `{' '.join([path, *command.collect_usage_pieces(context)])}`"
     match error:
         case click.NoSuchOption():
-            name = error.option_name
-            near = near_names(name, _options(command.get_params(context)))
-            return MisuseError(f"`{path}` has no option `{name}`", help=ask_for(near) or usage)
+            option = error.option_name
+            known = _options(command.get_params(context)) if option.startswith("--") else ()
+            near = ask_for(near_names(option, known))
+            return MisuseError(f"`{path}` has no option `{option}`", help=near or usage)
         case click.MissingParameter(param=click.Parameter() as param):
             return MisuseError(f"`{path}` needs {param.make_metavar(context)}", help=usage)
         case click.BadParameter(param=click.Parameter() as param):

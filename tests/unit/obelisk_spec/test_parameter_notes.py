@@ -63,3 +63,8 @@ def test_values_within_the_limits(value: object) -> None:
 )
 def test_values_beyond_the_limits(notes: ParameterNotes, value: object, fault: str) -> None:
     assert fault in str(notes.fault(value))
+
+
+def test_the_values_of_an_enum_are_listed_once() -> None:
+    fault = ParameterNotes(choices=("walk", "stand")).fault("fly")
+    assert fault == "is `fly`, expected one of `walk`, `stand`"

@@ -328,6 +328,8 @@ def test_misuse_is_reported_with_a_correction(
             "  help: did you mean `--duration` or `--sim-duration`?"),
         ("validate --zzz f", "`obk validate` has no option `--zzz`\n"
             "  help: usage: `obk validate [OPTIONS] CONFIG...`"),
+        ("launch x.yaml -o", "`obk launch` has no option `-o`\n"
+            "  help: usage: `obk launch [OPTIONS] CONFIG`"),
         ("--zzz", "`obk` has no option `--zzz`\n"
             "  help: usage: `obk [OPTIONS] COMMAND [ARGS]...`"),
         ("ps extra", "got unexpected extra argument (extra)\n"

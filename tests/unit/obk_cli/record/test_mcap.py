@@ -94,6 +94,14 @@ def test_a_truncated_file_is_read_up_to_any_end(tmp_path: Path, part: float) -> 
     assert bag.count % 10 == 0
 
 
+@pytest.mark.parametrize("content", [b"text", b"a text of more than eight bytes"])
+def test_a_file_of_another_format_is_no_recording(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "text.mcap"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match="is not an MCAP file"):
+        read_bag(path)
+
+
 def test_a_damaged_chunk_is_an_error_of_the_file(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap")
     with path.open("r+b") as file:

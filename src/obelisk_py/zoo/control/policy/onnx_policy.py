@@ -98,6 +98,9 @@ class OnnxPolicy(ObeliskController):
         size = observation_size(self.terms, joints=len(self.joints), actions=actions)
         _check_width("observation", size, self.network.inputs)
         _check_width("action", actions, self.network.outputs)
+        _check_length("default_pose", self.default_pose, len(self.joints))
+        for name in ("action_scale", "kp", "kd"):
+            _check_length(name, getattr(self, name), actions)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -127,7 +130,7 @@ class OnnxPolicy(ObeliskController):
         if not np.isfinite(action).all():
             raise ObeliskError(f"the network returned {action.tolist()}; no command is published")
         self.action = np.clip(action, -self.action_clip, self.action_clip)
-        msg = self._control_message(self.action * self.action_scale)
+        msg = self._control_message(self.action * self._each(self.action_scale, len(action)))
         msg.header.stamp = self.x_hat.header.stamp
         self.obk_publishers["pub_ctrl"].publish(msg)
         return msg
@@ -231,3 +234,9 @@ def _check_width(what: str, expected: int, found: int | None) -> None:
         raise ObeliskConfigError(
             f"the network's {what} has {found} numbers, expected {expected} from the parameters"
         )
+
+
+def _check_length(name: str, values: Sequence[float], count: int) -> None:
+    if len(values) not in (1, count):
+        expected = f"1 or {count}" if count > 1 else "1"
+        raise ObeliskConfigError(f"`{name}` has {len(values)} values, expected {expected}")
