@@ -163,7 +163,7 @@ def _write_files(folder: Path, files: Iterable[RenderedFile]) -> None:
         target = folder / file.path
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(file.content)
-        # Whoever may read a new file may also run a script.
+        # A script can be run by all users who can read it.
         mode = target.stat().st_mode
         target.chmod(mode | (mode >> 2 & file.mode & 0o111))
 
