@@ -151,7 +151,7 @@ bench-soak: setup
 	$(BIN)/python -m benchmarks.soak.rounds
 
 # Injects each fault at least once; works on a busy machine. The results stay in build/soak.
-bench-soak-short: SECONDS ?= 120
+bench-soak-short: SECONDS ?= 60
 bench-soak-short: setup
 	$(BIN)/python -m benchmarks.soak --seconds $(SECONDS) --hang-after 5 --least-mb 10 --results build/soak
 	$(BIN)/python -m benchmarks.soak.rounds --rounds 50 --results build/soak

@@ -1,7 +1,7 @@
 """Inject faults into the dummy stack for a long time, and check for leaks and leftovers.
 
     make bench PART=soak [SECONDS=1800]
-    make bench PART=soak-short    (2 min: each fault at least once, and fast leaks)
+    make bench PART=soak-short    (about 1 min: each fault at least once, and fast leaks)
 
 A seeded plan picks faults at random: it changes the states of nodes, kills and freezes them;
 changes the config and launches again; starts and stops monitors, recorders and pages. The soak
