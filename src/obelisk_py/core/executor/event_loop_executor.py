@@ -51,6 +51,7 @@ __all__ = ["EventLoopExecutor"]
 # epoll limits the timeout; longer waits are repeated.
 _LONGEST_WAIT_S = 3600.0
 _END_OF_PROCESS_S = 2.0
+_DRAIN_PERIOD_S = 0.002
 
 
 class EventLoopExecutor(Executor):
@@ -287,6 +288,9 @@ class _WorkerPool:
         self._registry = _HandlerRegistry(self._workers, self.task_queue, self._waitset, executor)
         self._may_run = threading.Event()
         self._threads: tuple[threading.Thread, ...] = ()
+        self._drain_lock = threading.Lock()
+        self._idle: set[Worker] = set()
+        """Workers that run no callback after a stop."""
 
     def follow(self, page: ClockPage) -> None:
         """Run timers by the simulated time of a clock page."""
@@ -369,6 +373,9 @@ class _WorkerPool:
         Returns:
             Whether all threads have ended.
         """
+        if self._threads:
+            with self._running(self.worker):
+                self._drain(self.worker, end_s)
         for thread in self._threads:
             thread.join(_left_s(end_s))
         if any(thread.is_alive() for thread in self._threads):
@@ -393,18 +400,48 @@ class _WorkerPool:
     def _work(self, worker: Worker) -> None:
         while not self.is_stopped:
             self._may_run.wait()
-            self._own(worker)
-            try:
+            with self._running(worker):
                 while self._may_run.is_set() and not self.is_stopped:
                     if worker.is_interrupted:
                         worker.is_interrupted = False
                         self.run_posted(worker)
                     worker.run_ready(-1)
-            except BaseException as fault:  # the thread that spins raises it again
-                worker.is_interrupted = True
-                self._on_event(fault)
-            finally:
-                self._disown(worker)
+        with self._running(worker):
+            self._drain(worker, None)
+
+    @contextmanager
+    def _running(self, worker: Worker) -> Iterator[None]:
+        self._own(worker)
+        try:
+            yield
+        except BaseException as fault:  # the thread that spins raises it again
+            worker.is_interrupted = True
+            self._on_event(fault)
+        finally:
+            self._disown(worker)
+
+    def _drain(self, worker: Worker, end_s: float | None) -> None:
+        """After a stop, run what callbacks of other workers may wait for, until none is running.
+
+        Otherwise a callback that waits for the response of a service would never return.
+        """
+        worker.ignore_unawaited()
+        try:
+            while not self._is_drained(worker) and _left_s(end_s) != 0:
+                time.sleep(_DRAIN_PERIOD_S)
+                with self._drain_lock:
+                    self._idle.discard(worker)
+                worker.is_interrupted = False
+                worker.run_posted()
+                worker.run_ready(0)
+        finally:
+            self._idle.add(worker)
+
+    def _is_drained(self, worker: Worker) -> bool:
+        """Mark a worker as idle, and return whether all are."""
+        with self._drain_lock:
+            self._idle.add(worker)
+            return len(self._idle) == len(self._workers)
 
     def _own(self, worker: Worker) -> None:
         with self._registry.lock:

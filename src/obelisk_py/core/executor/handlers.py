@@ -73,6 +73,7 @@ class EntityHandler(ABC):
     entity: Any
     kind: ClassVar[EntityKind]
     waits_for_group = True
+    is_awaited = False
     unshared_sources: Sequence[EventSource] = ()
     """Further event sources that only one worker watches, even if several watch the handler."""
 
@@ -276,6 +277,7 @@ class ServiceHandler(EntityHandler):
     """Responds to requests to a service."""
 
     kind = EntityKind.SERVICE
+    is_awaited = True
 
     def _run(self, worker: Worker) -> bool:
         service = self.entity
@@ -307,6 +309,7 @@ class ClientHandler(EntityHandler):
 
     kind = EntityKind.CLIENT
     waits_for_group = False
+    is_awaited = True
 
     def _run(self, worker: Worker) -> bool:
         client = self.entity

@@ -40,6 +40,7 @@ class LocalReceiver:
 
     group: CallbackGroup | None = None
     waits_for_group = False
+    is_awaited = False
 
     def __init__(
         self, folder: SocketFolder, gid: bytes, buffer: MessageBuffer, reader: DdsReader

@@ -34,6 +34,7 @@ class SimulatedTimers:
 
     group: CallbackGroup | None = None
     waits_for_group = False
+    is_awaited = False
 
     def __init__(self, page: ClockPage) -> None:
         """Follow a clock page, without timers at first."""

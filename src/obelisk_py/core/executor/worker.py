@@ -36,6 +36,8 @@ class EventSource(Protocol):
     group: CallbackGroup | None
     waits_for_group: bool
     """Whether the callbacks wait while a coroutine of the mutually exclusive group is suspended."""
+    is_awaited: bool
+    """Whether a running callback may wait for the result, as for the response of a service."""
 
     def ready_callbacks(self, worker: "Worker") -> Mapping[int, ReadyCallback]:
         """The functions that the worker calls when a descriptor is signalled, by descriptor."""
@@ -104,6 +106,12 @@ class Worker:
         """Stop watching a descriptor."""
         del self._sources[fd], self._callbacks[fd]
         self._epoll.unregister(fd)
+
+    def ignore_unawaited(self) -> None:
+        """Stop watching all sources that no running callback can wait for."""
+        for source in {source for source, _ in list(self._sources.values())}:
+            if not source.is_awaited:
+                self.remove(source)
 
     def is_blocked(self, group: CallbackGroup) -> bool:
         """Whether callbacks of an exclusive group wait for a suspended coroutine."""
@@ -266,6 +274,7 @@ class TaskQueue:
 
     group: CallbackGroup | None = None
     waits_for_group = False
+    is_awaited = True
 
     def __init__(self) -> None:
         self._jobs: deque[Job] = deque()
