@@ -17,7 +17,7 @@ from urllib.request import Request, urlopen
 import pytest
 
 from ..browser import chromium, opened, seen  # noqa: TID252 - shared by folders of tests
-from .stack import DUMMY, EXAMPLE, OBK, eventually, launched, obk
+from .stack import DUMMY, EXAMPLE, OBK, calm, eventually, launched, obk
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -73,7 +73,7 @@ def shown_in_document() -> list[str]:
 
 def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
     chromium()
-    with launched(EXAMPLE, "--record") as run, served(command=shown_in_document()) as url:
+    with launched(DUMMY, "--record") as run, served(command=shown_in_document()) as url:
         asked: list[str] = []
         with opened("about:blank", width=1280, height=800) as page:
             page.on("request", lambda request: asked.append(request.url))
@@ -87,7 +87,7 @@ def test_a_stack_is_shown_changed_and_its_end_reported() -> None:
             first = text(page, row)
             seen(lambda: text(page, row) != first, "other figures")
             live = '#graph g[data-topic="/obelisk/dummy/est"] .live'
-            rate = r"\d of \d+ Hz"  # less than 1000 if the simulation is too slow
+            rate = r"\d of [\d.]+ Hz"
             seen(lambda: re.search(rate, page.locator(live).text_content()), "a rate in the graph")
             seen(lambda: page.locator("canvas").evaluate(DRAWN) > 50, "a line")
             assert "q_joints[0]" in text(page, ".legend")
@@ -227,6 +227,7 @@ def test_parameters_are_tuned_by_sliders_and_fields_reset_and_saved(tmp_path: Pa
     chromium()
     arm = tmp_path / "arm" / "arm.yaml"
     shutil.copytree(EXAMPLE.parents[1] / "arm", arm.parent)
+    calm(arm.parent)
     with launched(arm), served() as url, opened(url, width=1280, height=900) as page:
         smoothing = page.get_by_label("estimation_0 time_constant_s", exact=True)
         seen(lambda: smoothing.count() == 1, "the parameters")
