@@ -283,7 +283,7 @@ def test_the_commands_of_its_readme_work_in_their_order(here: Path) -> None:
 
 @pytest.mark.ros
 @pytest.mark.mujoco
-def test_the_tests_of_the_workspace_pass_and_it_launches_immediately(
+def test_the_tests_of_the_workspace_pass(
     here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
@@ -293,13 +293,3 @@ def test_the_tests_of_the_workspace_pass_and_it_launches_immediately(
     with node_test.open("a") as file:
         file.write("\n\nfrom my_robot_controller.my_robot_controller import main\n")
     run(here / "my_robot", "pytest", "-q", "-p", "no:cacheprovider")
-    done = subprocess.run(
-        [sys.executable, "-c", OBK, "launch", "my_robot.yaml", "--duration", "1"],
-        cwd=here / "my_robot",
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "control_0: activate ok" in done.stdout + done.stderr
