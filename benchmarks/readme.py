@@ -20,7 +20,8 @@ def peers_table(loop: Mapping[str, Any]) -> Iterator[str]:
         loop: the content of `loop.json`.
     """
     rows = {tuple(row["case"].values()): row for row in loop["cases"] if row["runs"]}
-    yield "| | CPU per tick, one process each | slowest node | composed in one | slowest node |"
+    separate, composed = "CPU per tick, one process per node", "CPU per tick, one process for all"
+    yield f"| | {separate} | slowest node | {composed} | slowest node |"
     yield "|---|---|---|---|---|"
     for contestant in CONTESTANTS:
         if contestant == BARE:
