@@ -6,19 +6,32 @@ A launch keeps its recording in the folder of its run, `<config>_<date>_<time>`.
 import os
 import re
 from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
 from obelisk_recordings.bag import RecordingError
 from obelisk_spec.suggestions import did_you_mean
 
-__all__ = ["RECORDING", "config_of", "find_recording", "folder_of_runs", "run_folders"]
+__all__ = [
+    "RECORDING",
+    "config_of",
+    "find_recording",
+    "folder_of_runs",
+    "run_folders",
+    "run_name",
+]
 
 _FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
 RECORDING: Final = "recording.mcap"
 """Name of the recording in a run's folder."""
 _EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
 """`arm~1` is the run before the newest."""
+
+
+def run_name(config: str, start: datetime) -> str:
+    """Return the name of a run's folder; a second run in the same second gets the suffix `_2`."""
+    return f"{config.replace('/', '_')}_{start:%Y%m%d_%H%M%S}"
 
 
 def folder_of_runs(environment: Mapping[str, str]) -> Path | None:

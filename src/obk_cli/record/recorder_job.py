@@ -12,8 +12,9 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final
 
+from obelisk_recordings.find import config_of, run_name
 from obelisk_spec.runtime_protocol import CLOCK_TOPIC
-from obk_cli.runs.folder import config_of, read_record
+from obk_cli.runs.folder import read_record
 
 __all__ = [
     "BEGUN",
@@ -165,7 +166,7 @@ class RunMetadata:
 
 def file_name(folder: Path | None, when: datetime) -> str:
     """The default name of a recording's file."""
-    return f"{config_of(folder) if folder else 'ros'}_{when:%Y%m%d_%H%M%S}.mcap"
+    return f"{run_name(config_of(folder) if folder else 'ros', when)}.mcap"
 
 
 def run_metadata_of(folder: Path) -> RunMetadata:

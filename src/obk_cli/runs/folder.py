@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import msgspec
 
-from obelisk_recordings.find import config_of, folder_of_runs, run_folders
+from obelisk_recordings.find import config_of, folder_of_runs, run_folders, run_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan, PlannedNode
 
@@ -111,7 +111,7 @@ def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
         OSError: the folder cannot be created.
     """
     parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    stem = f"{name.replace('/', '_')}_{now:%Y%m%d_%H%M%S}"
+    stem = run_name(name, now)
     for suffix in ("", *(f"_{n}" for n in range(2, 100))):
         try:
             (parent / f"{stem}{suffix}").mkdir(mode=0o700)
