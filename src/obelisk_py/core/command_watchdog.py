@@ -160,7 +160,7 @@ SILENCE_PERIOD_S: Final = 10.0
 
 
 class SilenceLog:
-    """Reports stopped commands at most once in 10 s; thread-safe."""
+    """Reports stopped commands at most once every 10 s; thread-safe."""
 
     def __init__(self) -> None:
         """Create an empty log."""

@@ -2,9 +2,9 @@
 
 rclpy's lifecycle node swallows exceptions of transition callbacks, crashes on a disallowed
 transition, and ends in an undefined state if a callback returns nothing. This node logs and keeps
-each of these failures (the service `~/last_error` returns the newest) and always ends in a defined
-state. What runs depends only on the state in which a transition ended. An override that forgets a
-step cannot change that.
+each of these failures (the `~/last_error` service returns the latest one) and always ends in a
+defined state. What runs depends only on the state in which a transition ended. An override that
+forgets a step cannot change that.
 Source: https://design.ros2.org/articles/node_lifecycle.html (states, transitions, errors).
 """
 

@@ -93,7 +93,7 @@ class LiveParameters:
             return WAITS if name in self._waiting else IN_EFFECT
 
     def configure(self) -> None:
-        """Apply the values stored for this configure."""
+        """Apply the values stored for this `configure` transition."""
         with self._changing:
             vars(self._node).update(self._for_configure)
             self._for_configure.clear()

@@ -109,7 +109,7 @@ class ObeliskRobot(ABC, ObeliskNode):
     def apply_damping(self) -> None:
         """Brake because the newest command is stale; called once until the next command.
 
-        With `stale_action: damp`, called in place of `apply_control` and under the same lock.
+        With `stale_action: damp`, called instead of `apply_control` and under the same lock.
 
         Raises:
             ObeliskConfigError: the subclass does not implement it.

@@ -1,4 +1,4 @@
-"""Make a node's clock follow the clock page of its launch, in place of messages on `/clock`.
+"""Make a node's clock follow the clock page of its launch instead of messages on `/clock`.
 
 rclpy's `TimeSource` subscribes a node with `use_sim_time` to `/clock`. In a process with a clock
 page, a `ClockFeed` replaces this subscription: `now()` reads the page. rcl keeps a copy of the time

@@ -2,7 +2,8 @@
 
 Processes with one node and with several nodes share this module. `spin_obelisk` creates a
 `SpinRequest`. The process serves it itself, or the host of a composed process does (see
-`composition`). SIGINT and SIGTERM shut down cleanly; a second one ends the process immediately.
+`composition`). SIGINT and SIGTERM shut down cleanly; a second one terminates the process
+immediately.
 """
 
 import faulthandler
@@ -51,7 +52,7 @@ SHUTDOWN_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class ShutdownSignals:
-    """Calls back from a thread at the first signal while entered; the second ends the process."""
+    """Calls back from a thread at the first signal; the second one terminates the process."""
 
     def __init__(self) -> None:
         self._on_signal: Callable[[], object] | None = None
@@ -124,7 +125,7 @@ class NodeDied:
 
 
 def serve_spin_request(request: SpinRequest) -> int:
-    """Spin a node until its end, and return the exit code of its process."""
+    """Spin a node until it shuts down, and return the exit code of its process."""
     return _spinner.get()(request)
 
 
@@ -288,7 +289,7 @@ def wait_at_startup_barrier() -> None:
 
 
 def _spin_alone(request: SpinRequest) -> int:
-    # Before signal handlers are installed, so that a signal ends a waiting process immediately.
+    # Before signal handlers are installed, so that a signal terminates a waiting process.
     wait_at_startup_barrier()
     with ros_process(request.args) as signals, open_clock_page() as page:
         executor = _make_executor(request.executor_type)

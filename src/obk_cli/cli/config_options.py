@@ -91,7 +91,7 @@ def valid_plan(outcome: Outcome, color: str, *, with_infos: bool = False) -> Pla
     Args:
         outcome: the compiled config.
         color: the value of the option.
-        with_infos: whether infos are printed too.
+        with_infos: whether info-level findings are printed too.
 
     Raises:
         typer.Exit: the config has errors.

@@ -391,7 +391,7 @@ def refuse_hardware(
     may_be_unclear: bool = False,
     left_out: Collection[str] = (),
 ) -> None:
-    """Reject a stack with a hardware robot.
+    """Reject a stack that drives a real robot.
 
     Args:
         stack: the config.
@@ -401,7 +401,7 @@ def refuse_hardware(
         left_out: full names of nodes that do not run.
 
     Raises:
-        CommandFailedError: the stack has a hardware robot.
+        CommandFailedError: the stack drives a real robot.
     """
     for robot in stack.section("robot"):
         setting = robot.is_simulated

@@ -50,7 +50,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class TreeMap:
-    """A mapping; its keys are unique texts in the order of the file."""
+    """A mapping; its keys are unique strings in the order of the file."""
 
     entries: tuple[Entry, ...]
     span: Span

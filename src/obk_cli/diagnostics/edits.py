@@ -1,6 +1,6 @@
 """Edits of a source as values: a span and the text that replaces it.
 
-Applying edits to a source returns a new text, in which all other bytes are unchanged. Writes no
+Applying edits to a source returns new text, in which all other bytes are unchanged. Writes no
 file.
 """
 

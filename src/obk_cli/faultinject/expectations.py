@@ -43,7 +43,7 @@ class Allowances:
     """Time limits for a launcher's reactions [s]."""
 
     end_noticed_s: float = 0.1
-    """Until the launcher reports the end of a process."""
+    """Until the launcher reports that a process has ended."""
     hang_noticed_s: float = 2.0
     """Until the launcher reports that a node hangs, or responds again."""
     down_s: float = 10.0

@@ -59,7 +59,7 @@ class NodeInfo:
 
 
 def known_nodes(target: GraphTarget) -> Mapping[str, NodeStatus]:
-    """Status of nodes by full name, as reported by the launchers of this host."""
+    """Status of nodes by full name, as reported by the launchers on this host."""
     statuses = (ask_status(folder) for folder in target.runs)
     return {node.node: node for status in statuses if status for node in status.nodes}
 

@@ -55,7 +55,7 @@ __all__ = [
 ]
 
 _CONSOLE_FORMAT: Final = "[{severity}] [{time}] [{name}]: {message}"
-"""Value of RCUTILS_CONSOLE_OUTPUT_FORMAT: the default of rcutils, which a user may have changed."""
+"""Value of RCUTILS_CONSOLE_OUTPUT_FORMAT: rcutils' default, which a user may have changed."""
 
 HOST: Final = "obelisk_py.core.composition"
 FILE: Final = "composed.json"
@@ -379,7 +379,7 @@ def with_clock_page(
 
     Otherwise processes use `/clock`, and the commands are unchanged. The page is a memfd, and an
     eventfd wakes each process; processes inherit all of them. None of them has a name in the file
-    system, so nothing is left behind however the launch ends. The launcher has the last place.
+    system, so nothing is left behind however the launch ends. The launcher has the last slot.
 
     Args:
         plan: the whole stack.

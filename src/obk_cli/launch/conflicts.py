@@ -2,7 +2,7 @@
 
 A stack starts only if no other node uses its names or publishes commands to its robot. Nodes
 started by obk are found at once; others announce themselves only every 3 s. A simulated robot
-therefore starts after a short check, which continues in a thread; a hardware robot waits for the
+therefore starts after a short check, which continues in a thread; a real robot waits for the
 whole check. A node that starts publishing during that time with `obk topic pub --allow-foreign` is
 allowed.
 """

@@ -97,7 +97,7 @@ Draw = Callable[[int, int], Sequence[str]]
 ROOM: Final = 2000
 """Maximum number of waiting lines."""
 END_S: Final = 1.0
-"""Limit for writing the last lines at the end [s]."""
+"""Limit for writing the last lines at shutdown [s]."""
 REFRESH_S: Final = 0.5
 """Refresh interval of a footer while no lines are written [s]."""
 PAUSE_S: Final = 0.05
@@ -275,7 +275,7 @@ class Screen:
                 select.select([], [self._fd], [])
 
     def _taken(self) -> list[str | int] | None:
-        """Wait for lines or the footer's next update, and take all lines; None at the end."""
+        """Wait for lines or the footer's next update, and take all lines; None once closed."""
         with self._changed:
             footer = self._footer
             self._changed.wait_for(
@@ -339,7 +339,7 @@ class Output:
                 self._screen.put(text)
 
     def line(self, line: OutputLine) -> None:
-        """Write a line of a process; the recorder is no node, so its lines are our own messages."""
+        """Write a line of a process; the recorder is not a node, so its lines are our own."""
         writers = self._writers.get(line.process)
         if writers is None:
             self.journal.line(line.process, line.text)

@@ -1,8 +1,8 @@
 """Decide which node processes the preload server forks, and how the server starts. Pure.
 
 A forked process has the libraries that the server has imported, and the server's interpreter and
-environment. So only programs of this Python are forked, and only if their environment differs from
-the server's in no variable that a library might read on import.
+environment. So only programs of this Python are forked, and only if their environment agrees with
+the server's in every variable that a library might read on import.
 """
 
 import os

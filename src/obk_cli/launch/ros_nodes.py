@@ -163,7 +163,7 @@ class RosNodes(LifecycleClient):
 def failed_transition(passed: str, fault: str) -> str:
     """The transition to which a fault belongs; empty if the node failed by itself.
 
-    A node that fails by itself goes to error processing through `deactivate` or `cleanup`; then its
+    A node that fails by itself enters error processing through `deactivate` or `cleanup`; then its
     fault names the callback of another transition.
 
     Args:

@@ -18,7 +18,7 @@ from obk_cli.runs.protocol import NodeStatus
 __all__ = ["GONE", "Crash", "Failure", "RunState", "StackState"]
 
 GONE: Final = "gone"
-"""Shown in place of a state for a node whose process has ended."""
+"""Shown instead of a state for a node whose process has ended."""
 ORDER: Final = (UNCONFIGURED, INACTIVE, ACTIVE)
 ONE_REQUEST_S: Final = 0.3
 """Signals within this time are one request: `timeout` and closing terminals send several [s]."""
@@ -26,7 +26,7 @@ ONE_REQUEST_S: Final = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crash:
-    """A crash to which the rule `on_crash` applies and that is not handled yet."""
+    """A crash to which the `on_crash` rule applies and that is not handled yet."""
 
     unit: str
     kind: Literal["ended", "hung", "fault"]
@@ -112,7 +112,7 @@ class RunState:
 
 
 class StackState:
-    """The nodes of a plan, including those of other devices, and the processes that run here."""
+    """The nodes of a plan, including those on other devices, and the processes that run here."""
 
     def __init__(
         self, plan: Plan, units: Iterable[Unit], *, lead: str | None, on_crash: OnCrash

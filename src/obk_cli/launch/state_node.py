@@ -58,7 +58,7 @@ class StateNode:
         on_request: Callable[[InputEvent], None],
         log: Callable[[str], None] | None = None,
     ) -> None:
-        """Create the node; it ends with `ros`.
+        """Create the node; it is destroyed with `ros`.
 
         Args:
             ros: spins the node.
@@ -160,7 +160,7 @@ def _answer_later(service: Any, make_response: Callable[[ChangeAnswer], Any]) ->
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
         def respond(done: "Future[ChangeAnswer]") -> None:
-            # The client may be gone by now; at the end, so is the node.
+            # The client may be gone by now; at shutdown, so is the node.
             with suppress(rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError):
                 send(make_response(done.result()), header)
 

@@ -61,7 +61,7 @@ STATES: Final = {
 
 Until = Literal["none", "configured", "active"]
 UNTIL: Final[dict[Until, str]] = {"none": UNCONFIGURED, "configured": INACTIVE, "active": ACTIVE}
-"""How far a bring-up goes -> the stack's state at its end."""
+"""How far a bring-up goes -> the stack's state when it is done."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,8 +148,9 @@ def tiers_down(plan: "Plan") -> tuple[tuple[str, ...], ...]:
 class PendingRequests:
     """The transitions requested here whose `transition_event` has not arrived yet.
 
-    A response and its event arrive on two ways, in either order, and an old event must not override
-    the newest state. So the response counts, and the event of the same transition is dropped.
+    A response and its event arrive on two paths, in either order, and an old event must not
+    override the newest state. So the response counts, and the event of the same transition is
+    dropped.
     """
 
     def __init__(self) -> None:

@@ -122,5 +122,5 @@ class Views(Protocol):
         ...
 
     def stop(self) -> None:
-        """End the views soon."""
+        """Stop the views soon."""
         ...

@@ -40,7 +40,7 @@ ANSWER_S: Final = 0.2
 
 
 class LocalObserver:
-    """Observes one stack of this host: call `turn` repeatedly, and `view` to read the result."""
+    """Observes one stack on this host: call `turn` repeatedly, and `view` to read the result."""
 
     def __init__(self, folder: Path, run: Run, participant: RosParticipant) -> None:
         """Subscribe to the topics of the run's plan.

@@ -31,7 +31,7 @@ _NS: Final = 1_000_000_000
 _KEPT: Final = 1000
 _NEAR_ALL: Final = 0.99
 _CARRIED: Final = 0.5
-"""Minimum share of upstream stamps for which a topic counts as forwarding stamps."""
+"""Minimum fraction of upstream stamps for which a topic counts as forwarding stamps."""
 
 
 class MessageAgeMeter:

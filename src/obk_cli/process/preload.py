@@ -254,7 +254,7 @@ class Server:
         return len(list(Path("/proc/self/task").iterdir())) == 1 + self._tracing.threads
 
     def serve(self) -> ForkedProgram | None:
-        """Answer requests; return the program in each forked process, and None at the end.
+        """Answer requests; return the program in each forked process, None once the link closes.
 
         Raises:
             OSError: in a forked process, if the program cannot be prepared.

@@ -131,7 +131,7 @@ def _flocked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[int | None]:
-    """Yield a descriptor of this user's file, None if it does not exist; closed at the end.
+    """Yield a descriptor of this user's file, None if it does not exist; closed on exit.
 
     Raises:
         PermissionError: the file belongs to another user.

@@ -1,4 +1,4 @@
-"""Handle the signals that end a program; Ctrl-C ends a command even if a library swallows it.
+"""Handle the signals that terminate a program; Ctrl-C works even if a library swallows it.
 
 Python drops exceptions raised in callbacks of C code, such as the one that releases an import lock;
 extensions turn them into errors of their own. Ctrl-C is also handled in a program that was started
@@ -58,7 +58,7 @@ def insist_on_interrupt() -> Iterator[None]:
 
 @contextmanager
 def until_interrupt() -> Iterator[None]:
-    """Run a block to its end or to Ctrl-C, which is its normal end."""
+    """Run a block until it is done or until Ctrl-C, which is a normal way to stop it."""
     try:
         yield
     except KeyboardInterrupt:

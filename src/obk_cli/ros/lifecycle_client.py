@@ -37,7 +37,7 @@ PING_S: Final = 3.0
 """Limit for the answer to a state query [s]."""
 POLL_S: Final = 0.01
 END_S: Final = 2.0
-"""Limit for running callbacks at the end [s]."""
+"""Limit for running callbacks at shutdown [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -40,7 +40,7 @@ USUAL_SENSOR = "JointEncoders"
 USUAL_CPP_SENSOR = "ObkJointEncoders"
 """The message packages used with the C++ library have no `JointEncoders`."""
 USUAL_OF_SENSOR = "ObkImu"
-"""Message type of nodes of the kind `sensor`."""
+"""Message type of `sensor` nodes."""
 
 _CLASSES_IN_USE = (
     "Iterator",

@@ -114,7 +114,7 @@ def reached_code(entry: EntryFunction, library: ModuleLibrary) -> Iterator[CodeB
     """The code that an entry point runs, and all code that it uses, each block once.
 
     Raises:
-        UnreadableSourceError: a module on the path is not Python.
+        UnreadableSourceError: a module on the path is not valid Python.
     """
     walk = _Walk(library)
     if not _is_of_library(entry[0].name):

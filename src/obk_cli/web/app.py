@@ -101,7 +101,7 @@ class WebServer:
         asyncio.run(self._server.serve(sockets=[listener]))
 
     def end(self) -> None:
-        """End the server soon; may be called from any thread."""
+        """Stop the server soon; may be called from any thread."""
         self._is_ended = True
         if self._server is not None:
             self._server.should_exit = True
@@ -141,7 +141,7 @@ def event(name: str, data: dict[str, Any]) -> str:
 
 
 TOKEN: Final = "token"  # noqa: S105 - the parameter's name, no secret
-"""The URL's parameter; the cookie `obk_PORT` and the header `X-Obk-Token` hold the same value."""
+"""The URL's parameter; the `obk_PORT` cookie and the `X-Obk-Token` header hold the same value."""
 POLL_S: Final = 0.1
 """Period of polling for changes [s]."""
 MOST_CURVES: Final = 12
@@ -217,7 +217,7 @@ class PageApi:
         self._is_ending = is_ending
 
     async def graph(self, _: Request) -> Response:
-        """Return the picture of the stack."""
+        """Return the diagram of the stack."""
         return Response(self._snapshot().picture, media_type=KINDS[".svg"])
 
     async def fields(self, request: Request) -> Response:

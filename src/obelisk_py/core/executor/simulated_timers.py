@@ -1,4 +1,4 @@
-"""Run the timers of nodes that follow a clock page, by simulated time.
+"""Run the timers of nodes that follow a clock page on simulated time.
 
 The simulator signals the process when its first timer is due. Any worker may handle the signal. It
 wakes the due timers and writes the next due time to the page. While simulated time is paused,

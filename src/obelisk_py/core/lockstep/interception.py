@@ -148,7 +148,7 @@ class _RunInProgress:
 
 
 _process: Final = _RunInProgress()
-"""One per process, like the modules `time` and `os`."""
+"""One per process, like the `time` and `os` modules."""
 
 
 @contextmanager

@@ -1,7 +1,7 @@
-"""Render images of the model's cameras off screen.
+"""Render off-screen images from the model's cameras.
 
 The inputs are a model, the index of a camera or None, the state at `update`, and the environment
-and libraries of this machine. `CameraView.update` may be called on any thread. All other calls must
+and libraries on this machine. `CameraView.update` may be called on any thread. All other calls must
 be made on the thread that created the view, because an OpenGL context belongs to one thread.
 
 Source: https://mujoco.readthedocs.io/en/stable/programming/visualization.html (back ends).
@@ -30,7 +30,7 @@ _FIX: Final = (
 _DEFAULT_SIZE = (640, 480)
 """Width and height of a camera if the model sets none [pixels]."""
 _UNSET = 1
-"""MuJoCo's value of width and height if the model sets none."""
+"""MuJoCo's value for width and height if the model sets none."""
 
 
 def choose_back_end(

@@ -42,7 +42,7 @@ _TOLERABLE: Final = {
 
 
 class DivergenceError(ObeliskError):
-    """The state is no longer finite; the message names the time and the joint."""
+    """The state is no longer finite; the message gives the time and the joint."""
 
 
 class Simulation:

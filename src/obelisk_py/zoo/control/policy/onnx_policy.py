@@ -1,7 +1,7 @@
 """`OnnxPolicy`: run a trained network as a controller.
 
 The config sets the network's file as `params_path`, what the network observes, and what its outputs
-mean. It needs the extra `policy` of obelisk-cli.
+mean. It needs obelisk-cli's `policy` extra.
 """
 
 from collections.abc import Mapping, Sequence

@@ -3,7 +3,7 @@
 The inputs are one `framepos` and one `framequat` of the same object; odometry also needs
 `velocimeter` and `gyro`. The pose is given in `header.frame_id`, which is the reference object of
 the position, or `world`. If the model gives the orientation in another frame, it is published
-unchanged, with a warning at configure.
+unchanged, with a warning in `configure`.
 
 The twist of an odometry message is given in `child_frame_id`, the object. Velocimeter and gyro may
 be at other sites of the object's body; their measurements are transformed to the object.

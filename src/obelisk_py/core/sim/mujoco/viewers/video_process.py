@@ -3,9 +3,9 @@
 Video time is simulation time. A frame that cannot be rendered in time is dropped: the previous one
 is shown longer, so the video plays at the correct speed, and dropped frames are counted.
 
-One thread renders, another one ends the video. The rendering thread has a lower priority than the
-robot, so on a busy machine a single picture may take seconds. The end does not wait for it: the
-last picture is shown until the time of the last state.
+One thread renders, and another one finishes the video. The rendering thread has a lower priority
+than the robot, so on a busy machine a single picture may take seconds. Finishing does not wait for
+it: the last picture is shown until the time of the last state.
 """
 
 import json
@@ -40,7 +40,7 @@ _TOLERANCE: Final = 1e-6
 """Fraction of a frame by which a sum of time steps may be too low."""
 _WAIT_S: Final = 1.0
 _LAST_S: Final = 0.7
-"""Timeout for the picture that is being rendered at the end [s]."""
+"""Timeout for the image that is being rendered when the video ends [s]."""
 _LARGEST_SHADOW: Final = 2048
 """Side length of the shadow map [pixels]. Without a graphics card, MuJoCo's default of 4096 takes
 more time than everything else, and the video does not look better."""
@@ -119,7 +119,7 @@ class VideoRecording:
                 self.draw_one(view)
 
     def close(self) -> str:
-        """End the video, even during rendering, and return a summary of it."""
+        """Finish the video, even during rendering, and return a summary of it."""
         with self._lock:
             self._is_closed = True
             while not self._states.is_over:
@@ -235,9 +235,10 @@ def _picture(
 
 
 def _make_way() -> None:
-    """Lower the priority of every thread except the one that ends the video.
+    """Lower the priority of every thread except the one that finishes the video.
 
-    A lowered priority cannot be raised again, and a busy machine would keep the video from ending.
+    A lowered priority cannot be raised again, and a busy machine would keep the video from being
+    finished.
     """
     for thread in Path("/proc/self/task").iterdir():
         if int(thread.name) != threading.main_thread().native_id:
