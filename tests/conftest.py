@@ -165,7 +165,7 @@ def ros_domain(
         for name in _FOREIGN_ROS_VARIABLES:
             monkeypatch.delenv(name, raising=False)
         yield domain
-        # A life-cycle node is part of reference cycles, and in the domain until they are collected.
+        # A lifecycle node is part of reference cycles, and in the domain until they are collected.
         gc.collect()
         left_over = _end_processes_marked(mark)
         remove_dead_segments()  # left by processes that the test killed

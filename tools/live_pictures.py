@@ -54,7 +54,7 @@ def make_live_pictures() -> None:
 
 @contextmanager
 def _stack() -> Iterator[None]:
-    """Run the dummy stack; it is active while entered."""
+    """Run the dummy stack; it is active inside the `with` block."""
     command = [OBK, "launch", DUMMY, "--color", "never"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as launch:
         assert launch.stdout is not None

@@ -73,7 +73,7 @@ def generated_files() -> dict[Path, str]:
 
 
 def terminal(text: str, title: str, columns: int) -> str:
-    """Draw a terminal that shows a text in colour."""
+    """Draw a terminal that shows a text in color."""
     console = Console(record=True, width=columns, file=StringIO())
     console.print(Text.from_ansi(text.rstrip()))
     return without_fonts(console.export_svg(title=title, unique_id="terminal"))

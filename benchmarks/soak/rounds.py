@@ -1,4 +1,4 @@
-"""Take one process through its life cycle many times, and check for leaks.
+"""Take one process through its lifecycle many times, and check for leaks.
 
     python -m benchmarks.soak.rounds [--rounds 1000]
 

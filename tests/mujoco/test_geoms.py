@@ -1,4 +1,4 @@
-"""Markers of geoms: kind, full-length sizes, pose, colour."""
+"""Markers of geoms: kind, full-length sizes, pose, color."""
 
 import mujoco
 import numpy as np

@@ -72,7 +72,7 @@ def feed(scene):
 
 
 class _PaintedView:
-    """A camera without OpenGL, which draws a grey level for the height of the lid."""
+    """A camera without OpenGL, which draws a gray level for the height of the lid."""
 
     def __init__(self, model, camera, back_end):
         self.may_draw = threading.Event()

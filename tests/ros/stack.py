@@ -87,7 +87,7 @@ def spinning(
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-        # A life-cycle node is part of reference cycles, and stays in the ROS graph until they are
+        # A lifecycle node is part of reference cycles, and stays in the ROS graph until they are
         # collected; an executor that spun keeps references to its last nodes.
         del node, executor, spin, thread
         gc.collect()

@@ -1,4 +1,4 @@
-"""The guarded life cycle on the real rclpy: reported faults, rejected requests, no leaks."""
+"""The guarded lifecycle on the real rclpy: reported faults, rejected requests, no leaks."""
 
 import gc
 from pathlib import Path

@@ -91,7 +91,7 @@ class Program:
 
     @contextmanager
     def command_line(self) -> Iterator[None]:
-        """Set `sys.argv` to this program's command line while entered."""
+        """Set `sys.argv` to this program's command line inside the `with` block."""
         before = sys.argv
         sys.argv = [self.module, *self.arguments]
         try:

@@ -60,7 +60,7 @@ _own_arguments: ContextVar[tuple[str, ...] | None] = ContextVar("own_arguments",
 
 @contextmanager
 def node_arguments(arguments: Sequence[str]) -> Iterator[None]:
-    """While entered, new nodes use these ROS arguments instead of the process's.
+    """Inside the `with` block, new nodes use these ROS arguments instead of the process's.
 
     Many node classes accept no keyword arguments that they could pass to rclpy.
     """

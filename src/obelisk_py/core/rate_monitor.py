@@ -85,7 +85,7 @@ class TickCounter:
         self.overruns = 0
         """Ticks that were skipped or merged with the next one."""
         self.newest_ns = 0
-        """Time of the newest tick [ns], on the clock of the caller of `tick`."""
+        """Time of the latest tick [ns], on the clock of the caller of `tick`."""
         self.buckets = [0] * _BUCKETS
         """Ticks by lateness; the counts only grow, so readers need not stop the counting."""
 
@@ -263,7 +263,7 @@ class ExpectedRate:
         self._first_overrun = counter.overruns
         self._buckets = counter.buckets.copy()
         self._since_ns = self._clock()
-        """Time of the newest tick at the last read, or the start time."""
+        """Time of the latest tick at the last read, or the start time."""
         self._measured_hz = self._expected_hz
         self._read_s = self._steady_s()
         self._off_s: float | None = None

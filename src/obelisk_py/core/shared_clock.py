@@ -41,7 +41,7 @@ _page: ContextVar[ClockPage | None] = ContextVar("clock_page", default=None)
 
 @contextmanager
 def new_nodes_follow(page: ClockPage | None) -> Iterator[None]:
-    """Make new nodes follow this page while entered, if they use simulated time."""
+    """Make new nodes follow this page inside the `with` block, if they use simulated time."""
     token = _page.set(page)
     try:
         yield

@@ -131,7 +131,7 @@ def serve_spin_request(request: SpinRequest) -> int:
 
 @contextmanager
 def spin_requests_served_by(spinner: Callable[[SpinRequest], int]) -> Iterator[None]:
-    """Make this host serve the requests of `spin_obelisk` while entered."""
+    """Make this host serve the requests of `spin_obelisk` inside the `with` block."""
     token = _spinner.set(spinner)
     try:
         yield
@@ -261,7 +261,7 @@ def _make_executor(kind: Callable[..., Executor] | None) -> Executor:
 
 @contextmanager
 def simulated_time_from(page: ClockPage | None, executor: Executor) -> Iterator[None]:
-    """Make new nodes take simulated time from a page while entered, if the executor supports it.
+    """Inside the `with` block, new nodes take simulated time from a page, if the executor can.
 
     Only the library's executor wakes timers by the page; with another one, nodes use `/clock`.
     """

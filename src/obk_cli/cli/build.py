@@ -76,7 +76,7 @@ def _short(path: Path) -> str:
 
 @contextmanager
 def showing_progress(*, is_terminal: bool) -> Iterator[Callable[[Progress], None]]:
-    """Show progress on stderr while entered; on a terminal it is cleared when done."""
+    """Show progress on stderr inside the `with` block; on a terminal it is cleared when done."""
     if not is_terminal:
         yield _print_step
         return

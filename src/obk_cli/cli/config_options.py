@@ -64,7 +64,7 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
 
 
 def wants_colour(choice: str, *, to_stderr: bool = False) -> bool:
-    """Whether to use colour. `auto`: on a capable terminal, unless NO_COLOR is set.
+    """Whether to use color. `auto`: on a capable terminal, unless NO_COLOR is set.
 
     Raises:
         MisuseError: the choice is none of the three.

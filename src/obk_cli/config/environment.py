@@ -213,7 +213,7 @@ class CodeComponent:
     is_named_in_full: bool
     """Whether both names are known; otherwise the config may use a computed one."""
     is_of_library: bool
-    """Whether a base class of the run-time library registers it."""
+    """Whether a base class of the runtime library registers it."""
     has_typed_base: bool = False
     """Whether that base class is given message types, as since API generation 2."""
     span: Span

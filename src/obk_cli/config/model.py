@@ -133,7 +133,7 @@ class Component:
     callback_group: Spanned[str] | None = None
     timer_period_s: Spanned[float] | None = None
     max_age_s: Spanned[float] | None = None
-    """Maximum age of a robot's newest command [s]."""
+    """Maximum age of a robot's latest command [s]."""
     stale_action: Spanned[str] | None = None
     is_unused: bool = False
     """Whether no node reads it: an earlier entry has its name, or only the hardware has it."""

@@ -236,7 +236,7 @@ def _stack_environment() -> RosEnvironment:
 
 @contextmanager
 def _answering(variables: Mapping[str, str]) -> Iterator[None]:
-    """Keep an answering process running while entered."""
+    """Keep an answering process running inside the `with` block."""
     answering = subprocess.Popen(
         child_command("answer", str(os.getpid())),
         env=variables,

@@ -19,7 +19,7 @@ __all__ = ["SECTION_COLOURS", "Colour", "Graph", "GraphNode", "GraphTopic", "gra
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Colour:
-    """A light and a dark shade of one colour."""
+    """A light and a dark shade of one color."""
 
     light: str
     """For areas with text."""

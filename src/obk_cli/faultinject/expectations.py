@@ -91,7 +91,7 @@ def expectation_of(
 
 
 def _is_watched(unit: Unit) -> bool:
-    """Whether hangs are detected: only nodes with a life cycle have a heartbeat."""
+    """Whether hangs are detected: only nodes with a lifecycle have a heartbeat."""
     return any(node.has_lifecycle for node in unit.nodes)
 
 

@@ -51,7 +51,7 @@ class NodeInfo:
     parameters: int | None = None
     """Number of parameters; None if the node does not answer."""
     state: str | None = None
-    """Life-cycle state; None if it has none, or does not answer."""
+    """Lifecycle state; None if it has none, or does not answer."""
     status: NodeStatus | None = None
     """The status from its launcher, if that runs on this host."""
     run: str | None = None

@@ -1,6 +1,6 @@
 """Build the commands, environments, parameter files and clock page with which processes start.
 
-Starts nothing. Nodes in one process run in the run-time library's host program, of which this
+Starts nothing. Nodes in one process run in the runtime library's host program, of which this
 module knows only the name and file.
 """
 
@@ -218,7 +218,7 @@ class ComposedNode:
 def is_composable(node: PlannedNode, command: Command) -> bool:
     """Whether a node can share a process with others.
 
-    It can if it is Python that this interpreter runs, has a life cycle, and sets no environment
+    It can if it is Python that this interpreter runs, has a lifecycle, and sets no environment
     variables.
     """
     return node.has_lifecycle and not node.env and command.is_of_this_python
@@ -304,7 +304,7 @@ def early_units(
 def held_at_gate(
     folder: Path | None, units: Iterable[Unit], processes: WardenProcesses
 ) -> Iterator[None]:
-    """Start processes; while entered, they create no node. If the run is rejected, they never do.
+    """Start processes that create no node inside the `with` block; never if the run is rejected.
 
     If the run's folder cannot hold a gate, nothing is started early.
     """
@@ -334,7 +334,7 @@ def gate_path(folder: Path) -> Path:
 
 @contextmanager
 def closed_gate(folder: Path) -> Iterator[None]:
-    """While entered, programs of the run that wait at its gate create no node.
+    """Inside the `with` block, programs of the run that wait at its gate create no node.
 
     Raises:
         OSError: the folder is not writable.

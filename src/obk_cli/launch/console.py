@@ -92,7 +92,7 @@ def _is_continued(text: str) -> bool:
 
 
 Draw = Callable[[int, int], Sequence[str]]
-"""Columns and rows of the terminal -> lines that fit; they may contain colours, no other codes."""
+"""Columns and rows of the terminal -> lines that fit; they may contain colors, no other codes."""
 
 ROOM: Final = 2000
 """Maximum number of waiting lines."""
@@ -408,7 +408,7 @@ def open_console(
     Args:
         fd: where to write.
         as_json: one JSON object per line.
-        colour: whether lines may be coloured.
+        colour: whether lines may be colored.
         quiet: hide the nodes' output.
         terminal: the variable TERM.
     """

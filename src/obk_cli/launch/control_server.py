@@ -60,7 +60,7 @@ _CREDENTIALS: Final = struct.Struct("3i")
 def serve_control(
     folder: Path, put: Callable[[InputEvent], None], ask_graph: AskGraph | None = None
 ) -> Iterator[None]:
-    """While entered, put the requests that arrive at a run folder's socket into an inbox.
+    """Inside the `with` block, put the requests that arrive at a run folder's socket into an inbox.
 
     Args:
         folder: the run's folder; its path may be too long for a socket address.

@@ -108,7 +108,7 @@ class ProcessEnded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ready:
-    """A node's life-cycle services answer."""
+    """A node's lifecycle services answer."""
 
     node: str
 
@@ -189,7 +189,7 @@ class RejectionReported:
     seconds: float
     """[s]; 0: it accepts commands again."""
     reason: str
-    """Why the newest command was rejected."""
+    """Why the latest command was rejected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

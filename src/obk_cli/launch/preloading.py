@@ -51,7 +51,7 @@ MODULES: Final = (
 FEWEST: Final = 2
 """A single process would not start sooner."""
 OWN_PREFIX: Final = "OBK_"
-"""Prefix of variables that only the run-time library reads, when a node is created."""
+"""Prefix of variables that only the runtime library reads, when a node is created."""
 PATH: Final = "PYTHONPATH"
 HOOKS: Final = ("COV", "LD_PRELOAD")
 """Prefixes of variables through which tools measure or replace parts of a process from its

@@ -43,7 +43,7 @@ KEPT_LINES = 60
 LONGEST_LINE = 1 << 16
 """Output without line ends is cut into pieces of this size [characters]."""
 STACK_SIGNAL = signal.SIGUSR1
-"""On this signal, processes of the run-time library write their stacks."""
+"""On this signal, processes of the runtime library write their stacks."""
 NO_WARDEN = "the process that watched over the nodes is gone"
 
 

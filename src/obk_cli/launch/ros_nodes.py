@@ -246,7 +246,7 @@ class NodeWatch:
                 self._seeker.start()
 
     def report_fault(self, node: str, report: Callable[[str], None]) -> None:
-        """Query a node's newest fault; `report` is called once, with "" if it does not answer."""
+        """Query a node's latest fault; `report` is called once, with "" if it does not answer."""
         if not self._clients.is_ready(node, "last_error"):
             report("")
             return

@@ -71,7 +71,7 @@ class RunLock:
 def locked_run(
     plan: Plan, environment: RosEnvironment, options: LaunchOptions
 ) -> Iterator[RunLock]:
-    """While entered, this launch owns its node names on this machine.
+    """Inside the `with` block, this launch owns its node names on this machine.
 
     Raises:
         CommandFailedError: the stack or one of its nodes is already running.

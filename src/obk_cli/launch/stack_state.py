@@ -178,11 +178,11 @@ class StackState:
         return not names <= self.ready
 
     def local_nodes(self) -> frozenset[str]:
-        """The nodes with a life cycle whose processes this launch runs."""
+        """The nodes with a lifecycle whose processes this launch runs."""
         return frozenset(node for node in self.with_lifecycle if self.is_local(node))
 
     def remote_nodes(self) -> frozenset[str]:
-        """The nodes with a life cycle whose processes other launches run."""
+        """The nodes with a lifecycle whose processes other launches run."""
         return frozenset(
             name for name, p in self.nodes.items() if p.has_lifecycle and not self.is_local(name)
         )
@@ -192,7 +192,7 @@ class StackState:
         return frozenset(nodes) - self.ready - self.lost
 
     def counted(self) -> frozenset[str]:
-        """The nodes with a life cycle that determine the stack's state."""
+        """The nodes with a lifecycle that determine the stack's state."""
         present = {n for n in self.with_lifecycle - self.lost if not self._hangs_ignored(n)}
         failed = {n for n in self.failed & present if self.states.get(n) == UNCONFIGURED}
         # If no other node is further, nothing keeps it from coming along.

@@ -1,4 +1,4 @@
-"""The stack as one life-cycle node in the ROS graph, such as `/dummy`, for any ROS 2 client.
+"""The stack as one lifecycle node in the ROS graph, such as `/dummy`, for any ROS 2 client.
 
 Its services turn requests into `ChangeRequested` and answers into responses; `show` sets its state.
 It rejects only requests that the current state does not allow, and changes nothing itself.
@@ -49,7 +49,7 @@ def rejection(state: str, label: str, number: int) -> str:
 
 
 class StateNode:
-    """Hosts the services of a life-cycle node, through which ROS 2 clients control the stack."""
+    """Hosts the services of a lifecycle node, through which ROS 2 clients control the stack."""
 
     def __init__(
         self,

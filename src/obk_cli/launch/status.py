@@ -148,7 +148,7 @@ class LiveReport:
             report: formats the lines.
             opening: the status before the start.
             clock: monotonic time [s].
-            colour: whether the area is coloured.
+            colour: whether the area is colored.
         """
         self._report = report
         self._status = opening

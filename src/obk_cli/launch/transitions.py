@@ -1,4 +1,4 @@
-"""The life cycle of a stack: its numbered edges, the order of tiers, pending requests.
+"""The lifecycle of a stack: its numbered edges, the order of tiers, pending requests.
 
 `EDGES`, which ROS clients see, follow from the table `obk_cli.runs.lifecycle.TRANSITIONS`.
 Source: https://design.ros2.org/articles/node_lifecycle.html; lifecycle_msgs/msg/State,
@@ -134,7 +134,7 @@ def way_down(state: str) -> tuple[Transition, ...]:
 def tiers_up(plan: "Plan") -> tuple[tuple[str, ...], ...]:
     """Full names by tier in bring-up order: the robot before controllers.
 
-    Nodes without a life cycle make no transitions and are left out.
+    Nodes without a lifecycle make no transitions and are left out.
     """
     tiers = (tuple(p.full_name for p in tier if p.has_lifecycle) for tier in plan.tiers)
     return tuple(tier for tier in tiers if tier)
@@ -149,7 +149,7 @@ class PendingRequests:
     """The transitions requested here whose `transition_event` has not arrived yet.
 
     A response and its event arrive on two paths, in either order, and an old event must not
-    override the newest state. So the response counts, and the event of the same transition is
+    override the latest state. So the response counts, and the event of the same transition is
     dropped.
     """
 

@@ -255,7 +255,7 @@ class RemoteObserver:
         )
 
     def _state(self, node: str) -> str:
-        """The node's last reported state; empty without a life cycle or a reply."""
+        """The node's last reported state; empty without a lifecycle or a reply."""
         service = f"{node}/get_state"
         if GET_STATE not in self._participant.services_of(node).get(service, ()):
             return ""

@@ -200,7 +200,7 @@ def _path(search: FileSearch | None, written: str) -> str:
 
 
 def _setting(component: Component) -> Mapping[str, object]:
-    """A component's entry as the run-time library reads it, whichever syntax the config uses.
+    """A component's entry as the runtime library reads it, whichever syntax the config uses.
 
     Both names and the default depth are filled in; empty settings are omitted.
     """

@@ -104,7 +104,7 @@ class PlannedNode:
     on_crash: OnCrash | None = None
     """What the launcher does when the node crashes; None: the default of `obk launch`."""
     has_lifecycle: bool = True
-    """Whether the node has a life cycle; ROS's joystick node has none."""
+    """Whether the node has a lifecycle; ROS's joystick node has none."""
 
     @property
     def full_name(self) -> str:

@@ -28,7 +28,7 @@ _END_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def insist_on_interrupt() -> Iterator[None]:
-    """While entered, Ctrl-C ends the block by KeyboardInterrupt; only from the main thread.
+    """Inside the `with` block, Ctrl-C raises KeyboardInterrupt; only from the main thread.
 
     The interrupt is raised again until it leaves the block or is accepted, but not while it is
     being handled, so cleanup is never interrupted.
@@ -97,7 +97,7 @@ def _is_being_handled() -> bool:
 
 @contextmanager
 def handle_end_signals(on_signal: Callable[[signal.Signals], None]) -> Iterator[None]:
-    """While entered, handle SIGINT, SIGTERM and SIGHUP; only from the main thread.
+    """Inside the `with` block, handle SIGINT, SIGTERM and SIGHUP; only from the main thread.
 
     SIGHUP stays ignored if it was ignored before, as with `nohup`. SIGINT is handled even then,
     because shells ignore it for programs that they start in the background.

@@ -72,7 +72,7 @@ class PlotLine:
     run: int
     """Index of its run, which determines the line style."""
     colour: int
-    """Index of its number in the part; the same number of another run has the same colour."""
+    """Index of its number in the part; the same number of another run has the same color."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,7 +210,7 @@ def _part(
 
 
 def _overlaid(parts: Sequence[PlotPart]) -> PlotPart:
-    """Merge all parts into one; each number gets its own colour."""
+    """Merge all parts into one; each number gets its own color."""
     lines: list[PlotLine] = []
     for part in parts:
         first = max((line.colour for line in lines), default=-1) + 1

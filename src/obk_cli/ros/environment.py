@@ -220,7 +220,7 @@ DOMAINS: Final = range(100, 0, -1)
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """While entered, reserve a ROS domain that no other caller on this host has.
+    """Inside the `with` block, reserve a ROS domain that no other caller on this host has.
 
     Raises:
         CommandFailedError: no domain is free.

@@ -54,7 +54,7 @@ class RosGraph:
         self._begin = time.monotonic() if begin_s is None else begin_s
 
     def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
-        """Full names of the life-cycle nodes in the graph.
+        """Full names of the lifecycle nodes in the graph.
 
         Returns as soon as all expected nodes exist. If none are expected, returns when there are
         some and the graph has not changed for `quiet_s`. Returns after `timeout_s` in any case.

@@ -315,7 +315,7 @@ class Delay:
 
 
 class DelayMeter:
-    """Keeps the delays of the newest messages."""
+    """Keeps the delays of the latest messages."""
 
     def __init__(self, window: int) -> None:
         """Start without messages.

@@ -26,8 +26,8 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
 
     Args:
         parent: the folder of all runs.
-        run: name of a config or run folder; None: the newest run. If `node` is None, an unknown
-            name is taken for a node of the newest run.
+        run: name of a config or run folder; None: the most recent run. If `node` is None, an
+            unknown name is taken for a node of the most recent run.
         node: full or short name; None: the output of the launcher.
 
     Raises:
@@ -51,7 +51,7 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
 
 
 def _folder(folders: Sequence[Path], name: str) -> Path | None:
-    """The newest run of a config, or the folder with this name."""
+    """The most recent run of a config, or the folder with this name."""
     config = name.replace("/", "_")
     fitting = (folder for folder in folders if name == folder.name or config == config_of(folder))
     return next(fitting, None)

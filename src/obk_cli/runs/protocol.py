@@ -139,7 +139,7 @@ class NodeStatus:
     section: str
     device: str
     state: str
-    """Life-cycle state; `unknown` before the node was seen, empty for nodes without one."""
+    """Lifecycle state; `unknown` before the node was seen, empty for nodes without one."""
     process: str
     """Name of the process that runs it; equal to `node` if the process is not shared."""
     pid: int | None

@@ -219,7 +219,7 @@ def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
 
 
 def stack_nodes(found: Iterable[str]) -> tuple[str, ...]:
-    """The nodes of a stack among the life-cycle nodes in the ROS graph, in tier order.
+    """The nodes of a stack among the lifecycle nodes in the ROS graph, in tier order.
 
     A stack's nodes are named after their sections. If no node is, all nodes are returned.
     """

@@ -1,7 +1,7 @@
 """Find the code that a node's start leads to: functions, methods and modules, followed by name.
 
 A class counts as a whole, except methods of its bases that it overrides. Attributes of objects, the
-run-time library and packages outside the workspace are not followed.
+runtime library and packages outside the workspace are not followed.
 """
 
 import ast

@@ -1,6 +1,6 @@
 """The web server of a running stack's page: files, an event stream, transitions.
 
-`web.auth` checks every request first. The stream polls the newest snapshot ten times per second;
+`web.auth` checks every request first. The stream polls the latest snapshot ten times per second;
 transitions run in their own threads.
 """
 
@@ -176,7 +176,7 @@ class FieldSource(Protocol):
     """The methods of `Plots` that the page uses."""
 
     def subscribed(self, requests: list[FieldRequest]) -> AbstractContextManager[None]:
-        """Subscribe to these fields while entered."""
+        """Subscribe to these fields inside the `with` block."""
         ...
 
     def data_after(self, field_request: FieldRequest, after_ns: int) -> FieldData:
@@ -200,7 +200,7 @@ class PageApi:
         """Connect the page to its sources.
 
         Args:
-            snapshot: returns the newest snapshot.
+            snapshot: returns the latest snapshot.
             fields: the fields that pages plot.
             history: reads fields from the recording of a run.
             change: executes transitions.

@@ -130,7 +130,7 @@ class MachineEnvironment:
         return self._sources_of_nodes().hazards(command) if isinstance(command, Command) else ()
 
     def is_cpp(self, package: str, executable: str) -> bool:
-        """Whether an executable is C++: native, in CMakeLists.txt, or of a package named `*_cpp`."""
+        """Whether an executable is C++: native, in CMakeLists.txt, or in a `*_cpp` package."""
         command = self.find_executable(package, executable)
         if isinstance(command, ExecutableMissing):
             return command.declared_in is not None or (

@@ -68,7 +68,7 @@ _DROP_LOG_PERIOD_S = 1.0
 
 
 class EntityHandler(ABC):
-    """An entity and the eventfd that is signalled when it has data."""
+    """An entity and the eventfd that is signaled when it has data."""
 
     entity: Any
     kind: ClassVar[EntityKind]
@@ -358,7 +358,7 @@ class QosEventHandler(EntityHandler):
 
 
 class TimerCallbackHandler(EntityHandler):
-    """A timer; the base class's eventfd is signalled when the timer is reset."""
+    """A timer; the base class's eventfd is signaled when the timer is reset."""
 
     kind = EntityKind.TIMER_RESET
 

@@ -108,7 +108,7 @@ class SimulatedTimers:
 class SimulatedTimerHandler(TimerCallbackHandler):
     """Runs a timer's callback once per period of simulated time.
 
-    The base class's eventfd is signalled when the timer is due and when it was reset.
+    The base class's eventfd is signaled when the timer is due and when it was reset.
     """
 
     def __init__(

@@ -141,7 +141,7 @@ class LockstepRun:
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """While entered, new nodes join this run, and their code uses its time and randomness."""
+        """Inside the `with` block, new nodes join this run and use its time and randomness."""
         with ExitStack() as stack:
             stack.enter_context(self._generators.in_place())
             stack.enter_context(run_in_progress(self.interception))

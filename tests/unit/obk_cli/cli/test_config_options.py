@@ -1,4 +1,4 @@
-"""When output is coloured."""
+"""When output is colored."""
 
 import sys
 

@@ -117,7 +117,7 @@ class UdpMotorRobot(ObeliskRobot):
         self.link.stop()
 
     def publish_sensor(self) -> JointEncoders | None:
-        """Publish the newest state of the drive, unless there is no new one.
+        """Publish the latest state of the drive, unless there is no new one.
 
         Raises:
             ObeliskHardwareError: no state was received for too long, or the drive has a fault.

@@ -31,7 +31,7 @@ class Gait:
     height_m: float = 0.28
     """Height of the hips above the feet."""
     trim_m: float = -0.015
-    """Distance of the feet in front of the hips, which centres the trunk's weight over them."""
+    """Distance of the feet in front of the hips, which centers the trunk's weight over them."""
     sway_m: float = 0.035
     lift_m: float = 0.05
     step_s: float = 0.4
@@ -39,7 +39,7 @@ class Gait:
     levelling: float = 0.5
     """Share of the trunk's tilt that the legs correct."""
     homing_hz: float = 2.0
-    """Speed of the steps per metre of distance of the trunk from its start [1/s]."""
+    """Speed of the steps per meter of distance of the trunk from its start [1/s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -65,7 +65,7 @@ def open_context(
     height: int,
     load: Callable[[str], Any] = importlib.import_module,
 ) -> Any:
-    """Open an OpenGL context for pictures up to this size, and make it current on this thread.
+    """Open an OpenGL context for images up to this size, and make it current on this thread.
 
     Raises:
         ObeliskConfigError: the back end does not work.
@@ -83,7 +83,7 @@ def open_context(
 
 
 def picture_size(model: mujoco.MjModel, camera: int | None) -> tuple[int, int]:
-    """Width and height of a camera's pictures [pixels]: its `resolution`, otherwise 640 x 480."""
+    """Width and height of a camera's images [pixels]: its `resolution`, otherwise 640 x 480."""
     if camera is None:
         return _DEFAULT_SIZE
     width, height = (int(length) for length in model.cam_resolution[camera])

@@ -109,7 +109,7 @@ def video_job(model: mujoco.MjModel, settings: VideoSettings) -> VideoJob:
     """Compute the arguments of the process that renders a video of a model.
 
     Raises:
-        ObeliskConfigError: the camera does not exist, or its pictures have an unsupported size.
+        ObeliskConfigError: the camera does not exist, or its images have an unsupported size.
     """
     camera = None if settings.camera is None else _camera(model, settings.camera)
     size = settings.size or picture_size(model, camera)
@@ -171,7 +171,7 @@ class _Video:
     """The process that records a video."""
 
     def __init__(self, job: VideoJob, simulation: Simulation, report: ReportVideo) -> None:
-        """Start the process, and wait until it has rendered the first picture.
+        """Start the process, and wait until it has rendered the first image.
 
         Raises:
             ObeliskConfigError: it cannot render; the message comes from the process.

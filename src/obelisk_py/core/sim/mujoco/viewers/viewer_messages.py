@@ -155,7 +155,7 @@ class States:
         return True
 
     def take_newest(self, timeout_s: float) -> bool:
-        """Like `take_next`, but for the newest available state; earlier ones are skipped."""
+        """Like `take_next`, but for the latest available state; earlier ones are skipped."""
         if not self._receive(timeout_s):
             return False
         while self._receive(0.0):
