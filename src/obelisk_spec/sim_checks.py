@@ -1,6 +1,7 @@
 """Check a `sim` block; used by the tool before a launch and by the simulator in `configure`.
 
-The inputs are the block, the node's parameters and the facts of a model; the outputs are findings.
+The inputs are the block, the node's parameters and the facts about a model; the outputs are
+findings.
 """
 
 from collections import Counter

@@ -37,7 +37,7 @@ LIMITS = {
 """First word of a command -> the timeout options, with generous values."""
 N = TypeVar("N", bound=Node)
 MARK = "OBELISK_TEST_RUN"
-"""The variable by which the fixture `ros_domain` finds a test's processes."""
+"""The variable by which the `ros_domain` fixture finds a test's processes."""
 
 
 def calm(folder: Path) -> None:

@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 def results(module: str, *options: str, root: Path, folder: Path) -> dict[str, Any]:
     """Run a program of the soak on the calm example and return its results.
 
-    Ignores its verdict on growth, because a short run proves nothing about that.
+    It ignores its verdict on growth, because a short run proves nothing about that.
     """
     command = (sys.executable, "-m", module, *options, "--config", DUMMY, "--results", folder)
     ended = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)

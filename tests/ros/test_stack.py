@@ -165,7 +165,7 @@ def test_a_killed_warden_ends_the_nodes_and_the_launcher_reports_it() -> None:
 def test_a_launcher_killed_together_with_its_warden_leaves_no_node() -> None:
     with launched(DUMMY, "--quiet") as run:
         warden = warden_of(run)
-        # So that neither notices the other one's end.
+        # So that neither detects the other one's exit.
         for process in (psutil.Process(run.process.pid), warden):
             process.suspend()
         warden.kill()

@@ -292,7 +292,7 @@ class GuardedLifecycleNode(LifecycleNode):
     def _settle(self, state: str) -> None:
         """Start or stop what belongs to the state after a transition; for subclasses.
 
-        Called after every transition, even if an override did not call the library's method.
+        It is called after every transition, even if an override did not call the library's method.
 
         Args:
             state: `unconfigured`, `inactive`, `active` or `finalized`.

@@ -96,8 +96,8 @@ class ObeliskRobot(ABC, ObeliskNode):
     def apply_control(self, control_msg: ObeliskControlMsg) -> bool | None:
         """Apply a control message to the system; called only while the node is active.
 
-        Called on the executor's thread, or with `max_age_sec` also on another thread, but never on
-        both at the same time.
+        It is called on the executor's thread, or with `max_age_sec` also on another thread, but
+        never on both at the same time.
 
         Args:
             control_msg: the latest control.

@@ -89,11 +89,11 @@ class NodeSettings:
 
 
 def parse_node_settings(text: str, groups_text: str = "") -> NodeSettings:
-    """Parse the ROS parameter `obelisk_settings`; an empty string has no settings.
+    """Parse the `obelisk_settings` ROS parameter; an empty string has no settings.
 
     Args:
         text: the parameter's value.
-        groups_text: the parameter `callback_group_settings` of older launchers.
+        groups_text: the `callback_group_settings` parameter of older launchers.
 
     Raises:
         ObeliskConfigError: it is not a mapping of lists of mappings, or has an unknown group type.

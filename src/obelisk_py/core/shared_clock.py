@@ -116,7 +116,7 @@ class SharedTimer(Timer):
         return int(super().time_since_last_call())
 
     def time_until_next_call(self) -> int | None:
-        """Simulated time until the next call [ns]; None if the timer is cancelled."""
+        """Simulated time until the next call [ns]; None if the timer is canceled."""
         self._sync()
         left_ns: int | None = super().time_until_next_call()
         return left_ns

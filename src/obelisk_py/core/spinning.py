@@ -210,7 +210,7 @@ class _End(Future):
 
 
 class _ThreadPool(MultiThreadedExecutor):
-    """rclpy's multi-threaded executor, safe for timers that are cancelled or destroyed when due.
+    """rclpy's multi-threaded executor, safe for timers that are canceled or destroyed when due.
 
     A transition cancels timers on one thread while others run callbacks. In ROS 2 Jazzy, the
     executor then raises an exception, or the timer's callback group stays blocked and the node
@@ -241,7 +241,7 @@ class _ThreadPool(MultiThreadedExecutor):
 EXECUTOR_VARIABLE = "OBK_EXECUTOR"
 """If set to `rclpy`, programs that name an rclpy executor use that one."""
 PARALLEL_GROUPS = 16
-"""Number of threads in place of rclpy's pool. Callback groups of a node should not share a thread:
+"""Number of threads that replace rclpy's pool. Callback groups of a node should not share a thread:
 a callback may wait for a service whose client is in another group. Idle threads cost nothing."""
 
 

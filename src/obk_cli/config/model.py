@@ -1,6 +1,6 @@
 """The typed config: each field of a stack has the location where it is set.
 
-Created from a tree; contains what the user wrote, without defaults.
+It is created from a tree; contains what the user wrote, without defaults.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -261,7 +261,7 @@ class Node:
 
     @property
     def params_package(self) -> Spanned[str] | None:
-        """The package of `params_path`: the parameter `params_path_pkg`, otherwise its own."""
+        """The package of `params_path`: the `params_path_pkg` parameter, otherwise its own."""
         package = next((p for p in self.params if p.name == PARAMS_PACKAGE), None)
         if package is None or not isinstance(package.value, str):
             return self.pkg

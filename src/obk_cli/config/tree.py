@@ -1,7 +1,7 @@
 """YAML values with their locations, frozen.
 
-Created by parsing and changed by resolving references. Every value, including `true` and null,
-keeps the span of the text that defined it, in whichever file.
+It is created by parsing and changed by resolving references. Every value, including `true` and
+null, keeps the span of the text that defined it, in whichever file.
 """
 
 from collections.abc import Iterator, Mapping

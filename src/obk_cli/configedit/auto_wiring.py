@@ -374,8 +374,8 @@ def _with_topic(component: Mapping[str, object], link: Link) -> dict[str, object
 def matching_types(new_node: NewNode, stack: Stack, replaced: Node | None) -> Mapping[str, str]:
     """Component -> full type, for ends whose default type does not fit the stack.
 
-    Uses the types of the node being replaced, otherwise those that the preceding section publishes
-    and those that command a robot.
+    It uses the types of the node being replaced, otherwise those that the preceding section
+    publishes and those that command a robot.
     """
     types: dict[str, str] = {}
     for end in new_node.ends:

@@ -1,7 +1,8 @@
 """Apply the safe fixes for a config's findings, and verify them by compiling again.
 
-Returns the new contents of the config's files and the findings that were fixed. Writes no file. A
-fix is kept only if the config has no additional errors with it and, for style fixes, the same plan.
+It returns the new contents of the config's files and the findings that were fixed. It does not
+write files. A fix is kept only if the config has no additional errors with it and, for style fixes,
+the same plan.
 """
 
 from collections.abc import Callable, Iterator, Sequence

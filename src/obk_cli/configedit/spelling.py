@@ -1,6 +1,6 @@
 """The parts of a config that the two syntaxes write differently: levels and components.
 
-Returns devices, sections and components of a tree, with the values that both syntaxes
+It returns devices, sections and components of a tree, with the values that both syntaxes
 share. Reports no errors; the checks do.
 """
 

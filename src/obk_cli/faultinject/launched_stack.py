@@ -21,7 +21,7 @@ __all__ = ["LaunchedStack"]
 LEFT_S: Final = 7.0
 """Limit for nodes to exit after their launcher; above the warden's limit [s]."""
 OVER_S: Final = 1.0
-"""Limit for the last output to arrive after the end of the process [s]."""
+"""Limit for the last output to arrive after the process has exited [s]."""
 POLL_S: Final = 0.05
 ANSWER_S: Final = 10.0
 """Limit for a reply over the control socket; its speed is not part of a verdict [s]."""

@@ -1,6 +1,6 @@
 """Build the commands, environments, parameter files and clock page with which processes start.
 
-Starts nothing. Nodes in one process run in the runtime library's host program, of which this
+It starts nothing. Nodes in one process run in the runtime library's host program, of which this
 module knows only the name and file.
 """
 

@@ -365,7 +365,7 @@ class ProcessControl:
         context.publisher.publish(Evidence(node=node, lines=(*before[-LAST_LINES:], *dump)))
 
     def _signal_all(self, number: int) -> None:
-        """Send a signal to all running processes, and wait until they end."""
+        """Send a signal to all running processes, and wait until they exit."""
         context, state = self._context, self._context.state
         for unit in sorted(state.running):
             # Before it is ready, a node does not handle SIGINT yet, but Python does, with a

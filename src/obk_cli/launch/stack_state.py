@@ -236,7 +236,7 @@ class StackState:
         self.crashes.extend(kept)
 
     def culprit(self, unit: str, last_words: str) -> str:
-        """The node that ended a process, if its last line names one; otherwise the process."""
+        """The node that made a process exit, if its last line names one; otherwise the process."""
         names = self.units[unit].node_names
         return next((name for name in names if name in last_words), unit)
 

@@ -1,7 +1,8 @@
 """Supervises one run of a plan: brings the stack up, watches it, brings it down.
 
-Owns the state of the run. Receives input events through one inbox, acts through two interfaces and
-publishes output events. Knows no ROS, no operating system and no terminal; its clock is passed in.
+It owns the state of the run. It receives input events through one inbox, acts through two
+interfaces and publishes output events. It does not depend on ROS, the operating system or a
+terminal; its clock is passed in.
 """
 
 import signal

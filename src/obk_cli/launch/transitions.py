@@ -1,6 +1,6 @@
 """The lifecycle of a stack: its numbered edges, the order of tiers, pending requests.
 
-`EDGES`, which ROS clients see, follow from the table `obk_cli.runs.lifecycle.TRANSITIONS`.
+`EDGES`, which ROS clients see, follow from `obk_cli.runs.lifecycle.TRANSITIONS`.
 Source: https://design.ros2.org/articles/node_lifecycle.html; lifecycle_msgs/msg/State,
 lifecycle_msgs/msg/Transition; rcl_lifecycle's default state machine.
 """

@@ -1,6 +1,6 @@
 """Follow a stack: yield views until it ends, then continue with the next stack that starts.
 
-Yields a `StackView` per period, or None while no stack is running. ROS is loaded for the first
+It yields a `StackView` per period, or None while no stack is running. ROS is loaded for the first
 view, in the thread that requests it.
 """
 

@@ -1,6 +1,6 @@
 """Measure the rates and ages of a stack's topics and compare them with its plan.
 
-Yields a `TopicView` for each topic. No message is deserialized. If the plan does not contain a
+It yields a `TopicView` for each topic. No message is deserialized. If the plan does not contain a
 topic's type, the subscription waits for its publisher.
 """
 

@@ -1,8 +1,8 @@
 """Keep nodes from outliving the launcher: the process between them, and the parent of all nodes.
 
-Runs as its own program (`python -I -S warden.py`); its standard input is one end of a Unix socket
-of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request is a
-file passed by descriptor, because an environment may be larger than a packet: `start`, with a
+It runs as its own program (`python -I -S warden.py`); its standard input is one end of a Unix
+socket of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request
+is a file passed by descriptor, because an environment may be larger than a packet: `start`, with a
 second descriptor for the output, `signal`, `preload`, and finally `end`. A process may inherit
 descriptors with which the warden was started. The warden is the parent of the nodes and adopts
 their orphans (child subreaper). When the launcher's end of the socket closes, for any reason, all

@@ -1,7 +1,7 @@
 """Control lifecycle nodes over ROS: find them, query states, request transitions.
 
-Uses one node of its own and the thread that spins it. Every wait has a limit; errors of rclpy are
-converted here.
+It uses one node of its own and the thread that spins it. Every wait has a limit; errors of rclpy
+are converted here.
 """
 
 import os

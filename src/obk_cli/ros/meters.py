@@ -1,8 +1,8 @@
 """Measure the rates of many topics at once, and the age of their messages when received.
 
-One thread calls `Meter.turn` repeatedly to count received messages, by default every 5 ms. Used for
-live tables and for single measurements. Ages come from the stamps in the headers; `DelayMeter`
-reads no clock.
+One thread calls `Meter.turn` repeatedly to count received messages, by default every 5 ms. It is
+used for live tables and for single measurements. Ages come from the stamps in the headers;
+`DelayMeter` reads no clock.
 """
 
 import time

@@ -123,7 +123,7 @@ def last_lines(path: Path, count: int) -> tuple[str, ...]:
 def follow_lines(path: Path) -> Iterator[str | None]:
     """The lines of a file, then new ones, without end; None each time that it waits.
 
-    Waits for a file that does not exist yet, and continues with a file that replaces it.
+    It waits for a file that does not exist yet, and continues with a file that replaces it.
 
     Raises:
         OSError: the file exists but cannot be read.

@@ -1,6 +1,6 @@
 """The kinds that can be created, with their languages and template folders.
 
-Never reads files.
+It never reads files.
 """
 
 import keyword

@@ -1,6 +1,6 @@
 """Python modules as text: what a name refers to, and the value of an expression.
 
-Follows names through imports to their definitions; opens no files and runs no code.
+It follows names through imports to their definitions; opens no files and runs no code.
 """
 
 import ast

@@ -1,6 +1,6 @@
 """Read facts about a MuJoCo model with MjSpec. Meshes may be missing; otherwise it is compiled.
 
-Returns the facts, or why they cannot be read. MuJoCo is imported for the first model, and its
+It returns the facts, or why they cannot be read. MuJoCo is imported for the first model, and its
 errors are converted here.
 
 Loading MuJoCo takes longer than the rest of a check, so the facts about unchanged models are kept

@@ -47,7 +47,7 @@ class NodeSources:
         self._folders: dict[tuple[str, tuple[Path, ...]], tuple[Path, ...]] = {}
 
     def read(self, command: Command) -> NodeCode | None:
-        """What the source of a command defines; None if it is not Python or not found."""
+        """What a command's source defines; None if it is not Python or was not found."""
         if command.module is not None:
             return self._read_module(command.module, command.function, command.python_path)
         program = Path(command.arguments[0])

@@ -115,7 +115,7 @@ class EventLoopExecutor(Executor):
             self._run(worker, None, None)
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
-        """Run callbacks until a future is done or cancelled.
+        """Run callbacks until a future is done or canceled.
 
         Args:
             future: the future to wait for.

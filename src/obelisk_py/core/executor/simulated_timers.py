@@ -149,7 +149,7 @@ class SimulatedTimerHandler(TimerCallbackHandler):
             if is_due:
                 try:
                     handle.call_timer()
-                except RCLError:  # another thread has just cancelled it
+                except RCLError:  # another thread has just canceled it
                     is_due = False
             left_ns = handle.time_until_next_call()
         self._timers.set_due(self, NEVER_NS if left_ns is None else now_ns + left_ns)

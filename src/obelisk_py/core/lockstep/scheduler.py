@@ -106,7 +106,7 @@ class Scheduler:
         self._phases = random.Random(f"schedule {seed}")  # noqa: S311
         self._delays: dict[str, random.Random] = {}
         self.on_exit: Callable[[ScheduledNode, str], None] = lambda _node, _how: None
-        """Called when a node's code ends its process."""
+        """Called when a node's code exits its process."""
         self.notes: list[str] = []
         """Notes for the user about this run, without duplicates, each with its time."""
         self.latency_ns = round(timing.latency * NS_PER_S)

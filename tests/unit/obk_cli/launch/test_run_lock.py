@@ -209,7 +209,7 @@ def test_a_replacing_launch_ends_the_other_launcher_first(tmp_path: Path) -> Non
         started = start_s(other.pid)
         assert started is not None
         assert other.stdout is not None
-        other.stdout.readline()  # While Python is starting, SIGINT ends it in a different way.
+        other.stdout.readline()  # While Python is starting, SIGINT stops it in a different way.
         claim_run(tmp_path, replace(RUN, pid=other.pid, started=started), NOW)
         folder = claim_run(tmp_path, RUN, NOW, replace_other=True)
         assert other.wait(DEADLINE_S) == -signal.SIGINT

@@ -31,7 +31,7 @@ def parent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     # The launcher is this process, which continues.
     monkeypatch.setattr(registry, "EXIT_S", 0.0)
-    # Orphans of other stacks on this host are neither shown nor ended.
+    # Orphans of other stacks on this host are neither shown nor killed.
     monkeypatch.setattr(leftovers, "_own_processes", psutil.Process().children)
     return tmp_path / "runs"
 

@@ -1,4 +1,4 @@
-"""The end of a launcher, with a sleeping process instead."""
+"""Stopping a launcher, with a sleeping process instead."""
 
 import signal
 import subprocess

@@ -27,7 +27,7 @@ def main():
 
 
 def load_from(texts: Mapping[str, str], name: str) -> Module | None:
-    """A module from the texts, or from the runtime library."""
+    """A module from the given sources, or from the runtime library."""
     if name in texts:
         return parse_module(name, FoundSource(source=SourceFile.of(f"{name}.py", texts[name])))
     if not name.startswith("obelisk_py"):

@@ -1,7 +1,7 @@
 """Connection to the drive over a UDP socket that never blocks.
 
-Sends commands, returns the latest state, and counts faults of the connection. Does not use ROS.
-Only `ask` waits for an answer, and is called only while nothing moves.
+It sends commands, returns the latest state, and counts faults of the connection. It does not use
+ROS. Only `ask` waits for an answer, and is called only while nothing moves.
 """
 
 import socket

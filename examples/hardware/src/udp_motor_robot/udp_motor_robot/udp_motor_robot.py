@@ -73,7 +73,7 @@ class UdpMotorRobot(ObeliskRobot):
         except (OSError, OverflowError) as error:
             fault = f"cannot reach the drive at {self.address}: {error}"
             raise ObeliskHardwareError(fault) from error
-        # Closed at cleanup, shutdown and error, for any reason; closing stops the motor.
+        # Closed in `cleanup`, in `shutdown` and after any error; closing stops the motor.
         self.opened.callback(self.link.close)
         self._ask_drive(self.link)
         return result

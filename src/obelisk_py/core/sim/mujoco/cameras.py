@@ -144,7 +144,7 @@ class CameraView:
     def draw(self) -> NDArray[np.uint8]:
         """Render the last `update`, shape `(height, width, 3)`, top row first.
 
-        Returns a view of memory that the next `draw` overwrites.
+        It returns a view of memory that the next `draw` overwrites.
         """
         mujoco.mjr_render(self._area, self._scene, self._drawing)
         mujoco.mjr_readPixels(self._pixels, None, self._area, self._drawing)

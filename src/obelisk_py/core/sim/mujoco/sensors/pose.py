@@ -69,7 +69,7 @@ def _sensors(source: SensorSource) -> tuple[str, str]:
 
 
 def _sampler(source: SensorSource, message: Any, place: str) -> Sampler:
-    """Sample the pose into the fields `position` and `orientation` under `place`."""
+    """Sample the pose into the `position` and `orientation` fields under `place`."""
     position, orientation = _sensors(source)
     message.header.frame_id = pose_reference(source, position, orientation)
     packed = PackedMessage(message)

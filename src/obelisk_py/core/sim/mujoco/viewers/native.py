@@ -1,6 +1,6 @@
 """Show MuJoCo's own window: its passive viewer, which follows the states.
 
-It needs a display. Closing the window ends the viewer, not the simulation.
+It needs a display. Closing the window closes the viewer, not the simulation.
 
 Source: https://mujoco.readthedocs.io/en/stable/python.html#passive-viewer
 """

@@ -222,7 +222,7 @@ class UnfinishedFile:
 
 @contextmanager
 def unfinished(folder: Path) -> Iterator[UnfinishedFile]:
-    """Open a file that `finish` moves to `folder`; removed at the end unless finished.
+    """Open a file that `finish` moves to `folder`; removed on exit unless finished.
 
     Raises:
         OSError: the file cannot be created.
