@@ -1,4 +1,4 @@
-"""Find a recording by a file, a folder, or the name of a run; imports no library.
+"""Find a recording by a file, a folder, or the name of a run, without importing libraries.
 
 A launch keeps its recording in the folder of its run, `<config>_<date>_<time>`.
 """

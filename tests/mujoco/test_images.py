@@ -110,7 +110,7 @@ def _opened(feed):
         return str(error)
 
 
-def test_a_camera_renders_colours_in_place_or_reports_why_it_cannot(scene, feed):
+def test_a_camera_renders_colors_in_place_or_reports_why_it_cannot(scene, feed):
     camera = _opened(feed)
     if isinstance(camera, str):
         assert camera.startswith("camera `above`: cameras need OpenGL, and ")

@@ -67,7 +67,7 @@ class Misbehaving(ObeliskNode):
         return self.error_answer
 
 
-def test_a_controller_runs_through_its_life_cycle() -> None:
+def test_a_controller_runs_through_its_lifecycle() -> None:
     with spinning(Controller) as node:
         for label, state in (
             ("configure", "inactive"),

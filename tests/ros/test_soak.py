@@ -41,7 +41,7 @@ def test_every_fault_is_handled_correctly_and_nothing_is_left(
     assert (tmp_path / "soak.svg").exists()
 
 
-def test_one_process_repeats_its_life_cycle_and_is_measured(
+def test_one_process_repeats_its_lifecycle_and_is_measured(
     repository: Path, tmp_path: Path
 ) -> None:
     result = results("benchmarks.soak.rounds", "--rounds", "10", root=repository, folder=tmp_path)

@@ -67,7 +67,7 @@ def test_both_formats_start_and_end_cleanly(config: str) -> None:
     assert lines[-1] == "stopped cleanly"
 
 
-def test_all_nodes_run_through_the_life_cycle_from_another_terminal() -> None:
+def test_all_nodes_run_through_the_lifecycle_from_another_terminal() -> None:
     with launched(DUMMY, "--quiet") as run:
         assert states("get") == dict.fromkeys(NODES, "active")
         for verb, goal in (

@@ -1,6 +1,6 @@
 """The typed config: each field of a stack has the location where it is set.
 
-It is created from a tree; contains what the user wrote, without defaults.
+It is created from a tree and contains what the user wrote, without defaults.
 """
 
 from collections.abc import Collection, Iterator, Mapping

@@ -1,6 +1,6 @@
 """The ends of all topics of a stack: who publishes and who subscribes.
 
-It includes components, the simulator's sensor groups and the joystick. Names are made absolute as
+They include components, the simulator's sensor groups and the joystick. Names are made absolute as
 in ROS.
 """
 

@@ -1,6 +1,6 @@
 """YAML values with their locations, frozen.
 
-It is created by parsing and changed by resolving references. Every value, including `true` and
+They are created by parsing and changed by resolving references. Every value, including `true` and
 null, keeps the span of the text that defined it, in whichever file.
 """
 

@@ -1,7 +1,7 @@
 """The user's text and locations in it.
 
-Lines and columns count from 1; columns are in characters. It does not import other modules of obk
-or read files.
+Lines and columns count from 1; columns are in characters. This module does not import other modules
+of obk or read files.
 """
 
 import re

@@ -54,7 +54,7 @@ class SharedMemoryFacts:
     fault: str
     """Why no file can be created there; empty if one can."""
     dds_files: int
-    """Number of files of Fast DDS in it, of all users."""
+    """Number of Fast DDS files in it, of all users."""
 
 
 def judge_shared_memory(facts: SharedMemoryFacts) -> Iterator[Finding]:

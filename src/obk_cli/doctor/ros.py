@@ -1,4 +1,6 @@
-"""The `ros` and `rmw` checks: which ROS 2 and middleware this Python would use; imports neither."""
+"""The `ros` and `rmw` checks: which ROS 2 and middleware this Python would use, without importing
+them.
+"""
 
 import importlib.metadata
 import importlib.util

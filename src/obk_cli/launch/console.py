@@ -115,8 +115,8 @@ def takes_footer(fd: int, term: str) -> bool:
 class Footer:
     """A status area at the bottom of a terminal, with the cursor in the line below it.
 
-    It returns the text that prints lines above it; never writes itself. It uses nothing that would
-    outlast a killed process: no hidden cursor, no alternate screen, no scroll region.
+    It returns the text that prints lines above it, and never writes itself. It uses nothing that
+    would outlast a killed process: no hidden cursor, no alternate screen, no scroll region.
     """
 
     def __init__(self, fd: int, draw: Draw) -> None:

@@ -11,8 +11,9 @@ own session, output, environment, arguments and working folder, also in /proc. I
 seed of strings with the others. Only modules imported before the fork are shared, never user code.
 
 The server forks only if it knows all of its threads: LTTng's listeners, which the library's own
-functions stop and restart, and those of OpenBLAS, which stops and restarts them itself. It imports
-the standard library only. Source: prctl(2), PR_SET_MM_MAP; lttng-ust(3), "Daemonizing and forking".
+functions stop and restart, and those of OpenBLAS, which stops and restarts them itself. This module
+imports the standard library only. Source: prctl(2), PR_SET_MM_MAP; lttng-ust(3), "Daemonizing and
+forking".
 """
 
 import ctypes

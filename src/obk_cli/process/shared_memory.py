@@ -1,4 +1,4 @@
-"""Remove unused files of Fast DDS from shared memory, and check that there is room for ROS.
+"""Remove unused Fast DDS files from shared memory, and check that there is room for ROS.
 
 A killed process leaves its files behind, at least half a megabyte each time. There are two kinds:
 

@@ -1,7 +1,7 @@
 """Measure the rates of many topics at once, and the age of their messages when received.
 
-One thread calls `Meter.turn` repeatedly to count received messages, by default every 5 ms. It is
-used for live tables and for single measurements. Ages come from the stamps in the headers;
+One thread calls `Meter.turn` repeatedly to count received messages, by default every 5 ms. The
+meters serve live tables and single measurements. Ages come from the stamps in the headers;
 `DelayMeter` reads no clock.
 """
 

@@ -1,6 +1,6 @@
 """The kinds that can be created, with their languages and template folders.
 
-It never reads files.
+This module never reads files.
 """
 
 import keyword

@@ -1,6 +1,6 @@
 """Python modules as text: what a name refers to, and the value of an expression.
 
-It follows names through imports to their definitions; opens no files and runs no code.
+This module follows names through imports to their definitions. It does not open files or run code.
 """
 
 import ast

@@ -481,7 +481,7 @@ class _HandlerRegistry:
         self.lock = threading.RLock()
         """Held while a worker gets or loses its thread, so that `update` sees a stable state."""
         self.simulated_timers: SimulatedTimers | None = None
-        """None if the executor follows no clock page."""
+        """None if the executor does not follow a clock page."""
         self._workers = workers
         self._task_queue = task_queue
         self._waitset = waitset

@@ -68,7 +68,7 @@ def test_an_mp4_is_as_long_as_its_content_however_uneven():
     assert seconds == pytest.approx(155 / 30, abs=1e-3)
 
 
-def test_an_mp4_declares_its_colour_space():
+def test_an_mp4_declares_its_color_space():
     with av.open(video(".mp4", 30)) as read:
         (frame, *_) = read.decode(video=0)
     assert (frame.colorspace, frame.color_range) == (1, 1)

@@ -94,7 +94,7 @@ def test_other_nodes_and_other_domains_run_side_by_side(tmp_path: Path, second: 
     assert set(live_runs(tmp_path)) == {RUN, second}
 
 
-def test_a_node_without_a_life_cycle_counts_too(tmp_path: Path) -> None:
+def test_a_node_without_a_lifecycle_counts_too(tmp_path: Path) -> None:
     claim_run(tmp_path, replace(RUN, other_nodes=("/joy",)), NOW)
     with pytest.raises(CommandFailedError, match="/joy"):
         claim_run(tmp_path, replace(OTHER_NODES, other_nodes=("/joy",)), NOW)

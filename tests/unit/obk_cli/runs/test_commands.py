@@ -208,7 +208,7 @@ def test_a_stack_that_does_not_end_is_reported(
     )
 
 
-def test_logs_show_the_newest_run_and_its_nodes(
+def test_logs_show_the_most_recent_run_and_its_nodes(
     parent: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with fake_stack(parent, STATES) as stack:
