@@ -89,7 +89,7 @@ def _position_labels(result: TrialResult) -> tuple[str, ...]:
 
 
 def draw_trial(result: TrialResult, title: str, path: Path) -> bool:
-    """Write a plot, PNG or SVG depending on the file extension; return whether it shows anything.
+    """Write a plot as PNG or SVG, depending on the extension; false if there is nothing to plot.
 
     Raises:
         OSError: the file cannot be written.

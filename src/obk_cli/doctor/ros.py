@@ -1,6 +1,4 @@
-"""The `ros` and `rmw` checks: which ROS 2 and middleware this Python would use, without importing
-them.
-"""
+"""The `ros` and `rmw` checks: which ROS 2 and middleware this Python would use; imports neither."""
 
 import importlib.metadata
 import importlib.util

@@ -1,7 +1,7 @@
 """The lock of a run: a node name is used by only one run at a time on this machine.
 
 A run's folder is created under a file lock of its ROS domain before anything starts. When the run
-is over, it records how the run ended.
+is over, the folder records how it ended.
 """
 
 import errno

@@ -56,8 +56,9 @@ class RosGraph:
     def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
         """Full names of the lifecycle nodes in the graph.
 
-        It returns as soon as all expected nodes exist. If none are expected, returns when there are
-        some and the graph has not changed for `quiet_s`. It returns after `timeout_s` in any case.
+        It returns as soon as all expected nodes exist. If none are expected, it returns when there
+        are some and the graph has not changed for `quiet_s`. It returns after `timeout_s` in any
+        case.
         """
         required = frozenset(expected)
         end = time.monotonic() + timeout_s
