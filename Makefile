@@ -1,7 +1,7 @@
 # Development commands. Every target sets up the environment first if necessary.
 #
 #   make setup                    .venv with everything, ROS 2 from wheels
-#   make setup ROS=system         the same with the ROS 2 that is sourced in this shell
+#   make setup ROS=system         the same, with the ROS 2 sourced in this shell
 #   make setup PYTHON=python3.12  with another Python (3.11 to 3.13)
 
 PYTHON ?= python3
@@ -30,7 +30,7 @@ define HELP
 make setup       create .venv with everything; ROS=system, PYTHON=python3.12
 make demo        run the dummy stack for 20 s
 make test        run all tests except slow ones, and the closed-loop tests of the examples
-make test-unit   run the tests that start no ROS node and no simulator
+make test-unit   run the tests that start neither ROS nodes nor a simulator
 make test-slow   run the soak, tutorials, colcon builds, all generated packages, many random cases,
                    and the closed-loop tests of the examples with five seeds
 make check       run ruff and mypy, and check the imports between packages
@@ -52,8 +52,8 @@ help:
 demo: setup
 	$(BIN)/python examples/dummy/demo.py
 
-# ROS tests spend most of their time waiting: two workers for each of two cores. If a worker crashes, the run
-# fails at once: without its tests, the others would wait for them forever.
+# ROS tests spend most of their time waiting, so there are two workers for each of two cores. If a worker
+# crashes, the run fails immediately; otherwise the other workers would wait for its tests forever.
 WORKERS ?= 4
 PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --max-worker-restart 0 \
 	--durations 20
@@ -88,7 +88,7 @@ golden: setup
 docs: docs-$(or $(PART),pages)
 
 # Rewrites the pages of rules, commands, keys, messages and classes, the examples of `obk explain`,
-# and the pictures that need no running stack.
+# and the pictures that do not need a running stack.
 docs-pages: setup
 	$(BIN)/python tools/rule_pages.py
 	$(BIN)/python tools/reference_pages.py
@@ -110,7 +110,7 @@ docs-site:
 
 bench: bench-$(or $(PART),all)
 
-# Runs the benchmarks one after another on an idle machine; first prints how long they take.
+# Runs all benchmarks one after another; first prints how long they take. Needs an idle machine.
 ifdef QUICK
 bench-all: setup
 	$(BIN)/python -m benchmarks.loop --quick
@@ -144,7 +144,7 @@ $(PEER):
 	$(PYTHON) -m venv build/peer
 	build/peer/bin/python -m pip -qq install check-jsonschema==0.39.0
 
-# Injects faults into the dummy stack for SECONDS, then runs 1,000 life cycles in one process.
+# Injects faults into the dummy stack for SECONDS, then repeats the lifecycle 1,000 times in one process.
 bench-soak: SECONDS ?= 1800
 bench-soak: setup
 	$(BIN)/python -m benchmarks.soak --seconds $(SECONDS)

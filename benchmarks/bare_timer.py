@@ -28,7 +28,7 @@ class BareSecond:
     at_s: float
     """The end of the second, on the monotonic clock."""
     kept: float
-    """The share of the expected ticks that happened."""
+    """The fraction of the expected ticks that happened."""
     late_p99_us: float
     stolen_percent: float
     """Of one core."""

@@ -57,12 +57,12 @@ def loop(results: Results, layout: str, **point: int) -> Mapping[str, Any]:
 
 
 def ratio(layout: str, name: str) -> Callable[[Results], float]:
-    """A median ratio to rclpy's executor in the part `work`."""
+    """A median ratio to rclpy's executor in the `work` part."""
     return lambda results: float(loop(results, layout)["ratios"][name]["median"])
 
 
 def kept(layout: str, rate_hz: int) -> Callable[[Results], float]:
-    """The share of its rate that the slowest node achieved in the worst round [%]."""
+    """The part of its rate that the slowest node achieved in the worst round [%]."""
     return lambda results: (
         100 * float(loop(results, layout, rate_hz=rate_hz)["figures"]["rate_hz"]["min"]) / rate_hz
     )
@@ -79,7 +79,7 @@ def per_node(layout: str) -> Callable[[Results], float]:
 
 
 def watched(layout: str) -> Callable[[Results], float]:
-    """The lowest share of an expected rate while the stack is monitored [%]."""
+    """The lowest percentage of an expected rate while the stack is monitored."""
     return lambda results: 100 * float(results["watched"]["least_kept"][f"{layout}, watched"])
 
 

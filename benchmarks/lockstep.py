@@ -13,7 +13,7 @@ other load on the machine disturbs least. Each part runs in its own process.
 - cold: wall time of `obk test` with one run of 5 s, and of the tests of `examples/arm`.
 - digests: digests of five runs in one process, and in each of three with other hash seeds.
 
-Writes `benchmarks/results/lockstep.json`; exit code 1 if digests differ.
+It writes `benchmarks/results/lockstep.json`; exit code 1 if digests differ.
 """
 
 import argparse

@@ -10,7 +10,7 @@ of the first seconds with lock-step runs, at equal simulated times:
 - fitted: the controller is activated when it fits the real run best, messages take 1 ms;
 - varied: random schedules with seeds 1 to 3.
 
-The distance between two real runs is the best that lock-step can achieve. Writes
+The distance between two real runs is the best that lock-step can achieve. It writes
 `benchmarks/results/lockstep_truth.json` and `lockstep_truth.svg`; exit code 1 if no run with
 measured bring-up meets the goal. Nodes report the simulated time of their activation; on a busy
 machine their first ticks and the first steps of the simulator are late.

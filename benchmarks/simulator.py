@@ -14,7 +14,8 @@ Four parts, on the model and the sensor groups of the dummy example, with real p
   CPU time of the stepping thread, which other load disturbs least; the variants alternate. The
   three groups are received in the same process, by a node of the same run, and by a foreign node.
 
-Writes `benchmarks/results/simulator.json`; exit code 1 if a sample is missing or a stamp is wrong.
+It writes `benchmarks/results/simulator.json`; exit code 1 if a sample is missing or a stamp is
+wrong.
 """
 
 import argparse
@@ -191,7 +192,7 @@ def _bare_block() -> dict[str, Any]:
 
 
 def hour(node: GuardedLifecycleNode, steps: int) -> dict[str, Any]:
-    """Part `hour`: missing samples and drift in an hour of simulation time."""
+    """The `hour` part: missing samples and drift in an hour of simulation time."""
     rig = Rig(node, dummy_block(), "/hour")
     start_s = time.monotonic()
     rig.run(steps)
@@ -215,12 +216,12 @@ def hour(node: GuardedLifecycleNode, steps: int) -> dict[str, Any]:
 
 
 def schedule(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
-    """Part `schedule`: ten steps per millisecond of wall time."""
+    """The `schedule` part: ten steps per millisecond of wall time."""
     rig = Rig(node, dummy_block(), "/schedule")
     pace = Pace(rig.simulation.step_s / SCHEDULE_FACTOR)
     steps = round(seconds * SCHEDULE_FACTOR * NS_PER_S / STEP_NS)
     clock = rig.run(steps, pace, seconds)
-    # The lateness of the last step is no drift of the schedule.
+    # The lateness of the last step is not a drift of the schedule.
     due_ns = clock.woke_ns - clock.late_ns[-1]
     behind_s = (
         due_ns - clock.start_ns - len(clock.late_ns) * STEP_NS // SCHEDULE_FACTOR
@@ -236,7 +237,7 @@ def schedule(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
 
 
 def realtime(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
-    """Part `realtime`: paced steps, and the same steps without pacing."""
+    """The `realtime` part: paced steps, and the same steps without pacing."""
     steps = round(seconds * NS_PER_S / STEP_NS)
     paced, free = Rig(node, dummy_block(), "/paced"), Rig(node, dummy_block(), "/free")
     pace = Pace(paced.simulation.step_s)
@@ -298,7 +299,7 @@ def subscribed_here(prefix: str) -> Iterator[None]:
 
 
 def cost(node: GuardedLifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
-    """Part `cost`: median CPU time of a step and of a message; the variants alternate."""
+    """The `cost` part: median CPU time of a step and of a message; the variants alternate."""
     bare, silent = Rig(node, _bare_block(), "/bare"), Rig(node, _bare_block(), "/silent")
     sent = Rig(node, three_groups(), "/sent")
     rigs = {

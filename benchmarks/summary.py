@@ -1,4 +1,4 @@
-"""Compare the newest results with their goals.
+"""Compare the latest results with their goals.
 
     python -m benchmarks.summary
 

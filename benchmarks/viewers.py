@@ -159,7 +159,7 @@ def line_with(part: str, log: Path) -> str:
 
 @contextmanager
 def page(url: str, folder: Path) -> Iterator[None]:
-    """Open a page in a browser while entered."""
+    """Open a page in a browser inside the `with` block."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     assert browser is not None, "Chromium is not installed: run `apt install chromium`"
     process = psutil.Popen(

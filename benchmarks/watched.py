@@ -62,7 +62,7 @@ class Counts:
                 seen.append((stamp.sec + stamp.nanosec * 1e-9, rate.ticks))
 
     def kept(self) -> dict[str, float]:
-        """The share of each expected rate that was achieved, from the first count to the last."""
+        """The achieved fraction of each expected rate, from the first count to the last."""
         return {
             name: (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0]) / self.expected_hz[name]
             for name, seen in sorted(self.reported.items())

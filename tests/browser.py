@@ -33,7 +33,7 @@ ARGUMENTS: Final = (
 
 
 def chromium() -> Path:
-    """The browser of this machine; skips the test if none is installed."""
+    """The browser on this machine; skips the test if none is installed."""
     pytest.importorskip("playwright", reason="playwright is in the `dev` extra: make setup")
     found = next(filter(None, map(shutil.which, NAMES)), None)
     if found is None:

@@ -133,7 +133,7 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_folders(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """End the search for a workspace below the folder of all tests."""
+    """Stop the search for a workspace below the folder of all tests."""
     tmp_path_factory.getbasetemp().chmod(stat.S_IRWXU | stat.S_ISVTX)
 
 
@@ -153,7 +153,7 @@ def ros_domain(
 ) -> Iterator[int]:
     """A domain ID that no other test uses, which isolates processes started by the test.
 
-    Fails the test if one of its processes, or of their children, is still running.
+    It fails the test if one of its processes, or of their children, is still running.
     """
     mark = uuid.uuid4().hex
     with _locked_domain() as domain:
@@ -165,7 +165,7 @@ def ros_domain(
         for name in _FOREIGN_ROS_VARIABLES:
             monkeypatch.delenv(name, raising=False)
         yield domain
-        # A life-cycle node is part of reference cycles, and in the domain until they are collected.
+        # A lifecycle node is part of reference cycles, and in the domain until they are collected.
         gc.collect()
         left_over = _end_processes_marked(mark)
         remove_dead_segments()  # left by processes that the test killed

@@ -12,7 +12,7 @@ __all__ = ["turn_of_leftovers"]
 
 @contextmanager
 def turn_of_leftovers() -> Iterator[None]:
-    """While entered, no other test leaves orphans or ends all orphans."""
+    """Inside the `with` block, no other test leaves orphans or kills all orphans."""
     path = Path(tempfile.gettempdir(), f"obk-tests-leftovers-{os.getuid()}.lock")
     with path.open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX)

@@ -1,7 +1,7 @@
 """Generate the page of the classes that nodes inherit from: their signatures and docstrings.
 
-Reads the source of `obelisk_py` as text and syntax trees. Imports none of it, so that neither ROS
-nor MuJoCo is needed.
+It reads the source of `obelisk_py` as text and syntax trees. It imports none of it, so that neither
+ROS nor MuJoCo is needed.
 """
 
 import ast

@@ -1,7 +1,7 @@
 """Make pictures of a running stack: the output of `obk launch`, the monitor, and the web page.
 
-Starts the dummy stack in the ROS domain of `ROS_DOMAIN_ID`. Needs the extras `monitor` and `web`,
-playwright and Chromium. No test covers this module, because every picture is different.
+It starts the dummy stack in the ROS domain of `ROS_DOMAIN_ID`. It needs the `monitor` and `web`
+extras, playwright and Chromium. No test covers this module, because every picture is different.
 """
 
 import asyncio
@@ -54,7 +54,7 @@ def make_live_pictures() -> None:
 
 @contextmanager
 def _stack() -> Iterator[None]:
-    """Run the dummy stack; it is active while entered."""
+    """Run the dummy stack; it is active inside the `with` block."""
     command = [OBK, "launch", DUMMY, "--color", "never"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as launch:
         assert launch.stdout is not None

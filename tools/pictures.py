@@ -2,7 +2,7 @@
 
 The diagrams, a graph and a list of findings are generated from the code, and a test checks that
 they are up to date. `--live` starts a stack and makes pictures of `obk launch`, the monitor and the
-web page (needs the extras `monitor` and `web`, and Chromium). `--check` writes nothing and fails if
+web page (needs the `monitor` and `web` extras, and Chromium). `--check` writes nothing and fails if
 a picture of the first kind is stale.
 """
 
@@ -73,7 +73,7 @@ def generated_files() -> dict[Path, str]:
 
 
 def terminal(text: str, title: str, columns: int) -> str:
-    """Draw a terminal that shows a text in colour."""
+    """Draw a terminal that shows text in color."""
     console = Console(record=True, width=columns, file=StringIO())
     console.print(Text.from_ansi(text.rstrip()))
     return without_fonts(console.export_svg(title=title, unique_id="terminal"))

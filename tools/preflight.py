@@ -1,7 +1,7 @@
 """Check the prerequisites of `make setup`.
 
-Checks the running Python and the chosen ROS 2 (`wheels` or `system`). Exit code 1 if anything is
-missing, with one message for each missing thing. Never installs anything. This file is valid in
+It checks the running Python and the chosen ROS 2 (`wheels` or `system`). Exit code 1 if anything is
+missing, with one message for each missing thing. It never installs anything. This file is valid in
 any Python 3, so that an old Python gives a message and not a syntax error.
 """
 

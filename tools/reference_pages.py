@@ -1,8 +1,9 @@
 """Generate the reference pages of commands, config keys, messages and classes.
 
-Reads the help of `obk`, `schema/obelisk.schema.json`, the definitions in `interfaces/`, the table
-of sensor groups and the source of `obelisk_py`. Writes `docs/reference/{commands,config,messages,
-classes}.md`. `--check` writes nothing and fails if a page is stale.
+It reads the help of `obk`, `schema/obelisk.schema.json`, the definitions in `interfaces/`, the
+table of sensor groups and the source of `obelisk_py`. It writes
+`docs/reference/{commands,config,messages, classes}.md`. `--check` writes nothing and fails if a
+page is stale.
 """
 
 import json

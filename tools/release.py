@@ -1,7 +1,7 @@
 """Set the version of a release: `python tools/release.py 0.2.0`, called by `make release`.
 
-Writes the version to `pyproject.toml` and all files that repeat it, and moves the changelog entries
-under `Unreleased` to a heading with version and date. Never commits, tags or uploads.
+It writes the version to `pyproject.toml` and all files that repeat it, and moves the changelog
+entries under `Unreleased` to a heading with version and date. It never commits, tags or uploads.
 """
 
 import re

@@ -1,7 +1,8 @@
 """Generate the pages of the rules and the examples of `obk explain`.
 
-Reads the table of rules, and the reject and accept cases of the tests. Writes one page per rule, an
-index, and `examples.json` next to the table. `--check` writes nothing and fails if a file is stale.
+It reads the table of rules, and the reject and accept cases of the tests. It writes one page per
+rule, an index, and `examples.json` next to the table. `--check` writes nothing and fails if a file
+is stale.
 """
 
 import json

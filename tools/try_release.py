@@ -1,8 +1,8 @@
 """Try the built distributions in an empty environment outside the checkout.
 
-Takes the folder of the distributions and the lock file. First runs the commands that need only
+It takes the folder of the distributions and the lock file. First runs the commands that need only
 obelisk-cli, and checks that `obk launch` names the missing extra. Then installs everything and
-launches a new workspace. Leaves the wheel of obelisk-interfaces for this Python in the folder.
+launches a new workspace. It leaves the wheel of obelisk-interfaces for this Python in the folder.
 """
 
 import os

@@ -4,7 +4,7 @@
 
 Three nodes in a ring (simulator, estimator, controller), each with a timer, a publisher and a
 subscription; with one process per node, and all in one process. Parts: `work` at 1 kHz with 30
-joints, and curves over the number of nodes, the rate and the message size. Writes `loop.json`,
+joints, and curves over the number of nodes, the rate and the message size. It writes `loop.json`,
 `loop.md` and `loop_<part>.svg`. A contestant that fails is a valid result; exit code 1 if all fail.
 
 Every run is saved in build/benchmarks/loop.jsonl. Parts measured separately are merged; --go-on

@@ -19,7 +19,7 @@ __all__ = [
 ]
 
 EARLY = 0.05
-"""Share of a period by which a tick may appear early, as phase and tick are read separately."""
+"""Fraction of a period by which a tick may appear early, as phase and tick are read separately."""
 NS_PER_S = 1e9
 
 
@@ -129,7 +129,7 @@ def lateness_ns(ticks_ns: Sequence[int], *, period_ns: int, phase_ns: int) -> li
 
 
 def percentile(values: Iterable[float], share: float) -> float:
-    """The smallest value that is not exceeded by at least this share of all values.
+    """The smallest value that is not exceeded by at least this fraction of all values.
 
     Args:
         values: at least one.

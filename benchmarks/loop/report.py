@@ -78,7 +78,7 @@ def write_json(path: Path, suite: Suite) -> None:
 
 
 def write_table(path: Path, suite: Suite) -> None:
-    """Write the table of the part `work` as Markdown."""
+    """Write the table of the `work` part as Markdown."""
     lines = [
         "# The loop",
         "",
@@ -130,7 +130,7 @@ def disturbances(suite: Suite) -> list[str]:
 
 
 def table(rows: Iterable[Row]) -> list[str]:
-    """The lines of a Markdown table with the cases of the part `work`."""
+    """The lines of a Markdown table with the cases of the `work` part."""
     found = {row.case: row for row in rows}
     lines = [
         "| | CPU [% of a core] | ratio | CPU per tick [us] | lateness p50 [us] | p99 [us] | ratio "

@@ -27,7 +27,7 @@ START_OF_A_PROCESS_S = 0.6
 """Startup time of a process on an idle machine [s]."""
 FURTHER_ROUNDS = 2
 FURTHER_SHARE = 0.1
-"""Share of a suite's duration for repeating runs that the host disturbed."""
+"""Fraction of a suite's duration for repeating runs that the host disturbed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,6 @@
 """Run nodes: `python -m benchmarks.loop.worker CONTESTANT RATE_HZ JOINTS RECORD NAME...`.
 
-Prints `ready` after each of its nodes has received a message. When its standard input is closed,
+It prints `ready` after each of its nodes has received a message. When its standard input is closed,
 writes the nodes' records to the file RECORD and exits.
 """
 

@@ -8,8 +8,8 @@ changes the config and launches again; starts and stops monitors, recorders and 
 checks the outcome of each. Memory, file handles, threads and sockets of the stack's processes and
 their files in shared memory must not grow by more than noise. Between faults every expected rate
 must be kept, in seconds in which a bare timer next to the stack kept its own. The verdict goes to
-`soak.json`, samples and (extra `plot`) a plot to build/benchmarks. Exit code 1: something leaks, a
-rate is broken, a fault has a wrong outcome, or something is left.
+`soak.json`, samples and (with the `plot` extra) a plot to build/benchmarks. Exit code 1: something
+leaks, a rate is broken, a fault has a wrong outcome, or something is left.
 """
 
 import argparse

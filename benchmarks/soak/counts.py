@@ -24,7 +24,7 @@ SHARED_MEMORY: Final = Path("/dev/shm")
 OF_DDS: Final = ("fastrtps", "sem.fastrtps")
 """Name prefixes of its segments and ports; other files are shared by the whole machine."""
 WARM_PART: Final = 0.3
-"""Share of a process's samples that are not judged, because caches are still filling."""
+"""Fraction of a process's samples that are not judged, because caches are still filling."""
 LEAST_JUDGED_S: Final = 60.0
 """Processes with a shorter life are not judged, because they are still growing normally."""
 TOLERANCES: Final = {"rss_mb": 0.05, "pss_mb": 0.05}

@@ -70,7 +70,7 @@ def broken(nodes: Iterable[Mapping[str, Any]]) -> Iterator[str]:
 
 
 class _Beside:
-    """The newest seconds of a bare timer."""
+    """The latest seconds of a bare timer."""
 
     def __init__(self) -> None:
         self._seconds: deque[BareSecond] = deque(maxlen=10)
@@ -85,7 +85,7 @@ class _Beside:
 
 @contextmanager
 def bare_timer_beside() -> Iterator[_Beside]:
-    """Run a bare timer in its own process while entered."""
+    """Run a bare timer in its own process inside the `with` block."""
     process = subprocess.Popen(
         [sys.executable, "-m", "benchmarks.bare_timer"],
         stdin=subprocess.PIPE,

@@ -1,11 +1,11 @@
-"""Take one process through its life cycle many times, and check for leaks.
+"""Take one process through its lifecycle many times, and check for leaks.
 
     python -m benchmarks.soak.rounds [--rounds 1000]
 
 The launcher deactivates, cleans up, configures and activates the dummy stack, composed in one
 process. The resources of that process and of the launcher are measured. The verdict goes to
-`rounds.json`, samples and (extra `plot`) a plot to build/benchmarks. Exit code 1: something leaks,
-or a transition fails.
+`rounds.json`, samples and (with the `plot` extra) a plot to build/benchmarks. Exit code 1:
+something leaks, or a transition fails.
 """
 
 import argparse

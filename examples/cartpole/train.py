@@ -3,7 +3,7 @@
     pip install onnx
     python examples/cartpole/train.py
 
-Takes about three minutes. Uses random search in the space of weights: each step evaluates random
+Takes about three minutes. It uses random search in the space of weights: each step evaluates random
 directions in both senses and moves along the best ones, in proportion to the gain in reward.
 
 Source: H. Mania, A. Guy, B. Recht, Simple random search of static linear policies is competitive

@@ -1,4 +1,4 @@
-"""The summary of a recording, and the error for an unreadable one; imports no library."""
+"""The summary of a recording, and the error for an unreadable one, without importing libraries."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Find a recording by a file, a folder, or the name of a run; imports no library.
+"""Find a recording by a file, a folder, or the name of a run, without importing libraries.
 
 A launch keeps its recording in the folder of its run, `<config>_<date>_<time>`.
 """
@@ -26,7 +26,7 @@ _FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<
 RECORDING: Final = "recording.mcap"
 """Name of the recording in a run's folder."""
 _EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
-"""`arm~1` is the run before the newest."""
+"""`arm~1` is the run before the most recent one."""
 
 
 def run_name(config: str, start: datetime) -> str:
@@ -79,9 +79,9 @@ def find_recording(parent: Path | None, name: str | None) -> Path:
 
     Args:
         parent: the folder of all runs; None if there is none.
-        name: a file, a folder with one recording, the name of a config (its newest recorded run;
-            with the suffix `~1`, the one before) or of a run's folder; None for the newest
-            recorded run.
+        name: a file, a folder with one recording, the name of a config (its most recent recorded
+            run; with the suffix `~1`, the one before) or of a run's folder; None for the most
+            recent recorded run.
 
     Raises:
         RecordingError: no recording has this name.

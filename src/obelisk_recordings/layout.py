@@ -163,10 +163,10 @@ def _field(code: str, comment: str, package: str) -> Field | None:
 
 
 def _unit(comment: str) -> str:
-    """Return the unit that a comment names.
+    """Return the unit that a comment gives.
 
-    `position [m], then orientation` describes several quantities, so it names no unit for the
-    field.
+    `position [m], then orientation` describes several quantities, so it does not give the field a
+    unit.
     """
     if re.search(r"\], then ", comment):
         return ""

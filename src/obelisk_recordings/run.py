@@ -23,7 +23,7 @@ NS_PER_S: Final = 1_000_000_000
 
 
 def topic_named(name: str, topics: Sequence[str]) -> str:
-    """Return the topic that a name refers to: a full name, or the end of exactly one.
+    """Return the topic that a name refers to: a full name, or a suffix of exactly one.
 
     Raises:
         RecordingError: no topic matches, or several do.
@@ -117,7 +117,7 @@ class RecordedRun:
         return self.bag.start_ns or 0
 
     def __getitem__(self, name: str) -> RecordedTopic:
-        """Return the messages of a topic, by its full name or the end of it; read only once.
+        """Return the messages of a topic, by its full name or a suffix; each is read only once.
 
         Raises:
             RecordingError: the topic does not exist, has no messages, or cannot be read.
@@ -193,8 +193,8 @@ def open_run(run: str | os.PathLike[str]) -> RecordedRun:
     """Open a recording.
 
     Args:
-        run: an MCAP file, a folder with one, the name of a config (its newest recorded run on this
-            machine; with the suffix `~1`, the one before), or of a run's folder.
+        run: an MCAP file, a folder with one, the name of a config (its most recent recorded run on
+            this machine; with the suffix `~1`, the one before), or of a run's folder.
 
     Raises:
         RecordingError: the recording does not exist or cannot be read.

@@ -239,7 +239,7 @@ class RecordedTopic:
     def matrix(self, path: str, width: int) -> NDArray[np.float64]:
         """Return the first numbers of a field, shape `(n, width)`; missing ones are NaN.
 
-        Faster than one call per number.
+        It is faster than one call per number.
 
         Args:
             path: path of a field of numbers.

@@ -102,7 +102,7 @@ _UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]
 
 
 class SettingTextError(ValueError):
-    """A settings text is neither flow text nor flat text; the message quotes it."""
+    """Settings text is neither flow text nor flat text; the message quotes it."""
 
 
 def parse_component_setting(text: str) -> dict[str, object]:
@@ -120,7 +120,7 @@ def parse_mapping(text: str) -> dict[str, object]:
     """Parse YAML text that is a single mapping with string keys (`obelisk_settings`, `sim` block).
 
     Raises:
-        SettingTextError: the text is not YAML or not such a mapping.
+        SettingTextError: the text is not valid YAML or not such a mapping.
     """
     try:
         value = load_yaml_core(text)

@@ -49,7 +49,7 @@ class ModelFacts:
 
 
 def read_model_facts(spec: Any) -> ModelFacts:
-    """Collect the facts of a loaded `mujoco.MjSpec`."""
+    """Collect the facts about a loaded `mujoco.MjSpec`."""
     joints = {joint.name: _enum_word(joint.type) for joint in spec.joints if joint.name}
     sensors = (_read_sensor(sensor, joints) for sensor in spec.sensors if sensor.name)
     return ModelFacts(

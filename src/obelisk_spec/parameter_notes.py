@@ -1,7 +1,7 @@
 """Store a ROS parameter's limits, unit and time of effect as text in its descriptor.
 
 ROS has fields for a range with both limits and for a description. Everything else that `Parameter`
-declares is stored in the field `additional_constraints`, as `name: value` separated by semicolons:
+declares is stored in the `additional_constraints` field, as `name: value` separated by semicolons:
 
     unit: N m/rad; at least: 0.0; takes effect: between callbacks
 
@@ -37,7 +37,7 @@ class ParameterNotes:
     choices: tuple[str, ...] = ()
     """The allowed strings; empty if any is allowed."""
     is_live: bool | None = None
-    """Whether a new value takes effect immediately, not at the next configure; None if unknown."""
+    """Whether a new value takes effect before the next `configure` transition; None if unknown."""
     initial: ParameterValue | None = None
     """The value at construction of the node, from config or default; None if unknown."""
 
@@ -67,7 +67,7 @@ class ParameterNotes:
         return None
 
     def text(self, *, has_range_field: bool) -> str:
-        """Format the field `additional_constraints`.
+        """Format the `additional_constraints` field.
 
         Args:
             has_range_field: whether another field of the descriptor has both limits.
@@ -95,7 +95,7 @@ def range_text(least: float | None, most: float | None) -> str:
 
 
 def parse_notes(text: str) -> ParameterNotes:
-    """Parse a field `additional_constraints`; text of other software in it is ignored."""
+    """Parse an `additional_constraints` field; ignore text that other software wrote."""
     # `initial` comes last, because a string in it may contain semicolons.
     head, _, initial = f"; {text}".partition(f"; {_INITIAL}: ")
     parts: Mapping[str, str] = {

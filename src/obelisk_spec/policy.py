@@ -21,7 +21,7 @@ PREVIOUS_ACTION: Final = "previous_action"
 _JOINT_TERMS: Final = ("joint_positions", "joint_velocities")
 _BASE_TERMS: Final = ("linear_velocity", "angular_velocity", "gravity")
 TERMS: Final = (*_JOINT_TERMS, *_BASE_TERMS, PREVIOUS_ACTION, COMMAND)
-"""Possible terms in the parameter `observation` of `OnnxPolicy`."""
+"""Possible terms in `OnnxPolicy`'s `observation` parameter."""
 _DIMENSIONS: Final = 3
 
 

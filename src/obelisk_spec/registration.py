@@ -1,6 +1,6 @@
 """Bind the arguments of `register_obk_*` in each of the three generations of the Python API.
 
-Positional arguments (subscriptions and timers have the callback in second place):
+Positional arguments (for subscriptions and timers, the second argument is the callback):
 
 - G1, since 2024-07: `ros_parameter, key, msg_type, default`
 - G2, since 2024-12: `ros_parameter, msg_type, key, default_config_str`

@@ -99,7 +99,8 @@ GATE_VARIABLE: Final = "OBK_GATE"
 """The environment variable with the path of the gate file for preloaded programs.
 
 The launcher holds an exclusive lock (flock) on the file until no other stack uses its names and
-its robot. A program creates its node once it gets a shared lock. The lock ends with the launcher.
+its robot. A program creates its node once it gets a shared lock. The lock is released when the
+launcher exits.
 """
 LOCAL_TRANSPORT_VARIABLE: Final = "OBK_LOCAL_TRANSPORT"
 """The environment variable with the path of the folder for the local transport's sockets.
@@ -111,11 +112,11 @@ LOCAL_TRANSPORT_OFF: Final = "off"
 SOCKETS_FOLDER: Final = "sockets"
 """The folder of the sockets, in the run's folder."""
 _HOST_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
-"""Names of this host in the header `Host`."""
+"""Names of this host in a `Host` header."""
 
 
 def names_this_host(host: str) -> bool:
-    """Whether the header `Host` names this host, with any port.
+    """Whether a `Host` header names this host, with any port.
 
     A foreign page in the same browser can make its own name resolve to this host (DNS rebinding),
     but the browser does not let it set this header.
@@ -137,8 +138,8 @@ def is_of_the_page(origin: str, host: str) -> bool:
     Source: https://developer.mozilla.org/docs/Web/HTTP/Headers/Origin
 
     Args:
-        origin: value of the header `Origin`.
-        host: value of the header `Host`.
+        origin: value of the `Origin` header.
+        host: value of the `Host` header.
     """
     return origin == f"http://{host}"
 
@@ -233,7 +234,7 @@ def rejection_values(seconds: float, reason: str) -> tuple[tuple[str, str], ...]
 
     Args:
         seconds: how long all commands have been rejected [s]; 0 if they are accepted again.
-        reason: why the newest one was rejected.
+        reason: why the latest one was rejected.
     """
     return ((_SECONDS, f"{seconds:.1f}"), (_REASON, reason))
 

@@ -1,6 +1,7 @@
-"""Check a `sim` block; used by the tool before a launch and by the simulator at configure.
+"""Check a `sim` block; used by the tool before a launch and by the simulator in `configure`.
 
-The inputs are the block, the node's parameters and the facts of a model; the outputs are findings.
+The inputs are the block, the node's parameters and the facts about a model; the outputs are
+findings.
 """
 
 from collections import Counter
@@ -147,7 +148,7 @@ def _check_scan_given(
 def check_group_against_model(
     group: Mapping[str, Any], path: SimPath, facts: ModelFacts
 ) -> Iterator[SimFault]:
-    """Yield findings about names, types and places of the model's sensors and sites."""
+    """Yield findings about names, types and locations of the model's sensors and sites."""
     names: Mapping[str, str] = group.get("sensor_names") or {}
     rule = sensor_group(str(group["msg_type"]))
     reported = 0

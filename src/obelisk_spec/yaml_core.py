@@ -37,7 +37,7 @@ _BASED: Final = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT: Final = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _MAY_BE_NUMBER: Final = frozenset("+-.0123456789")
 _MOST_VALUES: Final = 150_000
-"""Maximum number of values in a text; an alias counts as all values of its anchor."""
+"""Maximum number of values in a document; an alias counts as all values of its anchor."""
 _LONGEST_INT: Final = 4000
 _LONGEST_BASED: Final = 3000
 """Maximum number of digits; Python does not convert longer ones, and no robot needs them."""
@@ -57,7 +57,7 @@ def core_scalar(text: str) -> Scalar:
 
 
 class YamlTextError(ValueError):
-    """Text is not YAML of the safe subset; the message has the location and the reason."""
+    """The text is not valid YAML of the safe subset; the message says where and why."""
 
 
 class _CoreLoader(yaml.SafeLoader):
@@ -116,8 +116,8 @@ def load_yaml_core(text: str, expand: Callable[[str], str] = str) -> object:
         expand: applied to the text of each scalar before parsing; may raise a ValueError.
 
     Raises:
-        YamlTextError: the text is not YAML, it uses a tag that creates objects, or `expand` raised
-            an error.
+        YamlTextError: the text is not valid YAML, it uses a tag that creates objects, or `expand`
+            raised an error.
     """
     try:
         loader = _CoreLoader(text)
@@ -135,7 +135,7 @@ def load_yaml_core(text: str, expand: Callable[[str], str] = str) -> object:
 
 
 REFERENCE: Final = re.compile(
-    # A default has a maximum length, so that a text with many `${A:-` is not scanned repeatedly.
+    # A default has a maximum length, so that input with many `${A:-` is not scanned repeatedly.
     r"\$\$\{|\$\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]{0,1000}+))?\}|\$\{"
 )
 """A reference with its name and default, an escaped `$${`, or a `${` that starts neither."""
@@ -150,7 +150,7 @@ def value_of_reference(reference: re.Match[str], environment: Mapping[str, str])
 
 
 def expand_variables(text: str, environment: Mapping[str, str]) -> str:
-    """Replace every reference in a text.
+    """Replace every reference in text.
 
     Raises:
         ValueError: a reference has no value.

@@ -1,6 +1,6 @@
 """Compile a config: load -> read -> locate -> check -> lower. Only this module knows the order.
 
-The library entry for every user of configs: the command line, the launcher, editors.
+The entry point for everything that reads configs: the command line, the launcher, editors.
 """
 
 import gc
@@ -34,7 +34,7 @@ __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 _LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 13))
 """Faults after which part of the config cannot be checked."""
 _OF_WHOLE_NODES = ("OBK207", "OBK208", "OBK306", "OBK307", "OBK405")
-"""Findings about missing parts of a node, which may be under a duplicate key."""
+"""Findings about parts missing from a node that may be defined under a duplicate key."""
 _OF_FRAGMENTS = (*_OF_WHOLE_NODES, "OBK102", "OBK201", "OBK203", "OBK204", "OBK209", "OBK321")
 """Findings about missing parts of a file, which the including config may have."""
 _FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
@@ -64,7 +64,7 @@ class Options:
     meant: Callable[[str], str | None] = did_you_mean_config
     """Returns a help line with similar paths for a file that cannot be read."""
     for_test: bool = False
-    """Whether to report differences between lock-step runs, too (OBK6xx)."""
+    """Whether to report code that may behave differently between lock-step runs, too (OBK6xx)."""
     including: Callable[[str], tuple[str, ...]] = lambda _: ()
     """Returns the configs that include a file; if any, the file is checked as a fragment."""
 
@@ -82,7 +82,7 @@ class Outcome:
 
     @property
     def hazards(self) -> tuple[Diagnostic, ...]:
-        """Differences between lock-step runs; empty unless compiled with `for_test`."""
+        """Code that may behave differently between lock-step runs; empty without `for_test`."""
         return tuple(d for d in self.diagnostics if d.code.startswith(LOCKSTEP_FAMILY))
 
 
@@ -116,7 +116,7 @@ def _no_collection() -> Iterator[None]:
 
 @_no_collection()
 def compile_source(source: SourceFile, options: Options) -> Outcome:
-    """Compile a text; its paths are relative to the folder of its own path."""
+    """Compile source text; paths in it are relative to the folder of `source.path`."""
     folder = (options.working_folder / source.path).resolve().parent
     if source.path.startswith("<"):
         folder = options.working_folder

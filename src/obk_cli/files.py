@@ -157,7 +157,7 @@ def resource_folder(name: str) -> Path:
     """The folder of resources ("schema", "templates") that is installed with this code.
 
     Raises:
-        FileNotFoundError: the folder is in neither place; the installation is broken.
+        FileNotFoundError: the folder is in neither location; the installation is broken.
     """
     package = Path(__file__).resolve().parent
     places = (package / "data" / name, package.parents[1] / name)

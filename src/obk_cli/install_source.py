@@ -19,7 +19,7 @@ __all__ = ["InstallSource", "install_command", "read_install_source"]
 
 TOOL: Final = "obelisk-cli"
 MESSAGES: Final = "obelisk-interfaces"
-"""The distribution with the compiled messages, which the extra `ros` needs."""
+"""The distribution with the compiled messages, which the `ros` extra needs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

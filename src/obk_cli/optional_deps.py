@@ -1,6 +1,6 @@
 """Check which distributions are installed, and require the extras that a command needs.
 
-Reads folder names only: that is much faster than metadata, and imports nothing.
+It reads folder names only: that is much faster than metadata, and imports nothing.
 """
 
 import importlib.util
@@ -105,7 +105,7 @@ def _versions(folders: tuple[str, ...]) -> Mapping[str, str]:
 def run_versions() -> Mapping[str, str]:
     """Versions of obk, Python, rclpy and MuJoCo, and the ROS distribution, as far as installed.
 
-    Imports none of them.
+    It does not import them.
     """
     wheels = distributions_like(r"ros_[a-z]+_rclpy")
     found = {

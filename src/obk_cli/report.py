@@ -1,7 +1,7 @@
 """Format findings as text, as JSON, as GitHub annotations, and as SARIF.
 
 The text has the message, the source line with the location underlined, related locations and help.
-Infos have only the message, unless `verbose` is set.
+Info-level findings have only the message, unless `verbose` is set.
 """
 
 import json

@@ -25,7 +25,7 @@ _RESET: Final = "\x1b[0m"
 def only_colour(text: str) -> str:
     """The text without sequences that move, clear, rename or query the terminal.
 
-    Colours are kept, and end with the text.
+    Colors are kept, and end with the text.
     """
     kept = _SEQUENCE.sub(lambda match: match["colour"] or "", text)
     return kept + _RESET if "\x1b" in kept and not kept.endswith(_RESET) else kept

@@ -61,7 +61,7 @@ def failure_reason(report: pytest.TestReport) -> str:
 def write_trial(
     path: Path, result: TrialResult, title: str, about: Mapping[str, str]
 ) -> Iterator[str]:
-    """Write the recording and, if possible, the picture of a trial; yield their paths."""
+    """Write the recording and, if possible, the plot of a trial; yield their paths."""
     from obk_testing.plot import draw_trial, is_drawable
     from obk_testing.recording import write_recording
 

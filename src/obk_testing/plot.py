@@ -20,7 +20,7 @@ from obk_testing.topic_log import Array
 __all__ = ["Signal", "draw_trial", "is_drawable", "signals_of"]
 
 _MOST_SIGNALS: Final = 6
-"""Maximum number of plots below each other; more would be unreadable."""
+"""Maximum number of stacked plots; more would be unreadable."""
 _ERROR: Final = 40
 """Minimum severity of log entries that are marked."""
 
@@ -89,7 +89,7 @@ def _position_labels(result: TrialResult) -> tuple[str, ...]:
 
 
 def draw_trial(result: TrialResult, title: str, path: Path) -> bool:
-    """Write a picture, PNG or SVG by its name; return whether there was anything to plot.
+    """Write a plot as PNG or SVG, depending on the extension; false if there is nothing to plot.
 
     Raises:
         OSError: the file cannot be written.

@@ -1,7 +1,7 @@
-"""The pytest plugin: the fixtures `stack` and `seed`, which run a config in lock-step.
+"""The pytest plugin: the `stack` and `seed` fixtures, which run a config in lock-step.
 
 Load it with `-p obk_testing.plugin`, as `obk test` does, so that simulated time is installed before
-test modules and nodes are imported. A failed test leaves its trials as recordings and pictures.
+test modules and nodes are imported. A failed test leaves its trials as recordings and plots.
 """
 
 import os
@@ -53,7 +53,7 @@ _MOST_KEPT: Final = 10
 
 
 class StartStack(Protocol):
-    """The interface of the fixture `stack`."""
+    """The interface of the `stack` fixture."""
 
     def __call__(
         self,
@@ -75,7 +75,7 @@ class StartStack(Protocol):
         """Bring up a stack in lock-step.
 
         Unless one of `latency`, `jitter`, `phases`, `compute` and `bring_up` is set, the seed
-        determines the schedule. Seed 0 has the ideal one, in which nothing takes time.
+        determines the schedule. Seed 0 gives the ideal one, in which nothing takes time.
 
         Args:
             config: path, relative to the folder of the test; None for the config of `obk test`.
@@ -87,8 +87,8 @@ class StartStack(Protocol):
             jitter: maximum random addition to the latency, drawn for each message [s].
             phases: whether timers start at a random part of their period.
             compute: node -> computing time of each of its callbacks [s].
-            bring_up: node -> when it becomes active [s]; or `measured`, as in the newest real run
-                of this stack on this machine; or the path of a run's folder.
+            bring_up: node -> when it becomes active [s]; or `measured`, as in the most recent real
+                run of this stack on this machine; or the path of a run's folder.
             watch: topics that count as subscribed even without a subscriber.
             record: topics to record; None for all.
             without: nodes to leave out.
@@ -288,7 +288,7 @@ def _seeds(config: pytest.Config) -> Sequence[int]:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run a test with the fixture `seed` once per seed."""
+    """Run a test that uses the `seed` fixture once per seed."""
     if "seed" in metafunc.fixturenames:
         seeds = _seeds(metafunc.config)
         metafunc.parametrize("seed", seeds, ids=[f"seed{seed}" for seed in seeds])

@@ -252,8 +252,8 @@ class LoadedStack:
         """Import the programs, and run each one up to its `spin_obelisk`.
 
         Raises:
-            CommandFailedError: a program is missing, is not Python for this interpreter, or ends
-                without calling `spin_obelisk`.
+            CommandFailedError: a program is missing, is not a Python program for this interpreter,
+                or returns without calling `spin_obelisk`.
         """
         self.plan = compiled.plan
         self.config = compiled.config

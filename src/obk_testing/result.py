@@ -123,7 +123,7 @@ class TrialResult:
             topics: topics by full name.
             states: states of the simulator; None if there is none.
             faults: faults of nodes, as sentences.
-            notes: notes of the engine.
+            notes: notes from the scheduler.
             log: log messages of the nodes.
             ways: why a topic of the config has no messages, by full name.
         """
@@ -138,7 +138,7 @@ class TrialResult:
         self.faults = tuple(faults)
         """Faults of nodes, as in the log."""
         self.notes = tuple(notes)
-        """The engine's notes about anything that takes time or is not in lock-step."""
+        """The scheduler's notes about anything that takes time or is not in lock-step."""
         self.log = tuple(log)
         """Log messages of the nodes."""
         self.states = states

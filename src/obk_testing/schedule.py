@@ -21,7 +21,7 @@ from obk_cli.runs.folder import config_of, run_folders, runs_folder
 __all__ = ["MEASURED", "Activation", "BringUp", "Schedule", "bring_up_times", "read_activations"]
 
 MEASURED: Final = "measured"
-"""Selects the bring-up of the newest real run of the stack on this machine."""
+"""Selects the bring-up of the most recent real run of the stack on this machine."""
 
 BringUp = Mapping[str, float] | str | Path
 """Node -> when it becomes active [s]; `measured`; or a run's folder or its `events.jsonl`."""
@@ -50,7 +50,7 @@ class Schedule:
 
     @classmethod
     def varied(cls, seed: int, nodes: Iterable[str]) -> Self:
-        """Draw a schedule by a seed; seed 0 has the ideal one.
+        """Draw a schedule by a seed; seed 0 gives the ideal one.
 
         Args:
             seed: seed of the trial.

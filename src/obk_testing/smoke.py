@@ -25,7 +25,7 @@ _SETTLED_S: Final = 1.0
 _TOLERANCE: Final = 0.1
 """Tolerance of a rate, as a fraction of it."""
 _DRAWN: Final = ("Image", "CameraInfo", "MarkerArray", "Marker")
-"""Messages that are not requested: pictures need OpenGL and take most of the time."""
+"""Messages that are not requested: images need OpenGL and take most of the time."""
 _MAY_BE_INFINITE: Final = ("LaserScan", "Range", "PointCloud2", "ObkScan", "MultiEchoLaserScan")
 """Messages in which a number that is not finite means that nothing is in range (REP 117)."""
 _REJECTED: Final = "control rejected"

@@ -226,7 +226,7 @@ class TopicLog:
         return unit
 
     def at(self, t: float) -> Any:
-        """Return the newest message at a time [s].
+        """Return the latest message at a given time [s].
 
         Raises:
             LookupError: no message was published by then.

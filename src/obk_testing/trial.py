@@ -1,6 +1,6 @@
 """A trial: the nodes of a stack in lock-step, and the test's actions on them.
 
-A test is sequential code: time stands still between two calls of `run`, so it can check, decide and
+A test is sequential code: time stands still between calls to `run`, so it can check, decide and
 act at exact times. Actions without a time happen immediately.
 """
 
@@ -108,7 +108,7 @@ class StackTrial:
         """Ids of bodies, and the factors of their masses."""
         self._is_closed = self._has_begun = False
         self.wall_s = 0.0
-        """Wall time of all calls of `run` [s]."""
+        """Wall time of all calls to `run` [s]."""
         self.interventions: list[Intervention] = []
         """The test's actions on the stack."""
         self._looked_at: dict[tuple[str, ...], None] = {}
@@ -256,7 +256,7 @@ class StackTrial:
     # --- topics
 
     def drop(self, topic: str, share: float = 1.0, duration: float = float("inf")) -> None:
-        """Drop a share of the messages published from now on, selected by the seed.
+        """Drop a fraction of the messages published from now on, selected by the seed.
 
         Args:
             topic: full name.
@@ -419,7 +419,7 @@ class StackTrial:
     def stub(
         self, name: str, on: str, do: Callable[[Any], Mapping[str, Any] | None], kind: type[Any]
     ) -> None:
-        """Replace a node that was left out with a stub.
+        """Stand in for a node that `stack(..., without=[...])` left out.
 
         Args:
             name: full name of the node.

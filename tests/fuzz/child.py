@@ -1,6 +1,6 @@
 """Run one test for some time: `python -m tests.fuzz.child MODULE TEST ENGINE SECONDS SEED`.
 
-Prints one line of JSON: executions, the slowest input [s], findings.
+It prints one line of JSON: executions, the slowest input [s], findings.
 """
 
 import functools

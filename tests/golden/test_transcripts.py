@@ -50,7 +50,7 @@ seen = map(int, os.environ["SEEN"].split())
 seen = [psutil.Process(pid) for pid in seen if psutil.pid_exists(pid)]
 orphans._own_processes = lambda: seen
 """
-"""Neither show nor end orphans of other stacks on this machine."""
+"""Neither show nor kill orphans of other stacks on this machine."""
 BROKEN = """\
 config: broken
 control:

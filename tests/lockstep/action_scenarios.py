@@ -16,7 +16,7 @@ STEP_S = 0.1
 
 
 class Walker:
-    """An action server that walks a metre in 0.1 s, and a client that records what it receives."""
+    """An action server that walks a meter in 0.1 s, and a client that records what it receives."""
 
     def __init__(self, **options: Any) -> None:
         self.world = World(**options)

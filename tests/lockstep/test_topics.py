@@ -63,7 +63,7 @@ def test_every_subscription_has_its_own_copy(world: World) -> None:
 
 
 @pytest.mark.parametrize(("depth", "kept"), [(1, [9.0]), (3, [7.0, 8.0, 9.0])])
-def test_a_busy_node_keeps_the_newest_of_its_depth(
+def test_a_busy_node_keeps_the_latest_of_its_depth(
     world: World, depth: int, kept: list[float]
 ) -> None:
     sender, receiver = world.node("sender"), world.node("receiver")

@@ -21,7 +21,7 @@ Node = Any
 
 @contextmanager
 def lockstep_process() -> Iterator[None]:
-    """Make time simulated while entered, and hide this process's nodes from other processes."""
+    """Simulate time inside the `with` block, and hide this process's nodes from other processes."""
     with pytest.MonkeyPatch.context() as patch, intercepted():
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)

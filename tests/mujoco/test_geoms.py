@@ -1,4 +1,4 @@
-"""Markers of geoms: kind, full-length sizes, pose, colour."""
+"""Markers of geoms: kind, full-length sizes, pose, color."""
 
 import mujoco
 import numpy as np
@@ -69,7 +69,7 @@ def test_every_marker_has_its_own_number(markers):
         ("foot", "sphere", (0.5, 0.5, 0.5, 1.0)),
     ],
 )
-def test_the_colour_is_the_geoms_own_or_its_materials(markers, geom, kind, colour):
+def test_the_color_is_the_geoms_own_or_its_materials(markers, geom, kind, colour):
     marker = markers(**{geom: kind})[0]
     painted = (marker.color.r, marker.color.g, marker.color.b, marker.color.a)
     assert painted == pytest.approx(colour)

@@ -72,7 +72,7 @@ def feed(scene):
 
 
 class _PaintedView:
-    """A camera without OpenGL, which draws a grey level for the height of the lid."""
+    """A camera without OpenGL, which draws a gray level for the height of the lid."""
 
     def __init__(self, model, camera, back_end):
         self.may_draw = threading.Event()
@@ -110,7 +110,7 @@ def _opened(feed):
         return str(error)
 
 
-def test_a_camera_renders_colours_in_place_or_reports_why_it_cannot(scene, feed):
+def test_a_camera_renders_colors_in_place_or_reports_why_it_cannot(scene, feed):
     camera = _opened(feed)
     if isinstance(camera, str):
         assert camera.startswith("camera `above`: cameras need OpenGL, and ")

@@ -433,7 +433,7 @@ def test_a_depth_camera_hits_the_ground_along_its_pixels(through, shift):
         "rays_through": through,
     }
     message = _sample(model, data, "DepthImage", _settings(camera, site="eye"))
-    # A metre above the ground, row v meets it at a depth of 10 / (v + 9).
+    # A meter above the ground, row v meets it at a depth of 10 / (v + 9).
     rows = np.arange(4) + shift
     assert np.frombuffer(message.data, np.float32) == pytest.approx(10.0 / (rows + 9.0), rel=1e-6)
 

@@ -67,7 +67,7 @@ def test_until_the_first_state_the_model_is_in_its_initial_state(model: mujoco.M
         assert states.data.geom_xpos[1].tolist() == [0.0, 0.0, 1.0]
 
 
-def test_states_arrive_in_order_or_only_the_newest(model: mujoco.MjModel) -> None:
+def test_states_arrive_in_order_or_only_the_latest(model: mujoco.MjModel) -> None:
     data = mujoco.MjData(model)
     with link() as (ours, theirs):
         states, sender = States(model, theirs), StateSender(model, data, ours, lambda *_: None)

@@ -1,4 +1,4 @@
-"""Strategies for hostile input: valid files with changed bytes, JSON of any shape, odd texts."""
+"""Strategies for hostile input: valid files with changed bytes, JSON of any shape, odd strings."""
 
 import string
 from collections.abc import Sequence

@@ -48,7 +48,7 @@ ODD = (
 def environment() -> MachineEnvironment:
     """Packages with code and models, so that every check has something to inspect.
 
-    They are the same for all texts, so that the packages are read once.
+    They are the same for all inputs, so that the packages are read once.
     """
     world = MachineEnvironment(Path.cwd(), Path.cwd(), {})
     world.packages = PackageIndex(
@@ -163,7 +163,7 @@ def test_an_independent_reader_reads_the_same(text: str) -> None:
 
 
 def _canonical(value: object) -> str:
-    """A text that is equal for equal values: sorted keys, NaN by name."""
+    """Text that is equal for equal values: sorted keys, NaN by name."""
     if isinstance(value, dict):
         return str(sorted((key, _canonical(item)) for key, item in value.items()))
     return str([_canonical(v) for v in value]) if isinstance(value, list) else repr(value)

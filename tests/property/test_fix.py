@@ -16,7 +16,7 @@ SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]
 
 
 def fixed(text: str, folder: Path) -> Fixed:
-    """The fixes of a text without a file."""
+    """The fixes of source text without a file."""
     environment = MachineEnvironment(folder, folder, {})
     environment.packages = PackageIndex(workspaces=(), prefixes=())
     options = Options(

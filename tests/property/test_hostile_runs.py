@@ -99,7 +99,7 @@ FILES = st.binary() | damaged([json.dumps(RUN).encode()]) | st.builds(json.dumps
 
 
 def no_leftovers() -> AbstractContextManager[object]:
-    """Skip the scan of all processes of this machine, which takes most of the time."""
+    """Skip the scan of all processes on this machine, which takes most of the time."""
     return mock.patch.object(ps, "find_orphans", return_value=())
 
 

@@ -1,4 +1,4 @@
-"""Templates with hostile names and texts give files below the package, or an error message."""
+"""Templates with hostile names and contents give files below the package, or an error message."""
 
 from pathlib import PurePosixPath
 

@@ -1,4 +1,4 @@
-"""Properties of merging any two texts: the outer text wins, and locations are kept."""
+"""Properties of merging any two files: the outer file wins, and locations are kept."""
 
 from collections.abc import Iterator
 

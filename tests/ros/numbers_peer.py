@@ -1,6 +1,6 @@
 """A subscriber in its own process: `python numbers_peer.py TOPIC COUNT`.
 
-Prints the numbers of COUNT messages in the order of arrival, as one JSON list, and exits.
+It prints the numbers of COUNT messages in the order of arrival, as one JSON list, and exits.
 """
 
 import json

@@ -37,7 +37,7 @@ LIMITS = {
 """First word of a command -> the timeout options, with generous values."""
 N = TypeVar("N", bound=Node)
 MARK = "OBELISK_TEST_RUN"
-"""The variable by which the fixture `ros_domain` finds a test's processes."""
+"""The variable by which the `ros_domain` fixture finds a test's processes."""
 
 
 def calm(folder: Path) -> None:
@@ -87,7 +87,7 @@ def spinning(
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-        # A life-cycle node is part of reference cycles, and stays in the ROS graph until they are
+        # A lifecycle node is part of reference cycles, and stays in the ROS graph until they are
         # collected; an executor that spun keeps references to its last nodes.
         del node, executor, spin, thread
         gc.collect()

@@ -1,4 +1,4 @@
-"""The guarded life cycle on the real rclpy: reported faults, rejected requests, no leaks."""
+"""The guarded lifecycle on the real rclpy: reported faults, rejected requests, no leaks."""
 
 import gc
 from pathlib import Path
@@ -50,7 +50,7 @@ class Controller(ObeliskController):
 
 
 class Misbehaving(ObeliskNode):
-    """Returns the given result from configure, or raises it."""
+    """Returns the given result from `configure`, or raises it."""
 
     def __init__(self, answer: Any, on_error: Any = SUCCESS) -> None:
         super().__init__("misbehaving")
@@ -67,7 +67,7 @@ class Misbehaving(ObeliskNode):
         return self.error_answer
 
 
-def test_a_controller_runs_through_its_life_cycle() -> None:
+def test_a_controller_runs_through_its_lifecycle() -> None:
     with spinning(Controller) as node:
         for label, state in (
             ("configure", "inactive"),
@@ -154,7 +154,7 @@ def test_a_fault_of_the_hardware_is_reported_by_its_message_alone() -> None:
 
 
 class Opening(ObeliskNode):
-    """Opens something in configure, before or after super's; records what happens to it."""
+    """Opens something in `configure`, before or after super's; records what happens to it."""
 
     def __init__(self, *, is_early: bool = False) -> None:
         super().__init__("opening")

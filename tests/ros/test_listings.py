@@ -19,7 +19,7 @@ MAINS = Path(__file__).with_name("listings")
 
 
 def words(text: str) -> str:
-    """A text without indentation, empty lines and comments for linters."""
+    """Text without indentation, empty lines and comments for linters."""
     lines = (re.sub(r"\s+", " ", line).strip() for line in text.splitlines())
     return "\n".join(line for line in lines if line)
 

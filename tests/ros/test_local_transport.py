@@ -109,7 +109,7 @@ def outside(count: int) -> list[int]:
     """The numbers that a subscriber outside the run received before it ended."""
     command = [sys.executable, OUTSIDE_PEER, "/numbers", str(count)]
     ended = subprocess.run(command, capture_output=True, timeout=2 * DEADLINE_S, check=True)
-    # It may be preceded by errors of Fast DDS, such as ports in use.
+    # It may be preceded by Fast DDS errors, such as ports in use.
     numbers: list[int] = json.loads(ended.stdout.splitlines()[-1])
     return numbers
 

@@ -1,4 +1,4 @@
-"""The behaviour of a real robot whose commands stop."""
+"""The behavior of a real robot whose commands stop."""
 
 import threading
 import time

@@ -322,7 +322,7 @@ def test_a_simulator_expects_rates_of_its_steps_and_its_sensors(config: Path) ->
 def rates_reported_of(section: str) -> dict[str, list[dict[str, Any]]]:
     """The rates that `obk ps` shows for each section's node, once it shows any for this section.
 
-    Repeats the request if a busy machine delays the launcher's reply too long.
+    It repeats the request if a busy machine delays the launcher's reply too long.
     """
     reported: dict[str, list[dict[str, Any]]] = {}
 

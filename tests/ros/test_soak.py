@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 def results(module: str, *options: str, root: Path, folder: Path) -> dict[str, Any]:
     """Run a program of the soak on the calm example and return its results.
 
-    Ignores its verdict on growth, because a short run proves nothing about that.
+    It ignores its verdict on growth, because a short run proves nothing about that.
     """
     command = (sys.executable, "-m", module, *options, "--config", DUMMY, "--results", folder)
     ended = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
@@ -41,7 +41,7 @@ def test_every_fault_is_handled_correctly_and_nothing_is_left(
     assert (tmp_path / "soak.svg").exists()
 
 
-def test_one_process_repeats_its_life_cycle_and_is_measured(
+def test_one_process_repeats_its_lifecycle_and_is_measured(
     repository: Path, tmp_path: Path
 ) -> None:
     result = results("benchmarks.soak.rounds", "--rounds", "10", root=repository, folder=tmp_path)

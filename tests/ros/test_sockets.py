@@ -16,7 +16,7 @@ PLANTED = """\
   </participant>
 </profiles>
 """
-"""Settings of Fast DDS that make it reachable from all hosts."""
+"""Fast DDS settings that make it reachable from all hosts."""
 
 
 def addresses(run: Launched) -> set[str]:

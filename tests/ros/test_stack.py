@@ -67,7 +67,7 @@ def test_both_formats_start_and_end_cleanly(config: str) -> None:
     assert lines[-1] == "stopped cleanly"
 
 
-def test_all_nodes_run_through_the_life_cycle_from_another_terminal() -> None:
+def test_all_nodes_run_through_the_lifecycle_from_another_terminal() -> None:
     with launched(DUMMY, "--quiet") as run:
         assert states("get") == dict.fromkeys(NODES, "active")
         for verb, goal in (
@@ -165,7 +165,7 @@ def test_a_killed_warden_ends_the_nodes_and_the_launcher_reports_it() -> None:
 def test_a_launcher_killed_together_with_its_warden_leaves_no_node() -> None:
     with launched(DUMMY, "--quiet") as run:
         warden = warden_of(run)
-        # So that neither notices the other one's end.
+        # So that neither detects the other one's exit.
         for process in (psutil.Process(run.process.pid), warden):
             process.suspend()
         warden.kill()

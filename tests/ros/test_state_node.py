@@ -1,4 +1,4 @@
-"""Control of life-cycle nodes, and the stack as one of them, by other ROS 2 clients."""
+"""Control of lifecycle nodes, and the stack as one of them, by other ROS 2 clients."""
 
 import os
 import subprocess

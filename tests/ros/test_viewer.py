@@ -34,7 +34,7 @@ def picture(page: "Page") -> NDArray[np.int16]:
 
 
 def reddish(pixels: NDArray[np.int16]) -> int:
-    """The number of pixels that are similar to the colour of the dummy's ball."""
+    """The number of pixels that are similar to the color of the dummy's ball."""
     red, green, blue = np.moveaxis(pixels, -1, 0)
     return int(np.count_nonzero((red - green > 40) & (red - blue > 30)))
 

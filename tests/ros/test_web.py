@@ -36,7 +36,7 @@ DRAWN = """canvas => {
   }
   return colourful;
 }"""
-"""The number of pixels of a canvas that are similar to the colour of the first line, a blue."""
+"""The number of pixels of a canvas that are similar to the color of the first line, a blue."""
 
 
 @contextmanager

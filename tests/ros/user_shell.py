@@ -73,7 +73,7 @@ class UserShell:
 
     @property
     def seen(self) -> str:
-        """The output since the last input, without colours and cursor movements."""
+        """The output since the last input, without colors and cursor movements."""
         return "\n".join(plain(line) for line in self._text.split("\n"))
 
     def close(self) -> None:

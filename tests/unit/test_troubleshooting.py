@@ -16,14 +16,14 @@ QUOTES = [row["quote"].strip() for row in ROW.finditer(PAGE.read_text(encoding="
 
 
 def template(node: ast.expr) -> str:
-    """A text of the source, with placeholders as `…`."""
+    """A string in the source, with placeholders as `…`."""
     if isinstance(node, ast.JoinedStr):
         return re.sub("…+", "…", "".join(map(template, node.values)))
     return str(node.value) if isinstance(node, ast.Constant) else "…"
 
 
 def templates() -> Iterator[str]:
-    """All texts of the source except docstrings."""
+    """All strings in the source except docstrings."""
     for path in (ROOT / "src").rglob("*.py"):
         for statement in ast.walk(parsed(path)):
             for node in ast.iter_child_nodes(statement):

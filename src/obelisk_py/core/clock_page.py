@@ -47,7 +47,7 @@ class ClockPage:
         self._words = _mapped(descriptors)
         self._own = CLOCK_FIRST_DUE + descriptors.own
         self.wake_fd = descriptors.wakes[descriptors.own]
-        """Signalled when the due time of this process is reached, and after a jump back."""
+        """Signaled when the due time of this process is reached, and after a jump back."""
         self.followers: weakref.WeakSet[Any] = weakref.WeakSet()
         """The clocks of this process that follow the page."""
         self.set_due(NEVER_NS)
@@ -84,7 +84,7 @@ class ClockWriter:
         self._wakes = descriptors.wakes
         self._dues = words[CLOCK_FIRST_DUE:]
         self._signalled = [0] * len(self._wakes)
-        """The last due time signalled to each process; each one is signalled only once."""
+        """The last due time signaled to each process; each one is signaled only once."""
 
     def advance(self, time_ns: int) -> None:
         """Set the time [ns] after a step."""

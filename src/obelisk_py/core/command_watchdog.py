@@ -32,13 +32,13 @@ class StalePolicy:
     """The config's settings for stale commands."""
 
     max_age_s: float
-    """Age at which the newest command is stale [s], > 0."""
+    """Age at which the latest command is stale [s], > 0."""
     action: str
     """The robot's response, one of `obelisk_spec.components.STALE_ACTIONS`."""
 
 
 class CommandAge:
-    """The age of the newest command; one thread may accept commands while another one checks.
+    """The age of the latest command; one thread may accept commands while another one checks.
 
     No command is stale before the first one: until then, the robot does what it does at activation.
     """
@@ -47,13 +47,13 @@ class CommandAge:
         """Start without a command."""
         self.policy = policy
         self.is_stale = False
-        """Whether `look` found the newest command stale."""
+        """Whether `look` found the latest command stale."""
         self._newest_s: float | None = None
         self._lock = threading.Lock()
 
     @property
     def deadline_s(self) -> float | None:
-        """When the newest command becomes stale [s]; None without a command or if it is stale."""
+        """When the latest command becomes stale [s]; None without a command or if it is stale."""
         newest_s = self._newest_s
         return None if newest_s is None or self.is_stale else newest_s + self.policy.max_age_s
 
@@ -69,7 +69,7 @@ class CommandAge:
         return now_s - before_s if was_stale and before_s is not None else None
 
     def look(self, now_s: float) -> float | None:
-        """Check whether the newest command is stale.
+        """Check whether the latest command is stale.
 
         Returns:
             The command's age [s] when it is first found stale, otherwise None.
@@ -86,12 +86,12 @@ class CommandAge:
             return now_s - deadline_s + self.policy.max_age_s
 
     def silence_s(self, now_s: float) -> float | None:
-        """Time since the newest command [s] if it is stale, otherwise None."""
+        """Time since the latest command [s] if it is stale, otherwise None."""
         with self._lock:
             return now_s - self._newest_s if self.is_stale and self._newest_s is not None else None
 
     def postpone(self, now_s: float) -> None:
-        """Restart the age of the newest command now, because the time before was a pause."""
+        """Restart the age of the latest command now, because the time before was a pause."""
         with self._lock:
             if self._newest_s is not None and not self.is_stale:
                 self._newest_s = now_s
@@ -104,7 +104,7 @@ class CommandAge:
 
 
 class WatchdogThread:
-    """A thread that wakes when a robot's newest command becomes stale.
+    """A thread that wakes when a robot's latest command becomes stale.
 
     It runs the callback itself, so a busy executor cannot delay it. It sleeps from one deadline to
     the next, so commands that arrive in time cost nothing.
@@ -160,7 +160,7 @@ SILENCE_PERIOD_S: Final = 10.0
 
 
 class SilenceLog:
-    """Reports stopped commands at most once in 10 s; thread-safe."""
+    """Reports stopped commands at most once every 10 s; thread-safe."""
 
     def __init__(self) -> None:
         """Create an empty log."""
@@ -195,7 +195,7 @@ class SilenceLog:
 
         Args:
             now_s: current time [s].
-            silent_s: time since the newest command [s]; None if commands resumed.
+            silent_s: time since the latest command [s]; None if commands resumed.
         """
         with self._lock:
             self.due_s, self._last_report_s = None, now_s
@@ -243,9 +243,9 @@ class LastingRejection:
     """A period in which every received message was rejected."""
 
     seconds: float
-    """Time from the first rejection to the newest [s]."""
+    """Time from the first rejection to the latest [s]."""
     reason: str
-    """The reason for the newest rejection."""
+    """The reason for the latest rejection."""
 
 
 class RejectionLog:

@@ -1,6 +1,7 @@
 """Register a node's publishers, subscriptions and timers, and look them up by name.
 
-The node's constructor registers the components; configure creates their ROS handles.
+The node's constructor registers the components; the `configure` transition creates their ROS
+handles.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -75,7 +76,7 @@ class RegisteredComponent:
     required: bool | None = None
     """None if the default of the API generation that made the call applies."""
     is_of_configure: bool = False
-    """Whether `on_configure` registered it, so that cleanup unregisters it."""
+    """Whether `on_configure` registered it, so that `cleanup` unregisters it."""
     configuration: int = 0
     """How many times the node had been cleaned up when the component was registered."""
 

@@ -51,7 +51,7 @@ LOG_LEVEL = "--log-level"
 HOST = "composed"
 """The logger for messages that belong to no node."""
 SWITCH_INTERVAL_S = 1e-4
-"""How long a thread may hold the interpreter lock while another thread waits for it [s].
+"""How long a thread may hold the GIL while another thread waits for it [s].
 
 The simulator's thread must step on time while the callbacks of all nodes run. With Python's default
 of 5 ms and a controller that occasionally computes for 4 ms, 1 % of the steps were 4 ms late.
@@ -91,7 +91,7 @@ class Program:
 
     @contextmanager
     def command_line(self) -> Iterator[None]:
-        """Set `sys.argv` to this program's command line while entered."""
+        """Set `sys.argv` to this program's command line inside the `with` block."""
         before = sys.argv
         sys.argv = [self.module, *self.arguments]
         try:

@@ -16,7 +16,8 @@ The following holds for each publisher and subscription, even while others are a
   DDS does within a process. A publisher that has sent through DDS continues to do so until the
   subscription has taken everything that DDS held for it. With
   `RMW_FASTRTPS_PUBLICATION_MODE=ASYNCHRONOUS`, messages may be reordered while a subscription of
-  another process is being added or removed. There is no order between publishers.
+  another process is being added or removed. Messages from different publishers have no defined
+  order.
 - When a subscription is destroyed, its waiting messages are dropped, as with DDS. When its node is
   removed from an `EventLoopExecutor`, waiting messages are delivered once such an executor runs the
   node again. Other executors do not see them.
@@ -136,8 +137,8 @@ class MessageBuffer:
         """Replaced whenever this process may have sent the subscription a message through DDS."""
         self._empty_mark: object = None
         self.signal_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        # Publishers may signal after the handler was closed, so the buffer owns the eventfd. At the
-        # end of the process, workers may still be watching it.
+        # Publishers may signal after the handler was closed, so the buffer owns the eventfd. When
+        # the process exits, workers may still be watching it.
         weakref.finalize(self, os.close, self.signal_fd).atexit = False
         self.signal: Callable[[], object] = partial(os.eventfd_write, self.signal_fd, 1)
         """Writes to the eventfd."""

@@ -2,9 +2,9 @@
 
 rclpy's lifecycle node swallows exceptions of transition callbacks, crashes on a disallowed
 transition, and ends in an undefined state if a callback returns nothing. This node logs and keeps
-each of these failures (the service `~/last_error` returns the newest) and always ends in a defined
-state. What runs depends only on the state in which a transition ended. An override that forgets a
-step cannot change that.
+each of these failures (the `~/last_error` service returns the latest one) and always ends in a
+defined state. What runs depends only on the state in which a transition ended. An override that
+forgets a step cannot change that.
 Source: https://design.ros2.org/articles/node_lifecycle.html (states, transitions, errors).
 """
 
@@ -60,7 +60,7 @@ _own_arguments: ContextVar[tuple[str, ...] | None] = ContextVar("own_arguments",
 
 @contextmanager
 def node_arguments(arguments: Sequence[str]) -> Iterator[None]:
-    """While entered, new nodes use these ROS arguments instead of the process's.
+    """Inside the `with` block, new nodes use these ROS arguments instead of the process's.
 
     Many node classes accept no keyword arguments that they could pass to rclpy.
     """
@@ -292,7 +292,7 @@ class GuardedLifecycleNode(LifecycleNode):
     def _settle(self, state: str) -> None:
         """Start or stop what belongs to the state after a transition; for subclasses.
 
-        Called after every transition, even if an override did not call the library's method.
+        It is called after every transition, even if an override did not call the library's method.
 
         Args:
             state: `unconfigured`, `inactive`, `active` or `finalized`.

@@ -84,7 +84,7 @@ class LiveParameters:
         return None if parameter is None else parameter.fault(requested)
 
     def effect(self, name: str) -> str:
-        """Whether the newest value is in use; empty if it is not one of these parameters."""
+        """Whether the latest value is in use; empty if it is not one of these parameters."""
         if name not in self._declared:
             return ""
         with self._changing:
@@ -93,7 +93,7 @@ class LiveParameters:
             return WAITS if name in self._waiting else IN_EFFECT
 
     def configure(self) -> None:
-        """Apply the values stored for this configure."""
+        """Apply the values stored for this `configure` transition."""
         with self._changing:
             vars(self._node).update(self._for_configure)
             self._for_configure.clear()
@@ -137,7 +137,7 @@ class LiveParameters:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Change no value while entered; waiting values change together afterwards."""
+        """Change no value inside the `with` block; waiting values change together afterwards."""
         key = threading.get_ident()
         if not self._declared or key in self._running:
             yield

@@ -1,8 +1,8 @@
 """`ObeliskNode`: a lifecycle node whose publishers, subscriptions and timers are set by a config.
 
 Components are registered in the constructor, or in `on_configure` before the call to super.
-Configure creates them from ROS parameters, activate starts them, and deactivate stops them. Cleanup
-destroys them, so that configure can run again.
+`configure` creates them from ROS parameters, `activate` starts them, `deactivate` stops them, and
+`cleanup` destroys them, so that `configure` can run again.
 """
 
 from collections.abc import Callable, Mapping
@@ -69,8 +69,8 @@ Settings = str | Mapping[str, Any] | None
 class ObeliskNode(RateMonitoredNode):
     """A lifecycle node wired by a config: `obk_publishers`, `obk_subscriptions`, `obk_timers`.
 
-    `opened` is an `ExitStack`. It is closed at cleanup, shutdown and error, before the publishers
-    are destroyed.
+    `opened` is an `ExitStack`. It is closed in `cleanup`, in `shutdown` and after an error, before
+    the publishers are destroyed.
     """
 
     loop_stage: LoopStage = LoopStage.SENSE
@@ -129,7 +129,7 @@ class ObeliskNode(RateMonitoredNode):
     def register_obk_publisher(
         self, *arguments: str | type[Any] | Settings, **named: Unpack[RegistrationArguments]
     ) -> None:
-        """Register a publisher that configure creates: `(key, msg_type)`.
+        """Register a publisher that `configure` creates: `(key, msg_type)`.
 
         Existing code may also pass `(ros_parameter, msg_type, key, default_config_str)` or
         `(ros_parameter, key, msg_type, default)`.
@@ -141,8 +141,9 @@ class ObeliskNode(RateMonitoredNode):
                 msg_type: message class; if omitted, the settings name the type.
                 ros_parameter: ROS parameter with the settings; declared by this call.
                 default: settings to use if neither the parameter nor `obelisk_settings` has any.
-                required: whether configure fails without settings; otherwise it omits the publisher
-                    with a warning. Defaults to True with a `ros_parameter`, otherwise False.
+                required: whether `configure` fails without settings; otherwise it omits the
+                    publisher with a warning. Defaults to True with a `ros_parameter`, otherwise
+                    False.
 
         Raises:
             ObeliskConfigError: an argument is missing or has the wrong type, the name is already
@@ -155,7 +156,7 @@ class ObeliskNode(RateMonitoredNode):
         *arguments: str | type[Any] | Callable[..., Any] | Settings,
         **named: Unpack[RegistrationArguments],
     ) -> None:
-        """Register a subscription that configure creates: `(key, callback, msg_type)`.
+        """Register a subscription that `configure` creates: `(key, callback, msg_type)`.
 
         Existing code may also pass `(ros_parameter, callback, msg_type, key, default_config_str)`
         or `(ros_parameter, callback, key, msg_type, default)`.
@@ -176,7 +177,7 @@ class ObeliskNode(RateMonitoredNode):
         *arguments: str | Callable[..., Any] | Settings,
         **named: Unpack[RegistrationArguments],
     ) -> None:
-        """Register a timer that configure creates and activate starts: `(key, callback)`.
+        """Register a timer that `configure` creates and `activate` starts: `(key, callback)`.
 
         Existing code may also pass `(ros_parameter, callback, key, default_config_str)`.
 
@@ -240,23 +241,23 @@ class ObeliskNode(RateMonitoredNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy everything that configure created."""
+        """Destroy everything that `configure` created."""
         self._destroy_components()
         return super().on_cleanup(state)
 
     def destroy_node(self) -> None:
-        """Close `opened`, like cleanup, and destroy the node."""
+        """Close `opened`, like `cleanup`, and destroy the node."""
         self.opened.close()
         super().destroy_node()
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop and destroy everything that configure created, in any state."""
+        """Stop and destroy everything that `configure` created, in any state."""
         self._stop_components(state)
         self._destroy_components()
         return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop and destroy everything that configure created; success returns to `unconfigured`."""
+        """Stop and destroy what `configure` created; success returns to `unconfigured`."""
         self._stop_components(state)
         self._destroy_components()
         return super().on_error(state)
@@ -278,7 +279,7 @@ class ObeliskNode(RateMonitoredNode):
                 self.surroundings.start_timer(timer, self.loop_stage)
 
     def _stop_components(self, state: LifecycleState) -> None:
-        """Stop everything that configure created, in case a user's override did not."""
+        """Stop everything that `configure` created, in case a user's override did not."""
         for timer in self.obk_timers.values():
             timer.cancel()
         for entity in self._managed_entities:
@@ -309,7 +310,7 @@ class ObeliskNode(RateMonitoredNode):
             self._setting_parameters.add(component.ros_parameter)
             self.declare_parameter(component.ros_parameter, "")
             self._hold_to_rules(component.ros_parameter)
-        # The next configure registers these again.
+        # The next `configure` transition registers these again.
         is_of_configure = self.state_label == "configuring"
         self._registered_components.append(
             replace(component, is_of_configure=is_of_configure, configuration=self._configuration)

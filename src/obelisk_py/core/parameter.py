@@ -7,8 +7,8 @@
             u = -self.kp * error
 
 The class stores the declarations separately. `LiveParameters` makes the values plain attributes of
-the node and changes them between two callbacks. Reading one therefore costs no more than any other
-attribute; even an empty descriptor would cost six times as much.
+the node and changes them between two callbacks. Reading one therefore costs no more than reading
+any other attribute; even an empty descriptor would cost six times as much.
 """
 
 import math
@@ -43,7 +43,7 @@ class Parameter(Generic[T]):
     """Declares a ROS parameter with the attribute's name, in the body of a node's class.
 
     The node's attribute holds the current value. A change takes effect between two callbacks; then
-    the node's method `on_parameters(changed)` is called with the names.
+    the node's `on_parameters(changed)` method is called with the names.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Parameter(Generic[T]):
             unit: shown with the value, such as `N m/rad`.
             description: one phrase for people who tune the value.
             live: whether a new value takes effect between two callbacks; if false, at the next
-                configure.
+                `configure` transition.
 
         Raises:
             ObeliskConfigError: the default has an unsupported type or is out of range, or limits

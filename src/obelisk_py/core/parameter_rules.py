@@ -1,9 +1,9 @@
 """Check new values of a node's parameters, by rules and by the node's state.
 
-Any node may call the services `~/set_parameters`. Either the parameters are set, or the response
+Any node may call the `~/set_parameters` services. Either the parameters are set, or the response
 contains the reason. No request can stop the node. Parameters that are set together are accepted or
-rejected together. The node's own code may set invalid settings before configure, which then raises
-an exception.
+rejected together. The node's own code may set invalid settings before the `configure` transition,
+which then raises an exception.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ Getter = Callable[[str], Any]
 SETTING_SERVICES: Final = (SetParameters, SetParametersAtomically)
 READ_AT_CONFIGURE: Final = "is read at configure: clean up, set it, configure again"
 _FREE_STATES: Final = ("unconfigured", "configuring", "finalized")
-"""States in which nothing depends on parameters that configure reads."""
+"""States in which nothing depends on parameters that `configure` reads."""
 _is_requested: ContextVar[bool] = ContextVar("is_requested", default=False)
 """Whether a service sets the parameters, as opposed to the node's own code."""
 
@@ -104,7 +104,7 @@ class ParameterRules:
         self._rules.append(rule)
 
     def _decide(self, parameters: list[Parameter]) -> SetParametersResult:
-        # Parameters under declaration are checked at configure, together with all others.
+        # Parameters under declaration are checked in `configure`, together with all others.
         new = {p.name: p.value for p in parameters if self._node.has_parameter(p.name)}
 
         def value(name: str) -> Any:
@@ -114,7 +114,7 @@ class ParameterRules:
             own_names = [name for name in rule.names if name in new]
             if not own_names:
                 continue
-            # Values set by the node's own code, such as a test, fail at configure.
+            # Values set by the node's own code, such as a test, make `configure` fail.
             is_checked = _is_requested.get() or not self._is_read_later(rule)
             try:
                 if rule.check is not None and is_checked:

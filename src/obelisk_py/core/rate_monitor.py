@@ -5,8 +5,8 @@ two. A reported lateness is therefore at most 1/16 too high and never too low; b
 is 0. The calls of a timer or sensor group update the counter, and an `ExpectedRate` reads it once a
 second.
 
-Configure registers the rates. They are monitored and published, together with other measured
-values, from activate to deactivate. Cleanup removes them.
+`configure` registers the rates. They are monitored and published, together with other measured
+values, from `activate` to `deactivate`. `cleanup` removes them.
 """
 
 import functools
@@ -55,7 +55,7 @@ NS_PER_US: Final = 1000
 BROKEN_S: Final = 2.0
 """A rate that is continuously too low for this long is broken [s]."""
 EARLY_S: Final = 0.1
-"""How much early a read may be, because the previous one was late [s]."""
+"""How early a read may be, because the previous one was late [s]."""
 SHARES: Final = (0.5, 0.99, 1.0)
 
 _SUB_BITS: Final = 4
@@ -85,7 +85,7 @@ class TickCounter:
         self.overruns = 0
         """Ticks that were skipped or merged with the next one."""
         self.newest_ns = 0
-        """Time of the newest tick [ns], on the clock of the caller of `tick`."""
+        """Time of the latest tick [ns], on the clock of the caller of `tick`."""
         self.buckets = [0] * _BUCKETS
         """Ticks by lateness; the counts only grow, so readers need not stop the counting."""
 
@@ -111,7 +111,7 @@ class TickCounter:
 
 
 def late_ns_of(buckets: Sequence[int], shares: Sequence[float]) -> tuple[float, ...]:
-    """For each share (0 to 1, ascending), return the lateness [ns] that this share does not exceed.
+    """Return the lateness [ns] at each of these quantiles (0 to 1, ascending).
 
     Without ticks, all values are 0.
     """
@@ -263,7 +263,7 @@ class ExpectedRate:
         self._first_overrun = counter.overruns
         self._buckets = counter.buckets.copy()
         self._since_ns = self._clock()
-        """Time of the newest tick at the last read, or the start time."""
+        """Time of the latest tick at the last read, or the start time."""
         self._measured_hz = self._expected_hz
         self._read_s = self._steady_s()
         self._off_s: float | None = None
@@ -489,7 +489,8 @@ class RateMonitoredNode(GuardedLifecycleNode):
         """Create the node; for the arguments see the base class."""
         super().__init__(node_name, **kwargs)
         self.declare_parameter(REPORT_RATES, True)
-        # Read at configure, because a node that stops reporting looks like one that does not tick.
+        # Read in `configure`, because a node that stops reporting looks like one that does not
+        # tick.
         self._parameter_rules.add((REPORT_RATES,))
         self.rates = RateReporter(self)
         """The node's monitored rates."""

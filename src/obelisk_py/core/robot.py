@@ -96,20 +96,20 @@ class ObeliskRobot(ABC, ObeliskNode):
     def apply_control(self, control_msg: ObeliskControlMsg) -> bool | None:
         """Apply a control message to the system; called only while the node is active.
 
-        Called on the executor's thread, or with `max_age_sec` also on another thread, but never on
-        both at the same time.
+        It is called on the executor's thread, or with `max_age_sec` also on another thread, but
+        never on both at the same time.
 
         Args:
-            control_msg: the newest control.
+            control_msg: the latest control.
 
         Returns:
             False if the robot rejects it, so that it does not count as a command; otherwise None.
         """
 
     def apply_damping(self) -> None:
-        """Brake because the newest command is stale; called once until the next command.
+        """Brake because the latest command is stale; called once until the next command.
 
-        With `stale_action: damp`, called in place of `apply_control` and under the same lock.
+        With `stale_action: damp`, called instead of `apply_control` and under the same lock.
 
         Raises:
             ObeliskConfigError: the subclass does not implement it.
@@ -172,13 +172,13 @@ class ObeliskRobot(ABC, ObeliskNode):
             self.get_logger().warning(report.text)
 
     def _is_stale(self) -> bool:
-        """Whether the newest command is stale; also logs stopped commands when due."""
+        """Whether the latest command is stale; also logs stopped commands when due."""
         assert self._command_age is not None
         self._becomes_stale()
         return self._command_age.is_stale
 
     def _becomes_stale(self) -> bool:
-        """Whether the newest command has just become stale; logs stopped commands when due."""
+        """Whether the latest command has just become stale; logs stopped commands when due."""
         assert self._command_age is not None
         now_s = time.monotonic()
         is_new = self._command_age.look(now_s) is not None
@@ -222,7 +222,7 @@ class ObeliskRobot(ABC, ObeliskNode):
             self._applying.release()
 
     def _has_to_act(self) -> bool:
-        """Whether the newest command is still stale and the node is still active."""
+        """Whether the latest command is still stale and the node is still active."""
         assert self._command_age is not None
         return self._command_age.is_stale and self.state_label == "active"
 
@@ -367,7 +367,7 @@ class ObeliskSimRobot(ObeliskRobot):
 
     @property
     def shared_ctrl(self) -> Any:
-        """The newest control, a list; kept for existing simulators.
+        """The latest control, a list; kept for existing simulators.
 
         Before the first command it holds `n_u` zeros, if the node has an attribute `n_u`.
         """

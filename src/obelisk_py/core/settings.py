@@ -89,11 +89,11 @@ class NodeSettings:
 
 
 def parse_node_settings(text: str, groups_text: str = "") -> NodeSettings:
-    """Parse the ROS parameter `obelisk_settings`; an empty string has no settings.
+    """Parse the `obelisk_settings` ROS parameter; an empty string has no settings.
 
     Args:
         text: the parameter's value.
-        groups_text: the parameter `callback_group_settings` of older launchers.
+        groups_text: the `callback_group_settings` parameter of older launchers.
 
     Raises:
         ObeliskConfigError: it is not a mapping of lists of mappings, or has an unknown group type.
@@ -119,13 +119,13 @@ def parse_node_settings(text: str, groups_text: str = "") -> NodeSettings:
 def find_settings(
     component: RegisteredComponent, parameter_text: str, node: NodeSettings
 ) -> Mapping[str, Any] | None:
-    """Return a component's settings from the first place that has them, or None.
+    """Return a component's settings from the first source that has them, or None.
 
     The order is: its own ROS parameter, its entry in `obelisk_settings`, the default in the code.
     If only the config knows a key, it comes from the entry.
 
     Raises:
-        ObeliskConfigError: a text cannot be parsed, or a name in it is not a string.
+        ObeliskConfigError: a source cannot be parsed, or a name in it is not a string.
     """
     entry = next(
         (e for e in node.components[component.kind] if component.names & entry_names(e)), None
@@ -145,7 +145,7 @@ def find_settings(
 
 
 def check_component(component: RegisteredComponent, parameter_text: str, node_text: str) -> None:
-    """Check a component's settings like configure, without creating anything.
+    """Check a component's settings as `configure` does, without creating anything.
 
     Args:
         component: the component.

@@ -1,4 +1,4 @@
-"""Make a node's clock follow the clock page of its launch, in place of messages on `/clock`.
+"""Make a node's clock follow the clock page of its launch instead of messages on `/clock`.
 
 rclpy's `TimeSource` subscribes a node with `use_sim_time` to `/clock`. In a process with a clock
 page, a `ClockFeed` replaces this subscription: `now()` reads the page. rcl keeps a copy of the time
@@ -41,7 +41,7 @@ _page: ContextVar[ClockPage | None] = ContextVar("clock_page", default=None)
 
 @contextmanager
 def new_nodes_follow(page: ClockPage | None) -> Iterator[None]:
-    """Make new nodes follow this page while entered, if they use simulated time."""
+    """Make new nodes follow this page inside the `with` block, if they use simulated time."""
     token = _page.set(page)
     try:
         yield
@@ -116,7 +116,7 @@ class SharedTimer(Timer):
         return int(super().time_since_last_call())
 
     def time_until_next_call(self) -> int | None:
-        """Simulated time until the next call [ns]; None if the timer is cancelled."""
+        """Simulated time until the next call [ns]; None if the timer is canceled."""
         self._sync()
         left_ns: int | None = super().time_until_next_call()
         return left_ns

@@ -2,7 +2,8 @@
 
 Processes with one node and with several nodes share this module. `spin_obelisk` creates a
 `SpinRequest`. The process serves it itself, or the host of a composed process does (see
-`composition`). SIGINT and SIGTERM shut down cleanly; a second one ends the process immediately.
+`composition`). SIGINT and SIGTERM shut down cleanly; a second one terminates the process
+immediately.
 """
 
 import faulthandler
@@ -51,7 +52,7 @@ SHUTDOWN_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class ShutdownSignals:
-    """Calls back from a thread at the first signal while entered; the second ends the process."""
+    """Calls back from a thread at the first signal; the second one terminates the process."""
 
     def __init__(self) -> None:
         self._on_signal: Callable[[], object] | None = None
@@ -124,13 +125,13 @@ class NodeDied:
 
 
 def serve_spin_request(request: SpinRequest) -> int:
-    """Spin a node until its end, and return the exit code of its process."""
+    """Spin a node until it shuts down, and return the exit code of its process."""
     return _spinner.get()(request)
 
 
 @contextmanager
 def spin_requests_served_by(spinner: Callable[[SpinRequest], int]) -> Iterator[None]:
-    """Make this host serve the requests of `spin_obelisk` while entered."""
+    """Make this host serve the requests of `spin_obelisk` inside the `with` block."""
     token = _spinner.set(spinner)
     try:
         yield
@@ -209,7 +210,7 @@ class _End(Future):
 
 
 class _ThreadPool(MultiThreadedExecutor):
-    """rclpy's multi-threaded executor, safe for timers that are cancelled or destroyed when due.
+    """rclpy's multi-threaded executor, safe for timers that are canceled or destroyed when due.
 
     A transition cancels timers on one thread while others run callbacks. In ROS 2 Jazzy, the
     executor then raises an exception, or the timer's callback group stays blocked and the node
@@ -240,7 +241,7 @@ class _ThreadPool(MultiThreadedExecutor):
 EXECUTOR_VARIABLE = "OBK_EXECUTOR"
 """If set to `rclpy`, programs that name an rclpy executor use that one."""
 PARALLEL_GROUPS = 16
-"""Number of threads in place of rclpy's pool. Callback groups of a node should not share a thread:
+"""Number of threads that replace rclpy's pool. Callback groups of a node should not share a thread:
 a callback may wait for a service whose client is in another group. Idle threads cost nothing."""
 
 
@@ -260,7 +261,7 @@ def _make_executor(kind: Callable[..., Executor] | None) -> Executor:
 
 @contextmanager
 def simulated_time_from(page: ClockPage | None, executor: Executor) -> Iterator[None]:
-    """Make new nodes take simulated time from a page while entered, if the executor supports it.
+    """Inside the `with` block, new nodes take simulated time from a page, if the executor can.
 
     Only the library's executor wakes timers by the page; with another one, nodes use `/clock`.
     """
@@ -288,7 +289,7 @@ def wait_at_startup_barrier() -> None:
 
 
 def _spin_alone(request: SpinRequest) -> int:
-    # Before signal handlers are installed, so that a signal ends a waiting process immediately.
+    # Before signal handlers are installed, so that a signal terminates a waiting process.
     wait_at_startup_barrier()
     with ros_process(request.args) as signals, open_clock_page() as page:
         executor = _make_executor(request.executor_type)

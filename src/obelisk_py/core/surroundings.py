@@ -125,7 +125,7 @@ _surroundings: ContextVar[Surroundings | None] = ContextVar("surroundings", defa
 
 @contextmanager
 def new_nodes_are_in(surroundings: Surroundings) -> Iterator[None]:
-    """Give new nodes these surroundings while entered."""
+    """Give new nodes these surroundings inside the `with` block."""
     token = _surroundings.set(surroundings)
     try:
         yield

@@ -131,7 +131,7 @@ class DdsReader:
         libraries = _libraries()
         data, info = _Bytes(), _MessageInfo()
         libraries.make_bytes(ctypes.byref(data), 0, ctypes.byref(libraries.allocator))
-        # At the end of the process, another thread may still be taking messages.
+        # When the process exits, another thread may still be taking messages.
         weakref.finalize(self, libraries.free_bytes, ctypes.byref(data)).atexit = False
         self._data, self._info, self._take = data, info, libraries.take
         self._arguments = (handle.pointer, ctypes.byref(data), ctypes.byref(info), None)

@@ -12,9 +12,9 @@ must be dropped, because a packet has already delivered it.
 A subscription sends a single packet back, the `CONFIRMATION`, once it has received a message of the
 publisher from DDS. Until then, the publisher sends everything through DDS.
 
-The greeting comes with a page of shared memory that contains one number: how many packets precede.
-The publisher sets it before it sends through DDS. If the socket is full, some of these packets are
-still waiting in the publisher.
+The greeting comes with a page of shared memory that contains one number: how many packets precede
+the publisher's next message through DDS. The publisher sets it before it sends that message. If the
+socket is full, some of these packets are still waiting in the publisher.
 """
 
 import fcntl

@@ -90,7 +90,7 @@ def _reached(
 
 
 def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
-    """Check that a topic which commands the robot has only one controller as publisher."""
+    """Check that only one controller publishes to each topic that commands the robot."""
     ends = context.topology.ends
     commands = {e.topic for e in ends if e.section == "robot" and e.direction == "subscribes"}
     commanders: dict[str, list[TopicEnd]] = defaultdict(list)

@@ -181,7 +181,7 @@ def check_callback_groups(context: CheckContext) -> Iterator[Diagnostic]:
             group = component.callback_group
             if group is None:
                 continue
-            # A misspelt group counts as a use of the group with the similar name.
+            # A misspelled group counts as a use of the group with the similar name.
             used.add(group.value)
             if group.value not in defined:
                 undefined += 1

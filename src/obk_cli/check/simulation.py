@@ -270,7 +270,7 @@ def _check_message(component: Component) -> Iterator[Diagnostic]:
 def _controllers(
     stack: Stack, environment: Environment
 ) -> Mapping[str, Sequence[tuple[Node, NodeFacts]]]:
-    """Topic -> the controllers with readable code that publish it."""
+    """Topic -> the controllers with readable code that publish to it."""
     controllers: defaultdict[str, list[tuple[Node, NodeFacts]]] = defaultdict(list)
     for node in stack.section("control"):
         if node.pkg is None or node.executable is None:

@@ -23,7 +23,7 @@ __all__ = ["check_dangling", "check_doubles", "check_qos", "check_sensor_topics"
 _MOST_SHOWN = 3
 _MOST_LISTED = 8
 _OF_MANY = ("/tf", "/tf_static", "/diagnostics", "/rosout")
-"""Topics that any number of nodes may publish."""
+"""Topics that any number of nodes may publish to."""
 _OF_OBELISK = tuple(f"{package}/" for package in OBELISK_MESSAGES)
 _MOST_COMPARED = 20_000
 """Maximum number of name pairs to compare; after that, findings have no suggestions."""
@@ -193,7 +193,7 @@ def _suggestion(end: TopicEnd, near: list[TopicEnd]) -> str | None:
 
 
 def _type_of(other: TopicEnd, end: TopicEnd) -> str:
-    """The other end's type in brackets, with this end's type if it differs."""
+    """The other end's type in parentheses, with this end's type if it differs."""
     if other.msg_type is None:
         return ""
     if end.msg_type is None or end.msg_type == other.msg_type:
@@ -211,7 +211,7 @@ def _clash(one: TopicEnd, other: TopicEnd) -> bool:
 
 
 def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
-    """Check that no node publishes a topic twice; `check_types` reports different types."""
+    """Check that no node publishes to a topic twice; `check_types` reports different types."""
     for _, ends in context.topology.by_node:
         firsts: dict[str, TopicEnd] = {}
         for end in ends:
@@ -234,7 +234,7 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def check_sensor_topics(context: CheckContext) -> Iterator[Diagnostic]:
-    """Check that no two nodes publish one sensor topic; `check_types` reports different types."""
+    """Check that two nodes never publish to one sensor topic; `check_types` checks their types."""
     shared: dict[tuple[str, str], list[tuple[TopicEnd, TopicEnd]]] = defaultdict(list)
     for topic, ends in context.topology.published.items():
         measured = [end for end in ends if end.section in ("robot", "sensing")]
@@ -250,7 +250,7 @@ def check_sensor_topics(context: CheckContext) -> Iterator[Diagnostic]:
 def _shared_sensor_topics(
     one: str, other: str, pairs: Sequence[tuple[TopicEnd, TopicEnd]]
 ) -> Diagnostic:
-    """One finding for two nodes, however many topics both publish."""
+    """One finding for two nodes, however many topics both publish to."""
     topics = list(dict.fromkeys(end.topic for _, end in pairs))
     first, second = pairs[0]
     help = f"give one of them {'another topic' if len(topics) == 1 else 'other topics'}"

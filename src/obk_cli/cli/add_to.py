@@ -76,8 +76,8 @@ class ConfigEdit:
             folder: where the test will be.
 
         Returns:
-            None if the stack cannot run in lock-step: it has a hardware robot, or a node is not
-            Python of this interpreter.
+            None if the stack cannot run in lock-step: it drives a real robot, or a node does not
+            run in this Python interpreter.
         """
         published = [link.topic for link in self.added.links if link.end.direction == "publishes"]
         outcome = self._before

@@ -49,7 +49,7 @@ _DOING = {
 
 
 def report_problems(problems: Iterable[DefinitionProblem], *, colour: bool) -> str:
-    """Print each problem with its line, underlined at its place."""
+    """Print each problem with its line, underlined at its location."""
     return "\n\n".join("\n".join(_problem(problem, colour=colour)) for problem in problems)
 
 
@@ -76,7 +76,7 @@ def _short(path: Path) -> str:
 
 @contextmanager
 def showing_progress(*, is_terminal: bool) -> Iterator[Callable[[Progress], None]]:
-    """Show progress on stderr while entered; on a terminal it is cleared at the end."""
+    """Show progress on stderr inside the `with` block; on a terminal it is cleared when done."""
     if not is_terminal:
         yield _print_step
         return

@@ -179,7 +179,7 @@ _SHOWS_HELP: Final[Any] = getattr(click.exceptions, "NoArgsIsHelpError", ())
 
 @contextmanager
 def _own_words(context: click.Context) -> Iterator[None]:
-    """Raise errors of click as a `MisuseError`, except the one that shows a group's help."""
+    """Convert click's errors to `MisuseError`, except the one that shows a group's help."""
     try:
         yield
     except _SHOWS_HELP:
@@ -284,7 +284,7 @@ def root_command() -> Any:
 
 
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run `obk` and end the process with its exit code."""
+    """Run `obk` and exit with its exit code."""
     _reopen_closed_streams()
     _escape_unencodable()
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -323,7 +323,7 @@ def _as_options(given: Sequence[str]) -> list[str]:
 
 
 def _reopen_closed_streams() -> None:
-    """Open the null device in place of standard streams that were closed by the parent."""
+    """Open the null device for standard streams that were closed by the parent."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             stream = Path(os.devnull).open(mode, encoding="utf-8")  # noqa: SIM115 - for good
@@ -341,8 +341,8 @@ def _escape_unencodable() -> None:
 def _flush_output() -> None:
     """Flush the output while an error can still be reported.
 
-    This leaves nothing for the flush at exit, which would fail again. A closed pipe is no error:
-    its reader, such as `head`, needs no more output.
+    This leaves nothing for the flush at exit, which would fail again. A closed pipe is not an
+    error: its reader, such as `head`, needs no more output.
 
     Raises:
         OSError: the output cannot be written; the rest of it is discarded.
@@ -376,7 +376,10 @@ def _describe_error(error: Exception, given: Collection[str]) -> tuple[str, str 
 
 
 def _no_completion(error: OSError) -> str:
-    """Why shell completion was not set up; without a file name, no supported shell was found."""
+    """Why shell completion was not set up.
+
+    An error without a file name means that no supported shell was found.
+    """
     from obk_cli.files import unwritable
 
     if not isinstance(error.filename, str):
@@ -385,7 +388,7 @@ def _no_completion(error: OSError) -> str:
 
 
 def _bug_report(error: Exception) -> str:
-    """Write the traceback to a file and return a message that names it."""
+    """Write the traceback to a file and return a message with its path."""
     import tempfile
     import traceback
 

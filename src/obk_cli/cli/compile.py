@@ -1,4 +1,4 @@
-"""`obk compile CONFIG`: a config as parameters, a launch file, a picture or JSON."""
+"""`obk compile CONFIG`: a config as parameters, a launch file, a diagram or JSON."""
 
 import os
 import re

@@ -64,7 +64,7 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
 
 
 def wants_colour(choice: str, *, to_stderr: bool = False) -> bool:
-    """Whether to use colour. `auto`: on a capable terminal, unless NO_COLOR is set.
+    """Whether to use color. `auto`: on a capable terminal, unless NO_COLOR is set.
 
     Raises:
         MisuseError: the choice is none of the three.
@@ -91,7 +91,7 @@ def valid_plan(outcome: Outcome, color: str, *, with_infos: bool = False) -> Pla
     Args:
         outcome: the compiled config.
         color: the value of the option.
-        with_infos: whether infos are printed too.
+        with_infos: whether info-level findings are printed too.
 
     Raises:
         typer.Exit: the config has errors.

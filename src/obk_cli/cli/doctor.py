@@ -1,4 +1,4 @@
-"""`obk doctor`: run the checks of this machine and print what to fix."""
+"""`obk doctor`: run the checks on this machine and print what to fix."""
 
 import json
 import os

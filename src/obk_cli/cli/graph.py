@@ -1,4 +1,4 @@
-"""`obk graph CONFIG`: the block diagram, in the terminal or as a picture."""
+"""`obk graph CONFIG`: the block diagram, in the terminal or as an image."""
 
 import shutil
 import sys
@@ -33,7 +33,7 @@ Example: obk graph config.yaml --output diagram.svg
 """
 
 _PICTURES = {**{name: FORMS[name].ending for name in ("mermaid", "dot", "svg")}, "png": ".png"}
-"""Picture format -> file extension."""
+"""Image format -> file extension."""
 _TEXT = ".txt"
 _WIDEST = 120
 _NARROWEST = 80
@@ -73,7 +73,7 @@ def command(
 
 
 def _picture_of(output: str | None) -> str | None:
-    """The picture format for a file name; None for text."""
+    """The image format for a file name; None for text."""
     if output is None or output == STDOUT or Path(output).is_dir():
         return None
     ending = Path(output).suffix

@@ -32,7 +32,7 @@ SUBCOMMANDS = ("get", "list", *TRANSITIONS)
 _RESULTS = {"there already": "already in that state", "taken back": "rolled back"}
 """Result -> its text, if that differs."""
 WITHOUT_STATE = frozenset({NO_ANSWER, UNKNOWN, GONE})
-"""Shown in place of a state for nodes that reported none."""
+"""Shown instead of a state for nodes that reported none."""
 
 
 def command(

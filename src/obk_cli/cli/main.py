@@ -1,4 +1,4 @@
-"""Entry point of `obk`; Ctrl-C ends it without a traceback at any time.
+"""Entry point of `obk`; Ctrl-C stops it without a traceback at any time.
 
 Only `main` imports other modules, so that Ctrl-C during an import is caught too.
 """
@@ -10,7 +10,7 @@ __all__ = ["main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run `obk` and end the process with its exit code."""
+    """Run `obk` and exit with its exit code."""
     try:
         from obk_cli.process.signals import insist_on_interrupt
 

@@ -105,7 +105,7 @@ def _ask(question: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddToOptions:
-    """The options `--add-to`, `--device` and `--replace`."""
+    """The `--add-to`, `--device` and `--replace` options."""
 
     config: str
     device: str | None = None
@@ -293,7 +293,7 @@ def _checked_spec(request: PackageRequest, target: TargetFolder) -> PackageSpec:
 
 
 def _note_missing_packages(spec: PackageSpec, target: TargetFolder) -> None:
-    """Print a note for each missing message package: it may be misspelt, or created later."""
+    """Print a note for each missing message package: it may be misspelled, or created later."""
     index = PackageIndex.around(target.folder, Path.cwd(), os.environ)
     used = {message.package for message in spec.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
     for package in sorted(name for name in used if index.message_names(name) is None):

@@ -1,6 +1,6 @@
 """The folder of a new node: a package of its own, or an existing package.
 
-Finds the folder from `--dest` and the working folder, and reads its package. Never writes.
+It finds the folder from `--dest` and the working folder, and reads its package. It never writes.
 """
 
 import os

@@ -97,7 +97,7 @@ def require_positive(option: str, number: float | None, what: str = "a number") 
         what: unit or noun for the message ("seconds").
 
     Raises:
-        MisuseError: the message names the limit.
+        MisuseError: the message gives the limit.
     """
     if number is None or 0 < number <= MOST:
         return
@@ -153,7 +153,7 @@ def load_message(text: str) -> object:
     """Parse the YAML that a user gives for a message; empty text gives no fields.
 
     Raises:
-        MisuseError: the text is not YAML.
+        MisuseError: the text is not valid YAML.
     """
     from obelisk_spec.yaml_core import YamlTextError, load_yaml_core
 

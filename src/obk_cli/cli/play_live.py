@@ -63,7 +63,7 @@ class LiveReplay:
 def refuse_commands(
     plan: "Plan", run: "RecordedRun", chosen: "Sequence[PlannedNode]", inputs: Collection[str]
 ) -> list[str]:
-    """Return the inputs that command no robot; report the others.
+    """Return the inputs that do not command a robot; report the others.
 
     Raises:
         CommandFailedError: a node is a real robot, or publishes commands.

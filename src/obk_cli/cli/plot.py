@@ -1,4 +1,4 @@
-"""`obk plot FILE|RUN... TOPIC.FIELD...`: fields of recorded runs as a picture or a page."""
+"""`obk plot FILE|RUN... TOPIC.FIELD...`: fields of recorded runs as a plot or a page."""
 
 import os
 import re

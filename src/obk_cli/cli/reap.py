@@ -1,4 +1,4 @@
-"""`obk reap`: ends processes that outlived their launcher."""
+"""`obk reap`: terminate processes that outlived their launcher."""
 
 import os
 import sys

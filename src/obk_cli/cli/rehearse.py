@@ -212,7 +212,7 @@ def rehearsal_text(verdicts: Sequence[Verdict]) -> str:
 
 
 def rehearsal_table(verdicts: Sequence[Verdict], width: int) -> str:
-    """The same, drawn and coloured for a terminal of this width."""
+    """The same, drawn and colored for a terminal of this width."""
     from rich import box  # rich is slow to import
     from rich.console import Console
     from rich.table import Table

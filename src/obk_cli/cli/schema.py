@@ -111,7 +111,7 @@ def _read(path: Path) -> SourceFile | None:
 
 
 def _is_config(source: SourceFile) -> bool:
-    """Whether a text defines nodes with components, or includes a file that may."""
+    """Whether the text defines nodes with components, or includes a file that may."""
     tree = parse_source(source).tree
     if not isinstance(tree, TreeMap):
         return False

@@ -1,4 +1,4 @@
-"""`obk sweep CONFIG [TEST]`: run closed-loop tests for many seeds and values of parameters."""
+"""`obk sweep CONFIG [TEST]`: run closed-loop tests across many seeds and parameter values."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""`obk test CONFIG [TESTS]...`: closed-loop tests in simulated time, by pytest in a child."""
+"""`obk test CONFIG [TESTS]...`: run pytest in a child process, in simulated time."""
 
 import ast
 import os
@@ -219,7 +219,7 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
 
 
 def _tests(given: Sequence[str], folder: Path, output: Path) -> Iterator[str]:
-    """Arguments of pytest: the tests named by the user, otherwise those beside the config."""
+    """The arguments for pytest: the tests named by the user, otherwise those beside the config."""
     named = [word for word in given if _is_test(word)]
     if not named:
         beside = default_tests(folder)
@@ -266,7 +266,7 @@ def _found_again(node_id: str, folder: Path) -> str:
 
 
 def default_tests(folder: Path) -> Path | None:
-    """The folder `tests` beside a config, if a test in it uses the fixture `stack`."""
+    """The `tests` folder next to a config, if a test in it uses the `stack` fixture."""
     tests = folder / "tests"
     patterns = ("test_*.py", "*_test.py", "conftest.py")
     files = [file for pattern in patterns for file in sorted(tests.rglob(pattern))]

@@ -1,4 +1,4 @@
-"""Word the errors of click about a command line as `obk` words its own."""
+"""Word click's command-line errors as `obk` words its own."""
 
 import re
 from collections.abc import Iterable

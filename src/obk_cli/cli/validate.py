@@ -254,7 +254,7 @@ class WatchedRun:
         return read_bytes(path)
 
     def _note(self, path: Path) -> None:
-        """Record a file's state before it is read, so that changes during the check are noticed."""
+        """Record a file's state before reading it, to detect changes during the check."""
         if path not in self.marks:
             self.marks[path] = _mark(path)
 

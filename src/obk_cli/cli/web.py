@@ -73,7 +73,8 @@ def command(
         )
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"
         feed.start()
-        # From here on, Ctrl-C is the normal end. An exception would leave a half-built event loop.
+        # From here on, Ctrl-C is the normal way to exit. An exception would leave a half-built
+        # event loop.
         with handle_end_signals(lambda _signal: server.end()):
             print(f"serving the stack at {url}\nCtrl-C stops the server", flush=True)
             if run is not None and not is_there:

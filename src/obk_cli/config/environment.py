@@ -119,7 +119,7 @@ class ModelFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyRead:
-    """A network that was read; None for a length that its file leaves open."""
+    """A network that was read; None for a size that its file leaves open."""
 
     inputs: int | None
     outputs: int | None
@@ -151,7 +151,7 @@ class Environment(Protocol):
         """The folder with a package's data; None if the package does not exist."""
 
     def manifest_fault(self, package: str) -> "CodeFault | None":
-        """Why the package.xml of a package in source cannot be read; None if it can."""
+        """Why the package.xml of a source package cannot be read; None if it can."""
 
     def package_names(self) -> tuple[str, ...]:
         """The names of all packages."""
@@ -163,7 +163,7 @@ class Environment(Protocol):
         """The messages that a package defines; None if the package does not exist."""
 
     def replaced_messages(self) -> "tuple[ReplacedMessages, ...]":
-        """The workspace packages that replace one of Obelisk's and lack something."""
+        """The workspace packages that replace one of Obelisk's and lack messages or fields."""
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How to start an executable."""
@@ -172,16 +172,16 @@ class Environment(Protocol):
         """What the Python source of an executable defines; None if it cannot be read."""
 
     def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
-        """Code of an executable that may differ between two lock-step runs."""
+        """Code of an executable that may behave differently between two lock-step runs."""
 
     def is_cpp(self, package: str, executable: str) -> bool:
         """Whether an executable is written in C++, as far as known."""
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
-        """The facts of a model; None if MuJoCo is not installed."""
+        """Facts about a model; None if MuJoCo is not installed."""
 
     def read_policy(self, path: Path) -> PolicyRead | PolicyFault | None:
-        """The lengths of a network; None if onnxruntime is not installed."""
+        """The input and output sizes of a network; None if onnxruntime is not installed."""
 
     def model_line(self, path: Path, line: int) -> Span:
         """A whole line of a model file."""
@@ -205,7 +205,7 @@ class CodeComponent:
     has_type: bool
     """Whether the code passes a message type, possibly a computed one."""
     is_required: bool
-    """Whether configure fails without settings; False if unknown."""
+    """Whether `configure` fails without settings; False if unknown."""
     is_optional: bool
     """Whether the code marks it as optional."""
     has_default: bool
@@ -213,7 +213,7 @@ class CodeComponent:
     is_named_in_full: bool
     """Whether both names are known; otherwise the config may use a computed one."""
     is_of_library: bool
-    """Whether a base class of the run-time library registers it."""
+    """Whether a base class of the runtime library registers it."""
     has_typed_base: bool = False
     """Whether that base class is given message types, as since API generation 2."""
     span: Span
@@ -324,7 +324,7 @@ class CodeFault:
     """Source that cannot be read as a node."""
 
     message: str
-    """A predicate for the source: "is not Python: ..."."""
+    """A predicate for the source: "is not valid Python: ..."."""
     place: str
     """The file, as the subject of the sentence."""
     span: Span | None = None

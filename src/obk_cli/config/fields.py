@@ -222,11 +222,11 @@ class Fields:
         return first.key_span if first else self.tree.span
 
     def text(self, key: str, *, required: bool = False) -> Spanned[str] | None:
-        """A non-empty text."""
+        """A non-empty string."""
         return self._read(key, required, "text", _text)
 
     def no_or_text(self, key: str) -> Spanned[str] | None:
-        """A text; the word `None`, in any case, counts as not set."""
+        """A string; the word `None`, in any case, counts as not set."""
         text = self.text(key)
         return None if text is None or is_none(text.value) else text
 

@@ -1,6 +1,6 @@
 """Safe fixes as edits: replace a word, or remove a key from a mapping.
 
-There is no edit if the user's text does not plainly contain the value to change: because it comes
+There is no edit if the user's text does not literally contain the value to change, because it comes
 from an alias, a variable or an escape.
 """
 

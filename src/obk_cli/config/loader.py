@@ -1,6 +1,6 @@
 """Load a config and everything that it includes into one tree in which each value has a location.
 
-Reads each file once, replaces variables, merges includes, and applies `--set`.
+It reads each file once, replaces variables, merges includes, and applies `--set`.
 """
 
 import re
@@ -187,7 +187,7 @@ def resolve_variables(
 
 
 class _Replacer:
-    """Replaces references; collects findings and the total length of the texts."""
+    """Replaces references; collects findings and the total length of the text."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self.faults: list[Diagnostic] = []
@@ -209,7 +209,7 @@ class _Replacer:
     def _text(self, text: str, span: Span) -> TreeScalar:
         reported: set[str] = set()
         places: dict[str, Span] = {}
-        # Aliases repeat a text and variables expand to any length, so the total is limited.
+        # Aliases repeat text and variables expand to any length, so the total is limited.
         self._room -= len(text)
 
         def value_of(reference: re.Match[str]) -> str:

@@ -1,6 +1,6 @@
 """The typed config: each field of a stack has the location where it is set.
 
-Created from a tree; contains what the user wrote, without defaults.
+It is created from a tree and contains what the user wrote, without defaults.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -133,7 +133,7 @@ class Component:
     callback_group: Spanned[str] | None = None
     timer_period_s: Spanned[float] | None = None
     max_age_s: Spanned[float] | None = None
-    """Maximum age of a robot's newest command [s]."""
+    """Maximum age of a robot's latest command [s]."""
     stale_action: Spanned[str] | None = None
     is_unused: bool = False
     """Whether no node reads it: an earlier entry has its name, or only the hardware has it."""
@@ -261,7 +261,7 @@ class Node:
 
     @property
     def params_package(self) -> Spanned[str] | None:
-        """The package of `params_path`: the parameter `params_path_pkg`, otherwise its own."""
+        """The package of `params_path`: the `params_path_pkg` parameter, otherwise its own."""
         package = next((p for p in self.params if p.name == PARAMS_PACKAGE), None)
         if package is None or not isinstance(package.value, str):
             return self.pkg
@@ -391,7 +391,7 @@ def refuse_hardware(
     may_be_unclear: bool = False,
     left_out: Collection[str] = (),
 ) -> None:
-    """Reject a stack with a hardware robot.
+    """Reject a stack that drives a real robot.
 
     Args:
         stack: the config.
@@ -401,7 +401,7 @@ def refuse_hardware(
         left_out: full names of nodes that do not run.
 
     Raises:
-        CommandFailedError: the stack has a hardware robot.
+        CommandFailedError: the stack drives a real robot.
     """
     for robot in stack.section("robot"):
         setting = robot.is_simulated

@@ -1,7 +1,7 @@
 """The ends of all topics of a stack: who publishes and who subscribes.
 
-Includes components, the simulator's sensor groups and the joystick. Names are made absolute as in
-ROS.
+They include components, the simulator's sensor groups and the joystick. Names are made absolute as
+in ROS.
 """
 
 from collections import defaultdict

@@ -1,7 +1,7 @@
 """YAML values with their locations, frozen.
 
-Created by parsing and changed by resolving references. Every value, including `true` and null,
-keeps the span of the text that defined it, in whichever file.
+They are created by parsing and changed by resolving references. Every value, including `true` and
+null, keeps the span of the text that defined it, in whichever file.
 """
 
 from collections.abc import Iterator, Mapping
@@ -50,7 +50,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class TreeMap:
-    """A mapping; its keys are unique texts in the order of the file."""
+    """A mapping; its keys are unique strings in the order of the file."""
 
     entries: tuple[Entry, ...]
     span: Span

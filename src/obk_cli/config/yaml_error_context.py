@@ -34,7 +34,7 @@ _FORBIDDEN = re.compile(
 
 
 class YamlText:
-    """A text prepared for PyYAML, which treats some characters as line breaks as in YAML 1.1.
+    """Source text prepared for PyYAML, which treats some characters as line breaks as in YAML 1.1.
 
     These are replaced one for one, so that locations do not change.
     """
@@ -91,7 +91,7 @@ class ReadBefore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorContext:
-    """The location where the parser noticed a mistake, and what it expected there."""
+    """The location where the parser detected a mistake, and what it expected there."""
 
     source: SourceFile
     problem: str
@@ -121,7 +121,7 @@ class ErrorContext:
 
     @property
     def span(self) -> Span:
-        """The location where it was noticed."""
+        """The location where it was detected."""
         return Span.at(self.source, self.line, self.column)
 
     def at(self, line: int, column: int, length: int = 1) -> Span:
@@ -130,7 +130,7 @@ class ErrorContext:
 
     @property
     def text(self) -> str:
-        """The line where it was noticed."""
+        """The line where it was detected."""
         return self.source.line(self.line)
 
     @property

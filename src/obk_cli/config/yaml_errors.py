@@ -1,7 +1,7 @@
-"""Explain why a text is not YAML, at the location of the mistake, as an OBK003 finding.
+"""Explain why source text is not well-formed YAML, at the mistake's location (OBK003).
 
-A parser notices many mistakes several lines after they were made. `_CAUSES` lists the usual ones,
-each as a function that finds its mistake or returns None; the first match is reported.
+A parser detects many mistakes only several lines after they were made. `_CAUSES` lists the usual
+ones, each as a function that finds its mistake or returns None; the first match is reported.
 """
 
 import re
@@ -30,7 +30,7 @@ class _Cause:
 
 
 def explain_yaml_error(error: yaml.MarkedYAMLError, source: SourceFile) -> Diagnostic:
-    """A finding at the cause if it is known, otherwise where the parser noticed it."""
+    """A finding at the cause if it is known, otherwise where the parser detected it."""
     at = ErrorContext.of(error, source)
     causes = _CAUSES if at.is_short else ()
     return _finding(next((found for cause in causes if (found := cause(at))), _as_noticed(at)))
@@ -250,7 +250,7 @@ def _extra_bracket(at: ErrorContext) -> _Cause | None:
 
 
 def _open_bracket(at: ErrorContext) -> _Cause | None:
-    """`[1, 2`, noticed where the next line is no longer part of it."""
+    """`[1, 2`, detected where the next line is no longer part of it."""
     opened = at.before.bracket
     if opened is None:
         return None

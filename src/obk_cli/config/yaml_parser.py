@@ -1,7 +1,7 @@
-"""Parse text into a tree with locations. The result is a tree, findings, or both, for any text.
+"""Parse text into a tree with locations. Any text gives a tree, findings, or both.
 
-Built on PyYAML's event stream. Scalars follow the YAML 1.2 core schema, only the safe subset is
-accepted, and the expansion of aliases is limited. Opens no file.
+It is built on PyYAML's event stream. Scalars follow the YAML 1.2 core schema, only the safe subset
+is accepted, and the expansion of aliases is limited. It does not open files.
 """
 
 import codecs
@@ -38,7 +38,7 @@ _QUOTED_STYLES = ("'", '"', "|", ">")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parsed:
-    """The content of a text; no tree if it is empty or unreadable."""
+    """The contents of source text; no tree if it is empty or unreadable."""
 
     tree: Tree | None
     diagnostics: tuple[Diagnostic, ...] = ()
@@ -67,13 +67,13 @@ def decode_source(path: str, data: bytes) -> SourceFile | Diagnostic:
 
 
 def too_many_values(place: Span, *, values_before: int = 0) -> Diagnostic:
-    """The finding for a text that exceeds the limit on values."""
+    """The finding for source text that exceeds the limit on values."""
     together = ", including those of the previous files" if values_before else ""
     return found("OBK006", f"there are more than {MOST_VALUES:,} values{together}", place)
 
 
 def parse_source(source: SourceFile, *, values_before: int = 0) -> Parsed:
-    """The tree of a text with one YAML document.
+    """The tree of source text with one YAML document.
 
     `values_before` is the number of values in the config's other files; the limit applies to all
     of them together.

@@ -1,7 +1,7 @@
 """Add a node to a config: wire it, edit the text, and verify the result by compiling it.
 
-Returns the new text and the wiring, or why the node cannot be added. Writes no file. The new text
-has the old content and the new node, and no new errors.
+It returns the new text and the wiring, or why the node cannot be added. It does not write files.
+The new text has the old content and the new node, and no new errors.
 """
 
 from collections import Counter
@@ -76,7 +76,7 @@ class PlannedEnvironment:
         return self.current.message_names(package)
 
     def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
-        """The workspace packages that replace one of Obelisk's and lack something."""
+        """The workspace packages that replace one of Obelisk's and lack messages or fields."""
         return self.current.replaced_messages()
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
@@ -92,7 +92,7 @@ class PlannedEnvironment:
         return self.current.read_node_code(package, executable)
 
     def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
-        """Code of an executable that may differ between two lock-step runs."""
+        """Code of an executable that may behave differently between two lock-step runs."""
         if (package, executable) == (self.package, self.executable):
             return ()
         return self.current.read_hazards(package, executable)
@@ -104,11 +104,11 @@ class PlannedEnvironment:
         return self.current.is_cpp(package, executable)
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
-        """The facts of a model."""
+        """Facts about a model."""
         return self.current.read_model(path)
 
     def read_policy(self, path: Path) -> PolicyRead | PolicyFault | None:
-        """The lengths of a network."""
+        """The input and output sizes of a network."""
         return self.current.read_policy(path)
 
     def model_line(self, path: Path, line: int) -> Span:
@@ -145,7 +145,7 @@ def expected_content(
 
 
 def content_of(tree: Tree, place: InsertionPoint) -> object:
-    """The content of a text, with the section at the insertion point as a list."""
+    """The contents of source text, with the section at the insertion point as a list."""
     plain = plain_value(tree)
     holder = _holder(plain, place)
     holder[place.section] = _nodes(holder.get(place.section))

@@ -319,7 +319,7 @@ def _tick(
     replaced: Node | None,
     links: Iterable[Link],
 ) -> Tick:
-    """The period of the neighbour's timer, otherwise that of an input, otherwise the usual one."""
+    """The period of the neighbor's timer, otherwise that of an input, otherwise the usual one."""
     name = identity_of(timer)
     neighbours = stack.section(new_node.section)
     for node in (replaced, *neighbours) if replaced else neighbours:
@@ -342,7 +342,7 @@ def _tick(
 def _entry(
     new_node: NewNode, links: Mapping[NewEnd, Link], ticks: Iterable[Tick], stack: Stack
 ) -> dict[str, object]:
-    """The entry with its keys in the usual order, and a `name` if its neighbours have names."""
+    """The entry with its keys in the usual order, and a `name` if its neighbors have names."""
     by_component = {(link.end.direction, link.end.component): link for link in links.values()}
     periods = {tick.component: tick.period_s for tick in ticks}
     is_named = any(node.name for node in stack.section(new_node.section))
@@ -374,8 +374,8 @@ def _with_topic(component: Mapping[str, object], link: Link) -> dict[str, object
 def matching_types(new_node: NewNode, stack: Stack, replaced: Node | None) -> Mapping[str, str]:
     """Component -> full type, for ends whose default type does not fit the stack.
 
-    Uses the types of the node being replaced, otherwise those that the preceding section publishes
-    and those that command a robot.
+    It uses the types of the node being replaced, otherwise those that the preceding section
+    publishes and those that command a robot.
     """
     types: dict[str, str] = {}
     for end in new_node.ends:

@@ -1,7 +1,8 @@
-"""Apply the safe fixes of a config's findings to its texts, and verify them by compiling again.
+"""Apply the safe fixes for a config's findings, and verify them by compiling again.
 
-Returns new texts of the config's files and the findings that were fixed. Writes no file. A fix is
-kept only if the config has no additional errors with it and, for style fixes, the same plan.
+It returns the new contents of the config's files and the findings that were fixed. It does not
+write files. A fix is kept only if the config has no additional errors with it and, for style fixes,
+the same plan.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,7 +41,7 @@ class Fixed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _State:
-    """The current texts, and the result of compiling them."""
+    """The current contents of the files, and the result of compiling them."""
 
     outcome: Outcome
     texts: dict[Path, str] = field(default_factory=dict)
@@ -78,7 +79,7 @@ class _Fixer:
         self._may_edit = may_edit
 
     def round(self, state: _State) -> _State | None:
-        """Apply all fixes at once, otherwise the first one that works; None at the end."""
+        """Apply all fixes at once, otherwise the first one that works; None when no fix works."""
         chosen = self._choose(state.outcome)
         if not chosen:
             return None
@@ -126,10 +127,10 @@ class _Fixer:
         return (self._options.working_folder / path).resolve()
 
     def _attempt(self, state: _State, chosen: Sequence[Diagnostic]) -> _State | None:
-        """The texts with these fixes; None if they are worse than before."""
+        """The contents with these fixes; None if they are worse than before."""
         edits = dict.fromkeys(edit for finding in chosen for edit in finding.fix)
         texts = dict(state.texts)
-        by_file: dict[Path, list[Edit]] = {}  # a file may be included by several paths
+        by_file: dict[Path, list[Edit]] = {}  # a file may be included through several paths
         for edit in edits:
             by_file.setdefault(self._real(edit.span.path), []).append(edit)
         for real, of_file in by_file.items():

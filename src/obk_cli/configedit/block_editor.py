@@ -45,7 +45,7 @@ _COLON = re.compile(r"[ \t]*:")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
-    """The layout of a text; widths in columns."""
+    """The layout of source text; widths in columns."""
 
     line_end: str = "\n"
     step: int = 2
@@ -60,7 +60,7 @@ class Style:
 
 
 def _style_of(source: SourceFile, tree: TreeMap, section: str) -> Style:
-    """The layout of a text, taken from its nodes of `section` if it has any."""
+    """The layout of source text, taken from its nodes of `section` if it has any."""
     sections = sorted(_sections(tree), key=lambda entry: entry.key != section)
     nodes = [node for entry in sections for node in _maps(entry.value)]
     lists = [e for node in nodes for e in node if e.key in COMPONENT_LISTS]
@@ -156,7 +156,7 @@ class InsertionPoint:
 
 
 def place_of(tree: TreeMap, stack: Stack, section: str, device: str) -> InsertionPoint:
-    """The place of a section on a device; creates a block if the config has device blocks."""
+    """The insertion point for a section on a device, in a new block if devices have blocks."""
     blocks = {entry.key: entry for entry in devices_of(tree)}
     has_levels = device not in blocks and not sections_of(tree) and _has_blocks(stack)
     return InsertionPoint(
@@ -469,7 +469,7 @@ def _scalar(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Regions:
-    """The regions of a text, in lines from 1."""
+    """The regions of source text, in lines from 1."""
 
     source: SourceFile
     tree: TreeMap

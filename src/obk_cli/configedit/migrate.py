@@ -1,6 +1,6 @@
 """Migrate a config's text from one syntax to the other, and verify that its meaning is unchanged.
 
-Pure: returns the new text and what could not be migrated, or the faults of an invalid text. Does
+Pure: returns the new text and what could not be migrated, or the faults of invalid text. It does
 not follow includes. A component keeps its name if the other syntax would not mean the same to every
 node: because of a different `key` beside it, a name without `_setting`, or an anchor.
 """
@@ -40,7 +40,7 @@ _BLOCK_STYLE = "write it in block style, one key on each line, then migrate"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Migrated:
-    """The result of migrating a text."""
+    """The result of a migration."""
 
     source: SourceFile
     text: str
@@ -57,7 +57,7 @@ class Migrated:
 
 
 def migrate_source(source: SourceFile, to: Spelling) -> Migrated:
-    """Rewrite a text in a syntax; a text already in that syntax is returned unchanged."""
+    """Convert source text to a syntax; text already in that syntax is returned unchanged."""
     parsed = parse_source(source)
     tree = parsed.tree
     if parsed.diagnostics:

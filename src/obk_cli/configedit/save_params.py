@@ -1,7 +1,7 @@
 """Write parameter values into a config; comments and layout are kept, no other value changes.
 
-Returns new texts of the config's files. Each edit is verified by compiling the result: the plan may
-differ only in these parameters. Writes no file.
+It returns the new contents of the config's files. Each edit is verified by compiling the result:
+the plan may differ only in these parameters. It does not write files.
 """
 
 from collections.abc import Callable, Container, Iterator, Mapping

@@ -1,7 +1,7 @@
 """The parts of a config that the two syntaxes write differently: levels and components.
 
-Returns devices, sections and components of a tree, with the values that both syntaxes
-share. Reports no errors; the checks do.
+This module returns devices, sections and components of a tree, with the values that both syntaxes
+share. It does not report errors; the checks do.
 """
 
 from collections.abc import Iterable, Iterator

@@ -1,7 +1,7 @@
 """Edits of a source as values: a span and the text that replaces it.
 
-Applying edits to a source returns a new text, in which all other bytes are unchanged. Writes no
-file.
+Applying edits to a source returns new text, in which all other bytes are unchanged. Nothing is
+written to disk.
 """
 
 import re

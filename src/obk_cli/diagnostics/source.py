@@ -1,7 +1,7 @@
 """The user's text and locations in it.
 
-Lines and columns count from 1; columns are in characters. Imports no other module of obk and reads
-no file.
+Lines and columns count from 1; columns are in characters. This module does not import other modules
+of obk or read files.
 """
 
 import re
@@ -22,7 +22,7 @@ LONGEST_FILE_BYTES = 10 * 1024 * 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceFile:
-    """A text, with the path under which the user knows it."""
+    """Source text, with the path under which the user knows it."""
 
     path: str
     text: str = field(repr=False)
@@ -86,7 +86,7 @@ def indent_of(line: str) -> int:
 
 
 def line_end_of(text: str) -> str:
-    """Line end of the first line of a text; LF if there is only one line."""
+    """Line end of the first line of the text; LF if there is only one line."""
     first = re.search(r"\r\n|\r|\n", text)
     return first[0] if first else "\n"
 

@@ -1,10 +1,10 @@
 """Programs that checks of `obk doctor` run as children, because a library may crash or hang.
 
-Run as `python -P -m obk_cli.doctor.child_programs PROGRAM ARGUMENTS...`; prints JSON objects.
+Run as `python -P -m obk_cli.doctor.child_programs PROGRAM ARGUMENTS...`. Each prints JSON objects.
 `interfaces PACKAGE...` loads the compiled part of message packages. `draw` steps and draws a tiny
 scene with the back end in MUJOCO_GL. `call PARENT` publishes until it gets an answer, and measures
-round trips. `answer PARENT` answers until SIGTERM. The last two end when the process PARENT, which
-started them, has ended.
+round trips. `answer PARENT` answers until SIGTERM. The last two exit when the process PARENT, which
+started them, has exited.
 """
 
 import importlib
@@ -62,7 +62,7 @@ def _draw() -> None:
 
 
 def _renderer_name() -> str:
-    """OpenGL's name of the renderer; empty without PyOpenGL."""
+    """OpenGL's name for the renderer; empty without PyOpenGL."""
     try:
         gl = importlib.import_module("OpenGL.GL")
     except ImportError:

@@ -1,4 +1,4 @@
-"""Checks `python` and `paths`: this installation of obk, and others on the shell's search paths."""
+"""The `python` and `paths` checks: this installation of obk, others on the search paths."""
 
 import os
 import re

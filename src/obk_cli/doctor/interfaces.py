@@ -1,4 +1,4 @@
-"""Check `interfaces`: whether Obelisk's message packages load and match their sources."""
+"""The `interfaces` check: whether Obelisk's message packages load and match their sources."""
 
 import os
 import sys
@@ -32,7 +32,7 @@ class InterfaceFacts:
     """The compiled messages of this environment."""
 
     version: str | None
-    """Version of the distribution obelisk-interfaces; None if the messages come from elsewhere."""
+    """Version of the obelisk-interfaces distribution; None if the messages come from elsewhere."""
     faults: Mapping[str, str]
     """Package -> why its compiled part cannot be loaded."""
     loaded: tuple[str, ...]

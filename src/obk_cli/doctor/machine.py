@@ -1,4 +1,4 @@
-"""Checks of the machine: `shared-memory`, `transport`, `folders`, `realtime` and `cpu`."""
+"""The `shared-memory`, `transport`, `folders`, `realtime` and `cpu` checks of the machine."""
 
 import getpass
 import os
@@ -46,7 +46,7 @@ GROW: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharedMemoryFacts:
-    """The folder /dev/shm."""
+    """The /dev/shm folder."""
 
     total_bytes: int | None
     """None: the folder does not exist."""
@@ -54,7 +54,7 @@ class SharedMemoryFacts:
     fault: str
     """Why no file can be created there; empty if one can."""
     dds_files: int
-    """Number of files of Fast DDS in it, of all users."""
+    """Number of Fast DDS files in it, of all users."""
 
 
 def judge_shared_memory(facts: SharedMemoryFacts) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Check `mujoco`: step and draw a tiny scene with each OpenGL back end, each in its own process."""
+"""The `mujoco` check: step and draw a tiny scene with each OpenGL back end, in its own process."""
 
 import os
 import re
@@ -40,7 +40,7 @@ class DrawingTrial:
     trial: Trial
     has_stepped: bool
     has_drawn: bool
-    """Whether the picture has more than one colour."""
+    """Whether the image has more than one color."""
     renderer: str = ""
     """The renderer that OpenGL reports."""
 

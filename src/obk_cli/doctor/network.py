@@ -1,4 +1,4 @@
-"""Checks `multicast` and `discovery`: whether processes on this host reach each other.
+"""The `multicast` and `discovery` checks: whether processes on this host reach each other.
 
 Source: DDSI-RTPS 2.5, 9.6.1.4.2: participants are discovered at the group 239.255.0.1.
 """
@@ -236,7 +236,7 @@ def _stack_environment() -> RosEnvironment:
 
 @contextmanager
 def _answering(variables: Mapping[str, str]) -> Iterator[None]:
-    """Keep an answering process running while entered."""
+    """Keep an answering process running inside the `with` block."""
     answering = subprocess.Popen(
         child_command("answer", str(os.getpid())),
         env=variables,

@@ -1,4 +1,4 @@
-"""Checks `ros` and `rmw`: which ROS 2 and middleware this Python would use; imports neither."""
+"""The `ros` and `rmw` checks: which ROS 2 and middleware this Python would use; imports neither."""
 
 import importlib.metadata
 import importlib.util

@@ -1,4 +1,4 @@
-"""Checks `workspace` and `stacks`: packages and unbuilt messages; running stacks, orphans."""
+"""The `workspace` and `stacks` checks: packages and unbuilt messages; running stacks, orphans."""
 
 import re
 from collections import Counter
@@ -111,7 +111,7 @@ class RunningStack:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StackFacts:
-    """The stacks of this user on this host."""
+    """This user's stacks on this host."""
 
     running: tuple[RunningStack, ...]
     orphans: tuple[str, ...]

@@ -1,1 +1,1 @@
-"""A plan as text: parameters, launch file, pictures, JSON. Equal plans give equal bytes."""
+"""A plan as text: parameters, launch file, diagrams, JSON. Equal plans give equal bytes."""

@@ -1,4 +1,4 @@
-"""The graph that all pictures show: the nodes, the topics, and their properties.
+"""The graph that all diagrams show: the nodes, the topics, and their properties.
 
 Nodes are in bring-up order, topics in the order in which the nodes refer to them.
 """
@@ -19,7 +19,7 @@ __all__ = ["SECTION_COLOURS", "Colour", "Graph", "GraphNode", "GraphTopic", "gra
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Colour:
-    """A light and a dark shade of one colour."""
+    """A light and a dark shade of one color."""
 
     light: str
     """For areas with text."""
@@ -59,7 +59,7 @@ class GraphNode:
 
     @property
     def facts(self) -> tuple[str, ...]:
-        """The lines that a picture shows below the title."""
+        """The lines that a diagram shows below the title."""
         model = (f"MuJoCo {PurePath(self.model).name}",) if self.model else ()
         return tuple(printable(fact) for fact in (self.package, self.executable, *model))
 
@@ -97,7 +97,7 @@ class GraphTopic:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Graph:
-    """A stack as shown in a picture."""
+    """A stack as shown in a diagram."""
 
     name: str
     nodes: tuple[GraphNode, ...]

@@ -4,8 +4,8 @@ Boxes have a minimum size for a monospace font, so the layout does not depend on
 fonts. Source: https://graphviz.org/doc/info/lang.html
 
 In an SVG every box is a `<g>` with the item's full name as `data-node` or `data-topic`, and with
-its section or `topic` as a class. Each box of a live picture has an empty `text.live`, which a page
-fills with measured values. Only pictures need the extra `graph`.
+its section or `topic` as a class. Each box of a live diagram has an empty `text.live`, which a page
+fills with measured values. Only rendering needs the `graph` extra.
 """
 
 import os
@@ -146,7 +146,7 @@ def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
         is_live: whether every box has an empty last line for a page to fill.
 
     Raises:
-        CommandFailedError: the extra `graph` is not installed, or Graphviz failed.
+        CommandFailedError: the `graph` extra is not installed, or Graphviz failed.
     """
     drawn = draw(emit_dot(graph, spare_line=_SPARE_LINE if is_live else ""), "svg").decode()
     # Without a namespace, tag names stay plain when the tree is parsed and written.
@@ -240,7 +240,7 @@ def emit_png(graph: Graph) -> bytes:
     """The graph as a PNG, with the fonts of this machine.
 
     Raises:
-        CommandFailedError: the extra `graph` is not installed, no font is installed, or Graphviz
+        CommandFailedError: the `graph` extra is not installed, no font is installed, or Graphviz
             failed.
     """
     folders = [Path(folder).expanduser() for folder in _FONT_FOLDERS]
@@ -257,7 +257,7 @@ def draw(dot: str, form: Literal["svg", "png"]) -> bytes:
     """Render a DOT text; an SVG has the same layout on every machine.
 
     Raises:
-        CommandFailedError: the extra `graph` is not installed, or Graphviz failed.
+        CommandFailedError: the `graph` extra is not installed, or Graphviz failed.
     """
     require_extra("pygraphviz", "graph")
     environment = dict(os.environ)

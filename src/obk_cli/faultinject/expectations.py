@@ -43,7 +43,7 @@ class Allowances:
     """Time limits for a launcher's reactions [s]."""
 
     end_noticed_s: float = 0.1
-    """Until the launcher reports the end of a process."""
+    """Until the launcher reports that a process has ended."""
     hang_noticed_s: float = 2.0
     """Until the launcher reports that a node hangs, or responds again."""
     down_s: float = 10.0
@@ -91,7 +91,7 @@ def expectation_of(
 
 
 def _is_watched(unit: Unit) -> bool:
-    """Whether hangs are detected: only nodes with a life cycle have a heartbeat."""
+    """Whether hangs are detected: only nodes with a lifecycle have a heartbeat."""
     return any(node.has_lifecycle for node in unit.nodes)
 
 

@@ -1,4 +1,4 @@
-"""One `obk launch` of a rehearsal: start it, collect its events, query its status, end it.
+"""One `obk launch` of a rehearsal: start it, collect its events, query its status, stop it.
 
 The launcher never outlives this process.
 """
@@ -19,16 +19,16 @@ from obk_cli.runs.registry import live_folders
 __all__ = ["LaunchedStack"]
 
 LEFT_S: Final = 7.0
-"""Limit for nodes to end after their launcher; above the warden's limit [s]."""
+"""Limit for nodes to exit after their launcher; above the warden's limit [s]."""
 OVER_S: Final = 1.0
-"""Limit for the last output to arrive after the end of the process [s]."""
+"""Limit for the last output to arrive after the process has exited [s]."""
 POLL_S: Final = 0.05
 ANSWER_S: Final = 10.0
 """Limit for a reply over the control socket; its speed is not part of a verdict [s]."""
 
 
 class LaunchedStack:
-    """A launcher, from its start to its end."""
+    """A launcher, from its start to its exit."""
 
     def __init__(
         self, command: Sequence[str], environment: Mapping[str, str], parent: Path
@@ -99,7 +99,7 @@ class LaunchedStack:
             return is_so or holds(tuple(self._events[since:]))
 
     def wait_for_end(self, timeout_s: float) -> int | None:
-        """Wait for its end; return the exit code, or None if it has not ended in time."""
+        """Wait for it to exit; return the exit code, or None if it has not ended in time."""
         code = self._child.wait(timeout_s)
         if code is not None:
             with self._changed:
@@ -108,7 +108,7 @@ class LaunchedStack:
 
     def outcome(self, timeout_s: float) -> int | None:
         """The exit code, waited for if its output has ended; None while it is running."""
-        # The kernel closes a process's output some time before it reports its end.
+        # The kernel closes a process's output some time before it reports the exit.
         return self.exit_code if self._over_s is None else self.wait_for_end(timeout_s)
 
     def status(self) -> StackStatus | None:
@@ -124,7 +124,7 @@ class LaunchedStack:
         return code
 
     def clear_up(self) -> tuple[str, ...]:
-        """End processes that outlived the launcher; return their commands."""
+        """Terminate processes that outlived the launcher; return their commands."""
         if self._run is None:
             return ()
         end = monotonic_s() + LEFT_S

@@ -1,7 +1,7 @@
 """Run the cases of a rehearsal on launched stacks, with a verdict for each.
 
-Starts a launcher for the cases, and a new one after each case that left the stack incomplete.
-Ends every process that it started.
+It starts a launcher for the cases, and a new one after each case that left the stack incomplete.
+It stops every process that it started.
 """
 
 import shutil
@@ -138,7 +138,7 @@ class _Session:
         )
 
     def clear(self) -> tuple[str, ...]:
-        """End the launcher; return what went wrong."""
+        """Stop the launcher; return what went wrong."""
         if self._stack is None:
             return ()
         stack, self._stack = self._stack, None

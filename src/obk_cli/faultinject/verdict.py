@@ -47,7 +47,7 @@ class TimedEvent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """Everything that was observed of one case."""
+    """Everything that was observed in one case."""
 
     injected_s: float
     """When the fault was injected [s since 1970]."""
@@ -61,7 +61,7 @@ class Observation:
     exit_code: int | None
     """The launcher's exit code; None while it is running."""
     ended_s: float | None = None
-    """When the launcher was seen to have ended [s since 1970]."""
+    """When the launcher was seen to have exited [s since 1970]."""
     left: tuple[str, ...] = ()
     """Commands of the processes that outlived their launcher."""
 
@@ -105,7 +105,7 @@ class Verdict:
 
 
 def verdict_of(case: Case, observation: Observation) -> Verdict:
-    """Compare what was observed of a case with its expectation."""
+    """Compare what was observed in a case with its expectation."""
     return Verdict(
         case=case,
         seen=_seen(observation),
@@ -117,7 +117,7 @@ def verdict_of(case: Case, observation: Observation) -> Verdict:
 
 
 def has_concluded(case: Case, events: tuple[TimedEvent, ...]) -> bool:
-    """Whether the launcher has reported the end of its reaction."""
+    """Whether the launcher has reported that its reaction is complete."""
     return any(_concludes(case, event) for event in events)
 
 

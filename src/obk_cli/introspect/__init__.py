@@ -1,1 +1,1 @@
-"""Topics, nodes, parameters, services and life cycles of a running stack."""
+"""Topics, nodes, parameters, services and lifecycle states of a running stack."""

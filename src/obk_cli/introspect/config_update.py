@@ -1,6 +1,6 @@
 """Write the parameters of running nodes into their config: find the edit, show it, write it.
 
-Used by `obk param save` and `obk web`.
+It is used by `obk param save` and `obk web`.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""States and transitions of nodes: from the launchers of this host, otherwise over ROS.
+"""States and transitions of nodes: from the launchers on this host, otherwise over ROS.
 
 ROS is loaded only if no launcher on this host can answer, because loading it takes long.
 """
@@ -46,7 +46,7 @@ class LifecycleRequest:
     run: str | None = None
     """Name of a config or run folder; None: any stack in the ROS domain."""
     timeout_s: float | None = None
-    """Limit for one node's answer or transition [s]; None: as launched."""
+    """Limit for one node's answer or transition [s]; None: the limit set at launch."""
 
 
 def node_states(environment: RosEnvironment, request: LifecycleRequest) -> Mapping[str, str]:

@@ -51,7 +51,7 @@ class NodeInfo:
     parameters: int | None = None
     """Number of parameters; None if the node does not answer."""
     state: str | None = None
-    """Life-cycle state; None if it has none, or does not answer."""
+    """Lifecycle state; None if it has none, or does not answer."""
     status: NodeStatus | None = None
     """The status from its launcher, if that runs on this host."""
     run: str | None = None
@@ -59,7 +59,7 @@ class NodeInfo:
 
 
 def known_nodes(target: GraphTarget) -> Mapping[str, NodeStatus]:
-    """Status of nodes by full name, as reported by the launchers of this host."""
+    """Status of nodes by full name, as reported by the launchers on this host."""
     statuses = (ask_status(folder) for folder in target.runs)
     return {node.node: node for status in statuses if status for node in status.nodes}
 

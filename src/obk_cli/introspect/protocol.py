@@ -1,4 +1,4 @@
-"""Queries of a launcher about the ROS graph, and its replies: JSON, checked against these types."""
+"""Queries to a launcher about the ROS graph, and its replies: JSON, checked against these types."""
 
 import math
 from collections.abc import Mapping

@@ -32,7 +32,7 @@ class Publication:
     """A publication requested by the user."""
 
     topic: str
-    """Full name, or the end of one."""
+    """Full name, or a suffix of one."""
     msg_type: str | None
     """Full, `pkg/msg/Name`; None: the topic's type."""
     message: object

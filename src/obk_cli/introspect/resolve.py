@@ -1,7 +1,7 @@
 """Find the topic, node or service that a name means in a ROS graph.
 
-A name may be full or the end of a full name; a node may also be given by its section. The plan of a
-run helps to find names early.
+A name may be full or a suffix of a full name; a node may also be given by its section. The plan of
+a run helps to find names early.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -134,7 +134,7 @@ def find_topic(
     Args:
         source: the graph.
         target: the ROS domain and its runs.
-        name: full name, or the end of one.
+        name: full name, or a suffix of one.
         timeout_s: limit for finding it [s].
         is_published: whether to wait for a publisher.
 

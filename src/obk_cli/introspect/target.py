@@ -1,4 +1,4 @@
-"""The ROS domain that a command observes, and the running stacks of this host in it."""
+"""The ROS domain that a command observes, and the running stacks in it on this host."""
 
 from collections.abc import Iterable, Mapping, Set
 from contextlib import suppress
@@ -29,11 +29,11 @@ NO_NODES_S: Final = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphTarget:
-    """A ROS domain, and the runs of this host in it."""
+    """A ROS domain, and the runs in it on this host."""
 
     environment: RosEnvironment
     runs: Mapping[Path, Run]
-    """Folder -> live run of this host in the domain, newest first."""
+    """Folder -> live run in the domain on this host, newest first."""
     no_nodes_s: float
     """Limit for finding any node if no run is known [s]."""
 
@@ -119,7 +119,7 @@ def target_of(
 
 
 def _tapping(environment: RosEnvironment, folders: Iterable[Path]) -> RosEnvironment:
-    """The environment in which subscriptions become taps of the newest of these runs."""
+    """The environment in which subscriptions become taps of the most recent of these runs."""
     variables = environment.variables
     folder = next(iter(folders), None)
     if folder is None or variables.get(LOCAL_TRANSPORT_VARIABLE) == LOCAL_TRANSPORT_OFF:

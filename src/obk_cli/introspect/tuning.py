@@ -1,6 +1,6 @@
 """Set parameters of running nodes and report the result; list tunable parameters.
 
-Used by `obk param`, `obk monitor` and `obk web`.
+It is used by `obk param`, `obk monitor` and `obk web`.
 """
 
 import time
@@ -66,7 +66,7 @@ class ChangedParameter:
 
 
 def value_text(parameter: NodeParameter) -> str:
-    """A value in the notation of a person."""
+    """A value as a person would write it."""
     return NOT_SET if parameter.value is None else plain(emit_value(parameter.value))
 
 

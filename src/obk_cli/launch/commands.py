@@ -1,6 +1,6 @@
 """Build the commands, environments, parameter files and clock page with which processes start.
 
-Starts nothing. Nodes in one process run in the run-time library's host program, of which this
+It starts nothing. Nodes in one process run in the runtime library's host program, of which this
 module knows only the name and file.
 """
 
@@ -55,7 +55,7 @@ __all__ = [
 ]
 
 _CONSOLE_FORMAT: Final = "[{severity}] [{time}] [{name}]: {message}"
-"""Value of RCUTILS_CONSOLE_OUTPUT_FORMAT: the default of rcutils, which a user may have changed."""
+"""Value of RCUTILS_CONSOLE_OUTPUT_FORMAT: rcutils' default, which a user may have changed."""
 
 HOST: Final = "obelisk_py.core.composition"
 FILE: Final = "composed.json"
@@ -218,7 +218,7 @@ class ComposedNode:
 def is_composable(node: PlannedNode, command: Command) -> bool:
     """Whether a node can share a process with others.
 
-    It can if it is Python that this interpreter runs, has a life cycle, and sets no environment
+    It can if it is Python that this interpreter runs, has a lifecycle, and sets no environment
     variables.
     """
     return node.has_lifecycle and not node.env and command.is_of_this_python
@@ -304,7 +304,7 @@ def early_units(
 def held_at_gate(
     folder: Path | None, units: Iterable[Unit], processes: WardenProcesses
 ) -> Iterator[None]:
-    """Start processes; while entered, they create no node. If the run is rejected, they never do.
+    """Start processes that create no node inside the `with` block; never if the run is rejected.
 
     If the run's folder cannot hold a gate, nothing is started early.
     """
@@ -334,7 +334,7 @@ def gate_path(folder: Path) -> Path:
 
 @contextmanager
 def closed_gate(folder: Path) -> Iterator[None]:
-    """While entered, programs of the run that wait at its gate create no node.
+    """Inside the `with` block, programs of the run that wait at its gate create no node.
 
     Raises:
         OSError: the folder is not writable.
@@ -379,7 +379,7 @@ def with_clock_page(
 
     Otherwise processes use `/clock`, and the commands are unchanged. The page is a memfd, and an
     eventfd wakes each process; processes inherit all of them. None of them has a name in the file
-    system, so nothing is left behind however the launch ends. The launcher has the last place.
+    system, so nothing is left behind however the launch ends. The launcher has the last slot.
 
     Args:
         plan: the whole stack.

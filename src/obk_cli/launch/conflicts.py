@@ -2,7 +2,7 @@
 
 A stack starts only if no other node uses its names or publishes commands to its robot. Nodes
 started by obk are found at once; others announce themselves only every 3 s. A simulated robot
-therefore starts after a short check, which continues in a thread; a hardware robot waits for the
+therefore starts after a short check, which continues in a thread; a real robot waits for the
 whole check. A node that starts publishing during that time with `obk topic pub --allow-foreign` is
 allowed.
 """
@@ -72,7 +72,7 @@ def refuse_unknown_publishers(plan: Plan, ros: RosNodes, domain: int) -> None:
 def watching_publishers(
     plan: Plan, ros: RosNodes, on_event: Callable[[InputEvent], None]
 ) -> AbstractContextManager[None]:
-    """While entered, report an unknown publisher on the robot's topics that is discovered late."""
+    """Inside the `with` block, report late unknown publishers on the robot's topics."""
     begin_s = since_boot_s()
     # A command that has ended stays in the graph a little longer.
     allowed: set[str] = set()
@@ -114,7 +114,7 @@ def _names(plan: Plan) -> tuple[str, ...]:
 def watching_types(
     plan: Plan, graph: RosGraph, note: Callable[[str], None]
 ) -> AbstractContextManager[None]:
-    """While entered, report each conflicting type on a topic of the plan once, with its nodes.
+    """Inside the `with` block, report each conflicting type on a topic once, with its nodes.
 
     DDS connects endpoints of one type only and does not report mismatches: if a node publishes a
     `String` on a robot's control topic, its messages arrive nowhere.
@@ -162,7 +162,7 @@ def _sentence(topic: str, mine: str, other: str, ends: Sequence[str]) -> str:
 
 @contextmanager
 def _background_thread(check: Callable[[threading.Event], None], name: str) -> Iterator[None]:
-    """While entered, run `check` in a thread; it returns soon after its event is set."""
+    """Inside the `with` block, run `check` in a thread; it returns soon after its event is set."""
     is_over = threading.Event()
     thread = threading.Thread(target=check, args=(is_over,), name=name, daemon=True)
     thread.start()

@@ -92,12 +92,12 @@ def _is_continued(text: str) -> bool:
 
 
 Draw = Callable[[int, int], Sequence[str]]
-"""Columns and rows of the terminal -> lines that fit; they may contain colours, no other codes."""
+"""Columns and rows of the terminal -> lines that fit; they may contain colors, no other codes."""
 
 ROOM: Final = 2000
 """Maximum number of waiting lines."""
 END_S: Final = 1.0
-"""Limit for writing the last lines at the end [s]."""
+"""Limit for writing the last lines at shutdown [s]."""
 REFRESH_S: Final = 0.5
 """Refresh interval of a footer while no lines are written [s]."""
 PAUSE_S: Final = 0.05
@@ -115,8 +115,8 @@ def takes_footer(fd: int, term: str) -> bool:
 class Footer:
     """A status area at the bottom of a terminal, with the cursor in the line below it.
 
-    Returns the text that prints lines above it; never writes itself. Uses nothing that would
-    outlast a killed process: no hidden cursor, no alternate screen, no scroll region.
+    It returns the text that prints lines above it, and never writes itself. It uses nothing that
+    would outlast a killed process: no hidden cursor, no alternate screen, no scroll region.
     """
 
     def __init__(self, fd: int, draw: Draw) -> None:
@@ -275,7 +275,7 @@ class Screen:
                 select.select([], [self._fd], [])
 
     def _taken(self) -> list[str | int] | None:
-        """Wait for lines or the footer's next update, and take all lines; None at the end."""
+        """Wait for lines or the footer's next update, and take all lines; None once closed."""
         with self._changed:
             footer = self._footer
             self._changed.wait_for(
@@ -339,7 +339,7 @@ class Output:
                 self._screen.put(text)
 
     def line(self, line: OutputLine) -> None:
-        """Write a line of a process; the recorder is no node, so its lines are our own messages."""
+        """Write a line of a process; the recorder is not a node, so its lines are our own."""
         writers = self._writers.get(line.process)
         if writers is None:
             self.journal.line(line.process, line.text)
@@ -408,7 +408,7 @@ def open_console(
     Args:
         fd: where to write.
         as_json: one JSON object per line.
-        colour: whether lines may be coloured.
+        colour: whether lines may be colored.
         quiet: hide the nodes' output.
         terminal: the variable TERM.
     """

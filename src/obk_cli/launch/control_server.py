@@ -1,8 +1,8 @@
 """The launcher's end of a run's control socket: answers other terminals on this host.
 
-Takes one request per connection, in the format of `launch.wire`, and passes it to the supervisor's
-inbox. Serves in its own thread: a stalled client delays no other, and a malformed request gets an
-error. Only this user and root get answers.
+It takes one request per connection, in the format of `runs.protocol`, and passes it to the
+supervisor's inbox. It serves in its own thread: a stalled client does not delay the others, and a
+malformed request gets an error. Only this user and root get answers.
 """
 
 import asyncio
@@ -39,7 +39,7 @@ from obk_cli.runs.protocol import (
 __all__ = ["AskGraph", "serve_control"]
 
 AskGraph = Callable[[bytes, Callable[[bytes], None]], object]
-"""Takes a query about the ROS graph and a callback, called with the answer from a thread."""
+"""Takes a query about the ROS graph and a callback, called from another thread, with the answer."""
 
 READ_S: Final = 2.0
 """Limit for receiving a request [s]."""
@@ -50,7 +50,7 @@ STATUS_S: Final = 5.0
 GRAPH_S: Final = 30.0
 """Limit for a query about the ROS graph, in addition to the time limits in the query [s]."""
 END_S: Final = 0.5
-"""Limit for sending the last answers at the end [s]."""
+"""Limit for sending the last answers at shutdown [s]."""
 MOST_CONNECTIONS: Final = 32
 _CREDENTIALS: Final = struct.Struct("3i")
 """Process, user and group of the other end; socket(7), SO_PEERCRED."""
@@ -60,7 +60,7 @@ _CREDENTIALS: Final = struct.Struct("3i")
 def serve_control(
     folder: Path, put: Callable[[InputEvent], None], ask_graph: AskGraph | None = None
 ) -> Iterator[None]:
-    """While entered, put the requests that arrive at a run folder's socket into an inbox.
+    """Inside the `with` block, put the requests that arrive at a run folder's socket into an inbox.
 
     Args:
         folder: the run's folder; its path may be too long for a socket address.
@@ -109,7 +109,7 @@ class _Server:
         self._thread.start()
 
     def end(self) -> None:
-        """Send the last answers, close every connection, end the thread."""
+        """Send the last answers, close every connection, stop the thread."""
         self._loop.call_soon_threadsafe(self._ending.set)
         self._thread.join()
 
@@ -123,7 +123,7 @@ class _Server:
         )
         await self._ending.wait()
         server.close()
-        # Any answer that the supervisor gives while it ends comes before this one.
+        # Any answer that the supervisor gives while it shuts down comes before this one.
         for answer in self._waiting:
             _settle(answer, encode_line(Fault(error="the stack has ended")))
         if self._handlers:

@@ -146,7 +146,7 @@ class LaunchReport:
         """Create a report.
 
         Args:
-            nodes: full names, for colours and column width.
+            nodes: full names, for colors and column width.
             colour: whether to use escape codes.
             quiet: hide the nodes' output.
         """

@@ -57,7 +57,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangeRequested:
-    """A request to take nodes through a transition; answered once, at the latest at the end."""
+    """A request to take nodes through a transition; answered once, at the latest at shutdown."""
 
     transition: str
     reply: Callable[[ChangeAnswer], None]
@@ -65,7 +65,7 @@ class ChangeRequested:
     nodes: tuple[str, ...] = ()
     """Full names; empty: the whole stack."""
     timeout_s: float | None = None
-    """Limit for each node's transition [s]; None: as launched."""
+    """Limit for each node's transition [s]; None: the limit set at launch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +108,7 @@ class ProcessEnded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ready:
-    """A node's life-cycle services answer."""
+    """A node's lifecycle services answer."""
 
     node: str
 
@@ -152,7 +152,7 @@ class TransitionStarted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failed:
-    """A node went to error processing."""
+    """A node entered error processing."""
 
     node: str
     fault: str
@@ -189,7 +189,7 @@ class RejectionReported:
     seconds: float
     """[s]; 0: it accepts commands again."""
     reason: str
-    """Why the newest command was rejected."""
+    """Why the latest command was rejected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,7 +210,7 @@ class UnknownPublisherFound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopRequested:
-    """The user, or the program that runs the launcher, requests the end of the stack."""
+    """The user, or the program that runs the launcher, requests a shutdown of the stack."""
 
     reason: str
     is_urgent: bool = False
@@ -370,7 +370,7 @@ class RateMoved:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WaitingFor:
-    """The bring-up waits for nodes of other devices, which other launches start."""
+    """The bring-up waits for nodes on other devices, which other launches start."""
 
     devices: tuple[str, ...]
     nodes: tuple[str, ...]
@@ -386,7 +386,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ended:
-    """The end of the run."""
+    """The run has ended."""
 
     exit_code: int
     cause: str

@@ -2,7 +2,8 @@
 
 C++ nodes publish no `/diagnostics`. A controller publishes once per period of its timer, so the
 topic's rate is that of the timer. Nothing is subscribed to until a node turns out not to report.
-For nodes on simulated time, rates are measured in it (by `/clock`): a slow simulation breaks none.
+For nodes on simulated time, rates are measured in it (by `/clock`): a slow simulation does not
+break them.
 """
 
 import threading

@@ -1,8 +1,8 @@
 """Decide which node processes the preload server forks, and how the server starts. Pure.
 
 A forked process has the libraries that the server has imported, and the server's interpreter and
-environment. So only programs of this Python are forked, and only if their environment differs from
-the server's in no variable that a library might read on import.
+environment. So only programs of this Python are forked, and only if their environment agrees with
+the server's in every variable that a library might read on import.
 """
 
 import os
@@ -51,7 +51,7 @@ MODULES: Final = (
 FEWEST: Final = 2
 """A single process would not start sooner."""
 OWN_PREFIX: Final = "OBK_"
-"""Prefix of variables that only the run-time library reads, when a node is created."""
+"""Prefix of variables that only the runtime library reads, when a node is created."""
 PATH: Final = "PYTHONPATH"
 HOOKS: Final = ("COV", "LD_PRELOAD")
 """Prefixes of variables through which tools measure or replace parts of a process from its

@@ -43,7 +43,7 @@ KEPT_LINES = 60
 LONGEST_LINE = 1 << 16
 """Output without line ends is cut into pieces of this size [characters]."""
 STACK_SIGNAL = signal.SIGUSR1
-"""On this signal, processes of the run-time library write their stacks."""
+"""On this signal, processes of the runtime library write their stacks."""
 NO_WARDEN = "the process that watched over the nodes is gone"
 
 
@@ -95,7 +95,7 @@ class WardenProcesses:
         self._running: dict[str, int] = {}
         """Unit -> process id."""
         self._requested: set[str] = set()
-        """Units whose start was requested and whose end is not yet reported."""
+        """Units whose start was requested and whose exit is not yet reported."""
         self._held_back: dict[str, list[ProcessEvent]] = {}
         """Unit that was started early -> its events, held until `start` is called for it."""
         self._reporting = threading.Lock()
@@ -131,7 +131,7 @@ class WardenProcesses:
         self.end()
 
     def end(self) -> None:
-        """End the running processes and the warden; only the first call has an effect."""
+        """Stop the running processes and the warden; only the first call has an effect."""
         if self._has_ended:
             return
         self._has_ended = True
@@ -201,7 +201,7 @@ class WardenProcesses:
 
     def signal(self, process: str, number: int) -> None:
         """Send a signal to a process and its children in the same group."""
-        # Without a warden no nodes are running: `_listen` has reported their ends.
+        # Without a warden no nodes are running: `_listen` has reported their exits.
         self._send({"do": "signal", "node": process, "number": number})
 
     def dump_stack(self, process: str) -> None:
@@ -227,7 +227,7 @@ class WardenProcesses:
             return True
 
     def _end_orphans(self) -> None:
-        """Kill the processes inherited from a warden that did not end cleanly."""
+        """Kill the processes inherited from a warden that did not exit cleanly."""
         deadline = time.monotonic() + END_S
         while time.monotonic() < deadline:
             children = psutil.Process().children()
@@ -324,7 +324,7 @@ class ProcessControl:
     def __init__(self, context: RunContext) -> None:
         self._context = context
         self._killed: set[str] = set()
-        """Units that were killed and whose end is not yet reported."""
+        """Units that were killed and whose exit is not yet reported."""
 
     def start(self, unit: str) -> None:
         """Start a process, and forget everything known about its nodes."""
@@ -334,7 +334,7 @@ class ProcessControl:
         context.processes.start(state.units[unit])
 
     def kill(self, unit: str) -> None:
-        """Kill a process as a last resort; its end does not count as a crash."""
+        """Kill a process as a last resort; its exit does not count as a crash."""
         if unit in self._context.state.running:
             self._killed.add(unit)
             self._context.processes.signal(unit, signal.SIGKILL)
@@ -346,7 +346,7 @@ class ProcessControl:
         return is_killed
 
     def end_all(self) -> None:
-        """End all running processes: SIGINT, SIGTERM, SIGKILL."""
+        """Terminate all running processes: SIGINT, SIGTERM, SIGKILL."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             self._signal_all(number)
 
@@ -365,7 +365,7 @@ class ProcessControl:
         context.publisher.publish(Evidence(node=node, lines=(*before[-LAST_LINES:], *dump)))
 
     def _signal_all(self, number: int) -> None:
-        """Send a signal to all running processes, and wait until they end."""
+        """Send a signal to all running processes, and wait until they exit."""
         context, state = self._context, self._context.state
         for unit in sorted(state.running):
             # Before it is ready, a node does not handle SIGINT yet, but Python does, with a

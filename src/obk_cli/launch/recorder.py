@@ -1,4 +1,4 @@
-"""The recorder of a run: a process that starts before the nodes and ends after them.
+"""The recorder of a run: a process that starts before the nodes and exits after them.
 
 It is not part of the stack: if it fails, a warning is logged and the stack continues. It writes
 `recording.mcap` in the run's folder.
@@ -41,7 +41,7 @@ PROGRAM: Final = "obk_cli.record.recorder"
 
 
 class Recorder:
-    """Starts and ends the recording; subscribes to the events of the run."""
+    """Starts and stops the recording; subscribes to the events of the run."""
 
     def __init__(self, request: RecordRequest | None, folder: Path | None, output: Output) -> None:
         """Prepare a recording.
@@ -91,7 +91,7 @@ class Recorder:
             self._output.note(f"warning: the recorder did not start within {START_S:g} s")
 
     def on_process_event(self, event: ProcessEvent) -> None:
-        """Record the end of the recorder's process."""
+        """Record that the recorder's process has ended."""
         if event.process == UNIT.name and isinstance(event, ProcessEnded):
             self._ended(event)
 
@@ -101,7 +101,7 @@ class Recorder:
             self._has_started.set()
 
     def on_event(self, event: OutputEvent) -> None:
-        """End the recording when the run ends, before later subscribers receive `Ended`."""
+        """Stop the recording when the run ends, before later subscribers receive `Ended`."""
         if isinstance(event, Ended):
             self._end()
 
@@ -137,7 +137,7 @@ class VideoReports:
     """Reports the videos of a run's robots; `on_event` subscribes to the run's events."""
 
     def __init__(self, plan: Plan, share: Share, note: Callable[[str], None]) -> None:
-        """Expect a video of each simulated robot that has the parameter `render`.
+        """Expect a video of each simulated robot that has a `render` parameter.
 
         Args:
             plan: the whole stack.

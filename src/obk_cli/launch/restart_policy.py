@@ -33,7 +33,7 @@ class _Budget:
 
     @property
     def attempt(self) -> int:
-        """The number of the newest restart within its window, from 1."""
+        """The number of the latest restart within its window, from 1."""
         return len(self._times)
 
     def spend(self, now: float) -> float | None:
@@ -70,7 +70,7 @@ class RestartPolicy:
         )
 
     def crashed(self, node: str, kind: Literal["ended", "hung", "fault"], text: str) -> None:
-        """Record a crash of a node or process; with the rule `stop`, the stack comes down."""
+        """Record a crash of a node or process; with `on_crash: stop`, the stack comes down."""
         state = self._context.state
         unit = state.unit_of.get(node, node)
         state.crashes.append(Crash(unit=unit, kind=kind, text=text, node=node))

@@ -163,7 +163,7 @@ class RosNodes(LifecycleClient):
 def failed_transition(passed: str, fault: str) -> str:
     """The transition to which a fault belongs; empty if the node failed by itself.
 
-    A node that fails by itself goes to error processing through `deactivate` or `cleanup`; then its
+    A node that fails by itself enters error processing through `deactivate` or `cleanup`; then its
     fault names the callback of another transition.
 
     Args:
@@ -246,7 +246,7 @@ class NodeWatch:
                 self._seeker.start()
 
     def report_fault(self, node: str, report: Callable[[str], None]) -> None:
-        """Query a node's newest fault; `report` is called once, with "" if it does not answer."""
+        """Query a node's latest fault; `report` is called once, with "" if it does not answer."""
         if not self._clients.is_ready(node, "last_error"):
             report("")
             return

@@ -1,8 +1,8 @@
 """Run a plan on this machine until it ends by itself, by a signal or by a failure.
 
-The library entry behind `obk launch`: joins the supervisor with processes, ROS and the console.
-Takes a plan and returns how the run ended. Continues without log files if they cannot be written,
-and never waits for a slow reader of the screen.
+The entry point behind `obk launch`: connects the supervisor with processes, ROS and the console.
+It takes a plan and returns how the run ended. It continues without log files if they cannot be
+written, and never waits for a slow reader of the screen.
 """
 
 import signal
@@ -174,7 +174,8 @@ def _events(
 ) -> EventBus[OutputEvent]:
     """The bus for events of the supervisor.
 
-    At the end, the recording is closed and the videos are reported before the end is shown.
+    At shutdown, the recording is closed and the videos are reported before the end of the run is
+    shown.
     """
     bus = EventBus[OutputEvent]()
     bus.subscribe(recorder.on_event)
@@ -244,7 +245,7 @@ def _serve_others(
     output: Output,
     stack: ExitStack,
 ) -> None:
-    """Answer other terminals of this host; if that fails, they query the nodes instead."""
+    """Answer other terminals on this host; if that fails, they query the nodes instead."""
     if folder is None:
         return
     # Not at the top: this is loaded while the nodes' processes start.

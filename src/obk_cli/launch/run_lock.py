@@ -1,7 +1,7 @@
 """The lock of a run: a node name is used by only one run at a time on this machine.
 
-A run's folder is created under a file lock of its ROS domain before anything starts. At the end it
-records how the run ended.
+A run's folder is created under a file lock of its ROS domain before anything starts. When the run
+is over, the folder records how it ended.
 """
 
 import errno
@@ -71,7 +71,7 @@ class RunLock:
 def locked_run(
     plan: Plan, environment: RosEnvironment, options: LaunchOptions
 ) -> Iterator[RunLock]:
-    """While entered, this launch owns its node names on this machine.
+    """Inside the `with` block, this launch owns its node names on this machine.
 
     Raises:
         CommandFailedError: the stack or one of its nodes is already running.
@@ -96,7 +96,7 @@ def locked_run(
         lock.ended = Ended(exit_code=error.exit_code, cause=error.message)
         raise
     finally:
-        # If this cannot be written, the end of the process shows that the run is over.
+        # If this cannot be written, the exit of the process shows that the run is over.
         with suppress(OSError):
             ended = lock.ended
             exit_code, cause = (ended.exit_code, ended.cause) if ended else (None, "")
@@ -224,7 +224,7 @@ def _remove_old(parent: Path, keep: int) -> None:
 
 @contextmanager
 def _file_lock(path: Path) -> Iterator[None]:
-    """Wait for a file's lock, up to a limit; the lock is always released at the end."""
+    """Wait for a file's lock, up to a limit; the lock is always released on exit."""
     deadline = time.monotonic() + CLAIM_S
     with path.open("w") as file:
         while True:

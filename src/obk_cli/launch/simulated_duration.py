@@ -36,9 +36,9 @@ class SimulatedDuration:
         """Map the page.
 
         Args:
-            clock: the page, with a place and a wake descriptor used only by this counter.
+            clock: the page, with a slot and a wake descriptor used only by this counter.
             duration_s: how long to count [simulated s].
-            on_over: called once at the end, in a separate thread.
+            on_over: called once when the time is over, in a separate thread.
         """
         size = clock_page_bytes(len(clock.wakes))
         self._words = memoryview(mmap.mmap(clock.page, size)).cast("q")

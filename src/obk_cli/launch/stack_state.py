@@ -18,7 +18,7 @@ from obk_cli.runs.protocol import NodeStatus
 __all__ = ["GONE", "Crash", "Failure", "RunState", "StackState"]
 
 GONE: Final = "gone"
-"""Shown in place of a state for a node whose process has ended."""
+"""Shown instead of a state for a node whose process has ended."""
 ORDER: Final = (UNCONFIGURED, INACTIVE, ACTIVE)
 ONE_REQUEST_S: Final = 0.3
 """Signals within this time are one request: `timeout` and closing terminals send several [s]."""
@@ -26,7 +26,7 @@ ONE_REQUEST_S: Final = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crash:
-    """A crash to which the rule `on_crash` applies and that is not handled yet."""
+    """A crash to which the `on_crash` rule applies and that is not handled yet."""
 
     unit: str
     kind: Literal["ended", "hung", "fault"]
@@ -112,7 +112,7 @@ class RunState:
 
 
 class StackState:
-    """The nodes of a plan, including those of other devices, and the processes that run here."""
+    """The nodes of a plan, including those on other devices, and the processes that run here."""
 
     def __init__(
         self, plan: Plan, units: Iterable[Unit], *, lead: str | None, on_crash: OnCrash
@@ -178,11 +178,11 @@ class StackState:
         return not names <= self.ready
 
     def local_nodes(self) -> frozenset[str]:
-        """The nodes with a life cycle whose processes this launch runs."""
+        """The nodes with a lifecycle whose processes this launch runs."""
         return frozenset(node for node in self.with_lifecycle if self.is_local(node))
 
     def remote_nodes(self) -> frozenset[str]:
-        """The nodes with a life cycle whose processes other launches run."""
+        """The nodes with a lifecycle whose processes other launches run."""
         return frozenset(
             name for name, p in self.nodes.items() if p.has_lifecycle and not self.is_local(name)
         )
@@ -192,7 +192,7 @@ class StackState:
         return frozenset(nodes) - self.ready - self.lost
 
     def counted(self) -> frozenset[str]:
-        """The nodes with a life cycle that determine the stack's state."""
+        """The nodes with a lifecycle that determine the stack's state."""
         present = {n for n in self.with_lifecycle - self.lost if not self._hangs_ignored(n)}
         failed = {n for n in self.failed & present if self.states.get(n) == UNCONFIGURED}
         # If no other node is further, nothing keeps it from coming along.
@@ -236,7 +236,7 @@ class StackState:
         self.crashes.extend(kept)
 
     def culprit(self, unit: str, last_words: str) -> str:
-        """The node that ended a process, if its last line names one; otherwise the process."""
+        """The node that made a process exit, if its last line names one; otherwise the process."""
         names = self.units[unit].node_names
         return next((name for name in names if name in last_words), unit)
 

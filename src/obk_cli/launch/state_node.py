@@ -1,4 +1,4 @@
-"""The stack as one life-cycle node in the ROS graph, such as `/dummy`, for any ROS 2 client.
+"""The stack as one lifecycle node in the ROS graph, such as `/dummy`, for any ROS 2 client.
 
 Its services turn requests into `ChangeRequested` and answers into responses; `show` sets its state.
 It rejects only requests that the current state does not allow, and changes nothing itself.
@@ -49,7 +49,7 @@ def rejection(state: str, label: str, number: int) -> str:
 
 
 class StateNode:
-    """Hosts the services of a life-cycle node, through which ROS 2 clients control the stack."""
+    """Hosts the services of a lifecycle node, through which ROS 2 clients control the stack."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class StateNode:
         on_request: Callable[[InputEvent], None],
         log: Callable[[str], None] | None = None,
     ) -> None:
-        """Create the node; it ends with `ros`.
+        """Create the node; it is destroyed with `ros`.
 
         Args:
             ros: spins the node.
@@ -160,7 +160,7 @@ def _answer_later(service: Any, make_response: Callable[[ChangeAnswer], Any]) ->
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
         def respond(done: "Future[ChangeAnswer]") -> None:
-            # The client may be gone by now; at the end, so is the node.
+            # The client may be gone by now; at shutdown, so is the node.
             with suppress(rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError):
                 send(make_response(done.result()), header)
 

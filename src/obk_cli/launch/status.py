@@ -148,7 +148,7 @@ class LiveReport:
             report: formats the lines.
             opening: the status before the start.
             clock: monotonic time [s].
-            colour: whether the area is coloured.
+            colour: whether the area is colored.
         """
         self._report = report
         self._status = opening
@@ -185,7 +185,8 @@ _GAP: Final = 3
 def status_lines(status: StackStatus, width: int, height: int, *, colour: bool) -> list[str]:
     """The status for a terminal of this many columns and rows.
 
-    Uses as many rows as the nodes need, at most a third of the terminal; then it summarizes them.
+    It uses as many rows as the nodes need, at most a third of the terminal; then it summarizes
+    them.
     """
     # One column stays free, because even a small resize wraps a full last column.
     paper = _Paper(max(1, width - 1), colour)

@@ -1,7 +1,8 @@
 """Supervises one run of a plan: brings the stack up, watches it, brings it down.
 
-Owns the state of the run. Receives input events through one inbox, acts through two interfaces and
-publishes output events. Knows no ROS, no operating system and no terminal; its clock is passed in.
+It owns the state of the run. It receives input events through one inbox, acts through two
+interfaces and publishes output events. It does not depend on ROS, the operating system or a
+terminal; its clock is passed in.
 """
 
 import signal
@@ -190,7 +191,7 @@ class Supervisor:
         return True
 
     def _wait_for_own(self) -> bool:
-        """Wait until every node of this machine is ready or lost."""
+        """Wait until every node on this machine is ready or lost."""
         context, state = self._context, self._state
         deadline = context.loop.now() + context.limits.start_s
         while self._run.may_go_on and (late := state.missing(state.local_nodes())):
@@ -205,7 +206,7 @@ class Supervisor:
         return self._run.may_go_on
 
     def _wait_for_others(self) -> bool:
-        """Wait, without limit, until the nodes of other devices are ready; users start them."""
+        """Wait, without limit, until the nodes on other devices are ready; users start them."""
         context, state = self._context, self._state
         others = state.with_lifecycle - state.local_nodes()
         context.lifecycle.watch(others)
@@ -343,7 +344,7 @@ class Supervisor:
                 for node in present - silent
                 if not state.is_resting(node) or state.states[node] in transition.starts
             ]
-            # Nodes in a transition get every request in turn; a rejection is no failure.
+            # Nodes in a transition get every request in turn; a rejection is not a failure.
             unsettled = {node for node in members if not state.is_resting(node)}
             for member in self._runner.request_all(transition, members, limits.down_s).values():
                 self._judge(transition, member, unsettled, silent)

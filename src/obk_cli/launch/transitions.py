@@ -1,6 +1,6 @@
-"""The life cycle of a stack: its numbered edges, the order of tiers, pending requests.
+"""The lifecycle of a stack: its numbered edges, the order of tiers, pending requests.
 
-`EDGES`, which ROS clients see, follow from the table `obk_cli.runs.lifecycle.TRANSITIONS`.
+`EDGES`, which ROS clients see, follow from `obk_cli.runs.lifecycle.TRANSITIONS`.
 Source: https://design.ros2.org/articles/node_lifecycle.html; lifecycle_msgs/msg/State,
 lifecycle_msgs/msg/Transition; rcl_lifecycle's default state machine.
 """
@@ -61,7 +61,7 @@ STATES: Final = {
 
 Until = Literal["none", "configured", "active"]
 UNTIL: Final[dict[Until, str]] = {"none": UNCONFIGURED, "configured": INACTIVE, "active": ACTIVE}
-"""How far a bring-up goes -> the stack's state at its end."""
+"""How far a bring-up goes -> the stack's state when it is done."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,7 +134,7 @@ def way_down(state: str) -> tuple[Transition, ...]:
 def tiers_up(plan: "Plan") -> tuple[tuple[str, ...], ...]:
     """Full names by tier in bring-up order: the robot before controllers.
 
-    Nodes without a life cycle make no transitions and are left out.
+    Nodes without a lifecycle make no transitions and are left out.
     """
     tiers = (tuple(p.full_name for p in tier if p.has_lifecycle) for tier in plan.tiers)
     return tuple(tier for tier in tiers if tier)
@@ -148,8 +148,9 @@ def tiers_down(plan: "Plan") -> tuple[tuple[str, ...], ...]:
 class PendingRequests:
     """The transitions requested here whose `transition_event` has not arrived yet.
 
-    A response and its event arrive on two ways, in either order, and an old event must not override
-    the newest state. So the response counts, and the event of the same transition is dropped.
+    A response and its event arrive on two paths, in either order, and an old event must not
+    override the latest state. So the response counts, and the event of the same transition is
+    dropped.
     """
 
     def __init__(self) -> None:

@@ -231,7 +231,7 @@ class MonitorApp(App[Exception | None]):
             self._draw()
 
     def on_follow_failed(self, message: FollowFailed) -> None:
-        """End with the error."""
+        """Exit with the error."""
         self.exit(message.error)
 
     def on_change_progress(self, message: ChangeProgress) -> None:

@@ -70,7 +70,7 @@ class RealtimeFactors:
 NO_FACTORS: Final[Mapping[str, float]] = {}
 
 KEEPS_UP: Final = 0.98
-"""Minimum share of its factor at which a simulation counts as fast enough."""
+"""Minimum fraction of its factor at which a simulation counts as fast enough."""
 _MEASURING: Final = ("robot", "sensing")
 """Sections at the start of the data flow; what a robot is commanded is not its source."""
 
@@ -101,7 +101,7 @@ def planned_topics(
         plan: the whole stack.
         factors: full name -> real-time factor of simulated robots, as far as known.
         measured: the measured factors. A simulation that is too slow slows down all that follows
-            its time; this is one fault, that of its rate `steps`.
+            its time; this is one fault, that of its `steps` rate.
     """
     factors = {
         name: _reached(_factor_of(node, 0.0, factors), measured.get(name))

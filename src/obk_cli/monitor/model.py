@@ -31,7 +31,7 @@ class NodeView:
     section: str
     """`control`, `estimation`, `robot`, ..."""
     state: str
-    """Life-cycle state; empty for nodes without one."""
+    """Lifecycle state; empty for nodes without one."""
     pid: int | None
     """None: not running, or on another device."""
     shares_process: bool
@@ -122,5 +122,5 @@ class Views(Protocol):
         ...
 
     def stop(self) -> None:
-        """End the views soon."""
+        """Stop the views soon."""
         ...

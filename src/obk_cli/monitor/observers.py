@@ -40,7 +40,7 @@ ANSWER_S: Final = 0.2
 
 
 class LocalObserver:
-    """Observes one stack of this host: call `turn` repeatedly, and `view` to read the result."""
+    """Observes one stack on this host: call `turn` repeatedly, and `view` to read the result."""
 
     def __init__(self, folder: Path, run: Run, participant: RosParticipant) -> None:
         """Subscribe to the topics of the run's plan.
@@ -255,7 +255,7 @@ class RemoteObserver:
         )
 
     def _state(self, node: str) -> str:
-        """The node's last reported state; empty without a life cycle or a reply."""
+        """The node's last reported state; empty without a lifecycle or a reply."""
         service = f"{node}/get_state"
         if GET_STATE not in self._participant.services_of(node).get(service, ()):
             return ""

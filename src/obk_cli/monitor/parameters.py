@@ -97,7 +97,7 @@ class StackParameters:
 
 
 def parameter_data(parameter: TunableParameter) -> dict[str, Any]:
-    """A parameter for a page; `initial` and `text` are in the notation of a person."""
+    """A parameter for a page; `initial` and `text` are as a person would write them."""
     notes, kind = parameter.description.notes, parameter.value.kind
     is_number = kind in ("double", "integer")
     return {

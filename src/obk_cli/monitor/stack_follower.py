@@ -1,6 +1,6 @@
 """Follow a stack: yield views until it ends, then continue with the next stack that starts.
 
-Yields a `StackView` per period, or None while no stack is running. ROS is loaded for the first
+It yields a `StackView` per period, or None while no stack is running. ROS is loaded for the first
 view, in the thread that requests it.
 """
 
@@ -67,7 +67,7 @@ class StackSelector:
         )
 
     def find_run(self, graph_target: GraphTarget) -> tuple[Path, Run] | None:
-        """The selected run in the domain; None if no launcher of this host runs it.
+        """The selected run in the domain; None if no launcher on this host runs it.
 
         Raises:
             MisuseError: several stacks are running there, and none was selected.
@@ -129,7 +129,7 @@ class StackFollower:
         self._stop = Event()
 
     def stop(self) -> None:
-        """End the views soon; may be called from any thread."""
+        """Stop the views soon; may be called from any thread."""
         self._stop.set()
 
     def views(self) -> Iterator[StackView | None]:

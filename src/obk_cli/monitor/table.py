@@ -153,7 +153,7 @@ def monitor_text(view: StackView, width: int, *, colour: bool) -> str:
     Args:
         view: the stack.
         width: width of the terminal [cells].
-        colour: whether the terminal supports colours.
+        colour: whether the terminal supports colors.
     """
     age = age_line(view, width)
     blocks: list[Sequence[TableLine]] = [

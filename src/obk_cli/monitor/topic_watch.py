@@ -1,6 +1,6 @@
 """Measure the rates and ages of a stack's topics and compare them with its plan.
 
-Yields a `TopicView` for each topic. No message is deserialized. If the plan does not contain a
+It yields a `TopicView` for each topic. No message is deserialized. If the plan does not contain a
 topic's type, the subscription waits for its publisher.
 """
 
@@ -31,11 +31,11 @@ _NS: Final = 1_000_000_000
 _KEPT: Final = 1000
 _NEAR_ALL: Final = 0.99
 _CARRIED: Final = 0.5
-"""Minimum share of upstream stamps for which a topic counts as forwarding stamps."""
+"""Minimum fraction of upstream stamps for which a topic counts as forwarding stamps."""
 
 
 class MessageAgeMeter:
-    """Keeps stamps and delays of a topic's newest messages."""
+    """Keeps stamps and delays of a topic's latest messages."""
 
     def __init__(self, window_s: float, clock: SimulatedClock | None = None) -> None:
         """Measure over a window.
@@ -77,7 +77,7 @@ class MessageAgeMeter:
 
     @property
     def stamps(self) -> Collection[int]:
-        """Stamps of the newest messages [ns]."""
+        """Stamps of the latest messages [ns]."""
         return self._stamps
 
     def age(self, now_ns: int, upstream: "Collection[MessageAgeMeter]" = ()) -> MessageAge | None:
@@ -146,9 +146,9 @@ class TopicWatch:
         self._expected_since: dict[str, float] = {}
         self._clock = SimulatedClock()
         self._factors: dict[str, deque[tuple[float, float]]] = {}
-        """Topic -> times of receipt [s] and values of the newest real-time factors."""
+        """Topic -> times of receipt [s] and values of the latest real-time factors."""
         self.realtime_factor: float | None = None
-        """The newest received factor."""
+        """The latest received factor."""
 
     def set_topics(self, topics: Iterable[PlannedTopic]) -> None:
         """Measure these topics, in this order; topics that are already measured continue."""

@@ -177,7 +177,7 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
 
 
 def _component_parameters(node: Node) -> Mapping[str, Component]:
-    """The ROS parameter of each component; none for two that share only a key."""
+    """The ROS parameter of each component, omitting those that share a key without one."""
     taken = {c.ros_parameter.value for c in node.used_components if c.ros_parameter}
     names = [(_parameter_name(component), component) for component in node.used_components]
     by_key = Counter(name for name, component in names if component.ros_parameter is None)
@@ -200,7 +200,7 @@ def _path(search: FileSearch | None, written: str) -> str:
 
 
 def _setting(component: Component) -> Mapping[str, object]:
-    """A component's entry as the run-time library reads it, whichever syntax the config uses.
+    """A component's entry as the runtime library reads it, whichever syntax the config uses.
 
     Both names and the default depth are filled in; empty settings are omitted.
     """

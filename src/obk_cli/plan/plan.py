@@ -66,7 +66,7 @@ class PlannedSensorGroup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """A rate that a node is expected to keep."""
+    """An expected rate of a node."""
 
     name: str
     """A timer's key, or the absolute topic of a sensor group."""
@@ -104,7 +104,7 @@ class PlannedNode:
     on_crash: OnCrash | None = None
     """What the launcher does when the node crashes; None: the default of `obk launch`."""
     has_lifecycle: bool = True
-    """Whether the node has a life cycle; the joystick node of ROS has none."""
+    """Whether the node has a lifecycle; ROS's joystick node has none."""
 
     @property
     def full_name(self) -> str:

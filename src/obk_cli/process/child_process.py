@@ -23,7 +23,7 @@ from typing import Final
 __all__ = ["BoundChild", "run_in_foreground"]
 
 KILL_S: Final = 5.0
-"""Limit for the kernel to end a killed process [s]."""
+"""Limit for a killed process to exit [s]."""
 _REPEATED_S: Final = 0.5
 """Signals within this time are one, because a process and its group often receive the same [s]."""
 
@@ -39,7 +39,7 @@ class BoundChild:
         on_line: Callable[[str], None],
         on_output_end: Callable[[], None],
     ) -> None:
-        """Start a program; only from the main thread, whose end triggers the signal.
+        """Start a program; only from the main thread, whose exit triggers the signal.
 
         Args:
             command: the program and its arguments.
@@ -73,7 +73,7 @@ class BoundChild:
         return self._child.poll()
 
     def wait(self, timeout_s: float) -> int | None:
-        """Wait for its end; return the exit code, or None if it has not ended in time."""
+        """Wait for it to exit; return the exit code, or None if it has not ended in time."""
         try:
             return self._child.wait(max(0.0, timeout_s))
         except subprocess.TimeoutExpired:
@@ -105,7 +105,8 @@ def _binding() -> list[str]:
 def run_in_foreground(command: Sequence[str], environment: Mapping[str, str]) -> int | None:
     """Run a program in this terminal until it ends.
 
-    Ctrl-C and other signals that end this process interrupt the program; a second one kills it.
+    Ctrl-C and other signals that terminate this process interrupt the program; a second one kills
+    it.
 
     Args:
         command: the program and its arguments.

@@ -30,7 +30,7 @@ SAME_S: Final = 0.005
 POLL_S: Final = 0.02
 _STATE: Final = 0
 _START_TICKS: Final = 19
-"""Field index after the command's name, which is in brackets and may contain anything."""
+"""Field index after the command's name, which is in parentheses and may contain anything."""
 
 
 def start_s(pid: int) -> float | None:

@@ -1,18 +1,19 @@
 """Fork Python programs from a process that has imported their libraries: the preload server.
 
-Runs as its own program (`python -P preload.py MODULE...`) below the warden; its standard input is
-one end of a Unix socket of packets. It imports the modules, sends `{"ready": true}`, and then takes
-one JSON request at a time: a file passed by descriptor, with a second descriptor for the output. It
-answers with the process's `pid`, or `null` if it cannot fork the program without a difference; the
-warden then starts it in the ordinary way. The server ends with the warden.
+It runs as its own program (`python -P preload.py MODULE...`) below the warden; its standard input
+is one end of a Unix socket of packets. It imports the modules, sends `{"ready": true}`, and then
+takes one JSON request at a time: a file passed by descriptor, with a second descriptor for the
+output. It answers with the process's `pid`, or `null` if it cannot fork the program without a
+difference; the warden then starts it in the ordinary way. The server ends with the warden.
 
 A forked program is a separate process in every respect: its parent is the warden, and it has its
 own session, output, environment, arguments and working folder, also in /proc. It shares the hash
 seed of strings with the others. Only modules imported before the fork are shared, never user code.
 
 The server forks only if it knows all of its threads: LTTng's listeners, which the library's own
-functions stop and restart, and those of OpenBLAS, which stops and restarts them itself. Imports the
-standard library only. Source: prctl(2), PR_SET_MM_MAP; lttng-ust(3), "Daemonizing and forking".
+functions stop and restart, and those of OpenBLAS, which stops and restarts them itself. This module
+imports the standard library only. Source: prctl(2), PR_SET_MM_MAP; lttng-ust(3), "Daemonizing and
+forking".
 """
 
 import ctypes
@@ -254,7 +255,7 @@ class Server:
         return len(list(Path("/proc/self/task").iterdir())) == 1 + self._tracing.threads
 
     def serve(self) -> ForkedProgram | None:
-        """Answer requests; return the program in each forked process, and None at the end.
+        """Answer requests; return the program in each forked process, None once the link closes.
 
         Raises:
             OSError: in a forked process, if the program cannot be prepared.

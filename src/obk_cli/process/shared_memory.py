@@ -1,4 +1,4 @@
-"""Remove unused files of Fast DDS from shared memory, and check that there is room for ROS.
+"""Remove unused Fast DDS files from shared memory, and check that there is room for ROS.
 
 A killed process leaves its files behind, at least half a megabyte each time. There are two kinds:
 
@@ -131,7 +131,7 @@ def _flocked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[int | None]:
-    """Yield a descriptor of this user's file, None if it does not exist; closed at the end.
+    """Yield a descriptor of this user's file, None if it does not exist; closed on exit.
 
     Raises:
         PermissionError: the file belongs to another user.

@@ -1,4 +1,4 @@
-"""Handle the signals that end a program; Ctrl-C ends a command even if a library swallows it.
+"""Handle the signals that terminate a program; Ctrl-C works even if a library swallows it.
 
 Python drops exceptions raised in callbacks of C code, such as the one that releases an import lock;
 extensions turn them into errors of their own. Ctrl-C is also handled in a program that was started
@@ -28,13 +28,13 @@ _END_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def insist_on_interrupt() -> Iterator[None]:
-    """While entered, Ctrl-C ends the block by KeyboardInterrupt; only from the main thread.
+    """Inside the `with` block, Ctrl-C raises KeyboardInterrupt; only from the main thread.
 
     The interrupt is raised again until it leaves the block or is accepted, but not while it is
     being handled, so cleanup is never interrupted.
 
     Raises:
-        KeyboardInterrupt: also in place of an error into which a library turned it.
+        KeyboardInterrupt: also instead of an error into which a library turned it.
     """
     report = sys.unraisablehook
 
@@ -58,7 +58,7 @@ def insist_on_interrupt() -> Iterator[None]:
 
 @contextmanager
 def until_interrupt() -> Iterator[None]:
-    """Run a block to its end or to Ctrl-C, which is its normal end."""
+    """Run a block until it is done or until Ctrl-C, which is a normal way to stop it."""
     try:
         yield
     except KeyboardInterrupt:
@@ -97,7 +97,7 @@ def _is_being_handled() -> bool:
 
 @contextmanager
 def handle_end_signals(on_signal: Callable[[signal.Signals], None]) -> Iterator[None]:
-    """While entered, handle SIGINT, SIGTERM and SIGHUP; only from the main thread.
+    """Inside the `with` block, handle SIGINT, SIGTERM and SIGHUP; only from the main thread.
 
     SIGHUP stays ignored if it was ignored before, as with `nohup`. SIGINT is handled even then,
     because shells ignore it for programs that they start in the background.

@@ -1,8 +1,8 @@
 """Keep nodes from outliving the launcher: the process between them, and the parent of all nodes.
 
-Runs as its own program (`python -I -S warden.py`); its standard input is one end of a Unix socket
-of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request is a
-file passed by descriptor, because an environment may be larger than a packet: `start`, with a
+It runs as its own program (`python -I -S warden.py`); its standard input is one end of a Unix
+socket of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request
+is a file passed by descriptor, because an environment may be larger than a packet: `start`, with a
 second descriptor for the output, `signal`, `preload`, and finally `end`. A process may inherit
 descriptors with which the warden was started. The warden is the parent of the nodes and adopts
 their orphans (child subreaper). When the launcher's end of the socket closes, for any reason, all
@@ -37,7 +37,7 @@ PR_SET_CHILD_SUBREAPER = 36
 GRACE_S = 1.0
 """Time between SIGTERM and SIGKILL after the launcher has ended [s]."""
 KILL_S = 5.0
-"""Limit for processes to end after SIGKILL; processes stuck in the kernel are left [s]."""
+"""Limit for processes to exit after SIGKILL; processes stuck in the kernel are left [s]."""
 RETRY_S = 0.1
 """Wait before rechecking an orphan whose environment was not readable yet [s]."""
 LARGEST_PACKET = 1 << 16
@@ -206,7 +206,7 @@ class Warden:
                         return
 
     def end_all(self) -> None:
-        """End every process below this one: SIGTERM, a grace time, SIGKILL."""
+        """Terminate every process below this one: SIGTERM, a grace time, SIGKILL."""
         if self._preload is not None:  # waiting starts are dropped
             self._preload.link.close()
             self._preload = None
@@ -362,14 +362,14 @@ class Warden:
         try:
             self._link.send(json.dumps(event).encode())
         except OSError:
-            # The launcher has ended; `serve` notices the closed socket.
+            # The launcher has ended; `serve` detects the closed socket.
             return
 
 
 def _child_signals() -> int:
     """A descriptor that receives a byte for each SIGCHLD.
 
-    The launcher handles the signals that request an end: `systemctl stop` sends SIGTERM to all
+    The launcher handles the signals that request a shutdown: `systemctl stop` sends SIGTERM to all
     processes, and a second one from here would interrupt the nodes' cleanup.
     """
     read_fd, write_fd = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)

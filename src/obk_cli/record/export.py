@@ -191,7 +191,7 @@ class _File:
                 yield _lists(column, rows)
 
     def finish(self) -> None:
-        """Move the file to its final place."""
+        """Move the file to its final path."""
         self._writer.close()
         self._temporary.replace(self.path)
 

@@ -70,7 +70,7 @@ class BagWriter:
         attachments: Mapping[str, str],
         now_ns: int,
     ) -> None:
-        """Write key-value records and texts by name, with this time [ns since 1970]."""
+        """Write key-value records and text attachments by name, with this time [ns since 1970]."""
         for name, values in metadata.items():
             escaped = {_as_utf8(key): _as_utf8(value) for key, value in values.items()}
             self._writer.add_metadata(_as_utf8(name), escaped)

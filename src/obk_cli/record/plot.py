@@ -1,8 +1,8 @@
 """Plot fields of recorded runs, such as `/arm/joints.position[0]`, as PNG, SVG or a web page.
 
-`plot_parts` reads the numbers. `draw` writes a picture with matplotlib; `write_page` writes one
+`plot_parts` reads the numbers. `draw` writes a plot with matplotlib; `write_page` writes one
 file for the browser with zoom and cursor, which needs no network. The page uses
-`page/uPlot.iife.min.js`: uPlot 1.6.32, unchanged, under the MIT licence in `page/uPlot.LICENSE`.
+`page/uPlot.iife.min.js`: uPlot 1.6.32, unchanged, under the MIT license in `page/uPlot.LICENSE`.
 """
 
 import base64
@@ -43,7 +43,7 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 MOST_LINES: Final = 32
-"""Maximum number of lines of a field; more cannot be distinguished in a picture."""
+"""Maximum number of lines of a field; more cannot be distinguished in a plot."""
 MOST_POINTS: Final = 100_000
 """Maximum number of points of a line; the page gets the extremes of intervals of a longer one."""
 
@@ -72,7 +72,7 @@ class PlotLine:
     run: int
     """Index of its run, which determines the line style."""
     colour: int
-    """Index of its number in the part; the same number of another run has the same colour."""
+    """Index of its number in the part; the same number of another run has the same color."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,7 +210,7 @@ def _part(
 
 
 def _overlaid(parts: Sequence[PlotPart]) -> PlotPart:
-    """Merge all parts into one; each number gets its own colour."""
+    """Merge all parts into one; each number gets its own color."""
     lines: list[PlotLine] = []
     for part in parts:
         first = max((line.colour for line in lines), default=-1) + 1
@@ -269,11 +269,11 @@ def draw(
     path: Path,
     xlim: tuple[float, float] | None = None,
 ) -> None:
-    """Write a picture with the parts one below the other; replaces the file as a whole.
+    """Write a plot with the parts stacked; replaces the file as a whole.
 
     Args:
         parts: what to draw.
-        title: title of the picture.
+        title: title of the plot.
         path: output file, .png or .svg.
         xlim: time range to show [s]; None: all.
 

@@ -6,7 +6,7 @@ topic of known type even before it has a publisher. The recorder never blocks a 
 that arrive too fast are dropped and counted.
 
 As a program, `python -m obk_cli.record.recorder JOB`, it runs a job file; a launch starts it next
-to its nodes. It ends on SIGINT, SIGTERM, SIGHUP, or after its duration.
+to its nodes. It stops on SIGINT, SIGTERM, SIGHUP, or after its duration.
 """
 
 import os

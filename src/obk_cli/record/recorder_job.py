@@ -1,6 +1,6 @@
 """The job of a recorder process: topics, file, and metadata about the run, as a value and as JSON.
 
-Needs no MCAP library.
+This module does not need the MCAP library.
 """
 
 import json

@@ -85,13 +85,13 @@ PEERS: Final = "ROS_STATIC_PEERS"
 OLD_SWITCH: Final = "ROS_LOCALHOST_ONLY"
 """The predecessor of `RANGE`. ROS warns about it and, if it is 1, ignores everything else."""
 PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Variables that name settings files of Fast DDS; newer versions use the second."""
+"""Variables that name Fast DDS XML profile files; newer versions use the second."""
 SKIP_FOLDER: Final = "SKIP_DEFAULT_XML_FILE"
-"""Whether Fast DDS ignores a settings file with the default name in the working folder."""
+"""Whether Fast DDS ignores an XML profile file with the default name in the working folder."""
 LOCALHOST_PROFILE: Final = str(Path(__file__).with_name("dds_localhost.xml"))
 LAN_PROFILE: Final = str(Path(__file__).with_name("dds_lan.xml"))
 AS_THE_PROFILE_SAYS: Final = "SYSTEM_DEFAULT"
-"""The range with which ROS leaves the settings of Fast DDS unchanged."""
+"""The range with which ROS leaves Fast DDS's settings unchanged."""
 FAST_DDS: Final = ("", OUR_RMW, "rmw_fastrtps_dynamic_cpp")
 """Middlewares that use these settings; the first is the default of ROS 2."""
 
@@ -163,7 +163,7 @@ def _as_the_user_has_it() -> dict[str, str]:
 
 
 def _set_profile(variables: dict[str, str]) -> None:
-    """Use UDP only for messages, unless the user has their own settings of Fast DDS."""
+    """Send messages over UDP only, unless the user has their own Fast DDS settings."""
     if any(variables.get(name) for name in PROFILES_FILES):
         return
     variables[SKIP_FOLDER] = "1"
@@ -211,16 +211,16 @@ def _is_installed(rmw: str, variables: Mapping[str, str]) -> bool:
 
 FIRST_PORT: Final = 7400
 PORTS: Final = 250
-"""Number of ports of a domain."""
+"""Number of ports per domain."""
 MARK: Final = 9
 """A port offset that DDS does not use; the process that reserves the domain binds this port."""
 DOMAINS: Final = range(100, 0, -1)
-"""In descending order, because people use small ones; ports of higher domains are ephemeral."""
+"""Descending, because people tend to use low numbers; higher domains use ephemeral ports."""
 
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """While entered, reserve a ROS domain that no other caller on this host has.
+    """Inside the `with` block, reserve a ROS domain that no other caller on this host has.
 
     Raises:
         CommandFailedError: no domain is free.

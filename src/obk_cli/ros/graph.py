@@ -54,10 +54,11 @@ class RosGraph:
         self._begin = time.monotonic() if begin_s is None else begin_s
 
     def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
-        """Full names of the life-cycle nodes in the graph.
+        """Full names of the lifecycle nodes in the graph.
 
-        Returns as soon as all expected nodes exist. If none are expected, returns when there are
-        some and the graph has not changed for `quiet_s`. Returns after `timeout_s` in any case.
+        It returns as soon as all expected nodes exist. If none are expected, it returns when there
+        are some and the graph has not changed for `quiet_s`. It returns after `timeout_s` in any
+        case.
         """
         required = frozenset(expected)
         end = time.monotonic() + timeout_s
@@ -76,7 +77,7 @@ class RosGraph:
     def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
         """The names in `names` that other nodes in the graph already have.
 
-        Returns when there are some, or `discovery_s` after discovery began.
+        It returns when there are some, or `discovery_s` after discovery began.
         """
         taken = frozenset(names)
 
@@ -92,7 +93,7 @@ class RosGraph:
     ) -> tuple[tuple[str, str], ...]:
         """Publishers on these topics by other nodes: topic and the node's full name.
 
-        Returns when there are some, or `discovery_s` after discovery began. A node whose name is
+        It returns when there are some, or `discovery_s` after discovery began. A node whose name is
         not known by then is `UNNAMED`.
 
         Args:
@@ -230,7 +231,7 @@ def ends_that_need_dds(topic: TopicInfo, sockets: Set[str]) -> Iterator[str]:
 
     Args:
         topic: the discovered topic.
-        sockets: GIDs of the subscriptions with a socket in a run of this host.
+        sockets: GIDs of the subscriptions with a socket in a run on this host.
     """
     for end in topic.publishers:
         if end.qos.durability != "volatile":

@@ -1,7 +1,7 @@
-"""Control life-cycle nodes over ROS: find them, query states, request transitions.
+"""Control lifecycle nodes over ROS: find them, query states, request transitions.
 
-Uses one node of its own and the thread that spins it. Every wait has a limit; errors of rclpy are
-converted here.
+It uses one node of its own and the thread that spins it. Every wait has a limit; errors of rclpy
+are converted here.
 """
 
 import os
@@ -37,7 +37,7 @@ PING_S: Final = 3.0
 """Limit for the answer to a state query [s]."""
 POLL_S: Final = 0.01
 END_S: Final = 2.0
-"""Limit for running callbacks at the end [s]."""
+"""Limit for running callbacks at shutdown [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +91,7 @@ class NodeClients:
         return future
 
     def ask_fault(self, node: str) -> Any:
-        """A future of the node's newest fault."""
+        """A future of the node's latest fault."""
         return self._client(node, "last_error").call_async(self._types["last_error"].Request())
 
     def change_state(self, node: str, transition: str) -> Any:
@@ -112,7 +112,7 @@ class NodeClients:
 
 
 class LifecycleClient:
-    """Queries life-cycle nodes and waits for their answers."""
+    """Queries lifecycle nodes and waits for their answers."""
 
     def __init__(
         self, name: str, context: Any, executor: Any, begin_s: float | None = None
@@ -170,7 +170,7 @@ class LifecycleClient:
         return RosParticipant(self._node.handle, rclpy_implementation, domain)
 
     def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
-        """Full names of the life-cycle nodes in the graph; see `RosGraph.find`."""
+        """Full names of the lifecycle nodes in the graph; see `RosGraph.find`."""
         return self.graph.find(expected, timeout_s, quiet_s)
 
     def change(self, node: str, transition: str, timeout_s: float) -> TransitionReply | None:
@@ -191,7 +191,7 @@ class LifecycleClient:
         return None if response is None else str(response.current_state.label)
 
     def last_fault(self, node: str, timeout_s: float) -> str:
-        """An Obelisk node's newest fault; empty if it does not answer."""
+        """An Obelisk node's latest fault; empty if it does not answer."""
         if not self._wait_until_ready(node, "last_error", timeout_s):
             return ""
         response = self._answer(lambda: self._clients.ask_fault(node), timeout_s)

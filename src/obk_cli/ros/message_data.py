@@ -1,6 +1,7 @@
 """Check a user's message against its type, and report all faults at once.
 
-Returns data that matches the type, and sentences about what does not. Creates no message itself.
+It returns data that matches the type, and sentences about what does not. It does not create
+messages.
 """
 
 import sys

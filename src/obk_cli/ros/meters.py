@@ -1,8 +1,8 @@
 """Measure the rates of many topics at once, and the age of their messages when received.
 
-One thread calls `Meter.turn` repeatedly to count received messages, by default every 5 ms. Used for
-live tables and for single measurements. Ages come from the stamps in the headers; `DelayMeter`
-reads no clock.
+One thread calls `Meter.turn` repeatedly to count received messages, by default every 5 ms. The
+meters serve live tables and single measurements. Ages come from the stamps in the headers;
+`DelayMeter` reads no clock.
 """
 
 import time
@@ -315,7 +315,7 @@ class Delay:
 
 
 class DelayMeter:
-    """Keeps the delays of the newest messages."""
+    """Keeps the delays of the latest messages."""
 
     def __init__(self, window: int) -> None:
         """Start without messages.

@@ -92,7 +92,7 @@ def parse_parameter(text: str) -> NodeParameter:
     """Parse a value as in ROS parameter files.
 
     Raises:
-        MisuseError: the text is not YAML, or not a valid parameter value.
+        MisuseError: the text is not valid YAML, or not a valid parameter value.
     """
     # Commands that only read parameters need no parser.
     from obelisk_spec.yaml_core import YamlTextError, load_yaml_core

@@ -39,7 +39,7 @@ GENERATOR: Final = f"{PACKAGE}.generate_py_impl"
 def defer_message_generator() -> None:
     """Import `rosidl_generator_py` so that its generator is imported on first use.
 
-    Does nothing if the package is already imported, or not installed.
+    It does nothing if the package is already imported, or not installed.
     """
     if PACKAGE in sys.modules or GENERATOR in sys.modules:
         return

@@ -193,7 +193,7 @@ def requested_qos(offers: Collection[OfferedQos], *, is_light: bool = False) -> 
 
     Args:
         offers: one per publisher.
-        is_light: let publishers send each message once, without acknowledgement: a third less
+        is_light: let publishers send each message once, without acknowledgment: a third less
             work. Reliable delivery is still used if earlier messages are requested.
     """
     request = RequestedQos(

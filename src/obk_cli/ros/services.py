@@ -1,7 +1,7 @@
 """Call services from a bare participant: send a request, then poll until a time limit.
 
-A node that dies never responds, and a node that has not discovered the client yet responds in vain.
-Requests are therefore repeated, and a harmless one is sent first.
+A node that dies never responds, and the response of a node that has not discovered the client yet
+is lost. Requests are therefore repeated, and a harmless one is sent first.
 """
 
 import time

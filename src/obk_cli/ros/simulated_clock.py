@@ -30,7 +30,7 @@ _TIME: Final = struct.Struct("<4xiI")
 
 
 class SimulatedClock:
-    """The newest times of `/clock`; a time that goes back starts a new epoch."""
+    """The latest times of `/clock`; a time that goes back starts a new epoch."""
 
     def __init__(self) -> None:
         """Start without times."""

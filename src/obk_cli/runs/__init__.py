@@ -1,1 +1,1 @@
-"""Runs of this host: their folders, which ones are alive, and communication with launchers."""
+"""Runs on this host: their folders, which ones are alive, and communication with launchers."""

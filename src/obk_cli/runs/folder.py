@@ -51,9 +51,9 @@ class Run:
     domain: int
     config: str
     nodes: tuple[str, ...]
-    """Full names of the nodes with a life cycle that run here, in bring-up order."""
+    """Full names of the nodes with a lifecycle that run here, in bring-up order."""
     other_nodes: tuple[str, ...] = ()
-    """Full names of the nodes without a life cycle."""
+    """Full names of the nodes without a lifecycle."""
     devices: tuple[str, ...] = ()
     """The devices that this launcher runs; empty: all of the config."""
     leads: bool = True

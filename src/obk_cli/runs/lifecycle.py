@@ -1,4 +1,4 @@
-"""The life cycle of a node: its states, and the transitions that a user can request.
+"""The lifecycle of a node: its states, and the transitions that a user can request.
 
 Source: https://design.ros2.org/articles/node_lifecycle.html; lifecycle_msgs/msg/State,
 lifecycle_msgs/msg/Transition; rcl_lifecycle's default state machine.

@@ -26,8 +26,8 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
 
     Args:
         parent: the folder of all runs.
-        run: name of a config or run folder; None: the newest run. If `node` is None, an unknown
-            name is taken for a node of the newest run.
+        run: name of a config or run folder; None: the most recent run. If `node` is None, an
+            unknown name is taken for a node of the most recent run.
         node: full or short name; None: the output of the launcher.
 
     Raises:
@@ -51,7 +51,7 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
 
 
 def _folder(folders: Sequence[Path], name: str) -> Path | None:
-    """The newest run of a config, or the folder with this name."""
+    """The most recent run of a config, or the folder with this name."""
     config = name.replace("/", "_")
     fitting = (folder for folder in folders if name == folder.name or config == config_of(folder))
     return next(fitting, None)
@@ -123,7 +123,7 @@ def last_lines(path: Path, count: int) -> tuple[str, ...]:
 def follow_lines(path: Path) -> Iterator[str | None]:
     """The lines of a file, then new ones, without end; None each time that it waits.
 
-    Waits for a file that does not exist yet, and continues with a file that replaces it.
+    It waits for a file that does not exist yet, and continues with a file that replaces it.
 
     Raises:
         OSError: the file exists but cannot be read.

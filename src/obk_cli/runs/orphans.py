@@ -1,4 +1,4 @@
-"""Find and end orphans: processes of stacks whose launcher has ended.
+"""Find and terminate orphans: processes of stacks whose launcher has ended.
 
 The environment of every process of a stack, and of its children, contains the name of the run
 folder (`OBK_RUN`) and the launcher's PID and start time (`OBK_LAUNCHER`). Processes of other users
@@ -34,7 +34,7 @@ UNRECORDED: Final = "unrecorded"
 GRACE_S: Final = 2.0
 """Time between SIGTERM and SIGKILL [s]."""
 KILL_S: Final = 5.0
-"""Limit for the kernel to end a killed process [s]."""
+"""Limit for a killed process to exit [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +77,7 @@ def find_orphans(parent: Path, run: str | None = None) -> tuple[Orphan, ...]:
 
 
 def end_orphans(orphans: Iterable[Orphan]) -> tuple[Orphan, ...]:
-    """End processes, their groups and descendants: SIGTERM, a grace period, SIGKILL.
+    """Terminate processes, their groups and descendants: SIGTERM, a grace period, SIGKILL.
 
     Returns:
         The orphans that are still running.
@@ -130,7 +130,7 @@ def _own_processes() -> Iterable[psutil.Process]:
 
 
 def _own_ancestors() -> set[int]:
-    """This process and its ancestors, which are never ended."""
+    """This process and its ancestors, which are never terminated."""
     this = psutil.Process()
     return {this.pid, *(parent.pid for parent in this.parents())}
 

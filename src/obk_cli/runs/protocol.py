@@ -1,10 +1,11 @@
 """The control protocol: one JSON line queries a run's launcher, one JSON line answers.
 
-Converts bytes to values and back, checked against their types; an invalid request is answered with
-an error. Queries about the ROS graph are passed through: `introspect.protocol` has their types.
+It converts bytes to values and back, checked against their types; an invalid request is answered
+with an error. Queries about the ROS graph are passed through: `introspect.protocol` has their
+types.
 
-The `ask_*` functions take a run's folder and return the launcher's answer, or None if there is none
-in time. They raise nothing.
+The `ask_*` functions take a run's folder and return the launcher's answer, or None if none arrives
+in time. They never raise.
 """
 
 import json
@@ -69,8 +70,7 @@ Result = Literal["reached", "there already", "refused", "timed out", "gone", "ta
 """How a node's part of a transition ended."""
 
 ANSWER_S: Final = 3.0
-"""Limit for a healthy launcher to report its stack: milliseconds, but seconds on a busy machine
-[s]."""
+"""Time limit for a status reply [s]; normally milliseconds, but seconds on a busy machine."""
 PIECE: Final = 1 << 16
 
 
@@ -87,7 +87,7 @@ class ChangeRequest(
     nodes: tuple[str, ...] = ()
     """Full names; empty: the whole stack."""
     timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=LONGEST_WAIT_S)] | None = None
-    """Limit for each node's transition [s]; None: as launched."""
+    """Limit for each node's transition [s]; None: the limit set at launch."""
 
 
 class StopRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", tag="stop"):
@@ -140,9 +140,9 @@ class NodeStatus:
     section: str
     device: str
     state: str
-    """Life-cycle state; `unknown` before the node was seen, empty for nodes without one."""
+    """Lifecycle state; `unknown` before the node was seen, empty for nodes without one."""
     process: str
-    """The unit that runs it; equal to `node` if the process is not shared."""
+    """Name of the process that runs it; equal to `node` if the process is not shared."""
     pid: int | None
     """None: not running, or on another device."""
     restarts: int
@@ -263,7 +263,7 @@ def ask_change(
         folder: the folder of the run.
         transition: `activate`, ...
         nodes: full names; empty: the whole stack.
-        timeout_s: limit for each node's transition [s]; None: as launched.
+        timeout_s: limit for each node's transition [s]; None: the limit set at launch.
         wait_s: limit for the answer, which covers all nodes and a rollback [s].
 
     Returns:
@@ -290,7 +290,7 @@ def ask_graph(
 
 
 def ask_stop(folder: Path, reason: str, timeout_s: float = ANSWER_S) -> bool:
-    """Request the end of a stack; return whether the launcher confirms the request."""
+    """Request a shutdown; return whether the launcher confirms the request."""
     return isinstance(_ask(folder, StopRequest(reason=reason), Stopping, timeout_s), Stopping)
 
 
@@ -303,7 +303,7 @@ def _ask(folder: Path, request: Request, kind: type[T], timeout_s: float) -> T |
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
             link.settimeout(timeout_s)
-            # Through the descriptor: an address has 107 bytes, and the path may be longer.
+            # Through the descriptor: an address is limited to 107 bytes; the path may be longer.
             link.connect(f"/proc/self/fd/{folder_fd}/{CONTROL_SOCKET}")
             link.sendall(encode_line(request))
             line = _line(link, end)

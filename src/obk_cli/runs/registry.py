@@ -43,11 +43,11 @@ LauncherEnd = Literal["ended", "killed", "running"]
 STOP_S: Final = 15.0
 """Time for a shutdown after which a stack counts as stuck [s]."""
 KILL_S: Final = 5.0
-"""Limit for the kernel to end a killed process [s]."""
+"""Limit for a killed process to exit [s]."""
 EXIT_S: Final = 2.0
 """Limit for a launcher's process to exit once its run is over [s]."""
 WARDEN_S: Final = 2.0
-"""Limit for the nodes of a killed launcher to end [s]."""
+"""Limit for the nodes of a killed launcher to exit [s]."""
 POLL_S: Final = 0.02
 
 
@@ -112,7 +112,7 @@ def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[
 def select_runs(
     parent: Path, name: str | None = None, *, domain: int | None = None
 ) -> Mapping[Path, Run]:
-    """The live runs of this host by name and ROS domain, newest first.
+    """The live runs on this host by name and ROS domain, newest first.
 
     Args:
         parent: the folder of all runs.
@@ -219,7 +219,7 @@ def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
 
 
 def stack_nodes(found: Iterable[str]) -> tuple[str, ...]:
-    """The nodes of a stack among the life-cycle nodes in the ROS graph, in tier order.
+    """The nodes of a stack among the lifecycle nodes in the ROS graph, in tier order.
 
     A stack's nodes are named after their sections. If no node is, all nodes are returned.
     """
@@ -259,16 +259,16 @@ def status_text(node: NodeStatus) -> str:
 def end_launcher(
     folder: Path, run: Run, *, reason: str, timeout_s: float = STOP_S, may_kill: bool = False
 ) -> LauncherEnd:
-    """Request a launcher to shut its stack down, and wait until it has ended.
+    """Ask a launcher to shut down its stack, and wait until it has exited.
 
-    Uses the control socket, otherwise SIGINT; a suspended launcher is resumed first.
+    It uses the control socket, otherwise SIGINT; a suspended launcher is resumed first.
 
     Args:
         folder: the folder of the run.
         run: the run that the folder describes.
         reason: shown by the launcher.
         timeout_s: limit for the answer and the shutdown [s].
-        may_kill: kill the launcher and its processes if it does not end in time.
+        may_kill: kill the launcher and its processes if it does not exit in time.
     """
 
     def is_running() -> bool:

@@ -1,6 +1,6 @@
 """The kinds that can be created, with their languages and template folders.
 
-Never reads files.
+This module never reads files.
 """
 
 import keyword
@@ -37,7 +37,7 @@ __all__ = [
 Kind = Literal["controller", "estimator", "robot", "sensor", "msgs", "config"]
 Language = Literal["py", "cpp"]
 Release = Literal["v0.4", "2026"]
-"""Version of the C++ library of Obelisk: v0.1 to v0.4, or since May 2026."""
+"""Version of Obelisk's C++ library: v0.1 to v0.4, or since May 2026."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,7 +161,7 @@ def recipe_of(kind: Kind, language: Language = "py") -> Recipe | None:
 
 
 LONGEST_NAME = 40
-"""Limit of obk [characters]: the name is a folder, a module, an executable and part of a class."""
+"""obk's limit [characters]: the name is a folder, a module, an executable and part of a class."""
 
 _OTHER_USE = frozenset("build conftest install log resource setup src test".split())
 """Names that workspaces and packages use for other files and folders."""

@@ -119,7 +119,7 @@ def _u_mujoco(controls: int) -> MessageCode:
 
 
 def estimate_code(est: MessageType, sensor: MessageType) -> MessageCode:
-    """Code of `compute_state_estimate` that fills its message from the newest sensor message."""
+    """Code of `compute_state_estimate` that fills its message from the latest sensor message."""
     known = _ESTIMATE.get((est.full, sensor.full))
     if not (has_header(est) and has_header(sensor)):
         return _stamped(est, known)
@@ -279,7 +279,7 @@ def cpp_control(ctrl: MessageType, controls: int = 1) -> tuple[str, ...]:
 
 
 def cpp_estimate(est: MessageType, sensor: MessageType) -> tuple[str, ...]:
-    """Code of `ComputeStateEstimate` that fills its message from the newest sensor message."""
+    """Code of `ComputeStateEstimate` that fills its message from the latest sensor message."""
     stamp = _CPP_STAMP_OF_SENSOR if has_header(sensor) else _CPP_STAMP
     return _cpp_stamped(est, _CPP_ESTIMATE.get((est.full, sensor.full), _CPP_UNKNOWN), stamp)
 

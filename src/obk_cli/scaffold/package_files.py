@@ -1,6 +1,6 @@
 """Add a node to the files of a package: setup.py, setup.cfg, pyproject.toml, package.xml.
 
-Pure: returns texts in which everything else is unchanged, or a problem. setup.py is not run.
+Pure: returns new text in which everything else is unchanged, or a problem. setup.py is not run.
 """
 
 import ast

@@ -1,7 +1,7 @@
 """Check the user's request for `obk new`, and turn it into a package spec.
 
-Returns a `PackageSpec` for a `PackageRequest`, or all problems with the request. Reads no files and
-imports no messages.
+It returns a `PackageSpec` for a `PackageRequest`, or all problems with the request. It does not
+read files or import messages.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,7 @@ USUAL_SENSOR = "JointEncoders"
 USUAL_CPP_SENSOR = "ObkJointEncoders"
 """The message packages used with the C++ library have no `JointEncoders`."""
 USUAL_OF_SENSOR = "ObkImu"
-"""Message type of nodes of the kind `sensor`."""
+"""Message type of `sensor` nodes."""
 
 _CLASSES_IN_USE = (
     "Iterator",

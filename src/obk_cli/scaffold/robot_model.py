@@ -1,6 +1,6 @@
 """The parts of a workspace that depend on a robot's model: sensor groups and a pose controller.
 
-Pure: returns sensor groups, MJCF text and template values for the facts of a model.
+Pure: returns sensor groups, MJCF text and template values for the facts about a model.
 """
 
 import json

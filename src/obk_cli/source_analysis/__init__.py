@@ -1,1 +1,1 @@
-"""Analyse a node's Python source without importing or running it."""
+"""Analyze a node's Python source without importing or running it."""

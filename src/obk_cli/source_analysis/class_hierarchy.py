@@ -41,7 +41,7 @@ class ClassSource:
 
     @property
     def is_of_library(self) -> bool:
-        """Whether it is a base class of the run-time library."""
+        """Whether it is a base class of the runtime library."""
         return self.module.name.startswith(_LIBRARY)
 
     def method(self, name: str) -> Function | None:

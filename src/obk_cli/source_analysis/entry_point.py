@@ -46,7 +46,7 @@ class _Spun:
     node_type: ast.expr
     module: Module
     has_arguments: bool
-    """Whether the class is created with arguments other than its defaults."""
+    """Whether the class is instantiated with arguments other than its defaults."""
     may_have_threads: bool
     """Whether the program chooses an executor that may run callbacks in parallel."""
 
@@ -63,7 +63,7 @@ def read_node_code(
         module: dotted name of the module.
         function: the function that the entry point calls; None for a module run as a program.
         load: returns modules by their dotted names.
-        places: where imported modules are searched; None: imports are not checked.
+        places: where imported modules are searched for; None: imports are not checked.
     """
     library = ModuleLibrary(load)
     try:
@@ -74,7 +74,7 @@ def read_node_code(
             message=f"is not Python: {error.message}", place=error.span.path, span=error.span
         )
     except RecursionError:
-        return None  # such as an expression of thousands of terms
+        return None  # for example, for an expression with thousands of terms
 
 
 def _read(
@@ -92,7 +92,7 @@ def _read(
 
 
 def entry_function(entry: Module, function: str | None, library: ModuleLibrary) -> EntryFunction:
-    """What runs after the imports: all of a program, otherwise the function's statements."""
+    """What runs after the imports: the whole module of a program, or the entry function's body."""
     if function is None:
         return entry, entry.tree.body
     definition = library.definition(f"{entry.name}.{function}")

@@ -1,6 +1,6 @@
-"""OBK601 to OBK609: code of a node that may differ between lock-step runs.
+"""OBK601 to OBK609: code of a node that may behave differently between lock-step runs.
 
-Examines the code that the node's start leads to. A call is recognized by its full name; calls
+It examines the code that the node's start leads to. A call is recognized by its full name; calls
 through a variable, `getattr` or a package outside the workspace are not found.
 """
 

@@ -31,7 +31,7 @@ _CHANGE_THE_PATH = ("sys.path", "sys.modules", "sys.meta_path", "addsitedir", "i
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportPlaces:
-    """Where modules are searched."""
+    """Where modules are searched for."""
 
     may_exist: Callable[[str], bool]
     """Whether an import of a dotted name may succeed; False only if it must fail."""
@@ -118,7 +118,7 @@ def check_imports(
         modules: the result of `imported_modules`.
         function: the entry point's function.
         library: returns the modules that can be read.
-        places: where modules are searched.
+        places: where modules are searched for.
     """
     if any(word in module.source.text for module in modules for word in _CHANGE_THE_PATH):
         return

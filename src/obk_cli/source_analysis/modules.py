@@ -1,6 +1,6 @@
 """Python modules as text: what a name refers to, and the value of an expression.
 
-Follows names through imports to their definitions; opens no files and runs no code.
+This module follows names through imports to their definitions. It does not open files or run code.
 """
 
 import ast
@@ -100,7 +100,7 @@ LoadModule = Callable[[str], Module | None]
 
 
 class UnreadableSourceError(Exception):
-    """A module that is not Python, with the message and the location."""
+    """A module that is not valid Python, with the message and the location."""
 
     def __init__(self, message: str, span: Span) -> None:
         super().__init__(message)
@@ -119,7 +119,7 @@ class ModuleLibrary:
         """The module with this name; None if its source is not available.
 
         Raises:
-            UnreadableSourceError: the source is not Python.
+            UnreadableSourceError: the source is not valid Python.
         """
         if name not in self._modules:
             self._modules[name] = self._load(name)
@@ -129,7 +129,7 @@ class ModuleLibrary:
         """The class, function or value that a dotted name refers to, through re-exports.
 
         Raises:
-            UnreadableSourceError: a module on the path is not Python.
+            UnreadableSourceError: a module on the path is not valid Python.
         """
         for _ in range(_LONGEST_CHAIN):
             name, _, attribute = dotted.rpartition(".")
@@ -178,7 +178,7 @@ def parse_module(name: str, found: FoundSource) -> Module:
     """Parse a module.
 
     Raises:
-        UnreadableSourceError: the text is not Python.
+        UnreadableSourceError: the text is not valid Python.
     """
     tree = _syntax_tree(found.source)
     statements = list(at_top_level(tree.body))

@@ -1,7 +1,7 @@
 """Find the code that a node's start leads to: functions, methods and modules, followed by name.
 
 A class counts as a whole, except methods of its bases that it overrides. Attributes of objects, the
-run-time library and packages outside the workspace are not followed.
+runtime library and packages outside the workspace are not followed.
 """
 
 import ast
@@ -114,7 +114,7 @@ def reached_code(entry: EntryFunction, library: ModuleLibrary) -> Iterator[CodeB
     """The code that an entry point runs, and all code that it uses, each block once.
 
     Raises:
-        UnreadableSourceError: a module on the path is not Python.
+        UnreadableSourceError: a module on the path is not valid Python.
     """
     walk = _Walk(library)
     if not _is_of_library(entry[0].name):

@@ -83,7 +83,7 @@ def check_names(
     Args:
         module: the module.
         trees: its syntax that runs.
-        reported: misspelt names that already have findings; the names that they mean are skipped.
+        reported: misspelled names that already have findings; the names that they mean are skipped.
         severity: the severity of the findings.
     """
     bound = module.bound_names

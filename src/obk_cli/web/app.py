@@ -1,6 +1,6 @@
 """The web server of a running stack's page: files, an event stream, transitions.
 
-`web.auth` checks every request first. The stream polls the newest snapshot ten times per second;
+`web.auth` checks every request first. The stream polls the latest snapshot ten times per second;
 transitions run in their own threads.
 """
 
@@ -101,7 +101,7 @@ class WebServer:
         asyncio.run(self._server.serve(sockets=[listener]))
 
     def end(self) -> None:
-        """End the server soon; may be called from any thread."""
+        """Stop the server soon; may be called from any thread."""
         self._is_ended = True
         if self._server is not None:
             self._server.should_exit = True
@@ -141,7 +141,7 @@ def event(name: str, data: dict[str, Any]) -> str:
 
 
 TOKEN: Final = "token"  # noqa: S105 - the parameter's name, no secret
-"""The URL's parameter; the cookie `obk_PORT` and the header `X-Obk-Token` hold the same value."""
+"""The URL's parameter; the `obk_PORT` cookie and the `X-Obk-Token` header hold the same value."""
 POLL_S: Final = 0.1
 """Period of polling for changes [s]."""
 MOST_CURVES: Final = 12
@@ -176,7 +176,7 @@ class FieldSource(Protocol):
     """The methods of `Plots` that the page uses."""
 
     def subscribed(self, requests: list[FieldRequest]) -> AbstractContextManager[None]:
-        """Subscribe to these fields while entered."""
+        """Subscribe to these fields inside the `with` block."""
         ...
 
     def data_after(self, field_request: FieldRequest, after_ns: int) -> FieldData:
@@ -200,7 +200,7 @@ class PageApi:
         """Connect the page to its sources.
 
         Args:
-            snapshot: returns the newest snapshot.
+            snapshot: returns the latest snapshot.
             fields: the fields that pages plot.
             history: reads fields from the recording of a run.
             change: executes transitions.
@@ -217,7 +217,7 @@ class PageApi:
         self._is_ending = is_ending
 
     async def graph(self, _: Request) -> Response:
-        """Return the picture of the stack."""
+        """Return the diagram of the stack."""
         return Response(self._snapshot().picture, media_type=KINDS[".svg"])
 
     async def fields(self, request: Request) -> Response:

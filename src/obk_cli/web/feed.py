@@ -1,6 +1,6 @@
 """Snapshots of a running stack for the pages, updated by a thread that follows the stack.
 
-Any thread can read the newest snapshot; the thread that follows the stack never waits for a page.
+Any thread can read the latest snapshot; the thread that follows the stack never waits for a page.
 """
 
 import threading
@@ -56,7 +56,7 @@ class Feed:
 
     @property
     def snapshot(self) -> Snapshot:
-        """The newest snapshot."""
+        """The latest snapshot."""
         return self._snapshot
 
     def start(self) -> None:

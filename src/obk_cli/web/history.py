@@ -50,8 +50,8 @@ def recorded_fields(
         requests: the fields; a problem with a field is reported as its fault.
 
     Raises:
-        CommandFailedError: the run has no recording on this host, it cannot be read, or the extra
-            `record` is not installed.
+        CommandFailedError: the run has no recording on this host, it cannot be read, or the
+            `record` extra is not installed.
     """
     path = runs / view.run / RECORDING
     if not view.run or not path.is_file():

@@ -1,4 +1,4 @@
-"""Subscribe to the fields that pages plot, and keep their newest values.
+"""Subscribe to the fields that pages plot, and keep their latest values.
 
 Pages request fields from their own threads; the thread that follows the stack receives messages.
 Values are kept for a while after the last page has closed, so that a reloaded page continues.
@@ -80,7 +80,7 @@ class FieldData:
 
 
 class Trace:
-    """The newest values of one field."""
+    """The latest values of one field."""
 
     def __init__(self) -> None:
         """Start without values."""
@@ -174,7 +174,7 @@ class Plots:
 
     @contextmanager
     def subscribed(self, requests: Sequence[FieldRequest]) -> Iterator[None]:
-        """Subscribe to these fields while entered."""
+        """Subscribe to these fields inside the `with` block."""
         with self._lock:
             for request in requests:
                 self._plots.setdefault(request, _Plot()).pages += 1

@@ -1,4 +1,4 @@
-"""Find the configs of a workspace that a misspelt path may refer to, or that include a file."""
+"""Find the configs of a workspace that a misspelled path may refer to, or that include a file."""
 
 import os
 from collections.abc import Iterator

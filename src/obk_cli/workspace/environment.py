@@ -33,7 +33,7 @@ __all__ = ["MachineEnvironment"]
 
 
 class MachineEnvironment:
-    """One run's view of the machine; every file is read at most once.
+    """One compilation's view of the machine; every file is read at most once.
 
     `note` receives each file on which the results depend, before it is read.
     """
@@ -61,7 +61,7 @@ class MachineEnvironment:
         return self.packages.find_package_share(name)
 
     def manifest_fault(self, package: str) -> CodeFault | None:
-        """Why the package.xml of a package in source cannot be read."""
+        """Why the package.xml of a source package cannot be read."""
         folder = self.packages.source_packages.get(package)
         if folder is None:
             return None
@@ -101,7 +101,7 @@ class MachineEnvironment:
         return self.packages.message_names(package)
 
     def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
-        """The workspace packages that replace one of Obelisk's and lack something."""
+        """The workspace packages that replace one of Obelisk's and lack messages or fields."""
         found = self.packages.replaced_messages()
         self._note_all(one.folder / "msg" for one in found)
         return found
@@ -125,12 +125,12 @@ class MachineEnvironment:
         return self._codes[key]
 
     def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
-        """Code of an executable that may differ between two lock-step runs."""
+        """Code of an executable that may behave differently between two lock-step runs."""
         command = self.find_executable(package, executable)
         return self._sources_of_nodes().hazards(command) if isinstance(command, Command) else ()
 
     def is_cpp(self, package: str, executable: str) -> bool:
-        """Whether an executable is in C++: built, declared, or in a package named so."""
+        """Whether an executable is C++: native, in CMakeLists.txt, or in a `*_cpp` package."""
         command = self.find_executable(package, executable)
         if isinstance(command, ExecutableMissing):
             return command.declared_in is not None or (
@@ -139,7 +139,7 @@ class MachineEnvironment:
         return command.module is None and is_native(Path(command.arguments[0]))
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
-        """The facts of a model; None without MuJoCo."""
+        """Facts about a model; None without MuJoCo."""
         if path not in self._models:
             self._note_all(mjcf_files(path) if self._note else ())
             read = read_model_once(path, self._cache) if has_mujoco() else None
@@ -149,7 +149,7 @@ class MachineEnvironment:
         return self._models[path]
 
     def read_policy(self, path: Path) -> PolicyRead | PolicyFault | None:
-        """The lengths of a network; None without onnxruntime."""
+        """The input and output sizes of a network; None without onnxruntime."""
         self._note_all([path] if self._note else ())
         if not has_onnxruntime():
             return None

@@ -1,6 +1,6 @@
 """Collect the files of a robot's model, so that a workspace has a self-contained copy.
 
-Reads an MJCF or URDF file and returns files in memory, with their paths in the workspace's model
+It reads an MJCF or URDF file and returns files in memory, with their paths in the workspace's model
 folder. The copy is completed and read again before it is returned.
 """
 

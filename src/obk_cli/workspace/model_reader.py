@@ -1,11 +1,11 @@
-"""Read the facts of a MuJoCo model with MjSpec. Meshes may be missing; otherwise it is compiled.
+"""Read facts about a MuJoCo model with MjSpec. Meshes may be missing; otherwise it is compiled.
 
-Returns the facts, or why they cannot be read. MuJoCo is imported for the first model, and its
+It returns the facts, or why they cannot be read. MuJoCo is imported for the first model, and its
 errors are converted here.
 
-Loading MuJoCo takes longer than the rest of a check, so the facts of unchanged models are kept in
-the user's cache folder. An entry is JSON, named after a hash of MuJoCo's version and the content of
-all files of the model. An entry that cannot be read or written counts as missing.
+Loading MuJoCo takes longer than the rest of a check, so the facts about unchanged models are kept
+in the user's cache folder. An entry is JSON, named after a hash of MuJoCo's version and the content
+of all files of the model. An entry that cannot be read or written counts as missing.
 """
 
 import contextlib
@@ -64,7 +64,8 @@ class MjcfElement:
 def mjcf_elements(path: Path) -> Iterator[MjcfElement]:
     """The named elements and options of a model, in the order of its files.
 
-    A file that is missing or not XML is skipped without a finding: loading the model reports it.
+    A file that is missing or not well-formed XML is skipped without a finding: loading the model
+    reports it.
     """
     for scan in _scans(path, lambda scan: scan.includes):
         yield from scan.found
@@ -140,7 +141,7 @@ def has_mujoco() -> bool:
 
 
 def read_model(path: Path) -> ModelRead | ModelFault:
-    """Read the facts of a model file.
+    """Read the facts about a model.
 
     Raises:
         ImportError: MuJoCo is not installed; check `has_mujoco` first.
@@ -231,7 +232,7 @@ def _referenced_files(spec: Any, path: Path) -> tuple[tuple[str, str], ...]:
 
 
 def missing_files(referenced: Iterable[tuple[str, str]], path: Path) -> tuple[str, ...]:
-    """The files in neither place, of those to which the model at `path` refers."""
+    """The files in neither location, of those to which the model at `path` refers."""
     folder = path.parent
     return tuple(
         dict.fromkeys(
@@ -339,7 +340,7 @@ def cache_folder(environment: Mapping[str, str]) -> Path | None:
 
 
 def read_model_once(path: Path, folder: Path | None) -> ModelRead | ModelFault:
-    """Read the facts of a model, using the cache in `folder`; None for no cache.
+    """Read the facts about a model, using the cache in `folder`; None for no cache.
 
     Raises:
         ImportError: MuJoCo is not installed.

@@ -47,7 +47,7 @@ class NodeSources:
         self._folders: dict[tuple[str, tuple[Path, ...]], tuple[Path, ...]] = {}
 
     def read(self, command: Command) -> NodeCode | None:
-        """What the source of a command defines; None if it is not Python or not found."""
+        """What a command's source defines; None if it is not Python or was not found."""
         if command.module is not None:
             return self._read_module(command.module, command.function, command.python_path)
         program = Path(command.arguments[0])
@@ -68,7 +68,7 @@ class NodeSources:
         return self._read_module(runs[1], None, ()) if runs else None
 
     def hazards(self, command: Command) -> tuple[Diagnostic, ...]:
-        """Code of a command that may differ between two lock-step runs."""
+        """Code of a command that may behave differently between two lock-step runs."""
         if command.module is None:
             return ()
         # Only `obk validate --for-test` and lock-step runs need them.
@@ -105,7 +105,7 @@ class NodeSources:
     def _import_places(
         self, path: tuple[Path, ...], installed: Iterable[str], *, runs_here: bool
     ) -> ImportPlaces:
-        """Where a node's imports are searched; `runs_here` if this Python runs it."""
+        """Where a node's imports are searched for; `runs_here` if this Python runs it."""
         return ImportPlaces(
             may_exist=lambda name: self._may_exist(name, path, installed, runs_here=runs_here),
             siblings=lambda name: self._siblings(name, path, installed),

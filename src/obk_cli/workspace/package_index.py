@@ -157,7 +157,7 @@ class PackageIndex:
             return None
 
     def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
-        """The packages of the workspaces that replace one of Obelisk's and lack something.
+        """The packages of the workspaces that replace one of Obelisk's and lack messages or fields.
 
         Fields are compared with the installed package, if there is one.
         """
@@ -217,7 +217,7 @@ class PackageIndex:
         return tuple(folder / name for name in _PACKAGE_FILES) if folder else ()
 
     def searched(self) -> tuple[str, ...]:
-        """The places that are searched, for messages."""
+        """The locations that are searched, for messages."""
         return (*(f"{w} (sources)" for w in self.workspaces), *(str(p) for p in self.prefixes))
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:

@@ -93,7 +93,7 @@ def _children(folder: Path) -> Links:
 
 
 def _add(links: Links, parts: tuple[str, ...], path: Path) -> None:
-    """Link a file or folder at a place, even if a folder above it is currently a link."""
+    """Link a file or folder at a path, even if a folder above it is currently a link."""
     if not parts:
         return
     name, *rest = parts

@@ -1,1 +1,1 @@
-"""Sweeps: run closed-loop tests for many seeds and parameter values, in many processes."""
+"""Sweeps: run closed-loop tests across many seeds and parameter values, in many processes."""

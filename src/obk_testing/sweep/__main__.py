@@ -301,7 +301,7 @@ def _engine(
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Make SIGTERM end the sweep like Ctrl-C while entered."""
+    """Make SIGTERM stop the sweep like Ctrl-C inside the `with` block."""
 
     def interrupt(*_: Any) -> NoReturn:
         raise KeyboardInterrupt

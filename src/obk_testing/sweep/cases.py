@@ -46,7 +46,7 @@ _DIGITS: Final = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundTest:
-    """A test that uses the fixture `stack`."""
+    """A test that uses the `stack` fixture."""
 
     node_id: str
     """Its pytest id, relative to the config's folder; for seed 0 if it uses `seed`."""

@@ -125,7 +125,7 @@ class DaskEngine:
             futures.update(submit(1))
 
     def close(self) -> None:
-        """End the workers' processes, and the cluster if it was started here."""
+        """Stop the workers' processes, and the cluster if it was started here."""
         # If the cluster has ended, there are no workers to clean up.
         with suppress(OSError, TimeoutError, ValueError):
             self._client.unregister_worker_plugin(self._name)
@@ -195,7 +195,7 @@ class _CaseRunner(WorkerPlugin):
         self._probed: Row | None = None
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - Dask's
-        """End the processes; called by Dask."""
+        """Stop the processes; called by Dask."""
         for each in self._all:
             each.kill()
             each.close()

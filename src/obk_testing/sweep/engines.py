@@ -2,8 +2,8 @@
 
 Every engine runs cases in `WorkerProcess`es: separate interpreters with a fixed hash seed and one
 thread for linear algebra. So no result depends on the engine, the order or the number of workers.
-`ProcessPoolExecutor` is not suitable: it ends all workers if one dies. It also cannot be used in a
-Dask worker, because a daemon process may not start child processes with it.
+`ProcessPoolExecutor` is not suitable: it terminates all workers if one dies. It also cannot be used
+in a Dask worker, because a daemon process may not start child processes with it.
 """
 
 import json
@@ -35,7 +35,7 @@ _CASES_A_WORKER: Final = 200
 """Number of cases after which a worker is replaced, because every trial leaks 0.3 MB."""
 _ATTEMPTS: Final = 2
 _END_S: Final = 10.0
-"""Timeout for a worker to end after its last case [s]."""
+"""Timeout for a worker to exit after its last case [s]."""
 _ENVIRONMENT: Final = {
     "PYTHONHASHSEED": "0",
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
@@ -62,7 +62,7 @@ class Engine(Protocol):
         """Yield the results of cases as they finish."""
 
     def close(self) -> None:
-        """End all workers, immediately if they are busy."""
+        """Stop all workers, immediately if they are busy."""
 
 
 class _WorkerDiedError(Exception):
@@ -70,7 +70,7 @@ class _WorkerDiedError(Exception):
 
 
 class _TimeLimitError(Exception):
-    """A case exceeded its time limit; its worker was ended."""
+    """A case exceeded its time limit; its worker was killed."""
 
 
 class WorkerProcess:
@@ -144,7 +144,7 @@ class WorkerProcess:
         self._process.kill()
 
     def close(self) -> None:
-        """Let the process end, and remove its files."""
+        """Let the process exit, and remove its files."""
         with self._resources:
             assert self._process.stdin is not None
             assert self._process.stdout is not None
@@ -251,7 +251,7 @@ class RestartingWorker:
             self._worker.kill()
 
     def close(self) -> None:
-        """End the worker."""
+        """Stop the worker."""
         self._is_closed = True
         self._drop()
 
@@ -321,7 +321,7 @@ class LocalEngine:
             yield Placed(row=result)
 
     def close(self) -> None:
-        """End all workers, immediately if they are busy."""
+        """Stop all workers, immediately if they are busy."""
         self._waiting.clear()
         for worker in self._workers:
             if self._threads:

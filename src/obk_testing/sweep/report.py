@@ -117,7 +117,7 @@ def _test_card(test: str, results: Sequence[Result]) -> str:
 
 
 def _rates_chart(parts: Sequence[PassRate]) -> str:
-    """Chart the share of passed cases, with one bar per value or part of the range."""
+    """Chart the fraction of passed cases, with one bar per value or part of the range."""
     step = _WIDTH / max(len(parts), 1)
     bars, labels = [], []
     for number, part in enumerate(parts):

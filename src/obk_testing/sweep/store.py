@@ -1,6 +1,6 @@
 """Store the results of a sweep, and the inputs that they were computed from.
 
-`sweep.sqlite` has the table `rows` (see `_TABLES`) with a row per finished case. If a sweep was
+`sweep.sqlite` has a `rows` table (see `_TABLES`) with a row per finished case. If a sweep was
 interrupted, even by SIGKILL, the next one continues from there.
 """
 

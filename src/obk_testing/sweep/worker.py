@@ -57,7 +57,7 @@ class Hello:
     files: tuple[str, ...]
     """The modules of the tests."""
     left_out: int
-    """Number of tests without the fixture `stack`."""
+    """Number of tests that do not use the `stack` fixture."""
     problem: str
     """Why tests could not be collected; empty if they could."""
     machine: Mapping[str, str]

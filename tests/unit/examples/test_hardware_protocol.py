@@ -77,7 +77,7 @@ def link(line: socket.socket) -> Iterator[DriveLink]:
     link.close()
 
 
-def test_the_newest_state_is_returned_and_faults_are_counted(
+def test_the_latest_state_is_returned_and_faults_are_counted(
     line: socket.socket, link: DriveLink
 ) -> None:
     for datagram in (state(5).pack(), state(9).pack(), state(8).pack(), b"noise", state(10).pack()):

@@ -45,7 +45,7 @@ def test_a_text_names_the_descriptors() -> None:
         assert parse_clock(text) is None
 
 
-def test_the_time_is_that_of_the_newest_step(descriptors: ClockDescriptors) -> None:
+def test_the_time_is_that_of_the_latest_step(descriptors: ClockDescriptors) -> None:
     page, writer = ClockPage(descriptors), ClockWriter(descriptors)
     assert page.time_ns == 0
     writer.advance(3 * MS)

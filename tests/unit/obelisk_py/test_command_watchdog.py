@@ -62,7 +62,7 @@ def test_the_command_that_ends_the_silence_reports_its_duration(age):
     assert age.look(13.2) == pytest.approx(0.6)
 
 
-def test_the_duration_without_a_command_is_known_while_the_newest_is_too_old(age):
+def test_the_duration_without_a_command_is_known_while_the_latest_is_too_old(age):
     assert age.silence_s(9.0) is None
     age.accept(10.0)
     assert age.silence_s(11.0) is None

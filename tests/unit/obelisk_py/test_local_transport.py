@@ -319,7 +319,7 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
     assert sender.peers == ()
 
 
-def test_a_subscription_that_does_not_read_gets_the_newest_messages_later() -> None:
+def test_a_subscription_that_does_not_read_gets_the_latest_messages_later() -> None:
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     near.setblocking(False)
     peer = Peer(near, gid(1), 3, bytes(GREETING))
@@ -506,7 +506,7 @@ def test_a_packet_does_not_wait_for_ever_for_a_message_that_dds_lost(
     subscription.close()
 
 
-def test_only_the_newest_messages_are_kept(subscription: Subscription) -> None:
+def test_only_the_latest_messages_are_kept(subscription: Subscription) -> None:
     with subscription.connect() as publisher:
         for value in range(DEPTH + 5):
             if value == DEPTH:

@@ -173,7 +173,7 @@ def test_an_invalid_sensor_type_is_reported_once_with_the_valid_one(
     assert help in (fault.help or "")
 
 
-def test_a_misspelt_sensor_name_is_reported_once() -> None:
+def test_a_misspelled_sensor_name_is_reported_once() -> None:
     block = {"model_xml_path": "m", "sensor_settings": [group(names={"qq": "jointpos"})]}
     assert codes(block) == ["OBK303"]
 

@@ -1,4 +1,4 @@
-"""YAML 1.2 core values, and `${NAME}` references in texts."""
+"""YAML 1.2 core values, and `${NAME}` references in text."""
 
 import math
 

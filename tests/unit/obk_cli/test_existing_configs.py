@@ -329,7 +329,7 @@ def test_both_names_of_a_key_with_equal_values_are_no_error(tmp_path: Path) -> N
         ("ic_keyframe: '', ic_keyframes: home", []),
     ],
 )
-def test_a_misspelt_parameter_of_the_simulator_is_found(
+def test_a_misspelled_parameter_of_the_simulator_is_found(
     tmp_path: Path, params: str, findings: list[str]
 ) -> None:
     """The simulator computes names of parameters, so another name may be one of them."""

@@ -67,7 +67,7 @@ def test_the_part_around_the_location_is_shown_of_a_long_line() -> None:
     assert shown.endswith("bbb...")
 
 
-def test_colour_is_only_added() -> None:
+def test_color_is_only_added() -> None:
     coloured = report_text([FINDING], colour=True)
     assert "\x1b[31merror[OBK101]\x1b[0m" in coloured
     for code in ("31", "2", "32", "0"):

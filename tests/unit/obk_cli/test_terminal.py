@@ -30,12 +30,12 @@ from obk_cli.terminal import escaped, only_colour, plain, visible
         "\x7f",
     ],
 )
-def test_other_escape_sequences_than_colours_are_removed(sequence: str) -> None:
+def test_other_escape_sequences_than_colors_are_removed(sequence: str) -> None:
     assert only_colour(f"a{sequence}b") == "ab"
     assert plain(f"a{sequence}b") == "ab"
 
 
-def test_colours_pass_and_are_ended() -> None:
+def test_colors_pass_and_are_ended() -> None:
     assert only_colour("\x1b[1;31mred\x1b[0m") == "\x1b[1;31mred\x1b[0m"
     assert only_colour("\x1b[38;2;1;2;3mred") == "\x1b[38;2;1;2;3mred\x1b[0m"
     assert plain("\x1b[1;31mred\x1b[0m") == "red"

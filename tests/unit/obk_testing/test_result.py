@@ -126,7 +126,7 @@ def test_units_are_those_of_the_definition() -> None:
     assert log.unit("header.stamp.sec") is None
 
 
-def test_the_newest_message_at_a_time() -> None:
+def test_the_latest_message_at_a_time() -> None:
     log = result(topic("/x", *numbers(1, 2), times_ms=(10, 20)))["/x"]
     assert log.at(0.015).data == 1
     assert log.at(0.02).data == 2
@@ -134,7 +134,7 @@ def test_the_newest_message_at_a_time() -> None:
         log.at(0.005)
 
 
-def test_a_misspelt_topic_and_field_get_a_suggestion() -> None:
+def test_a_misspelled_topic_and_field_get_a_suggestion() -> None:
     run = result(topic("/arm/est", estimate(1, 2)), ways={"/imu": "/imu: no node subscribes"})
     with pytest.raises(LookupError, match="did you mean `/arm/est`"):
         run["/arm/ets"]

@@ -101,7 +101,7 @@ def test_a_node_that_was_active_before_the_simulator_is_active_immediately(tmp_p
     assert bring_up_times(run, PLAN) == {"/control": 0.0, "/robot": 0.0}
 
 
-def test_measured_takes_the_newest_whole_run_of_the_stack(tmp_path):
+def test_measured_takes_the_latest_whole_run_of_the_stack(tmp_path):
     runs = tmp_path / "runs"
     write_run(runs / "walker_20260101_120000", robot=0.0, control=40.0)
     write_run(runs / "walker_20260102_120000", robot=0.0, control=20.0)

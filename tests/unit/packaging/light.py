@@ -1,7 +1,7 @@
 """Run `obk` as if only obelisk-cli and its required dependencies were installed.
 
-Takes command lines as JSON in the first argument and runs them one after another. Prints the exit
-code, output and errors of each as JSON.
+It takes command lines as JSON in the first argument and runs them one after another. It prints the
+exit code, output and errors of each as JSON.
 """
 
 import contextlib

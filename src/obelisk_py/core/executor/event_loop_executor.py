@@ -1,7 +1,7 @@
 """`EventLoopExecutor`: run the callbacks of nodes, driven by events instead of wait sets.
 
 Callbacks run on the thread that spins, and on further threads if `num_threads` is above 1. The spin
-function raises the exception of a callback. With one thread, the executor behaves like rclpy's
+function re-raises an exception from a callback. With one thread, the executor behaves like rclpy's
 `SingleThreadedExecutor`, at a fraction of the cost per callback. It treats a custom callback group
 as mutually exclusive.
 
@@ -48,7 +48,7 @@ from obelisk_py.core.shared_clock import SharedClock
 
 __all__ = ["EventLoopExecutor"]
 
-# epoll limits the timeout; longer waits are repeated.
+# epoll limits the timeout; longer waits are split.
 _LONGEST_WAIT_S = 3600.0
 _END_OF_PROCESS_S = 2.0
 _DRAIN_PERIOD_S = 0.002
@@ -74,11 +74,11 @@ class EventLoopExecutor(Executor):
         super().__init__(context=context)
         if num_threads < 1:
             raise ValueError(f"num_threads is {num_threads}, expected at least 1")
-        # Stops the threads at the end of the process if the program never calls `shutdown`.
+        # Stops the threads when the process exits if the program never calls `shutdown`.
         self._finalizer = weakref.finalize(self, self._pool.stop, _END_OF_PROCESS_S)
 
     def follow(self, page: ClockPage) -> None:
-        """Run timers by the simulated time of a clock page; call this before the first spin."""
+        """Run timers on the simulated time of a clock page; call this before the first spin."""
         self._pool.follow(page)
 
     def wake(self) -> None:
@@ -103,7 +103,7 @@ class EventLoopExecutor(Executor):
         """Schedule a function or coroutine to run while this executor spins; thread-safe.
 
         Returns:
-            The future result.
+            A future for the result.
         """
         task = Task(callback, args, kwargs, executor=self)
         self._pool.task_queue.put(partial(_run_task, task))
@@ -115,7 +115,7 @@ class EventLoopExecutor(Executor):
             self._run(worker, None, None)
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
-        """Run callbacks until a future is done or cancelled.
+        """Run callbacks until a future is done or canceled.
 
         Args:
             future: the future to wait for.
@@ -293,7 +293,7 @@ class _WorkerPool:
         """Workers that run no callback after a stop."""
 
     def follow(self, page: ClockPage) -> None:
-        """Run timers by the simulated time of a clock page."""
+        """Run timers on the simulated time of a clock page."""
         timers = SimulatedTimers(page)
         for worker in self._workers:
             worker.add(timers, shared=len(self._workers) > 1)
@@ -318,7 +318,7 @@ class _WorkerPool:
         return worker.run_posted()
 
     def sync(self) -> None:
-        """Apply changes of the nodes now, unless another thread spins and will apply them."""
+        """Apply changes to the nodes now, unless another thread spins and will apply them."""
         with self._registry.lock:
             if self.worker.thread_id is None and not self.is_stopped:
                 self._update()
@@ -414,7 +414,7 @@ class _WorkerPool:
         self._own(worker)
         try:
             yield
-        except BaseException as fault:  # the thread that spins raises it again
+        except BaseException as fault:  # the thread that spins re-raises it
             worker.is_interrupted = True
             self._on_event(fault)
         finally:
@@ -481,7 +481,7 @@ class _HandlerRegistry:
         self.lock = threading.RLock()
         """Held while a worker gets or loses its thread, so that `update` sees a stable state."""
         self.simulated_timers: SimulatedTimers | None = None
-        """None if the executor follows no clock page."""
+        """None if the executor does not follow a clock page."""
         self._workers = workers
         self._task_queue = task_queue
         self._waitset = waitset

@@ -68,7 +68,7 @@ _DROP_LOG_PERIOD_S = 1.0
 
 
 class EntityHandler(ABC):
-    """An entity and the eventfd that is signalled when it has data."""
+    """An entity and the eventfd that is signaled when it has data."""
 
     entity: Any
     kind: ClassVar[EntityKind]
@@ -317,7 +317,7 @@ class ClientHandler(EntityHandler):
         if header is None:
             return False
         self._requeue(worker, self._signal_fd)
-        # A cancelled request is no longer pending.
+        # A canceled request is no longer pending.
         with suppress(KeyError):
             future = client.get_pending_request(header.request_id.sequence_number)
             future._set_executor(self._executor())
@@ -358,7 +358,7 @@ class QosEventHandler(EntityHandler):
 
 
 class TimerCallbackHandler(EntityHandler):
-    """A timer; the base class's eventfd is signalled when the timer is reset."""
+    """A timer; the base class's eventfd is signaled when the timer is reset."""
 
     kind = EntityKind.TIMER_RESET
 
@@ -381,7 +381,7 @@ class TimerHandler(TimerCallbackHandler):
     """Runs a timer's callback once per period, scheduled by a kernel timer.
 
     The kernel timer is set to the rcl timer's next call and period. It is set again when the rcl
-    timer is reset, cancelled or given another period, and when a message on `/clock` changes the
+    timer is reset, canceled or given another period, and when a message on `/clock` changes the
     simulated time.
     """
 
@@ -428,7 +428,7 @@ class TimerHandler(TimerCallbackHandler):
                 return
             self._period_ns = self._handle.get_timer_period()
             left_ns = self._handle.time_until_next_call()
-            if left_ns is None:  # cancelled
+            if left_ns is None:  # canceled
                 first_ns, period_ns = 0, 0
             elif self._ros_clock is not None and self._ros_clock.ros_time_is_active:
                 # Simulated time: run now if due, otherwise check again when the time changes.
@@ -449,7 +449,7 @@ class TimerHandler(TimerCallbackHandler):
             return self._follow()
         try:
             handle.call_timer()
-        except RCLError:  # another thread has just cancelled it
+        except RCLError:  # another thread has just canceled it
             return self._follow()
         self._call(worker)
         if handle.get_timer_period() != self._period_ns:

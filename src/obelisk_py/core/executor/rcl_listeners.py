@@ -3,7 +3,7 @@
 The middleware calls a listener when data arrives. The listener here is libc's `eventfd_write`
 itself. Its signature `int (int, uint64_t)` fits `rcl_event_callback_t`, `void (const void *,
 size_t)`, with the file descriptor as user data. The middleware's threads can therefore signal
-without taking the interpreter lock. This module keeps no state and never blocks.
+without taking the GIL. This module keeps no state and never blocks.
 
 Sources: rcl/event_callback.h and rcl/timer.h of ROS 2 Jazzy; eventfd(3), timerfd_create(2).
 """

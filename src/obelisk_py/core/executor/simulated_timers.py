@@ -1,4 +1,4 @@
-"""Run the timers of nodes that follow a clock page, by simulated time.
+"""Run the timers of nodes that follow a clock page on simulated time.
 
 The simulator signals the process when its first timer is due. Any worker may handle the signal. It
 wakes the due timers and writes the next due time to the page. While simulated time is paused,
@@ -108,7 +108,7 @@ class SimulatedTimers:
 class SimulatedTimerHandler(TimerCallbackHandler):
     """Runs a timer's callback once per period of simulated time.
 
-    The base class's eventfd is signalled when the timer is due and when it was reset.
+    The base class's eventfd is signaled when the timer is due and when it was reset.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class SimulatedTimerHandler(TimerCallbackHandler):
             if is_due:
                 try:
                     handle.call_timer()
-                except RCLError:  # another thread has just cancelled it
+                except RCLError:  # another thread has just canceled it
                     is_due = False
             left_ns = handle.time_until_next_call()
         self._timers.set_due(self, NEVER_NS if left_ns is None else now_ns + left_ns)

@@ -40,7 +40,7 @@ class EventSource(Protocol):
     """Whether a running callback may wait for the result, as for the response of a service."""
 
     def ready_callbacks(self, worker: "Worker") -> Mapping[int, ReadyCallback]:
-        """The functions that the worker calls when a descriptor is signalled, by descriptor."""
+        """The functions that the worker calls when a descriptor is signaled, by descriptor."""
 
 
 class Worker:
@@ -133,7 +133,7 @@ class Worker:
         return ran
 
     def run_ready(self, timeout_s: float) -> bool:
-        """Wait until a descriptor is signalled, then run the callbacks of all that are.
+        """Wait until a descriptor is signaled, then run the callbacks of all that are.
 
         If interrupted, it returns early; the remaining callbacks run on the next call.
 

@@ -45,7 +45,7 @@ class ActionTable:
 
 @contextmanager
 def lockstep_actions(table: ActionTable) -> Iterator[None]:
-    """While entered, new action servers and clients register in this table."""
+    """Inside the `with` block, new action servers and clients register in this table."""
     before = rclpy_implementation.ActionServer, rclpy_implementation.ActionClient
     rclpy_implementation.ActionServer = functools.partial(ServerHandle, table)
     rclpy_implementation.ActionClient = functools.partial(ClientHandle, table)

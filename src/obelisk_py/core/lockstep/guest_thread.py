@@ -100,7 +100,7 @@ class Guest:
         """End this turn and schedule the next one after `seconds`; call this on the thread.
 
         Raises:
-            SystemExit: the thread must end, but its loop has not noticed.
+            SystemExit: the thread must end, but its loop continues.
         """
         if self._is_ending:
             if self._is_last_sleep:

@@ -148,12 +148,12 @@ class _RunInProgress:
 
 
 _process: Final = _RunInProgress()
-"""One per process, like the modules `time` and `os`."""
+"""One per process, like the `time` and `os` modules."""
 
 
 @contextmanager
 def run_in_progress(interception: Interception) -> Iterator[None]:
-    """While entered, intercepted calls use this run."""
+    """Inside the `with` block, intercepted calls use this run."""
     before, _process.interception = _process.interception, interception
     try:
         yield
@@ -173,7 +173,7 @@ def repeatable_import() -> Iterator[None]:
 
 @contextmanager
 def intercepted() -> Iterator[None]:
-    """Replace the system's functions while entered."""
+    """Replace the system's functions inside the `with` block."""
     with ExitStack() as stack:
         for target, name, replacement in _replacements():
             stack.callback(setattr, target, name, getattr(target, name))
@@ -479,7 +479,7 @@ def _plain_node_error(name: str) -> LockstepError:
 
 @contextmanager
 def refuse_plain_nodes() -> Iterator[None]:
-    """While entered, creating a plain rclpy node on any thread is an error; for loading programs.
+    """Inside the `with` block, no thread may create a plain rclpy node; for loading programs.
 
     Raises:
         LockstepError: a program creates such a node.

@@ -4,7 +4,7 @@ Each event has a due time. Events due at the same time run in this order: steps 
 events postponed by busy nodes, faults, messages in the order of publishing, and timers in the order
 of creation. Nothing waits, and everything runs on one thread.
 
-A callback may take simulated time, because it sleeps or because its computing time is modelled.
+A callback may take simulated time, because it sleeps or because its computing time is modeled.
 Then only its own node moves ahead: later publications carry the later time, and the node's next
 events are postponed. Nodes share nothing but messages, so no other node can observe the difference.
 """
@@ -36,18 +36,18 @@ __all__ = [
 NS_PER_S: Final = 1_000_000_000
 _LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.", "queue.", "asyncio.")
 _STOP: Final = -1
-"""Kind of the event that ends a run with an error; it runs before all others of its time."""
+"""Kind of the event that ends a run with an error; it runs before all others due then."""
 STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
-"""Kinds of events, in the order in which events of the same time run."""
+"""Kinds of events, in the order in which events due at the same time run."""
 MOST_AT_ONE_TIME: Final = 100_000
-"""Maximum number of events without progress of time; more end the run."""
+"""Maximum number of events without time advancing; more end the run."""
 _LONGEST_CALLBACK_NS: Final = 1_000 * NS_PER_S
 """Maximum time that a callback may sleep; a longer sleep waits for something that cannot happen."""
 _TRACED: Final = 64
 """Number of events to trace when nodes trigger each other endlessly."""
 
 Event = tuple[int, int, Any, "ScheduledNode | None", Callable[[], object]]
-"""Due time [ns], kind, position among events of the same time and kind, node, function to call."""
+"""Due time [ns], kind, position among events with the same time and kind, node, call."""
 
 
 class LockstepError(ObeliskError):
@@ -106,7 +106,7 @@ class Scheduler:
         self._phases = random.Random(f"schedule {seed}")  # noqa: S311
         self._delays: dict[str, random.Random] = {}
         self.on_exit: Callable[[ScheduledNode, str], None] = lambda _node, _how: None
-        """Called when a node's code ends its process."""
+        """Called when a node's code exits its process."""
         self.notes: list[str] = []
         """Notes for the user about this run, without duplicates, each with its time."""
         self.latency_ns = round(timing.latency * NS_PER_S)
@@ -137,13 +137,13 @@ class Scheduler:
         node: ScheduledNode | None,
         call: Callable[[], Any],
     ) -> None:
-        """Like `push`, with a given position among the events of that time and kind."""
+        """Like `push`, with a given position among the events with that time and kind."""
         heapq.heappush(self._heap, (due_ns, kind, place, node, call))
 
     def push_timer(
         self, due_ns: int, place: int, node: ScheduledNode, call: Callable[[], object]
     ) -> None:
-        """Schedule a timer at its position among the timers of that time."""
+        """Schedule a timer at its position among the timers due at the same time."""
         heapq.heappush(self._heap, (due_ns, TIMER, place, node, call))
 
     def next_place(self) -> int:
@@ -180,8 +180,8 @@ class Scheduler:
         """Run all events up to and including a time [ns].
 
         Raises:
-            LockstepError: nodes trigger each other endlessly at one time, or a node did something
-                that is impossible in lock-step.
+            LockstepError: nodes trigger each other endlessly without time advancing, or a node did
+                something that is impossible in lock-step.
         """
         try:
             while True:
@@ -212,7 +212,8 @@ class Scheduler:
                     continue
                 # Steps of a simulator or a guest thread do not wait for the node's callbacks.
                 if kind and node.busy_until_ns > due_ns:
-                    # In the order in which they were first due, so that none starves.
+                    # Postponed events run in the order in which they were first due, so that none
+                    # starves.
                     order = place if kind == _PUT_OFF else (due_ns, kind, place)
                     push(heap, (node.busy_until_ns, _PUT_OFF, order, node, call))
                     continue
@@ -296,7 +297,7 @@ class Scheduler:
         for due_ns, kind, place, _, call in held:
             if kind in (STEP, _PUT_OFF):
                 event = (max(due_ns, self.now_ns), kind, place, node, call)
-            else:  # in the order in which they were due, as after a busy time
+            else:  # in the order in which they were due, as after a busy period
                 event = (max(due_ns, self.now_ns), _PUT_OFF, (due_ns, kind, place), node, call)
             heapq.heappush(self._heap, event)
 

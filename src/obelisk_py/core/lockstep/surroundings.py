@@ -1,4 +1,4 @@
-"""Connect nodes to a lock-step run in place of DDS, clocks and threads, and step its simulators."""
+"""Connect nodes to a lock-step run instead of DDS, clocks and threads, and step its simulators."""
 
 import random
 import threading
@@ -55,7 +55,7 @@ _UNSUPPORTED_EVENTS: Final = ("DEADLINE", "LIVELINESS", "MATCHED", "MESSAGE_LOST
 
 
 class StepEvents(threading.Thread):
-    """Takes a robot's steps in events, in place of its stepping thread; never runs as a thread."""
+    """Takes a robot's steps in events, instead of its stepping thread; never runs as a thread."""
 
     def __init__(self, scheduler: Scheduler, node: ScheduledNode, robot: SteppedRobot) -> None:
         """Create it without scheduling a step."""
@@ -141,7 +141,7 @@ class LockstepRun:
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """While entered, new nodes join this run, and their code uses its time and randomness."""
+        """Inside the `with` block, new nodes join this run and use its time and randomness."""
         with ExitStack() as stack:
             stack.enter_context(self._generators.in_place())
             stack.enter_context(run_in_progress(self.interception))
@@ -177,7 +177,7 @@ class LockstepRun:
         return owner
 
     def _end(self, node: ScheduledNode, how: str) -> None:
-        """Kill a node whose code ends its process, and record why."""
+        """Kill a node whose code exits its process, and record why."""
         self.scheduler.note(("end", node.name), f"{node.name} {how}")
         self.faults.append(f"{node.name} {how} at {self.scheduler.time_ns / NS_PER_S:.6f} s")
         self.kill(node)
@@ -191,7 +191,7 @@ class LockstepRun:
         self.simulators.pop(node.name, None)
 
     def close(self) -> None:
-        """End the threads of the nodes' code, and release all nodes."""
+        """Stop the threads of the nodes' code, and release all nodes."""
         for guest in self.interception.guests:
             guest.end()
         self.scheduler.clear()
@@ -229,7 +229,7 @@ class _GlobalGenerators:
 
 
 class LockstepSurroundings(Surroundings):
-    """A lock-step run in place of DDS, clocks and threads."""
+    """A lock-step run instead of DDS, clocks and threads."""
 
     is_lockstep = True
 

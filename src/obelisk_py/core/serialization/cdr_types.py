@@ -470,7 +470,7 @@ def list_of(
 
 
 def strings(limit: int = UNLIMITED) -> CdrType:
-    """A sequence of strings; caches the newest one, because joint names rarely change."""
+    """A sequence of strings; caches the latest one, because joint names rarely change."""
     write_changed, read_changed, copy_changed, locate = list_of(text(), most=limit)
     # Each cache is one value that is replaced as a whole, so several threads may use it.
     written: tuple[list[str] | None, bytes] = (None, b"")

@@ -28,7 +28,7 @@ def load_config_file(file_path: str | Path, package_name: str = "obelisk_ros") -
     """Load a config without resolving anything in it.
 
     Args:
-        file_path: absolute, relative to the working directory, or relative to the folder `config`
+        file_path: absolute, relative to the working directory, or relative to the `config` folder
             in the package's share directory.
         package_name: the package.
 

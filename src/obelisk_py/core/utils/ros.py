@@ -25,9 +25,9 @@ def spin_obelisk(
 ) -> None:
     """Create a node and spin it until SIGINT, SIGTERM, or an unrecoverable fault.
 
-    On a signal, the node is deactivated, cleaned up and shut down; a second signal ends the process
-    immediately. On SIGUSR1, the stack of every thread is written to stderr. In a composed process,
-    the node is spun together with the others, on a shared executor.
+    On a signal, the node is deactivated, cleaned up and shut down; a second signal terminates the
+    process immediately. On SIGUSR1, the stack of every thread is written to stderr. In a composed
+    process, the node is spun together with the others, on a shared executor.
 
     Args:
         args: command line with `--ros-args ...`; None for that of the process.

@@ -1,4 +1,4 @@
-"""An estimator that hands the joint encoders' values on as the state estimate."""
+"""An estimator that passes the joint encoders' values on as the state estimate."""
 
 from typing import Union
 

@@ -82,7 +82,7 @@ def world() -> Iterator[World]:
     world.close()
 
 
-def test_a_signalled_descriptor_is_handled_once_per_signal(world: World) -> None:
+def test_a_signaled_descriptor_is_handled_once_per_signal(world: World) -> None:
     source = world.source("a")
     world.rounds(1)
     assert world.log == []
@@ -131,7 +131,7 @@ def test_interrupted_within_a_callback_it_leaves_the_others_for_the_next_round(
     assert world.log == ["first", "second"]
 
 
-def test_a_source_removed_by_a_callback_is_not_handled_although_signalled(world: World) -> None:
+def test_a_source_removed_by_a_callback_is_not_handled_although_signaled(world: World) -> None:
     second = world.source("second")
     first = world.source(lambda worker: worker.remove(second))
     first.signal()

@@ -54,7 +54,7 @@ def _class(name):
 
 
 def _message(name, random):
-    """A message with random lengths, texts and numbers."""
+    """A message with random lengths, strings and numbers."""
     message = _class(name)
     fields = message.get_fields_and_field_types()
     return message(**{field: _value(kind, random) for field, kind in fields.items()})

@@ -33,7 +33,7 @@ def _message(*values):
     return SimpleNamespace(u_mujoco=list(values))
 
 
-def test_the_newest_control_is_the_one_that_is_applied(inbox):
+def test_the_latest_control_is_the_one_that_is_applied(inbox):
     assert inbox.newest is None
     assert inbox.offer(_message(1.0, 2.0))
     assert inbox.offer(_message(3.0, 4.0))

@@ -1,4 +1,4 @@
-"""Videos of known pictures, read back: times, colours and durations of frames."""
+"""Videos of known images, read back: times, colors and durations of frames."""
 
 import io
 
@@ -12,18 +12,18 @@ from obelisk_py.core.sim.mujoco.viewers.video_files import VIDEO_FILES
 WIDTH, HEIGHT = 64, 48
 RED, GREEN, BLUE = (200, 30, 40), (20, 180, 60), (30, 60, 210)
 FAR = 12
-"""Tolerance of colours, because both formats are lossy."""
+"""Tolerance of colors, because both formats are lossy."""
 
 
 def picture(left, right):
-    """Two colours side by side."""
+    """Two colors side by side."""
     pixels = np.empty((HEIGHT, WIDTH, 3), np.uint8)
     pixels[:, : WIDTH // 2], pixels[:, WIDTH // 2 :] = left, right
     return pixels
 
 
 SHOWN = ((picture(RED, GREEN), 0), (picture(BLUE, GREEN), 1), (picture(BLUE, RED), 5))
-"""Pictures and the frames at which they start; three are missing."""
+"""Images and the frames at which they start; three are missing."""
 
 
 def video(ending, rate_hz, shown=SHOWN):
@@ -68,7 +68,7 @@ def test_an_mp4_is_as_long_as_its_content_however_uneven():
     assert seconds == pytest.approx(155 / 30, abs=1e-3)
 
 
-def test_an_mp4_declares_its_colour_space():
+def test_an_mp4_declares_its_color_space():
     with av.open(video(".mp4", 30)) as read:
         (frame, *_) = read.decode(video=0)
     assert (frame.colorspace, frame.color_range) == (1, 1)

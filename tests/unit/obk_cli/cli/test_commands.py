@@ -125,7 +125,7 @@ def test_plain_help_imports_only_what_its_command_needs(
     assert result.stdout.splitlines()[-1] == "0 set()"
 
 
-def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_misspelled_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
     result = Result(capsys, "valdate")
     assert result.code == 2
     assert result.out == ""
@@ -348,7 +348,7 @@ def test_a_command_line_of_another_form_is_reported_in_the_same_style(
     assert result.err == f"error: {reported}\n"
 
 
-def test_colour_is_for_terminals_or_on_demand(capsys: pytest.CaptureFixture[str]) -> None:
+def test_color_is_for_terminals_or_on_demand(capsys: pytest.CaptureFixture[str]) -> None:
     assert "\x1b" not in Result(capsys, "validate", str(FAULTY)).out
     assert "\x1b" in Result(capsys, "validate", str(FAULTY), "--color", "always").out
 

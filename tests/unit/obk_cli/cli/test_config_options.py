@@ -1,4 +1,4 @@
-"""When output is coloured."""
+"""When output is colored."""
 
 import sys
 
@@ -25,7 +25,7 @@ class Stdout:
         ("never", True, {"TERM": "xterm"}, False),
     ],
 )
-def test_colour_is_for_terminals_that_can_unless_it_is_chosen(
+def test_color_is_for_terminals_that_can_unless_it_is_chosen(
     monkeypatch: pytest.MonkeyPatch,
     choice: str,
     is_terminal: bool,

@@ -1,4 +1,4 @@
-"""`obk validate --watch` notices a change of any file of the config, once."""
+"""`obk validate --watch` detects a change to any file of the config, once."""
 
 import os
 import re

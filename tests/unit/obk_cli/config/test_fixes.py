@@ -1,4 +1,4 @@
-"""Edits of a text: what they change, and what they leave unchanged."""
+"""Edits of source text: what they change, and what they leave unchanged."""
 
 import pytest
 

@@ -148,7 +148,7 @@ def test_values_that_are_text_only_by_quotes_are_reported_without_them(
     assert bool(fault.help) == bool(help)
 
 
-def test_a_misspelt_key_is_read_as_the_intended_one() -> None:
+def test_a_misspelled_key_is_read_as_the_intended_one() -> None:
     stack, faults = read("control: {pgk: demo, executable: run}")
     assert [fault.code for fault in faults] == ["OBK101"]
     assert stack.nodes[0].pkg is not None

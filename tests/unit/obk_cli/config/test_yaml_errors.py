@@ -24,7 +24,7 @@ robot:
 
 
 def reported(text: str) -> Diagnostic:
-    """The only finding in a text."""
+    """The only finding in source text."""
     (finding,) = parse_source(SourceFile.of("c.yaml", text)).diagnostics
     return finding
 

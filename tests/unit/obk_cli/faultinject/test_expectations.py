@@ -51,7 +51,7 @@ def test_for_nodes_in_one_process_the_strictest_rule_applies() -> None:
     assert expectation_of(both, "kill", "restart").reaction == "restart"
 
 
-def test_nodes_without_a_life_cycle_are_only_watched_for_their_end() -> None:
+def test_nodes_without_a_lifecycle_are_only_watched_for_their_end() -> None:
     joystick = Unit(name="/joy_stick_0", nodes=(process("/joy_robot_0", has_lifecycle=False),))
     assert expectation_of(joystick, "freeze", "stop").reaction == "nothing"
     assert expectation_of(joystick, "kill", "stop").reaction == "stop"

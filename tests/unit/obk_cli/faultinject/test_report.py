@@ -31,7 +31,7 @@ def test_the_sum_of_nothing_but_good_is_short() -> None:
     assert text.endswith("0 checks: no problems")
 
 
-def test_only_a_coloured_report_has_colours() -> None:
+def test_only_a_colored_report_has_colors() -> None:
     assert "\x1b[31merror" in doctor_text(ANSWERS, colour=True)
 
 

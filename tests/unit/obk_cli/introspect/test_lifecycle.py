@@ -1,4 +1,4 @@
-"""States and transitions from launchers of this host, with the ROS graph as fallback."""
+"""States and transitions from launchers on this host, with the ROS graph as fallback."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

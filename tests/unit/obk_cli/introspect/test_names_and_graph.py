@@ -193,7 +193,7 @@ def test_a_section_means_its_nodes(name: str, expected: tuple[str, ...]) -> None
     assert matching_nodes(name, NODES) == expected
 
 
-def test_a_section_of_several_nodes_is_ambiguous_and_a_misspelt_one_suggests_its_node() -> None:
+def test_a_section_of_several_nodes_is_ambiguous_and_a_misspelled_one_suggests_its_node() -> None:
     with pytest.raises(CommandFailedError, match="`robot` is ambiguous") as ambiguous:
         resolve_one("node", "robot", NODES, 0)
     assert "`/obelisk_robot_0`" in (ambiguous.value.help or "")

@@ -204,7 +204,7 @@ def test_output_follows_the_nodes_name_unless_it_is_quiet() -> None:
     assert lines_of("hello", quiet=True) == []
 
 
-def test_colours_of_a_nodes_output_pass_and_end_with_their_line() -> None:
+def test_colors_of_a_nodes_output_pass_and_end_with_their_line() -> None:
     report = LaunchReport((ROBOT,), colour=True, quiet=False)
     (line,) = report.line(ROBOT, "\x1b[31mred\x1b[2J")
     assert line == "\x1b[36mrobot_0 |\x1b[0m \x1b[31mred\x1b[0m"

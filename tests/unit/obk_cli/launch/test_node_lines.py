@@ -32,7 +32,7 @@ def test_a_logger_of_no_node_is_the_process() -> None:
     ]
 
 
-def test_colours_do_not_hide_the_logger() -> None:
+def test_colors_do_not_hide_the_logger() -> None:
     assert owners(f"\x1b[31m{logged('arm')}\x1b[0m") == ["/arm"]
 
 

@@ -94,7 +94,7 @@ def test_other_nodes_and_other_domains_run_side_by_side(tmp_path: Path, second: 
     assert set(live_runs(tmp_path)) == {RUN, second}
 
 
-def test_a_node_without_a_life_cycle_counts_too(tmp_path: Path) -> None:
+def test_a_node_without_a_lifecycle_counts_too(tmp_path: Path) -> None:
     claim_run(tmp_path, replace(RUN, other_nodes=("/joy",)), NOW)
     with pytest.raises(CommandFailedError, match="/joy"):
         claim_run(tmp_path, replace(OTHER_NODES, other_nodes=("/joy",)), NOW)
@@ -209,7 +209,7 @@ def test_a_replacing_launch_ends_the_other_launcher_first(tmp_path: Path) -> Non
         started = start_s(other.pid)
         assert started is not None
         assert other.stdout is not None
-        other.stdout.readline()  # While Python is starting, SIGINT ends it in a different way.
+        other.stdout.readline()  # While Python is starting, SIGINT stops it in a different way.
         claim_run(tmp_path, replace(RUN, pid=other.pid, started=started), NOW)
         folder = claim_run(tmp_path, RUN, NOW, replace_other=True)
         assert other.wait(DEADLINE_S) == -signal.SIGINT

@@ -265,7 +265,7 @@ def test_a_state_changed_from_elsewhere_is_known_on_the_way_down() -> None:
     assert (CONTROLLER, "cleanup") in world.done
 
 
-def test_an_old_message_does_not_stand_for_the_state_after_the_newest_answer() -> None:
+def test_an_old_message_does_not_stand_for_the_state_after_the_latest_answer() -> None:
     late = StateSeen(node=CONTROLLER, state="inactive", transition="configure")
     world = World(stale=late, later=deque([late, StopRequested(reason="SIGINT")]))
     ended = world.run(duration_s=None)
@@ -307,7 +307,7 @@ def test_a_silent_node_hangs_and_gets_no_more_requests() -> None:
 JOY = replace(process("joystick"), node="obelisk_joystick", has_lifecycle=False)
 
 
-def test_a_process_without_a_life_cycle_is_only_started_watched_and_signalled() -> None:
+def test_a_process_without_a_lifecycle_is_only_started_watched_and_signaled() -> None:
     world = World(plan=Plan(name="s", nodes=(*PLAN.nodes, JOY)))
     ended = world.run()
     assert ended == Ended(exit_code=0, cause="")
@@ -315,7 +315,7 @@ def test_a_process_without_a_life_cycle_is_only_started_watched_and_signalled() 
     assert [n for node, n in world.signals if node == JOY.full_name] == [signal.SIGINT]
 
 
-def test_the_death_of_a_process_without_a_life_cycle_takes_the_stack_down() -> None:
+def test_the_death_of_a_process_without_a_lifecycle_takes_the_stack_down() -> None:
     died = ProcessEnded(process=JOY.full_name, code=1)
     world = World(plan=Plan(name="s", nodes=(*PLAN.nodes, JOY)), later=deque([died]))
     assert world.run(duration_s=None).cause == f"{JOY.full_name}: the process exited with code 1"

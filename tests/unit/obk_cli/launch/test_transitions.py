@@ -1,4 +1,4 @@
-"""The life cycle with ROS's own numbers."""
+"""The lifecycle with ROS's own numbers."""
 
 import pytest
 from lifecycle_msgs.msg import State, Transition

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command even if a library drops the exception or converts it to an error."""
+"""Ctrl-C stops a command even if a library drops the exception or converts it to an error."""
 
 import signal
 import subprocess

@@ -148,7 +148,7 @@ def two_runs(folder: Path) -> list[RecordedRun]:
     return [one, two]
 
 
-def test_runs_are_drawn_over_each_other_with_one_colour_for_each_number(tmp_path: Path) -> None:
+def test_runs_are_drawn_over_each_other_with_one_color_for_each_number(tmp_path: Path) -> None:
     (part,) = parts(two_runs(tmp_path), "t.position")
     shown = [(line.label, line.run, line.colour) for line in part.lines]
     assert shown == [("one [0]", 0, 0), ("one [1]", 0, 1), ("two [0]", 1, 0)]

@@ -28,7 +28,7 @@ def test_a_file_is_itself_and_a_folder_the_one_in_it(runs: Path) -> None:
     assert find_recording(runs, "bag") == Path("bag/bag_0.mcap")
 
 
-def test_a_run_is_named_by_config_or_folder_and_the_newest_recorded_is_the_default(
+def test_a_run_is_named_by_config_or_folder_and_the_most_recent_recorded_is_the_default(
     runs: Path,
 ) -> None:
     assert find_recording(runs, "arm").parent.name == "arm_20260101_000000"
@@ -59,7 +59,7 @@ def test_an_impossible_name_is_that_of_no_file(runs: Path) -> None:
         find_recording(runs, "a" * 300)
 
 
-def test_the_runs_before_the_newest_have_numbers(runs: Path) -> None:
+def test_the_runs_before_the_latest_have_numbers(runs: Path) -> None:
     for day in ("05", "06"):
         folder = runs / f"arm_202601{day}_000000"
         folder.mkdir()

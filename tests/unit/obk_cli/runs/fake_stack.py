@@ -91,7 +91,7 @@ def fake_stack(
     leads: bool = True,
     elsewhere: Mapping[str, str] | None = None,
 ) -> Iterator[FakeStack]:
-    """A stack that is running and replies; nodes without a state have no life cycle.
+    """A stack that is running and replies; nodes without a state have no lifecycle.
 
     Args:
         parent: the folder of all runs.

@@ -31,7 +31,7 @@ def parent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     # The launcher is this process, which continues.
     monkeypatch.setattr(registry, "EXIT_S", 0.0)
-    # Orphans of other stacks on this host are neither shown nor ended.
+    # Orphans of other stacks on this host are neither shown nor killed.
     monkeypatch.setattr(leftovers, "_own_processes", psutil.Process().children)
     return tmp_path / "runs"
 
@@ -208,7 +208,7 @@ def test_a_stack_that_does_not_end_is_reported(
     )
 
 
-def test_logs_show_the_newest_run_and_its_nodes(
+def test_logs_show_the_most_recent_run_and_its_nodes(
     parent: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with fake_stack(parent, STATES) as stack:

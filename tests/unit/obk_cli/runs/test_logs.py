@@ -24,7 +24,7 @@ def folders(tmp_path: Path) -> list[Path]:
     return made
 
 
-def test_the_newest_run_is_the_default(tmp_path: Path, folders: list[Path]) -> None:
+def test_the_most_recent_run_is_the_default(tmp_path: Path, folders: list[Path]) -> None:
     old, new, other = folders
     assert find_log(tmp_path, None, None) == other / "launch.log"
     assert find_log(tmp_path, "dummy", None) == new / "launch.log"

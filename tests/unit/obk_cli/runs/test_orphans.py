@@ -1,4 +1,4 @@
-"""Leftovers of stacks: found by their environment, ended with all their children."""
+"""Leftovers of stacks: found by their environment, terminated with all their children."""
 
 import os
 import subprocess
@@ -41,7 +41,7 @@ os.write(1, b'\\n')
 while True:
     signal.pause()
 """
-"""A child that it starts at the end does not exist during the scan."""
+"""A child that it starts at shutdown does not exist during the scan."""
 
 
 @pytest.fixture(autouse=True)

@@ -1,4 +1,4 @@
-"""The end of a launcher, with a sleeping process instead."""
+"""Stopping a launcher, with a sleeping process instead."""
 
 import signal
 import subprocess
@@ -62,7 +62,7 @@ def test_a_launcher_that_does_not_end_is_left_or_killed_as_requested(tmp_path: P
         assert process.wait(DEADLINE_S) == -signal.SIGKILL
 
 
-def test_a_launcher_that_replies_is_requested_and_not_signalled(
+def test_a_launcher_that_replies_is_requested_and_not_signaled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(registry, "EXIT_S", 0.0)

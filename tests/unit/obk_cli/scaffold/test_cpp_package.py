@@ -253,7 +253,7 @@ def compiled(*command: str, cwd: Path) -> None:
 
 
 def compiled_variants() -> Iterator[object]:
-    """Every variant for the newest release; for older ones, most variants are slow tests."""
+    """Every variant for the latest release; for older ones, most variants are slow tests."""
     for release in REGISTRATION:
         kinds = set()
         for kind, name, typed in VARIANTS:

@@ -59,7 +59,7 @@ def test_the_snippet_names_the_option_that_adds_it(workspace: Path) -> None:
     assert "    - key: pub_est\n        topic: /STACK/est\n" in output
 
 
-def test_a_misspelt_kind_is_reported_with_the_near_one() -> None:
+def test_a_misspelled_kind_is_reported_with_the_near_one() -> None:
     error = refused("contoller", "foo")
     assert isinstance(error, MisuseError)
     assert error.help == "did you mean `controller`?"

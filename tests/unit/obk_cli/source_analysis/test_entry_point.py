@@ -27,7 +27,7 @@ def main():
 
 
 def load_from(texts: Mapping[str, str], name: str) -> Module | None:
-    """A module from the texts, or from the run-time library."""
+    """A module from the given sources, or from the runtime library."""
     if name in texts:
         return parse_module(name, FoundSource(source=SourceFile.of(f"{name}.py", texts[name])))
     if not name.startswith("obelisk_py"):
@@ -217,7 +217,7 @@ def test_whether_a_component_may_be_left_out(
     assert component.has_default is has_default
 
 
-def test_parameters_may_be_declared_anywhere_in_the_life_cycle() -> None:
+def test_parameters_may_be_declared_anywhere_in_the_lifecycle() -> None:
     configure = "    def on_configure(self, state):\n        self.declare_parameter('late', 1)\n"
     found = code(
         node("self.declare_parameter('a', 1)\nself.declare_parameters('', [('b', 1), ('c', 2)])")

@@ -1,6 +1,6 @@
 """The example nodes with one mistake each: found at its location, and nothing else is.
 
-Every class, key, callback, import and base constructor of their sources is misspelt once, like a
+Every class, key, callback, import and base constructor of their sources is misspelled once, like a
 typing mistake.
 """
 

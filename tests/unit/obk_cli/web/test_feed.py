@@ -41,7 +41,7 @@ def last_moment(folder: Path, *views: StackView | None) -> Snapshot:
     return feed.snapshot
 
 
-def test_the_newest_view_is_shown(tmp_path: Path) -> None:
+def test_the_latest_view_is_shown(tmp_path: Path) -> None:
     snapshot = last_moment(tmp_path, ELSEWHERE, HEALTHY)
     assert snapshot == Snapshot(number=2, view=HEALTHY, is_waiting=False)
 

@@ -29,7 +29,7 @@ class ArmController(ObeliskController):
     rest_s = Parameter(1.0, ge=0.0, unit="s", description="time at each pose", live=False)
 
     x_hat: EstimatedState | None = None
-    """The newest estimate."""
+    """The latest estimate."""
     started: tuple[float, Motion] | None = None
     """The start time of the motion [s], and the motion."""
 
@@ -48,7 +48,7 @@ class ArmController(ObeliskController):
         return super().on_activate(state)
 
     def update_x_hat(self, x_hat_msg: EstimatedState) -> None:
-        """Store the newest state estimate."""
+        """Store the latest state estimate."""
         self.x_hat = x_hat_msg
 
     def compute_control(self) -> PDFeedForward | None:

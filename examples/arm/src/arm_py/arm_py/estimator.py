@@ -22,7 +22,7 @@ class ArmEstimator(ObeliskEstimator):
     )
 
     last: ObkJointEncoders | None = None
-    """The newest reading."""
+    """The latest reading."""
     speeds: np.ndarray
     """Smoothed joint speeds [rad/s], shape (6,); set by the first reading."""
 

@@ -1,6 +1,6 @@
 """The control law of the arm: the path from pose to pose, and gravity compensation.
 
-Does not use ROS. Vectors have one element per joint, from the table to the hand.
+It does not use ROS. Vectors have one element per joint, from the table to the hand.
 """
 
 import math

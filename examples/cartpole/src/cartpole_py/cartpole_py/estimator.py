@@ -14,7 +14,7 @@ class CartPoleEstimator(ObeliskEstimator):
     """Publishes the encoder values as the state of the joints."""
 
     last: ObkJointEncoders | None = None
-    """The newest reading."""
+    """The latest reading."""
 
     def __init__(self, node_name: str = "cartpole_estimator") -> None:
         """Create the node; its topics and rates come from the config."""
@@ -32,7 +32,7 @@ class CartPoleEstimator(ObeliskEstimator):
         return super().on_configure(state)
 
     def encoders_callback(self, msg: ObkJointEncoders) -> None:
-        """Store the newest reading."""
+        """Store the latest reading."""
         self.last = msg
 
     def compute_state_estimate(self) -> EstimatedState | None:

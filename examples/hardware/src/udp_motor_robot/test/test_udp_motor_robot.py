@@ -141,7 +141,7 @@ def test_every_way_out_stops_the_motor(active: UdpMotorRobot, drive: Answering, 
 
 
 def test_without_commands_the_motor_is_stopped(active: UdpMotorRobot, drive: Answering) -> None:
-    """The setting `stale_action: damp` stops the motor."""
+    """`stale_action: damp` stops the motor."""
     assert active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
     drive.wait_for(Mode.POSITION, 0.5)
     drive.commands.clear()

@@ -1,7 +1,7 @@
 """Connection to the drive over a UDP socket that never blocks.
 
-Sends commands, returns the newest state, and counts faults of the connection. Does not use ROS.
-Only `ask` waits for an answer, and is called only while nothing moves.
+It sends commands, returns the latest state, and counts faults of the connection. It does not use
+ROS. Only `ask` waits for an answer, and is called only while nothing moves.
 """
 
 import socket
@@ -75,7 +75,7 @@ class DriveLink:
         self.send(Mode.TORQUE, 0.0)
 
     def newest(self) -> State | None:
-        """The newest state received since the last call; None without a new one."""
+        """The latest state received since the last call; None without a new one."""
         if time.monotonic() - self._sent_at_s > LISTEN_AGAIN_S:
             self.send(Mode.LISTEN)
         newest = None
@@ -96,7 +96,7 @@ class DriveLink:
             timeout_s: maximum waiting time [s].
 
         Returns:
-            The newest state; None if no state was received in time.
+            The latest state; None if no state was received in time.
         """
         self.newest()  # drop old states, which prove nothing about the drive
         self._last_sequence = None

@@ -73,7 +73,7 @@ class UdpMotorRobot(ObeliskRobot):
         except (OSError, OverflowError) as error:
             fault = f"cannot reach the drive at {self.address}: {error}"
             raise ObeliskHardwareError(fault) from error
-        # Closed at cleanup, shutdown and error, for any reason; closing stops the motor.
+        # Closed in `cleanup`, in `shutdown` and after any error; closing stops the motor.
         self.opened.callback(self.link.close)
         self._ask_drive(self.link)
         return result
@@ -117,7 +117,7 @@ class UdpMotorRobot(ObeliskRobot):
         self.link.stop()
 
     def publish_sensor(self) -> JointEncoders | None:
-        """Publish the newest state of the drive, unless there is no new one.
+        """Publish the latest state of the drive, unless there is no new one.
 
         Raises:
             ObeliskHardwareError: no state was received for too long, or the drive has a fault.

@@ -26,7 +26,7 @@ class QuadrupedController(ObeliskController):
     )
 
     x_hat: EstimatedState | None = None
-    """The newest estimate."""
+    """The latest estimate."""
     started: tuple[float, np.ndarray] | None = None
     """The start time of standing up [s], and the joint angles then [rad], shape (4, 3)."""
 
@@ -50,7 +50,7 @@ class QuadrupedController(ObeliskController):
         return super().on_activate(state)
 
     def update_x_hat(self, x_hat_msg: EstimatedState) -> None:
-        """Store the newest state estimate."""
+        """Store the latest state estimate."""
         self.x_hat = x_hat_msg
 
     def compute_control(self) -> PositionSetpoint | None:

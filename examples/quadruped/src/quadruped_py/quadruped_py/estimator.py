@@ -45,15 +45,15 @@ class QuadrupedEstimator(ObeliskEstimator):
         return super().on_activate(state)
 
     def encoders_callback(self, msg: ObkJointEncoders) -> None:
-        """Store the newest reading of the encoders."""
+        """Store the latest reading of the encoders."""
         self.encoders = msg
 
     def imu_callback(self, msg: ObkImu) -> None:
-        """Store the newest reading of the IMU."""
+        """Store the latest reading of the IMU."""
         self.imu = msg
 
     def feet_callback(self, msg: ObkForceSensor) -> None:
-        """Store the newest forces on the feet."""
+        """Store the latest forces on the feet."""
         self.feet = msg
 
     def compute_state_estimate(self) -> EstimatedState | None:

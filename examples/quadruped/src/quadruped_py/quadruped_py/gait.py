@@ -1,7 +1,7 @@
 """The motion of the quadruped: it stands up, then alternately sways and trots on the spot.
 
-Computes the desired positions of the feet relative to the trunk, from the time and the pose of the
-trunk. Uses no ROS and has no state: the same time and trunk give the same feet.
+It computes the desired positions of the feet relative to the trunk, from the time and the pose of
+the trunk. It does not use ROS and has no state: the same time and trunk give the same feet.
 """
 
 from dataclasses import dataclass
@@ -31,15 +31,15 @@ class Gait:
     height_m: float = 0.28
     """Height of the hips above the feet."""
     trim_m: float = -0.015
-    """Distance of the feet in front of the hips, which centres the trunk's weight over them."""
+    """Distance of the feet in front of the hips, which centers the trunk's weight over them."""
     sway_m: float = 0.035
     lift_m: float = 0.05
     step_s: float = 0.4
     """Duration of one step of each foot."""
     levelling: float = 0.5
-    """Share of the trunk's tilt that the legs correct."""
+    """Fraction of the trunk's tilt that the legs correct."""
     homing_hz: float = 2.0
-    """Speed of the steps per metre of distance of the trunk from its start [1/s]."""
+    """Speed of the steps per meter of distance of the trunk from its start [1/s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +94,6 @@ def steps(time_s: float, trunk: Trunk, gait: Gait) -> Array:
 
 
 def smooth(share: float) -> float:
-    """Map a share from 0 to 1 to a smooth transition from 0 to 1."""
+    """Map a fraction from 0 to 1 to a smooth transition from 0 to 1."""
     x = min(max(share, 0.0), 1.0)
     return x**3 * (10 - 15 * x + 6 * x**2)

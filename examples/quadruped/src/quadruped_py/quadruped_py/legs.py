@@ -22,7 +22,7 @@ HIPS = np.array([[0.18, 0.05, 0.0], [0.18, -0.05, 0.0], [-0.18, 0.05, 0.0], [-0.
 
 
 def foot_positions(angles: Array) -> Array:
-    """The centres of the feet [m], shape (4, 3), for joint angles [rad], shape (4, 3)."""
+    """The centers of the feet [m], shape (4, 3), for joint angles [rad], shape (4, 3)."""
     hip, thigh, knee = angles.T
     x = -LINK_M * (np.sin(thigh) + np.sin(thigh + knee))
     down = -LINK_M * (np.cos(thigh) + np.cos(thigh + knee))

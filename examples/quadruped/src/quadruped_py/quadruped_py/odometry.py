@@ -1,6 +1,7 @@
 """Estimate the motion of the trunk from the legs, because feet that carry weight do not move.
 
-Computes position and velocity of the trunk from readings of encoders, IMU and feet. Uses no ROS.
+It computes position and velocity of the trunk from readings of encoders, IMU and feet. It does not
+use ROS.
 """
 
 from dataclasses import dataclass

@@ -32,8 +32,9 @@ LARGEST: Final = 1e10
 BRAKING_TIME_S: Final = 0.1
 """Time in which a braked motor loses 63 % of its speed, if nothing else moves it [s].
 
-Based on the inertia that the motor feels while all other joints are free. This is the smallest
-possible inertia, so that motors that brake together never overshoot. Coupled joints take longer.
+It is based on the inertia that the motor feels while all other joints are free. This is the
+smallest possible inertia, so that motors that brake together never overshoot. Coupled joints take
+longer.
 """
 _NONE: Final = int(mujoco.mjtDyn.mjDYN_NONE)
 _FOLLOWING: Final = (

@@ -1,7 +1,7 @@
-"""Render images of the model's cameras off screen.
+"""Render off-screen images from the model's cameras.
 
 The inputs are a model, the index of a camera or None, the state at `update`, and the environment
-and libraries of this machine. `CameraView.update` may be called on any thread. All other calls must
+and libraries on this machine. `CameraView.update` may be called on any thread. All other calls must
 be made on the thread that created the view, because an OpenGL context belongs to one thread.
 
 Source: https://mujoco.readthedocs.io/en/stable/programming/visualization.html (back ends).
@@ -30,7 +30,7 @@ _FIX: Final = (
 _DEFAULT_SIZE = (640, 480)
 """Width and height of a camera if the model sets none [pixels]."""
 _UNSET = 1
-"""MuJoCo's value of width and height if the model sets none."""
+"""MuJoCo's value for width and height if the model sets none."""
 
 
 def choose_back_end(
@@ -65,7 +65,7 @@ def open_context(
     height: int,
     load: Callable[[str], Any] = importlib.import_module,
 ) -> Any:
-    """Open an OpenGL context for pictures up to this size, and make it current on this thread.
+    """Open an OpenGL context for images up to this size, and make it current on this thread.
 
     Raises:
         ObeliskConfigError: the back end does not work.
@@ -83,7 +83,7 @@ def open_context(
 
 
 def picture_size(model: mujoco.MjModel, camera: int | None) -> tuple[int, int]:
-    """Width and height of a camera's pictures [pixels]: its `resolution`, otherwise 640 x 480."""
+    """Width and height of a camera's images [pixels]: its `resolution`, otherwise 640 x 480."""
     if camera is None:
         return _DEFAULT_SIZE
     width, height = (int(length) for length in model.cam_resolution[camera])
@@ -144,7 +144,7 @@ class CameraView:
     def draw(self) -> NDArray[np.uint8]:
         """Render the last `update`, shape `(height, width, 3)`, top row first.
 
-        Returns a view of memory that the next `draw` overwrites.
+        It returns a view of memory that the next `draw` overwrites.
         """
         mujoco.mjr_render(self._area, self._scene, self._drawing)
         mujoco.mjr_readPixels(self._pixels, None, self._area, self._drawing)

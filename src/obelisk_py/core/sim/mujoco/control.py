@@ -1,6 +1,6 @@
-"""Store the newest control, and write it to the actuators at each step.
+"""Store the latest control, and write it to the actuators at each step.
 
-Control messages may arrive on any thread. The newest valid message yields an array of nu controls
+Control messages may arrive on any thread. The latest valid message yields an array of nu controls
 or a torque law, which the stepping thread writes to `data.ctrl`. Rejected and late messages are
 reported. A message is rejected if it has the wrong length, contains a number that is not finite or
 too large for MuJoCo, or has an older stamp than the applied control. A control with a zero stamp is
@@ -56,7 +56,7 @@ Control = NDArray[np.float64] | TorqueLaw
 
 
 class StampOrder:
-    """Compares the stamps of controls with the newest one and with the clock."""
+    """Compares the stamps of controls with the latest one and with the clock."""
 
     def __init__(self, now_ns: Callable[[], int], lateness_s: float) -> None:
         """Start without a control.
@@ -76,7 +76,7 @@ class StampOrder:
     def rejection(self, stamp_ns: int) -> str | None:
         """Return the reason to reject a control: a newer one was applied. None to accept it.
 
-        If the newest stamp is ahead of the clock, stamps are ignored. In this case the clock jumped
+        If the latest stamp is ahead of the clock, stamps are ignored. In this case the clock jumped
         back, or the sender uses another clock.
         """
         if 0 < stamp_ns < self._newest_ns <= self._now_ns():
@@ -84,7 +84,7 @@ class StampOrder:
         return None
 
     def accept(self, stamp_ns: int) -> str | None:
-        """Record a control as the newest; if it is late, return a description of this."""
+        """Record a control as the latest; if it is late, return a description of this."""
         if stamp_ns == 0:
             return None
         self._newest_ns = stamp_ns
@@ -109,7 +109,7 @@ def control_field(message_type: type[Any]) -> str:
 
 
 class ControlInbox:
-    """Stores the newest control; one thread may write it while another one reads it."""
+    """Stores the latest control; one thread may write it while another one reads it."""
 
     def __init__(
         self,
@@ -139,7 +139,7 @@ class ControlInbox:
         """The control to apply; None before the first one."""
 
     def clear(self) -> None:
-        """Drop the newest control."""
+        """Drop the latest control."""
         self.newest = None
         self._rejections.accept()
         if self._stamps is not None:
@@ -242,7 +242,7 @@ class WhenStale:
     action: str
     """One of `obelisk_spec.components.STALE_ACTIONS`."""
     is_stale: Callable[[], bool]
-    """Returns whether the newest command is stale; called before each step."""
+    """Returns whether the latest command is stale; called before each step."""
 
 
 class ControlWriter:

@@ -47,7 +47,7 @@ def find_file(
 
     Args:
         path: absolute or relative path in the settings.
-        robot_pkg: the setting `robot_pkg`; None if not set.
+        robot_pkg: the `robot_pkg` setting; None if not set.
         folder: base of a relative path.
         share_of: returns the share folder of a package; None if the package does not exist.
 

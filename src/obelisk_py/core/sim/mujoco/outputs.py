@@ -210,7 +210,7 @@ class OutputContext:
     is_paced: bool
     """Whether steps are due at given times."""
     is_lockstep: bool = False
-    """Whether the simulation waits for each picture, and counts subscribers for each sample."""
+    """Whether the simulation waits for each image, and counts subscribers for each sample."""
     noise_seed: int = 0
     """Changes the noise of all groups; 0 keeps the noise as configured."""
     monitor_rate: MonitorRate = no_rate_monitor

@@ -326,7 +326,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """Apply a control at the next step, or reject it.
 
         Args:
-            control_msg: the newest control.
+            control_msg: the latest control.
 
         Returns:
             Whether it will be applied.

@@ -1,7 +1,7 @@
 """Step a model and its state, without threads, ROS or a wall clock.
 
 Controls come from a `ControlInbox`. The result is the state in `data`; its sensor values always
-belong to the newest state. MuJoCo's warnings are returned as sentences with the simulation time and
+belong to the latest state. MuJoCo's warnings are returned as sentences with the simulation time and
 the joint.
 """
 
@@ -42,7 +42,7 @@ _TOLERABLE: Final = {
 
 
 class DivergenceError(ObeliskError):
-    """The state is no longer finite; the message names the time and the joint."""
+    """The state is no longer finite; the message gives the time and the joint."""
 
 
 class Simulation:
@@ -96,7 +96,7 @@ class Simulation:
         self._warnings.restart()
 
     def advance(self, count: int = 1) -> tuple[str, ...]:
-        """Take `count` steps with the newest control; a torque law is evaluated for each step.
+        """Take `count` steps with the latest control; a torque law is evaluated for each step.
 
         Returns:
             New MuJoCo warnings, as sentences.

@@ -62,7 +62,7 @@ class StepQueue:
     def run_pending(self) -> None:
         """Run all waiting actions.
 
-        Raises the exception of an action, which the caller's future receives too.
+        It raises the exception of an action, which the caller's future receives too.
         """
         self._arrived.clear()
         while self._waiting:
@@ -130,7 +130,7 @@ def _answered(requests: StepQueue, action: Callable[[], StepResult], response: A
     try:
         response.success, response.message = pending.result(_ANSWER_S)
     except AnswerTimeoutError:
-        # A started action cannot be undone; a waiting one is cancelled.
+        # A started action cannot be undone; a waiting one is canceled.
         pending.cancel()
         response.success = False
         response.message = f"the simulation did not respond within {_ANSWER_S:g} s"

@@ -15,7 +15,7 @@ __all__ = ["Clock", "MonotonicClock", "Pace", "SampleTimes", "StepTime", "whole_
 NS_PER_S: Final = 1_000_000_000
 _LARGEST_DENOMINATOR: Final = 1_000_000_000
 CATCH_UP_S: Final = 0.05
-"""Lateness that is made up for by steps in quick succession [s]. Scheduling delays are shorter than
+"""Lateness that steps in quick succession make up for [s]. Scheduling delays are shorter than
 this; a machine that is too slow soon exceeds it."""
 LONGEST_SLEEP_NS: Final = 50_000_000
 """Maximum duration of an uninterruptible sleep, and thus of the reaction to a stop request [ns]."""
@@ -82,7 +82,7 @@ class Pace:
         self.lost_s = 0.0
 
     def next_deadline_ns(self, now_ns: int) -> int:
-        """Return when the next step is due [ns]; in the past if it is late."""
+        """Return the time at which the next step is due [ns]; in the past if it is late."""
         self._count += 1
         deadline_ns = self._anchor_ns + round(self._count * self.period_ns)
         late_ns = now_ns - deadline_ns
@@ -123,7 +123,7 @@ class SampleTimes:
         """
         self._steps, self._per = (_meant(period_s) / _meant(step_s)).as_integer_ratio()
         self.next_step = 0
-        """The step after which the next sample is taken; steps count from 1."""
+        """The step after which the next sample is taken; steps are numbered from 1."""
         self.pass_step(0)
 
     def pass_step(self, step: int) -> None:

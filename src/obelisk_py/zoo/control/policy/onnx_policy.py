@@ -1,7 +1,7 @@
 """`OnnxPolicy`: run a trained network as a controller.
 
 The config sets the network's file as `params_path`, what the network observes, and what its outputs
-mean. It needs the extra `policy` of obelisk-cli.
+mean. It needs obelisk-cli's `policy` extra.
 """
 
 from collections.abc import Mapping, Sequence
@@ -64,7 +64,7 @@ class OnnxPolicy(ObeliskController):
     action_kind = Parameter(ActionKind.POSITION, live=False, description="what the outputs are")
 
     x_hat: EstimatedState | None = None
-    """The newest estimate."""
+    """The latest estimate."""
 
     def __init__(self, node_name: str = "onnx_policy", **kwargs: Any) -> None:
         """Create the node; its topics, and the type of its commands, come from the config.
@@ -111,11 +111,11 @@ class OnnxPolicy(ObeliskController):
         return super().on_activate(state)
 
     def update_x_hat(self, x_hat_msg: EstimatedState) -> None:
-        """Store the newest state estimate."""
+        """Store the latest state estimate."""
         self.x_hat = x_hat_msg
 
     def update_command(self, msg: Twist) -> None:
-        """Store the newest command: velocities along x and y [m/s] and about z [rad/s]."""
+        """Store the latest command: velocities along x and y [m/s] and about z [rad/s]."""
         self.command = np.array([msg.linear.x, msg.linear.y, msg.angular.z])
 
     def compute_control(self) -> PositionSetpoint | PDFeedForward | None:

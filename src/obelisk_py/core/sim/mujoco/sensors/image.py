@@ -1,9 +1,9 @@
-"""Camera pictures: `ObkImage`.
+"""Camera images: `ObkImage`.
 
 The input is one camera of the model. Each camera has its own rendering thread, because rendering
 takes longer than a step. The sampler copies the state of the scene, and the message is passed to
-`deliver` when it is rendered. In a paced simulation, a picture that is due while the previous one
-is still being rendered is skipped and counted. Otherwise the simulation waits for the picture.
+`deliver` when it is rendered. In a paced simulation, an image that is due while the previous one
+is still being rendered is skipped and counted. Otherwise the simulation waits for the image.
 """
 
 import time
@@ -24,7 +24,7 @@ _AXES: Final = ("height", "width", "channels")
 _OPEN_S: Final = 30.0
 """Timeout for the driver to open [s]."""
 _DRAW_S: Final = 30.0
-"""Timeout for a picture [s]."""
+"""Timeout for an image [s]."""
 _REPORT_S: Final = 1.0
 
 
@@ -63,14 +63,14 @@ class _Feed:
             raise ObeliskConfigError(f"camera `{self._name}`: {error}") from error
 
     def sample(self) -> None:
-        """Request a picture of the current state; the message has no stamp."""
+        """Request an image of the current state; the message has no stamp."""
         if self._pending is not None:
             if self._source.is_paced and not self._pending.done():
                 self._leave_out()
                 return
             self._wait_for(self._pending)
         if self._view is None:
-            # Opened for the first picture only, because it takes longer than a short lock-step run.
+            # Opened for the first image only, because it takes longer than a short lock-step run.
             self._view = self._open()
         self._view.update(self._source.data)
         self._pending = self._thread.submit(self._draw, self._view)
@@ -78,7 +78,7 @@ class _Feed:
             self._wait_for(self._pending)
 
     def close(self) -> None:
-        """End the thread after it has finished its picture."""
+        """Stop the thread after it has finished its image."""
         if self._view is not None:
             self._wait_for(self._thread.submit(self._view.close))
         self._thread.shutdown()

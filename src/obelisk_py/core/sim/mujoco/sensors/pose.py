@@ -3,7 +3,7 @@
 The inputs are one `framepos` and one `framequat` of the same object; odometry also needs
 `velocimeter` and `gyro`. The pose is given in `header.frame_id`, which is the reference object of
 the position, or `world`. If the model gives the orientation in another frame, it is published
-unchanged, with a warning at configure.
+unchanged, with a warning in `configure`.
 
 The twist of an odometry message is given in `child_frame_id`, the object. Velocimeter and gyro may
 be at other sites of the object's body; their measurements are transformed to the object.
@@ -69,7 +69,7 @@ def _sensors(source: SensorSource) -> tuple[str, str]:
 
 
 def _sampler(source: SensorSource, message: Any, place: str) -> Sampler:
-    """Sample the pose into the fields `position` and `orientation` under `place`."""
+    """Sample the pose into the `position` and `orientation` fields under `place`."""
     position, orientation = _sensors(source)
     message.header.frame_id = pose_reference(source, position, orientation)
     packed = PackedMessage(message)

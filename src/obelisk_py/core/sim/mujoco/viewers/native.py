@@ -1,6 +1,6 @@
 """Show MuJoCo's own window: its passive viewer, which follows the states.
 
-It needs a display. Closing the window ends the viewer, not the simulation.
+It needs a display. Closing the window closes the viewer, not the simulation.
 
 Source: https://mujoco.readthedocs.io/en/stable/python.html#passive-viewer
 """
@@ -44,7 +44,7 @@ def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:
                 states.take_newest(0.0)
             window.sync()
             time.sleep(max(0.0, due_s - time.monotonic()))
-    # Ending the process while the window's thread is still rendering would crash it.
+    # Exiting while the window's thread is still rendering would crash it.
     for thread in threading.enumerate():
         if thread is not threading.current_thread():
             thread.join(_CLOSE_S)
@@ -59,7 +59,7 @@ def _check_display() -> None:
             "the native viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
             f"{_FIX}"
         )
-    # Otherwise the viewer would end the process with its own message.
+    # Otherwise the viewer would terminate the process with its own message.
     glfw = mujoco.viewer.glfw
     with warnings.catch_warnings(record=True):
         if not glfw.init():

@@ -64,9 +64,9 @@ class ViewerProcess:
             arguments: arguments of this kind.
             model: passed to the process in its current form.
             data: the model's state, which `states` sends.
-            notify: called with messages of the process and its end, on a separate thread.
-            end_s: timeout to finish its work at the end [s]; None if it has nothing to finish.
-            loss: consequence for the user if it ends by itself.
+            notify: called with messages from the process and when it exits, on a separate thread.
+            end_s: timeout to finish its work at shutdown [s]; None if it has nothing to finish.
+            loss: consequence for the user if it exits by itself.
         """
         self._kind = kind
         self._loss = loss
@@ -98,7 +98,7 @@ class ViewerProcess:
         return self._process.pid
 
     def close(self) -> None:
-        """End the process: after its work if it has something to finish, otherwise immediately."""
+        """Stop the process: after its work if it has something to finish, otherwise immediately."""
         if self._is_closing:
             return
         self._is_closing = True

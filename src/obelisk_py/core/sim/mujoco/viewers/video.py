@@ -1,8 +1,8 @@
 """Record a video of a run: start the process that renders it, and report its status.
 
 An output sends a state for each frame. The status of the video is published on `/diagnostics`. If
-the video cannot be started, configure fails. If recording fails later, the failure is reported and
-the simulation continues.
+the video cannot be started, the `configure` transition fails. If recording fails later, the failure
+is reported and the simulation continues.
 """
 
 import json
@@ -48,8 +48,8 @@ _LOSS: Final = "no video is saved"
 _OPEN_S: Final = 30.0
 """Timeout for OpenGL to open [s]."""
 _END_S: Final = 2.5
-"""Timeout for the last picture and the end of the file [s]; during shutdown, a node has 3 s for
-each transition."""
+"""Timeout for rendering the last image and finishing the file [s]; during shutdown, a node has 3 s
+for each transition."""
 _DEPTH: Final = 10
 _SENT_S: Final = 0.1
 """Timeout for the last status to reach its subscribers [s]."""
@@ -109,7 +109,7 @@ def video_job(model: mujoco.MjModel, settings: VideoSettings) -> VideoJob:
     """Compute the arguments of the process that renders a video of a model.
 
     Raises:
-        ObeliskConfigError: the camera does not exist, or its pictures have an unsupported size.
+        ObeliskConfigError: the camera does not exist, or its images have an unsupported size.
     """
     camera = None if settings.camera is None else _camera(model, settings.camera)
     size = settings.size or picture_size(model, camera)
@@ -143,7 +143,7 @@ class VideoDiagnostics:
     """Publishes the status of a node's video on `/diagnostics`; the launcher subscribes to it."""
 
     def __init__(self, node: Node) -> None:
-        """Create the publisher; a lifecycle publisher sends nothing at configure and cleanup."""
+        """Create the publisher; a lifecycle one sends nothing in `configure` and `cleanup`."""
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH)
 
@@ -171,7 +171,7 @@ class _Video:
     """The process that records a video."""
 
     def __init__(self, job: VideoJob, simulation: Simulation, report: ReportVideo) -> None:
-        """Start the process, and wait until it has rendered the first picture.
+        """Start the process, and wait until it has rendered the first image.
 
         Raises:
             ObeliskConfigError: it cannot render; the message comes from the process.

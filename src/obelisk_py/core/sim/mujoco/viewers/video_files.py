@@ -1,6 +1,6 @@
-"""Write pictures with frame numbers to a video file: `.mp4`, `.gif` or `.png`.
+"""Write images with frame numbers to a video file: `.mp4`, `.gif` or `.png`.
 
-Each picture is shown until the next one, so dropped frames take no space and the timing stays
+Each image is shown until the next one, so dropped frames take no space and the timing stays
 correct. Memory use does not grow with the length of the video. A file appears only when it is
 complete, even if the process is killed: until then it has no name, or a hidden name if the file
 system does not support unnamed files. An existing file is never replaced.
@@ -45,7 +45,7 @@ class VideoFile(Protocol):
     """A video that is being written."""
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
-        """Show a picture from a frame on.
+        """Show an image from a frame on.
 
         Args:
             picture: shape (height, width, 3), in the order red, green, blue, top row first.
@@ -53,7 +53,7 @@ class VideoFile(Protocol):
         """
 
     def end(self) -> None:
-        """Write the remaining data; the last picture is shown for one frame."""
+        """Write the remaining data; the last image is shown for one frame."""
 
 
 class Mp4File:
@@ -69,7 +69,7 @@ class Mp4File:
         self._stream.pix_fmt = "yuv420p"
         context = self._stream.codec_context
         context.time_base = Fraction(1, rate_hz)
-        # Reordered pictures would yield a wrong duration for a video with gaps.
+        # Reordered images would yield a wrong duration for a video with gaps.
         context.max_b_frames = 0
         # Encode on the rendering thread only.
         context.thread_count = 1
@@ -80,7 +80,7 @@ class Mp4File:
         context.color_range = ColorRange.MPEG
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
-        """Show a picture from a frame on."""
+        """Show an image from a frame on."""
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24").reformat(
             format="yuv420p",
             dst_colorspace=Colorspace.ITU709,
@@ -97,20 +97,20 @@ class Mp4File:
 
 
 class GifFile:
-    """GIF with a palette per picture; only the changed part of each picture is written."""
+    """GIF with a palette per image; only the changed part of each image is written."""
 
     def __init__(self, file: IO[bytes], _size: tuple[int, int], rate_hz: int) -> None:
         """Start a video."""
         self._file = file
         self._rate_hz = rate_hz
         self._shown: Image.Image | None = None
-        """The picture at the newest frame."""
+        """The image at the latest frame."""
         self._waiting: tuple[Image.Image, tuple[int, int], int] | None = None
-        """Part, corner and frame of a picture that is not written yet (duration unknown)."""
+        """Part, corner and frame of an image that is not written yet (duration unknown)."""
         self._last = -1
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
-        """Show a picture from a frame on."""
+        """Show an image from a frame on."""
         image = Image.fromarray(np.ascontiguousarray(picture))
         changed: tuple[int, int, int, int] | None = (0, 0, *image.size)
         if self._shown is not None:
@@ -125,12 +125,12 @@ class GifFile:
         self._waiting = part, changed[:2], number
 
     def end(self) -> None:
-        """Write the last picture."""
+        """Write the last image."""
         self._write(self._last + 1)
         self._file.write(b";")
 
     def _write(self, until: int) -> None:
-        """Write the waiting picture, which is shown until frame `until`."""
+        """Write the waiting image, which is shown until frame `until`."""
         if self._waiting is None:
             return
         part, corner, number = self._waiting
@@ -155,19 +155,19 @@ class GifFile:
 
 
 class PngFile:
-    """A PNG of the last picture."""
+    """A PNG of the last image."""
 
     def __init__(self, file: IO[bytes], _size: tuple[int, int], _rate_hz: int) -> None:
-        """Start with no picture."""
+        """Start with no image."""
         self._file = file
         self._last: Image.Image | None = None
 
     def show(self, picture: NDArray[np.uint8], _number: int) -> None:
-        """Replace the previous picture."""
+        """Replace the previous image."""
         self._last = Image.fromarray(np.ascontiguousarray(picture))
 
     def end(self) -> None:
-        """Write the picture."""
+        """Write the image."""
         if self._last is not None:
             self._last.save(self._file, "PNG")
 
@@ -222,7 +222,7 @@ class UnfinishedFile:
 
 @contextmanager
 def unfinished(folder: Path) -> Iterator[UnfinishedFile]:
-    """Open a file that `finish` moves to `folder`; removed at the end unless finished.
+    """Open a file that `finish` moves to `folder`; removed on exit unless finished.
 
     Raises:
         OSError: the file cannot be created.

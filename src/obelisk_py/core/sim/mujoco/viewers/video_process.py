@@ -3,9 +3,9 @@
 Video time is simulation time. A frame that cannot be rendered in time is dropped: the previous one
 is shown longer, so the video plays at the correct speed, and dropped frames are counted.
 
-One thread renders, another one ends the video. The rendering thread has a lower priority than the
-robot, so on a busy machine a single picture may take seconds. The end does not wait for it: the
-last picture is shown until the time of the last state.
+One thread renders, and another one finishes the video. The rendering thread has a lower priority
+than the robot, so on a busy machine a single image may take seconds. Finishing does not wait for
+it: the last image is shown until the time of the last state.
 """
 
 import json
@@ -40,7 +40,7 @@ _TOLERANCE: Final = 1e-6
 """Fraction of a frame by which a sum of time steps may be too low."""
 _WAIT_S: Final = 1.0
 _LAST_S: Final = 0.7
-"""Timeout for the picture that is being rendered at the end [s]."""
+"""Timeout for the image that is being rendered when the video ends [s]."""
 _LARGEST_SHADOW: Final = 2048
 """Side length of the shadow map [pixels]. Without a graphics card, MuJoCo's default of 4096 takes
 more time than everything else, and the video does not look better."""
@@ -57,7 +57,7 @@ class FrameCounter:
         self._start_s: float | None = None
         self._newest_s = 0.0
         self.count = 0
-        """Number of frames up to the newest state."""
+        """Number of frames up to the latest state."""
 
     def take(self, time_s: float) -> int | None:
         """Assign a frame to a state.
@@ -79,14 +79,14 @@ class FrameCounter:
 
 
 class VideoRecording:
-    """A video from its first picture to its end."""
+    """A video from its first image to its end."""
 
     def __init__(self, states: States, video: VideoFile, rate_hz: int) -> None:
-        """Start without a picture.
+        """Start without an image.
 
         Args:
             states: must be at the first state.
-            video: receives the pictures.
+            video: receives the images.
             rate_hz: frames per second of simulation time.
         """
         self._states = states
@@ -96,14 +96,14 @@ class VideoRecording:
         """Protects everything below, the states and the video."""
         self._numbers = FrameCounter(rate_hz)
         self._newest: int | None = self._numbers.take(states.data.time)
-        """The frame of the newest state; None once it has a picture."""
+        """The frame of the latest state; None once it has an image."""
         self._picture: NDArray[np.uint8] | None = None
-        """The newest picture."""
+        """The latest image."""
         self._shown = 0
         self._is_closed = False
 
     def draw_one(self, view: CameraView) -> None:
-        """Render the newest state."""
+        """Render the latest state."""
         with self._lock:
             number = self._newest
             view.update(self._states.data)
@@ -119,7 +119,7 @@ class VideoRecording:
                 self.draw_one(view)
 
     def close(self) -> str:
-        """End the video, even during rendering, and return a summary of it."""
+        """Finish the video, even during rendering, and return a summary of it."""
         with self._lock:
             self._is_closed = True
             while not self._states.is_over:
@@ -197,7 +197,7 @@ def _video(
     ending = Path(job.path).suffix
     video = VIDEO_FILES[ending](file, (job.width, job.height), job.rate_hz)
     recording = VideoRecording(states, video, job.rate_hz)
-    # The first picture takes longest; the simulation waits for it.
+    # The first image takes longest; the simulation waits for it.
     thread.submit(recording.draw_one, view).result()
     _make_way()
     notify("info", job.path)
@@ -218,7 +218,7 @@ def _picture(
     thread: ThreadPoolExecutor,
     notify: Notify,
 ) -> str:
-    """Save a picture of the last state, and return a summary of it."""
+    """Save an image of the last state, and return a summary of it."""
 
     def draw() -> NDArray[np.uint8]:
         view.update(states.data)
@@ -235,9 +235,10 @@ def _picture(
 
 
 def _make_way() -> None:
-    """Lower the priority of every thread except the one that ends the video.
+    """Lower the priority of every thread except the one that finishes the video.
 
-    A lowered priority cannot be raised again, and a busy machine would keep the video from ending.
+    A lowered priority cannot be raised again, and a busy machine would keep the video from being
+    finished.
     """
     for thread in Path("/proc/self/task").iterdir():
         if int(thread.name) != threading.main_thread().native_id:

@@ -43,7 +43,7 @@ EXIT_REPORTED: Final = 3
 NICENESS: Final = 10
 """Niceness of a viewer process, so that the robot has priority."""
 _LARGEST: Final = 8192
-"""Maximum size of a message packet; longer texts are truncated [bytes]."""
+"""Maximum size of a message packet; longer messages are truncated [bytes]."""
 _SEPARATOR: Final = b":"
 SIGNATURE: Final = int(
     mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -155,7 +155,7 @@ class States:
         return True
 
     def take_newest(self, timeout_s: float) -> bool:
-        """Like `take_next`, but for the newest available state; earlier ones are skipped."""
+        """Like `take_next`, but for the latest available state; earlier ones are skipped."""
         if not self._receive(timeout_s):
             return False
         while self._receive(0.0):

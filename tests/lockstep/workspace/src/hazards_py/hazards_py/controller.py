@@ -16,7 +16,7 @@ PLAIN = random.Random()
 
 
 class Controller(ObeliskController):
-    """Follows a sine; its parameter `fault` makes a callback or configuring fail."""
+    """Follows a sine; its `fault` parameter makes a callback or `configure` fail."""
 
     legacy = np.random.RandomState()
 

@@ -12,7 +12,7 @@ STEP_S = 0.005
 
 
 class Simulator(ObeliskSimRobot):
-    """A first-order joint; its parameter `loop` selects how the loop waits for the next step."""
+    """A first-order joint; its `loop` parameter selects how the loop waits for the next step."""
 
     def __init__(self, node_name="simulator"):
         super().__init__(node_name, PositionSetpoint)
