@@ -38,12 +38,12 @@ STAGES = (
     _box(5, 1, "lower", "config to a plan;", "cannot fail"),
     _box(6, 1, "plan", "processes, parameters,", "rates, order", kind="data"),
     _box(
-        3.5, 0, "environment", "MuJoCo's model, packages,", "files of this machine", kind="outside"
+        3.5, 0, "environment", "MuJoCo's model, packages,", "files on this machine", kind="outside"
     ),
     _box(4.5, 0, "source_analysis", "nodes' Python source,", "read, never run"),
     _box(3, 2, "diagnostics", "code, message, location,", "help, fix", kind="data"),
     _box(4, 2, "report", "text, JSON, SARIF,", "GitHub", kind="result"),
-    _box(6, 0, "emit", "parameters, launch file,", "pictures, JSON", kind="result"),
+    _box(6, 0, "emit", "parameters, launch file,", "diagrams, JSON", kind="result"),
     _box(6, 2, "launch", "a running stack", kind="result"),
 )
 _WAY = ("stack.yaml", "loader", "reader", "locate", "check", "lower", "plan")
@@ -134,10 +134,10 @@ CLOCK_ARROWS = (
 PACKAGES = (
     _box(1.8, 0, "obk_testing", "closed-loop tests", "in lock-step"),
     _box(0, 1, "obk_interfaces", "builds message packages"),
-    _box(1.2, 1, "obk_cli", "the command obk:", "check, launch, inspect"),
-    _box(2.4, 1, "obelisk_py", "run-time library,", "simulated robot"),
+    _box(1.2, 1, "obk_cli", "the obk command:", "check, launch, inspect"),
+    _box(2.4, 1, "obelisk_py", "runtime library,", "simulated robot"),
     _box(3.6, 1, "your nodes", "inherit from the library", kind="outside"),
-    _box(1.2, 2, "obelisk_spec", "facts of the config", "language", kind="data"),
+    _box(1.2, 2, "obelisk_spec", "facts about the config", "language", kind="data"),
     _box(2.4, 2, "obelisk_recordings", "reads recordings", "as arrays"),
 )
 PACKAGE_ARROWS = (
@@ -158,7 +158,7 @@ TICK = (
     _box(2, 1, "your callback", "guarded, ticks counted", kind="result"),
     _box(3, 1, "publish", "picks one transport"),
     _box(4.1, 0, "MessageBuffer", "same process: a copy", kind="data"),
-    _box(4.1, 1, "Unix socket", "same run: packed;", "experimental", kind="data"),
+    _box(4.1, 1, "Unix socket", "same run: packed;", "wakes only the receiver", kind="data"),
     _box(4.1, 2, "DDS", "otherwise: packed;", "wakes an eventfd from C", kind="data"),
     _box(5.2, 1, "receiving Worker", "takes the message,", "calls the callback"),
 )
