@@ -48,7 +48,7 @@ DomainOption = Annotated[
     ),
 ]
 TopicArgument = Annotated[
-    str, typer.Argument(help="Topic name, or the end of it.", autocompletion=complete_topics)
+    str, typer.Argument(help="Topic name, or a suffix of it.", autocompletion=complete_topics)
 ]
 NodeArgument = Annotated[
     str,
@@ -61,14 +61,13 @@ RunArgument = Annotated[
 TopicsOption = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="T", help="Use only this topic, by its name or the end of it; may be repeated."
+        metavar="T", help="Use only this topic, by its name or a suffix of it; may be repeated."
     ),
 ]
 TimeoutOption = Annotated[
     float,
     typer.Option(
-        help="Seconds to wait for a reply. If unset, give up after 1 s when no node is found at "
-        "all."
+        help="Seconds to wait for a reply.", show_default="5, or 1 if no node at all is found"
     ),
 ]
 MOST: Final = 1e6

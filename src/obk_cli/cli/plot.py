@@ -29,7 +29,7 @@ def command(
         typer.Argument(
             metavar="FILE|RUN... TOPIC.FIELD...",
             help="Files, or runs by the name of their config or folder; then fields of topics. "
-            "A topic is given by its name or the end of it.",
+            "A topic is given by its name or a suffix of it.",
         ),
     ],
     output: Annotated[
