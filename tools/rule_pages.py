@@ -147,7 +147,7 @@ def _page(rule: Rule, example: Example) -> str:
         f"```{language}\n{example['wrong']}\n```",
         "Right:",
         f"```{language}\n{example['right']}\n```",
-        f"Output of `{command}` for the wrong version:",
+        f"Output of `{command}` for the wrong example:",
         f"```text\n{example['report']}\n```",
     ]
     parts.append(

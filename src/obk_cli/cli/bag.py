@@ -87,7 +87,7 @@ def info(
     recording: Annotated[
         str | None,
         typer.Argument(
-            metavar="[FILE|RUN]", help="File, or run by the name of its config or folder."
+            metavar="[FILE|RUN]", help="File, or run by the name of its folder or config."
         ),
     ] = None,
     format: FormatOption = "text",

@@ -56,7 +56,11 @@ NodeArgument = Annotated[
 ]
 RunArgument = Annotated[
     str,
-    typer.Argument(metavar="FILE|RUN", help="File, or run by the name of its config or folder."),
+    typer.Argument(
+        metavar="FILE|RUN",
+        help="File, or run by the name of its folder or config. A "
+        "config stands for its latest recorded run, `dummy~1` for the one before.",
+    ),
 ]
 TopicsOption = Annotated[
     list[str] | None,
@@ -160,5 +164,6 @@ def load_message(text: str) -> object:
         return load_yaml_core(text)
     except YamlTextError as error:
         raise MisuseError(
-            f"the message is not YAML: {error}", help="write it as '{field: value, other: [1, 2]}'"
+            f"the message is not valid YAML: {error}",
+            help="write it as '{field: value, other: [1, 2]}'",
         ) from error
