@@ -87,7 +87,8 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="two controllers publish commands to one topic",
         cause="The robot executes whichever command arrives last.",
-        fix="Give each controller its own topic, or have one of them forward the other's commands.",
+        fix="Remove one of the controllers, or have one of them forward the other's commands. If "
+        "they command different parts of the robot, give each its own topic.",
     ),
     Rule(
         code="OBK211",

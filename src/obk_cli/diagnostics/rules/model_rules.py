@@ -73,7 +73,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a joint sensor on a ball or free joint",
         cause="Joint encoders measure one value per joint.",
-        fix="Use a sensor on a hinge or slide joint.",
+        fix="Use a sensor on a hinge or slide joint. Remove the other one from the model, because "
+        "MuJoCo does not load a model that has it.",
     ),
     Rule(
         code="OBK310",
