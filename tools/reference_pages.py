@@ -85,8 +85,9 @@ def _config() -> Iterator[str]:
     yield "# Keys of a config"
     yield (
         "Generated from `schema/obelisk.schema.json` by `make docs`; `obk schema` prints the "
-        "schema, and [editors](../how-to/migrating.md#in-the-editor) show the same texts. Any text "
-        "or number may be an environment variable, `${NAME}` or `${NAME:-default}`. Keys without "
+        "schema, and [editors](../how-to/migrating.md#in-the-editor) show the same descriptions. "
+        "Any string or number may be an environment variable, `${NAME}` or `${NAME:-default}`. "
+        "Keys without "
         "effect are accepted for older configs, and reported."
     )
     yield "## Stack"

@@ -71,7 +71,7 @@ def read_video(path: str, camera: str, size: str, rate_hz: int) -> VideoSettings
     ending = Path(path).suffix
     if ending not in VIDEO_RATES:
         *most, last = VIDEO_RATES
-        raise VideoError(f"`{path}`: expected a file named {', '.join(most)} or {last}")
+        raise VideoError(f"`{path}`: expected a file name that ends in {', '.join(most)} or {last}")
     if not 0 <= rate_hz <= _HIGHEST_RATES[ending]:
         raise VideoError(
             f"{rate_hz} frames per second; expected 1 to {_HIGHEST_RATES[ending]} for {ending}"

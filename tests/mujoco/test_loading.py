@@ -207,7 +207,7 @@ def test_a_time_step_that_is_not_the_models_is_used_and_logged(load):
 
 def test_a_geom_that_no_marker_can_show_is_named(load):
     rejection = _refusal(load, viz_geoms={"dt": 1.0, "floor": "plane"})
-    assert "viz_geoms.floor: a `plane` cannot be shown as a marker; there are: box, " in rejection
+    assert "viz_geoms.floor: a `plane` cannot be shown as a marker; expected one of: box, " in rejection
 
 
 def test_the_time_step_of_the_config_wins_with_a_warning(load):

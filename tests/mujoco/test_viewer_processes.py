@@ -205,7 +205,7 @@ def test_one_that_dies_is_reported_once(looking: Callable[..., Viewed]) -> None:
     severity, text = viewed.output[1]
     assert severity == "warning"
     assert text.startswith(
-        "the web viewer has ended (signal 9); the simulation continues without it"
+        "the web viewer has exited (signal 9); the simulation continues without it"
     )
     for _ in range(3):
         viewed.viewer.states.send()

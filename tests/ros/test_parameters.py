@@ -76,12 +76,12 @@ REFUSED = (
         "`history_depth` is 0, expected a whole number from 1 to 2147483647",
     ),
     (message("obelisk_settings", "callback_groups: 3"), "`callback_groups` is not a mapping"),
-    (message("use_sim_time", True), "`use_sim_time` is read at configure"),
-    (message("report_rates", False), "`report_rates` is read at configure: clean up, set it"),
+    (message("use_sim_time", True), "`use_sim_time` is read during the `configure` transition"),
+    (message("report_rates", False), "`report_rates` is read during the `configure` transition: clean up, set it"),
     (message("use_sim_time", "yes"), "expected 'Type.BOOL' got 'Type.STRING'"),
     (message("params_paht", "x"), "no parameter `params_paht`; did you mean `params_path`?"),
     (message("", "x"), "the node has no parameter ``; available: `callback_group_settings`"),
-    (of_type("params_path", 99), "a value of the type 99; there are: 0 (not_set), 1 (bool)"),
+    (of_type("params_path", 99), "a value of the type 99; expected one of: 0 (not_set), 1 (bool)"),
     (of_type("params_path", 0), "Static parameter cannot be undeclared"),
 )
 

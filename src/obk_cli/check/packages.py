@@ -127,7 +127,7 @@ def _no_package(
         in_python = (
             f", or use `{twin}`, which has the same nodes in Python" if twin in names else ""
         )
-        near = f"source the C++ workspace of Obelisk{in_python};"
+        near = f"source Obelisk's C++ workspace{in_python};"
     return found(
         "OBK401",
         f"package `{package}` was not found",

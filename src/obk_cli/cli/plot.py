@@ -75,7 +75,7 @@ def command(
     picture = output or Path(f"{runs[0].name}_{_word(names[0].text)}{ending}")
     if picture.suffix not in FORMATS or (html and picture.suffix != ".html"):
         expected = ".html" if html else ".png, .svg or .html"
-        raise MisuseError(f"`--output {picture}`: expected a file named {expected}")
+        raise MisuseError(f"`--output {picture}`: expected a file name that ends in {expected}")
     for run in runs:
         if not run.bag.is_complete:
             print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)

@@ -218,7 +218,7 @@ def _shape_fault(name: str) -> str | None:
         return f"has {len(name)} characters; expected at most {LONGEST_NAME}"
     if not _SNAKE_CASE.fullmatch(name):
         return (
-            "is not lower snake case: expected a letter, then lower-case letters, digits and "
+            "is not lower snake case: expected a letter, then lowercase letters, digits and "
             "single `_`"
         )
     fault = package_name_fault(name) or node_name_fault(name)

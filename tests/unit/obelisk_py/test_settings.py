@@ -127,7 +127,7 @@ def test_the_maximum_age_of_a_command_is_read(
         ({"stale_action": "hold"}, "`max_age_sec` is None, expected seconds above 0"),
         (
             {"max_age_sec": 1, "stale_action": "explode"},
-            "`stale_action` is `explode`; there are: zero, hold, damp",
+            "`stale_action` is `explode`; expected one of: zero, hold, damp",
         ),
     ],
 )

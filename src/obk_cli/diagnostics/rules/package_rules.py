@@ -45,7 +45,8 @@ RULES: tuple[Rule, ...] = (
         title="a component is missing from the config",
         cause="The node's class registers the component, and the node cannot be configured "
         "without its settings. It is reported as a warning if the node only logs the missing "
-        "component (G3 nodes), and as info if the component is optional.",
+        "component (nodes that use the Python API of May 2026 or later, called G3), and as "
+        "info-level if the component is optional.",
         fix="Add the component to the config, or register it with `required=False`.",
     ),
     Rule(
@@ -145,7 +146,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK421",
         severity="error",
         title="an import that fails",
-        cause="The package is not installed in the Python environment of `obk`, the module does "
+        cause="The package is not installed in `obk`'s Python environment, the module does "
         "not exist, or it does not define the name. Only imports that always run when the "
         "node starts are checked, not those inside `try` or `if` blocks or in functions that may "
         "not run at startup.",

@@ -222,7 +222,7 @@ def test_an_invalid_change_is_rejected_as_a_whole() -> None:
 
 def test_a_node_that_is_not_there_is_named() -> None:
     assert ask(World(), "deactivate", "/nobody").why == (
-        "this launch controls no such life-cycle node: /nobody"
+        "not lifecycle nodes of this launch: /nobody"
     )
 
 
