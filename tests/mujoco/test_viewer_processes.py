@@ -189,8 +189,8 @@ def test_a_display_that_cannot_be_opened_is_reported(
     assert viewed.output == [
         (
             "warning",
-            "the native viewer needs a display, and `:9999` cannot be opened; the viewer `web` (a "
-            "page in the browser) needs none; the simulation continues without it",
+            "the native viewer needs a display, and `:9999` cannot be opened; the `web` viewer (a "
+            "page in the browser) works without one; the simulation continues without it",
         )
     ]
 

@@ -83,7 +83,10 @@ def test_qos_is_taken() -> None:
         ({"topic": "/x", "history_depth": True}, "`history_depth` is True"),
         ({"topic": "/x", "history_depth": 2**31}, "from 1 to 2147483647"),
         ({"topic": "/x", "qos": 3}, "`qos` is 3, expected a mapping"),
-        ({"topic": "/x", "qos": {"reliability": "maybe"}}, "there are: reliable, best_effort"),
+        (
+            {"topic": "/x", "qos": {"reliability": "maybe"}},
+            "expected one of: reliable, best_effort",
+        ),
     ],
 )
 def test_bad_topic_settings_name_the_component_and_the_value(
