@@ -413,7 +413,8 @@ def test_a_realtime_factor_is_taken_between_runs_and_not_within_one() -> None:
         refused = set_factor(node, 0.25)
         assert not refused.successful
         assert refused.reason == (
-            "`realtime_factor` is read during the `configure` transition: clean up, set it, configure again"
+            "`realtime_factor` is read during the `configure` transition: clean up, set it, "
+            "configure again"
         )
         assert node.get_parameter("realtime_factor").value == 1.0
         assert request(node, "cleanup")

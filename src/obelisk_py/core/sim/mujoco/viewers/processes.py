@@ -34,8 +34,9 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
 __all__ = ["PARAMETERS", "ViewerProcess", "ViewerRequest", "requested_viewers", "viewer_outputs"]
 
 PROGRAM: Final = "obelisk_py.core.sim.mujoco.viewers.program"
-_LOSS: Final = "the simulation continues without it; the next `configure` transition starts it "
-"again"
+_LOSS: Final = (
+    "the simulation continues without it; the next `configure` transition starts it again"
+)
 _ROOM: Final = 1 << 22
 """Requested buffer for states that were sent but not received [bytes]; the kernel may limit it."""
 PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType({"viewer": "none", "viewer_port": 0})
