@@ -1,9 +1,8 @@
 """Generate the reference pages of commands, config keys, messages and classes.
 
-It reads the help of `obk`, `schema/obelisk.schema.json`, the definitions in `interfaces/`, the
-table of sensor groups and the source of `obelisk_py`. It writes
-`docs/reference/{commands,config,messages, classes}.md`. `--check` writes nothing and fails if a
-page is stale.
+Reads the help of `obk`, `schema/obelisk.schema.json`, the definitions in `interfaces/`, the table
+of sensor groups and the source of `obelisk_py`. Writes `docs/reference/{commands,config,messages,
+classes}.md`. `--check` writes nothing and fails if a page is stale.
 """
 
 import json
@@ -86,8 +85,9 @@ def _config() -> Iterator[str]:
     yield "# Keys of a config"
     yield (
         "Generated from `schema/obelisk.schema.json` by `make docs`; `obk schema` prints the "
-        "schema, and [editors](../how-to/migrating.md#in-the-editor) show the same help. Any text "
-        "or number may be an environment variable, `${NAME}` or `${NAME:-default}`. Keys without "
+        "schema, and [editors](../how-to/migrating.md#in-the-editor) show the same descriptions. "
+        "Any string or number may be an environment variable, `${NAME}` or `${NAME:-default}`. "
+        "Keys without "
         "effect are accepted for older configs, and reported."
     )
     yield "## Stack"

@@ -106,8 +106,9 @@ def _example(code: str) -> Example:
     right = accepted / wrong.name
     report = wrong.with_suffix(".txt").read_text(encoding="utf-8").strip()
     if wrong.read_bytes() == right.read_bytes():
-        parts = sorted((CASES / "reject" / code).glob("*.part"))
-        pairs = [(part, CASES / "accept" / code / part.name) for part in parts]
+        rejected = CASES / "reject" / code
+        parts = sorted(p for p in rejected.rglob("*") if p.suffix in (".part", ".xml"))
+        pairs = [(part, accepted / part.relative_to(rejected)) for part in parts]
         wrong, right = next(
             (a, b) for a, b in pairs if b.exists() and a.read_bytes() != b.read_bytes()
         )
@@ -135,7 +136,8 @@ def _differing(lines: list[str], other: list[str]) -> Iterator[str]:
 
 
 def _page(rule: Rule, example: Example) -> str:
-    language = "yaml" if "." in example["file"] else "sh"
+    language = "xml" if example["file"].endswith(".xml") else "yaml"
+    language = language if "." in example["file"] else "sh"
     on_request = " --for-test" if rule.code.startswith(LOCKSTEP_FAMILY) else ""
     verbose = " --verbose" if rule.severity == "info" else ""
     command = f"obk validate{on_request}{verbose}"
@@ -148,7 +150,7 @@ def _page(rule: Rule, example: Example) -> str:
         f"```{language}\n{example['wrong']}\n```",
         "Right:",
         f"```{language}\n{example['right']}\n```",
-        f"Output of `{command}` for the wrong version:",
+        f"Output of `{command}` for the wrong example:",
         f"```text\n{example['report']}\n```",
     ]
     parts.append(

@@ -146,7 +146,7 @@ def _field(code: str, comment: str, package: str) -> Field | None:
     if "=" in name or (len(words) > 2 and words[2].startswith("=")):
         return None
     if not _NAME.fullmatch(name):
-        raise RecordingError(f"the definition of a message has the line `{code.strip()[:80]}`")
+        raise RecordingError(f"invalid line in a message definition: `{code.strip()[:80]}`")
     kind, bracket, rest = declared.partition("[")
     size, is_sequence = None, False
     if bracket:
@@ -154,7 +154,7 @@ def _field(code: str, comment: str, package: str) -> Field | None:
         is_sequence = not length or length.startswith("<=")
         if not is_sequence:
             if not re.fullmatch(r"[0-9]{1,9}", length):
-                raise RecordingError(f"the definition of a message has the type `{declared[:80]}`")
+                raise RecordingError(f"invalid type in a message definition: `{declared[:80]}`")
             size = int(length)
     kind = kind.partition("<=")[0]  # a bounded string
     if kind not in PRIMITIVES and kind not in ("string", "wstring"):

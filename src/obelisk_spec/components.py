@@ -125,7 +125,7 @@ def parse_mapping(text: str) -> dict[str, object]:
     try:
         value = load_yaml_core(text)
     except YamlTextError as error:
-        raise SettingTextError(f"settings text {text!r} is not YAML: {error}") from error
+        raise SettingTextError(f"settings text {text!r} is not valid YAML: {error}") from error
     if value is None:
         return {}
     if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):

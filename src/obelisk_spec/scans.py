@@ -99,7 +99,7 @@ _CLOUD: Final = "PointCloud2"
 _SCAN: Final = "ObkScan"
 _CLOUD_KEYS: Final = ("points_in", "keep_misses")
 """Keys that only affect the points of a cloud."""
-_LENGTH: Final = "a length in metres greater than 0"
+_LENGTH: Final = "a length in meters greater than 0"
 _DIRECTION: Final = ScanKey("three numbers, not all 0", _is_direction)
 _OFFSET: Final = ScanKey("a mapping with string keys", is_mapping)
 SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
@@ -109,13 +109,13 @@ SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
     "frame": ScanKey("the name of a frame", is_text),
     "points_in": _one_of("site", "frame"),
     "keep_misses": ScanKey("`true` or `false`", lambda value: isinstance(value, bool)),
-    "max_distance": ScanKey("a length in metres, 0 for no limit", _is_distance),
+    "max_distance": ScanKey("a length in meters, 0 for no limit", _is_distance),
     "viz_decimation": ScanKey(COUNT_RANGE, is_count),
 }
 PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
     "height_scan": {
         "resolution": ScanKey(_LENGTH, _is_positive, required=True),
-        "size": ScanKey("two lengths in metres", _is_grid, required=True),
+        "size": ScanKey("two lengths in meters", _is_grid, required=True),
         "ordering": _one_of("xy", "yx"),
         "direction": _DIRECTION,
         "values": _one_of("height", "distance"),
@@ -143,7 +143,7 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
     },
 }
 OFFSET_KEYS: Final[Mapping[str, ScanKey]] = {
-    "pos": ScanKey("three lengths in metres", _numbers(3)),
+    "pos": ScanKey("three lengths in meters", _numbers(3)),
     "rot": ScanKey("a quaternion of four numbers, w first, not all 0", _is_quaternion),
 }
 
@@ -292,7 +292,7 @@ def _check_keys(
                 severity="error",
                 path=(*path, name),
                 points_at="key",
-                message=f"{what} has no key `{name}`",
+                message=f"`{name}` is not a valid key of {what}",
                 help=did_you_mean(name, keys),
             )
     for name, key in keys.items():

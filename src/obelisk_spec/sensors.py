@@ -249,7 +249,7 @@ def _check_field(name: str, noise: object, kind: FieldKind, path: SimPath) -> It
                 severity="error",
                 path=(*path, key),
                 points_at="key",
-                message=f"the noise of `{name}` has no key `{key}`",
+                message=f"`{key}` is not a valid key of the noise of `{name}`",
                 help=did_you_mean(key, FIELD_NOISE_KEYS),
                 meant=sure_name(key, FIELD_NOISE_KEYS),
             )

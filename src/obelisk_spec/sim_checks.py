@@ -101,7 +101,7 @@ def _check_counts(
             severity="error",
             path=(*path, "sensor_names") if names else path,
             points_at="key" if names else "value",
-            message=f"`{written}` has no sensor to publish",
+            message=f"this `{written}` group lists no sensors",
             help=f"it takes {list_names(rule.takes)}",
         )
         return
@@ -405,7 +405,7 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
     step_s = _time_step(block, facts)
     is_other = written is not None and abs(written - facts.timestep) > 1e-12
     if step_s > _COARSE_TIME_STEP_S:
-        model_step = f", the model has {facts.timestep:g} s" if is_other else ""
+        model_step = f" (the model specifies {facts.timestep:g} s)" if is_other else ""
         yield SimFault(
             code="OBK316",
             severity="warning",
@@ -419,8 +419,8 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
             code="OBK504",
             severity="warning",
             path=("time_step",),
-            message=f"`time_step` is {written:g} s, but the model has {facts.timestep:g} s; the "
-            "config takes precedence"
+            message=f"`time_step` is {written:g} s, but the model specifies {facts.timestep:g} s; "
+            "the config takes precedence"
             f"{_published_every_step(block, step_s, facts.timestep)}",
             help="the original Obelisk ignores `time_step`; remove it to use the model's step",
             element=("option", ""),

@@ -71,7 +71,7 @@ def read_video(path: str, camera: str, size: str, rate_hz: int) -> VideoSettings
     ending = Path(path).suffix
     if ending not in VIDEO_RATES:
         *most, last = VIDEO_RATES
-        raise VideoError(f"`{path}`: expected a file named {', '.join(most)} or {last}")
+        raise VideoError(f"`{path}`: expected a file name that ends in {', '.join(most)} or {last}")
     if not 0 <= rate_hz <= _HIGHEST_RATES[ending]:
         raise VideoError(
             f"{rate_hz} frames per second; expected 1 to {_HIGHEST_RATES[ending]} for {ending}"
@@ -100,12 +100,12 @@ def check_video_size(ending: str, size: tuple[int, int]) -> None:
     width, height = size
     if not (_SMALLEST <= width <= _LARGEST and _SMALLEST <= height <= _LARGEST):
         raise VideoError(
-            f"a picture of {width}x{height}; expected {_SMALLEST} to {_LARGEST} pixels each way"
+            f"an image of {width}x{height}; expected {_SMALLEST} to {_LARGEST} pixels each way"
         )
     if ending == ".mp4" and (width % 2 or height % 2):
         # H.264 stores one color per 2 by 2 pixels.
         raise VideoError(
-            f"a picture of {width}x{height}; .mp4 needs even numbers, "
+            f"an image of {width}x{height}; .mp4 needs even numbers, "
             f"{width + width % 2}x{height + height % 2}"
         )
 

@@ -174,7 +174,7 @@ def _check_field(line: _Line, name: str, start: int) -> Iterator[DefinitionProbl
         yield line.problem(
             start,
             f"`{name}` cannot be the name of a field",
-            "use lower-case letters, digits and single underscores, starting with a letter",
+            "use lowercase letters, digits and single underscores, starting with a letter",
         )
 
 
@@ -183,7 +183,7 @@ def _check_constant(line: _Line, name: str, start: int) -> Iterator[DefinitionPr
         yield line.problem(
             start,
             f"`{name}` cannot be the name of a constant",
-            "use upper-case letters, digits and single underscores, such as MAX_SPEED",
+            "use uppercase letters, digits and single underscores, such as MAX_SPEED",
         )
 
 

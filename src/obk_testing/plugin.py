@@ -161,7 +161,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--trial-folder",
         metavar="DIR",
-        help="folder for recordings and pictures (default: build/obk-test in the root folder)",
+        help="folder for recordings and plots (default: build/obk-test in the root folder)",
     )
     group.addoption("--stack", metavar="CONFIG", help="the config for `stack()` without one")
     group.addoption(

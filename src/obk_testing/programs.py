@@ -101,7 +101,7 @@ def compile_stack(
     # before the node is configured.
     refuse_hardware(
         outcome.config,
-        "tests never open hardware",
+        "tests never access hardware",
         help="select a variant with a simulated robot, or override it: "
         "set=['robot[0].is_simulated=true']",
         may_be_unclear=True,

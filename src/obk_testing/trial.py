@@ -492,7 +492,7 @@ class StackTrial:
         if name in self.stack.unclear_robots and not isinstance(node, ObeliskSimRobot):
             raise LockstepError(
                 f"{loaded.planned.origin}: the robot {name} ({type(node).__name__}) is not a "
-                "simulator that obk knows, and tests never open hardware. If it is simulated, "
+                "simulator that obk knows, and tests never access hardware. If it is simulated, "
                 "set `is_simulated: true`"
             )
         for parameter, value in self._parameters.get(name, {}).items():

@@ -189,7 +189,7 @@ def test_at_a_pace_a_picture_is_left_out_while_the_last_one_is_drawn(feed):
     feed.closing.pop()()
     assert _greys(camera) == [1]
     assert camera.warnings == [
-        "camera `above` cannot keep up with its `dt`: 1 picture skipped since the start"
+        "camera `above` cannot keep up with its `dt`: 1 image skipped since the start"
     ]
 
 
@@ -221,7 +221,7 @@ def test_a_picture_that_is_never_drawn_is_reported_with_the_camera(feed, monkeyp
     camera = feed()
     _PaintedView.newest.may_draw.clear()
     camera.take()
-    with pytest.raises(ObeliskError, match=r"^camera `above`: OpenGL did not render a picture "):
+    with pytest.raises(ObeliskError, match=r"^camera `above`: OpenGL did not render an image "):
         camera.take()
     _PaintedView.newest.may_draw.set()
     monkeypatch.undo()

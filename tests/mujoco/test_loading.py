@@ -207,14 +207,17 @@ def test_a_time_step_that_is_not_the_models_is_used_and_logged(load):
 
 def test_a_geom_that_no_marker_can_show_is_named(load):
     rejection = _refusal(load, viz_geoms={"dt": 1.0, "floor": "plane"})
-    assert "viz_geoms.floor: a `plane` cannot be shown as a marker; there are: box, " in rejection
+    assert (
+        "viz_geoms.floor: a `plane` cannot be shown as a marker; expected one of: box, "
+        in rejection
+    )
 
 
 def test_the_time_step_of_the_config_wins_with_a_warning(load):
     loaded = load(time_step=0.0005)
     assert loaded.model.opt.timestep == 0.0005
     assert len(load.warnings) == 1
-    assert "`time_step` is 0.0005 s, but the model has 0.001 s" in load.warnings[0]
+    assert "`time_step` is 0.0005 s, but the model specifies 0.001 s" in load.warnings[0]
 
 
 def test_the_requested_keyframe_is_used(load):

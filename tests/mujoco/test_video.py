@@ -216,7 +216,7 @@ def test_a_camera_with_oversized_pictures_is_reported_with_a_valid_size(simulati
     with pytest.raises(ObeliskConfigError) as caught:
         video_job(simulation.model, read_video("out.mp4", "odd", "", 0))
     assert str(caught.value) == (
-        "camera `odd`: a picture of 65x49; .mp4 needs even numbers, 66x50; set `render_size`"
+        "camera `odd`: an image of 65x49; .mp4 needs even numbers, 66x50; set `render_size`"
     )
     assert video_job(simulation.model, read_video("out.gif", "odd", "", 0)).width == 65
 

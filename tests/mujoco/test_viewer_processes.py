@@ -189,8 +189,8 @@ def test_a_display_that_cannot_be_opened_is_reported(
     assert viewed.output == [
         (
             "warning",
-            "the native viewer needs a display, and `:9999` cannot be opened; the viewer `web` (a "
-            "page in the browser) needs none; the simulation continues without it",
+            "the native viewer needs a display, and `:9999` cannot be opened; the `web` viewer (a "
+            "page in the browser) works without one; the simulation continues without it",
         )
     ]
 
@@ -205,7 +205,7 @@ def test_one_that_dies_is_reported_once(looking: Callable[..., Viewed]) -> None:
     severity, text = viewed.output[1]
     assert severity == "warning"
     assert text.startswith(
-        "the web viewer has ended (signal 9); the simulation continues without it"
+        "the web viewer has exited (signal 9); the simulation continues without it"
     )
     for _ in range(3):
         viewed.viewer.states.send()

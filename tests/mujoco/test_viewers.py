@@ -42,7 +42,7 @@ def test_only_a_web_viewer_has_a_port() -> None:
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"viewer": "wbe"}, "the parameter `viewer` is `wbe`; there are: none, native, web"),
+        ({"viewer": "wbe"}, "the parameter `viewer` is `wbe`; expected one of: none, native, web"),
         (
             {"viewer": "web", "viewer_port": 70000},
             "the parameter `viewer_port` is 70000, expected a port from 1 to 65535, "

@@ -186,7 +186,7 @@ def test_an_unknown_callback_group_fails_an_older_component(
     with spinning(lambda: Registering(register, **settings)) as node:
         assert not request(node, "configure")
         assert node.last_fault is not None
-        assert "in the callback group `fast`; there are: slow" in node.last_fault.text
+        assert "in the callback group `fast`; available: slow" in node.last_fault.text
 
 
 def test_a_newer_component_with_an_unknown_callback_group_uses_the_default_one(
@@ -196,7 +196,7 @@ def test_a_newer_component_with_an_unknown_callback_group_uses_the_default_one(
     with spinning(lambda: Registering(third, obelisk_settings=settings)) as node:
         assert request(node, "configure")
         assert node.obk_subscriptions["sub_x"].callback_group is node.default_callback_group
-    assert "in the callback group `fats`; there are: fast, slow" in capfd.readouterr().err
+    assert "in the callback group `fats`; available: fast, slow" in capfd.readouterr().err
 
 
 def test_callback_groups_are_attributes() -> None:

@@ -338,7 +338,7 @@ def test_registering_twice_or_late_is_an_error() -> None:
         with pytest.raises(ObeliskConfigError, match="is already registered"):
             node.register_obk_publisher(key="publisher_ctrl")
         request(node, "configure")
-        with pytest.raises(ObeliskConfigError, match="after configure"):
+        with pytest.raises(ObeliskConfigError, match="after the `configure` transition"):
             node.register_obk_publisher(key="late")
 
 

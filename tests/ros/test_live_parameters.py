@@ -27,7 +27,7 @@ from .test_parameters import ask, message, set_each, set_together
 pytestmark = pytest.mark.ros
 
 IN_EFFECT = "in effect"
-STORED = "stored; takes effect at the next configure"
+STORED = "stored; takes effect at the next `configure` transition"
 WAITS = "accepted; takes effect when no callback of the node is running"
 
 

@@ -181,7 +181,7 @@ def test_rays_and_pictures_are_published_or_their_absence_is_explained(
         assert not request(node, "configure")
         assert node.last_fault is not None
         assert (
-            "/pictures: camera `above`: MUJOCO_GL is `glfw`, which does not draw off screen"
+            "/pictures: camera `above`: MUJOCO_GL is `glfw`, which cannot render off-screen"
             in node.last_fault.text
         )
         monkeypatch.delenv("MUJOCO_GL")
@@ -413,7 +413,8 @@ def test_a_realtime_factor_is_taken_between_runs_and_not_within_one() -> None:
         refused = set_factor(node, 0.25)
         assert not refused.successful
         assert refused.reason == (
-            "`realtime_factor` is read at configure: clean up, set it, configure again"
+            "`realtime_factor` is read during the `configure` transition: clean up, set it, "
+            "configure again"
         )
         assert node.get_parameter("realtime_factor").value == 1.0
         assert request(node, "cleanup")

@@ -99,7 +99,7 @@ def test_zeros_are_applied_once_and_the_next_command_is_executed() -> None:
         assert node.errors[0] == old
         assert old.startswith("no command for ")
         assert old.endswith(
-            "s, more than `max_age_sec` of 0.5 s: every number of the control is set to zero "
+            "s, more than `max_age_sec` of 0.5 s: every control value is set to zero "
             "(`stale_action: zero`)"
         )
         assert again.startswith("commands resumed after ")

@@ -213,7 +213,7 @@ def test_old_commands_become_zeros_although_the_executor_is_busy(tmp_path: Path,
         eventually(lambda: controls(node) == [0.0, 0.0] and node._command_age.is_stale, "the zeros")
         assert not is_free.is_set()
         is_free.set()
-        set_to_zero = "s: every number of the control is set to zero (`stale_action: zero`)"
+        set_to_zero = "s: every control value is set to zero (`stale_action: zero`)"
         eventually(lambda: output(node, set_to_zero), "what learns of the silence")
         publisher.publish(make(0.1, 0.2))
         eventually(lambda: output(node, "commands resumed after "), "the next command")

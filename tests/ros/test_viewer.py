@@ -67,7 +67,7 @@ def test_a_killed_viewer_is_reported_and_the_stack_continues() -> None:
         viewer = next(p for p in run.descendants if "web" in p.cmdline())
         viewer.kill()
         run.wait_for_line(
-            "the web viewer has ended (signal 9); the simulation continues without it"
+            "the web viewer has exited (signal 9); the simulation continues without it"
         )
         assert run.process.poll() is None
     assert run.left_over() == []

@@ -23,7 +23,7 @@ from obelisk_py.core.parameter import Parameter, parameters_of
 __all__ = ["IN_EFFECT", "LiveParameters"]
 
 IN_EFFECT: Final = "in effect"
-STORED: Final = "stored; takes effect at the next configure"
+STORED: Final = "stored; takes effect at the next `configure` transition"
 WAITS: Final = "accepted; takes effect when no callback of the node is running"
 """Reasons that the node returns with a success; tools show them verbatim."""
 _CONFIGURED: Final = ("inactive", "active")

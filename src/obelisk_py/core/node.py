@@ -271,7 +271,9 @@ class ObeliskNode(RateMonitoredNode):
         if state != "inactive":
             self._destroy_components()
         elif not self._is_built:
-            self.fail("it did not call super().on_configure(state): nothing is built", "configure")
+            self.fail(
+                "it did not call super().on_configure(state), so it has no components", "configure"
+            )
 
     def _start_components(self) -> None:
         for timer in self.obk_timers.values():
@@ -291,7 +293,8 @@ class ObeliskNode(RateMonitoredNode):
         component = registered_component(self.get_name(), kind, arguments, named)
         if not self._registration_open:
             raise ObeliskConfigError(
-                f"the {component} was registered after configure; components are registered in "
+                f"the {component} was registered after the `configure` transition; components are "
+                "registered in "
                 "the constructor, or in on_configure before super().on_configure(state)"
             )
         if component.ros_parameter is None and self._is_given_as_text(component.key):
@@ -431,7 +434,7 @@ class ObeliskNode(RateMonitoredNode):
         if name not in self.obk_callback_groups:
             types = ", ".join(CALLBACK_GROUP_TYPES)
             have = ", ".join(self.obk_callback_groups) or f"none (types: {types})"
-            fault = f"the {component} is in the callback group `{name}`; there are: {have}"
+            fault = f"the {component} is in the callback group `{name}`; available: {have}"
             if self._is_required(component):
                 raise ObeliskConfigError(fault)
             self.get_logger().warning(f"{fault}; it uses the node's default group")

@@ -31,7 +31,9 @@ __all__ = [
 Getter = Callable[[str], Any]
 """Returns the current or requested value of a parameter."""
 SETTING_SERVICES: Final = (SetParameters, SetParametersAtomically)
-READ_AT_CONFIGURE: Final = "is read at configure: clean up, set it, configure again"
+READ_AT_CONFIGURE: Final = (
+    "is read during the `configure` transition: clean up, set it, configure again"
+)
 _FREE_STATES: Final = ("unconfigured", "configuring", "finalized")
 """States in which nothing depends on parameters that `configure` reads."""
 _is_requested: ContextVar[bool] = ContextVar("is_requested", default=False)
@@ -186,7 +188,8 @@ def _rejection_reason(node: Any, message: Any) -> str | None:
     known = {kind.value: kind.name.lower() for kind in Parameter.Type}
     if message.value.type not in known:
         kinds = ", ".join(f"{number} ({kind})" for number, kind in known.items())
-        return f"`{message.name}` has a value of the type {message.value.type}; there are: {kinds}"
+        given = message.value.type
+        return f"`{message.name}` has a value of the type {given}; expected one of: {kinds}"
     if not message.name or not (
         node.has_parameter(message.name) or node._allow_undeclared_parameters
     ):

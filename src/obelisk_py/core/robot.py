@@ -50,8 +50,8 @@ LOOP_GRACE_S = 0.5
 """Time for a loop that does not read `simulator_stop` to end by itself [s]."""
 
 _ACTIONS: Final = {
-    "zero": "every number of the control is set to zero",
-    "hold": "the last one stays",
+    "zero": "every control value is set to zero",
+    "hold": "the last command is kept",
     "damp": "the robot brakes",
 }
 

@@ -107,7 +107,7 @@ def parse_node_settings(text: str, groups_text: str = "") -> NodeSettings:
     for name, kind in groups.items():
         if kind not in CALLBACK_GROUP_TYPES:
             raise ObeliskConfigError(
-                f"callback group `{name}` has the type `{kind}`; there are: "
+                f"callback group `{name}` has the type `{kind}`; expected one of: "
                 f"{', '.join(CALLBACK_GROUP_TYPES)}"
             )
     return NodeSettings(
@@ -174,7 +174,7 @@ def message_class_of(component: RegisteredComponent, configured: str | None) -> 
     """
     if component.msg_type is None and configured is None:
         raise ObeliskMsgError(
-            f"the {component} has no message type: give `msg_type` in the config or in the code"
+            f"the {component} has no message type: set `msg_type` in the config or in the code"
         )
     if component.msg_type is None:
         assert configured is not None
@@ -260,7 +260,8 @@ def stale_policy(component: RegisteredComponent, raw: Mapping[str, Any]) -> Stal
         return None
     if action not in (None, *STALE_ACTIONS):
         raise ObeliskConfigError(
-            f"the {component}: `stale_action` is `{action}`; there are: {', '.join(STALE_ACTIONS)}"
+            f"the {component}: `stale_action` is `{action}`; expected one of: "
+            f"{', '.join(STALE_ACTIONS)}"
         )
     return StalePolicy(
         max_age_s=_seconds(component, "max_age_sec", age), action=action or DEFAULT_STALE_ACTION
@@ -290,7 +291,7 @@ def _policy(
     value = str(qos.get(key, default)).lower()
     if value not in table:
         raise ObeliskConfigError(
-            f"the {component}: qos `{key}` is `{value}`; there are: {', '.join(table)}"
+            f"the {component}: qos `{key}` is `{value}`; expected one of: {', '.join(table)}"
         )
     return table[value]
 

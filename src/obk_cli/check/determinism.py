@@ -33,7 +33,7 @@ def check_lockstep(context: CheckContext) -> Iterator[Diagnostic]:
         if joystick.on:
             yield found(
                 "OBK612",
-                f"`{joystick.full_name}` has no life cycle, so it is not part of lock-step runs",
+                f"`{joystick.full_name}` has no lifecycle, so it is not part of lock-step runs",
                 joystick.span,
                 help="publish its topic from the test",
             )
@@ -46,7 +46,7 @@ def _check_executable(
     command = context.environment.find_executable(*names)
     is_cpp = context.environment.is_cpp(*names)
     if is_cpp or (isinstance(command, Command) and not command.is_of_this_python):
-        what = "is written in C++" if is_cpp else "is not Python of this interpreter"
+        what = "is written in C++" if is_cpp else "does not run in this Python interpreter"
         yield found(
             "OBK611",
             (

@@ -102,7 +102,7 @@ def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
             if other.owner != first.owner:
                 yield found(
                     "OBK210",
-                    f"both `{first.owner}` and `{other.owner}` publish `{topic}`, which "
+                    f"both `{first.owner}` and `{other.owner}` publish to `{topic}`, which "
                     "commands the robot",
                     other.span,
                     related=(
@@ -134,7 +134,7 @@ def _check_node_timers(node: Node, fastest_hz: float) -> Iterator[Diagnostic]:
         if component.kind == "timer" and period and 1 / period.value > fastest_hz * (1 + 1e-9):
             yield found(
                 "OBK211",
-                f"timer `{component.identity}` runs at {1 / period.value:g} Hz, the fastest "
+                f"timer `{component.identity}` runs at {1 / period.value:g} Hz, but the fastest "
                 f"topic that `{node.node_name}` subscribes to is published at {fastest_hz:g} Hz",
                 period.span,
             )
@@ -329,8 +329,8 @@ def _check_age(age: Spanned[float], topic: str, senders: Senders) -> Iterator[Di
         if age.value < _LEAST_AGE_PERIODS * period.value * (1 - 1e-9):
             yield found(
                 "OBK213",
-                f"`max_age_sec` is {age.value:g} s, `{topic}` is published every "
-                f"{period.value:g} s: a single late command triggers `stale_action`",
+                f"`max_age_sec` is {age.value:g} s, but `{topic}` is published every "
+                f"{period.value:g} s, so a single late command triggers `stale_action`",
                 age.span,
                 help=f"expected at least {_LEAST_AGE_PERIODS * period.value:g} s, two periods",
                 related=(Related(message="the timer that publishes", span=period.span),),

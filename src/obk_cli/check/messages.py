@@ -171,7 +171,7 @@ def _check_code(
         elif names is None and package not in (*ROS_MESSAGES, *in_config):
             yield found(
                 "OBK411",
-                f"`{executable.value}` cannot start: message package `{package}` is not found",
+                f"`{executable.value}` cannot start: message package `{package}` was not found",
                 executable.span,
                 help=_near_package(package, environment),
                 related=(_place(component, code),),
@@ -231,7 +231,7 @@ def _not_in_package(
 def _no_package(written: Spanned[str], package: str, environment: Environment) -> Diagnostic:
     return found(
         "OBK411",
-        f"message type `{written.value}`: package `{package}` is not found",
+        f"message type `{written.value}`: package `{package}` was not found",
         written.span,
         help=_near_package(package, environment),
     )

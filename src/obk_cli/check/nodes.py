@@ -153,7 +153,7 @@ def _contradiction(
     there = (Related(message=f"the component `{meant}`", span=owner.span),) if owner else ()
     return found(
         "OBK107",
-        f"key `{key.value}` names the component `{meant}`, `ros_parameter` names `{own}`",
+        f"key `{key.value}` names the component `{meant}`, but `ros_parameter` names `{own}`",
         key.span,
         help="remove one of the two",
         related=(Related(message="the `ros_parameter`", span=parameter.span), *there),

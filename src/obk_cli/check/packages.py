@@ -42,7 +42,7 @@ def no_such_package(
     near = ask_for(near_names(package.value, environment.package_names()))
     return found(
         "OBK403",
-        f"package `{package.value}` of the {what} `{search.written.value}` is not found",
+        f"package `{package.value}` of the {what} `{search.written.value}` was not found",
         package.span,
         help=near or where_it_is_not(search),
     )
@@ -127,10 +127,10 @@ def _no_package(
         in_python = (
             f", or use `{twin}`, which has the same nodes in Python" if twin in names else ""
         )
-        near = f"source the C++ workspace of Obelisk{in_python};"
+        near = f"source Obelisk's C++ workspace{in_python};"
     return found(
         "OBK401",
-        f"package `{package}` is not found",
+        f"package `{package}` was not found",
         places[0],
         help=f"{near} {looked}" if near else looked,
         related=(Related(message="also named here", span=place) for place in places[1:]),

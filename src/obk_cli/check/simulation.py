@@ -147,7 +147,7 @@ def _not_found(model: FileSearch, sim: Sim, environment: Environment) -> Diagnos
     hint = (
         "" if sim.robot_pkg or model.near else "; set `robot_pkg` to the package that contains it"
     )
-    message = f"model `{model.written.value}` is not found"
+    message = f"model `{model.written.value}` was not found"
     return found("OBK301", message, model.written.span, help=where_it_is_not(model) + hint)
 
 
@@ -170,13 +170,15 @@ def _check_block(
     for fault in check_sim(block, parameters, facts):
         yield _placed(fault, node, sim, environment)
     if isinstance(read, ModelRead) and read.missing_files and sim.model is not None:
-        count = len(read.missing_files)
+        is_one = len(read.missing_files) == 1
         yield found(
             "OBK318",
-            f"{count} file{'s' if count > 1 else ''} of the model `{sim.model.written.value}` "
-            f"{'are' if count > 1 else 'is'} missing: {list_names(read.missing_files, most=3)}",
+            f"`{sim.model.written.value}` refers to "
+            f"{'a missing file' if is_one else f'{len(read.missing_files)} missing files'}: "
+            f"{list_names(read.missing_files, most=3)}",
             sim.model.written.span,
-            help="the simulation cannot start without them; the model's structure was checked",
+            help=f"the simulation cannot start without {'it' if is_one else 'them'}; the rest of "
+            "the model was checked",
         )
 
 
@@ -259,8 +261,8 @@ def _check_message(component: Component) -> Iterator[Diagnostic]:
     if resolve_msg_type(written) in _WITHOUT_ACTUATORS:
         yield found(
             "OBK315",
-            f"the simulator cannot apply {with_article(written)}: it has no field `u_mujoco` "
-            "with actuator values",
+            f"the simulator cannot apply {with_article(written)}: the message has no field "
+            "`u_mujoco` with actuator values",
             component.msg_type.span,
             help="use `PositionSetpoint` or `PDFeedForward`; a low-level controller can convert "
             "to one of them",
@@ -422,7 +424,7 @@ def _check_network(
             "OBK322",
             f"`observation` has {with_number(size, 'value')} for "
             f"{with_number(joint_count, 'joint')}, "
-            f"the network `{path.name}` takes {read.inputs}",
+            f"but the network `{path.name}` takes {read.inputs}",
             observation.span,
             help="write the terms and joints that the network was trained with",
         )

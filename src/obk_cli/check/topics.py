@@ -222,7 +222,7 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
             if first is not end and not is_reported:
                 yield found(
                     "OBK214",
-                    f"`{end.owner}` publishes `{end.topic}` twice",
+                    f"`{end.owner}` has two publishers on `{end.topic}`",
                     end.span,
                     help="give it its own topic",
                     related=(
@@ -258,7 +258,7 @@ def _shared_sensor_topics(
         help += "; to replace one by the other, give both the same `name`"
     return found(
         "OBK218",
-        f"both `{one}` and `{other}` publish the sensor topic{'s' if len(topics) > 1 else ''} "
+        f"both `{one}` and `{other}` publish to the sensor topic{'s' if len(topics) > 1 else ''} "
         f"{list_names(topics)}",
         second.span,
         help=help,

@@ -87,17 +87,17 @@ def info(
     recording: Annotated[
         str | None,
         typer.Argument(
-            metavar="[FILE|RUN]", help="File, or run by the name of its config or folder."
+            metavar="[FILE|RUN]", help="File, or run by the name of its folder or config."
         ),
     ] = None,
     format: FormatOption = "text",
 ) -> None:
     """Show topics, types, counts, rates and losses of a recording.
 
-    Also shows where it comes from: the run, the config and the versions.
+    It also shows where the recording comes from: the run, the config and the versions.
 
-    The default is the newest recorded run. Also reads rosbag2 recordings, and incomplete recordings
-    up to the point where the recorder was killed.
+    The default is the latest recorded run. The command also reads rosbag2 recordings, and
+    incomplete recordings up to the point where the recorder was killed.
     """
     is_json = wants_json(format)
 

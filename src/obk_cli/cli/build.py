@@ -128,7 +128,7 @@ def command(
     packages: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[PKG]...", help="Packages to build. Default: all of the workspace."
+            metavar="[PKG]...", help="Packages to build. Default: all in the workspace."
         ),
     ] = None,
     workspace: Annotated[

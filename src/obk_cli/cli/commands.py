@@ -51,10 +51,10 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
             "explain": Verb(
                 "obk_cli.cli.explain", "Explain a rule and how to fix what it reports."
             ),
-            "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as a picture."),
+            "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as an image."),
             "test": Verb("obk_cli.cli.test", "Run closed-loop tests in simulated time."),
             "sweep": Verb(
-                "obk_cli.cli.sweep", "Run closed-loop tests for many seeds and parameters."
+                "obk_cli.cli.sweep", "Run closed-loop tests across many seeds and parameter values."
             ),
             "rehearse": Verb(
                 "obk_cli.cli.rehearse", "Test how a stack reacts when its nodes fail."
@@ -66,7 +66,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
         "Run": {
             "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
             "lifecycle": Verb(
-                "obk_cli.cli.lifecycle", "Show or change the life-cycle states of nodes."
+                "obk_cli.cli.lifecycle", "Show or change the lifecycle states of nodes."
             ),
             "ps": Verb("obk_cli.cli.ps", "List the stacks running on this host."),
             "stop": Verb("obk_cli.cli.stop", "Shut a stack down cleanly."),
@@ -76,9 +76,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
             "monitor": Verb("obk_cli.cli.monitor", "Show nodes, rates and log of a running stack."),
             "web": Verb("obk_cli.cli.web", "Show a running stack in the browser."),
             "logs": Verb("obk_cli.cli.logs", "Show the logs of a run or of one of its nodes."),
-            "topic": Verb(
-                "obk_cli.cli.topic", "Inspect, measure and publish topics of a running stack."
-            ),
+            "topic": Verb("obk_cli.cli.topic", "Inspect and measure topics, and publish to them."),
             "node": Verb("obk_cli.cli.node", "Inspect the nodes of a running stack."),
             "param": Verb("obk_cli.cli.param", "Show and set parameters of running nodes."),
             "service": Verb("obk_cli.cli.service", "List and call services of a running stack."),

@@ -41,7 +41,7 @@ IgnoreOption = Annotated[
     typer.Option("--ignore", metavar="CODE", help="Silence a rule or a family (OBK4)."),
 ]
 ColourOption = Annotated[
-    str, typer.Option("--color", metavar="auto|always|never", help="When to use colour.")
+    str, typer.Option("--color", metavar="auto|always|never", help="When to use color.")
 ]
 
 

@@ -103,8 +103,8 @@ def command(
 ) -> None:
     """Check whether this machine can run stacks; report problems and how to fix them.
 
-    Tests network, compilers and graphics in separate processes. Changes nothing. Exit code 0: no
-    errors (there may be warnings); 1: errors; 2: usage error.
+    The command changes nothing; it tests network, compilers and graphics in separate processes.
+    Exit code 0: no errors (there may be warnings); 1: errors; 2: usage error.
     """
     is_json, colour = wants_json(format), wants_colour(color)
     every = checks_of(os.environ, Path.cwd())

@@ -48,7 +48,7 @@ def _page(rule: Rule) -> str:
     parts += [
         f"Wrong:\n{_indented(example['wrong'])}",
         f"Right:\n{_indented(example['right'])}",
-        f"Output for the wrong version:\n{_indented(example['report'])}",
+        f"Output for the wrong example:\n{_indented(example['report'])}",
     ]
     if rule.code.startswith(LOCKSTEP_FAMILY):
         parts.append("Reported by `obk validate --for-test` only.")

@@ -45,7 +45,7 @@ def command(
         str | None,
         typer.Option(
             metavar="|".join(_PICTURES),
-            help="Picture format. Default: from the extension of the output file.",
+            help="Image format. Default: from the extension of the output file.",
         ),
     ] = None,
     output: OutputOption = None,
@@ -83,6 +83,6 @@ def _picture_of(output: str | None) -> str | None:
         if ending == known:
             return name
     raise MisuseError(
-        f"`--output`: no picture format has the extension `{ending}`",
+        f"`--output`: no image format has the extension `{ending}`",
         help=f"use one of {list_names((*_PICTURES.values(), _TEXT))}",
     )

@@ -46,7 +46,8 @@ def command(
         typer.Option(
             "--model",
             metavar="FILE",
-            help="Copy this robot model (MJCF or URDF) and create a stack that holds its pose.",
+            help="Copy this robot model (MJCF or URDF) and create a stack that holds the robot in "
+            "place.",
             show_default="an arm with three joints",
         ),
     ] = None,
@@ -67,7 +68,8 @@ def command(
 ) -> None:
     """Create a workspace: a config, a robot model, a controller, an estimator, tests and checks.
 
-    Existing files are kept. If a file differs, you are asked; without a terminal the command fails.
+    Existing files are not overwritten without asking. If one differs and there is no terminal, the
+    command fails.
     """
     root = folder.resolve()
     stack = folder.name if folder.is_symlink() else root.name
@@ -88,7 +90,8 @@ def command(
         dry_run=dry_run,
         force=False,
         form=format,
-        remedy="choose another folder, or move these files; on a terminal you are asked about each",
+        remedy="choose another folder, or move these files; on a terminal, `obk` asks about each "
+        "of them",
     )
     describe = _describe_json if format == "json" else _describe_text
     notes = describe_robot(robot) if robot else ()

@@ -66,7 +66,8 @@ VIEWERS = ("none", "native", "web")
 def command(
     config: ConfigArgument,
     until: Annotated[
-        str, typer.Option(metavar="|".join(UNTIL), help="State to which to bring the stack up.")
+        str,
+        typer.Option(metavar="|".join(UNTIL), help="Bring the stack up to this lifecycle state."),
     ] = "active",
     duration: Annotated[
         float | None, typer.Option(help="Stop the stack after this time [s].")
@@ -79,7 +80,7 @@ def command(
     ] = None,
     timeout: Annotated[
         float,
-        typer.Option(help="Time limit for a transition [s]; starting is allowed at least 20 s."),
+        typer.Option(help="Time limit for a transition [s]; startup gets at least 20 s."),
     ] = 10.0,
     on_crash: Annotated[
         str,
@@ -119,7 +120,7 @@ def command(
         typer.Option("--allow-foreign", help="Allow other nodes to publish robot commands."),
     ] = False,
     record: Annotated[
-        bool, typer.Option("--record", help="Record the topics of the config as MCAP.")
+        bool, typer.Option("--record", help="Record the config's topics as MCAP.")
     ] = False,
     record_topic: Annotated[
         list[str] | None,
@@ -137,8 +138,8 @@ def command(
         typer.Option(
             metavar="FILE",
             help=(
-                "Record a video of the simulated robot (.mp4, .gif), or a picture at the end "
-                "(.png)."
+                "Record a video of the simulated robot (.mp4, .gif), or a still image of its "
+                "final state (.png)."
             ),
         ),
     ] = None,
@@ -168,7 +169,7 @@ def command(
     log_level: Annotated[
         str | None, typer.Option(help="Log level for nodes that do not set one.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Hide the output of the nodes.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Hide the nodes' output.")] = False,
     format: Annotated[str, typer.Option(metavar="|".join(FORMATS), help="Output format.")] = "text",
     keep: Annotated[int, typer.Option(help="Number of runs whose logs are kept.")] = 50,
     build: Annotated[
@@ -181,11 +182,11 @@ def command(
 ) -> None:
     """Start a stack, bring it up, supervise it, and shut it down cleanly.
 
-    Out-of-date message packages of the workspace are compiled first.
-    Ends on Ctrl-C, on SIGTERM, after --duration or --sim-duration, or when a node fails. All
-    processes of the stack end with this command. Exit code 0: shut down cleanly; 1: the config has
-    errors, a node failed, a node missed its rate (with --strict-rates), or the robot was still
-    rejecting every command when the stack stopped.
+    Out-of-date message packages in the workspace are compiled first.
+    The command ends on Ctrl-C, on SIGTERM, after --duration or --sim-duration, or when a node
+    fails. All processes of the stack end with this command. Exit code 0: shut down cleanly; 1: the
+    config has errors, a node failed, a node missed its rate (with --strict-rates), or the robot was
+    still rejecting every command when the stack stopped.
     """
     require_choice("--until", until, tuple(UNTIL))
     require_choice("--on-crash", on_crash, get_args(OnCrash))
@@ -195,7 +196,7 @@ def command(
     _check_numbers(timeout, hang_after, keep, duration)
     require_positive("--sim-duration", sim_duration, "seconds")
     if sim_duration is not None and until != "active":
-        raise MisuseError(f"`--sim-duration`: with `--until {until}` no simulation runs")
+        raise MisuseError(f"`--sim-duration`: the simulation does not run with `--until {until}`")
     outcome = compile_config(config, make_options(set_, ignore))
     plan = _with_log_level(valid_plan(outcome, color), log_level)
     _check_devices(plan, device, lead)

@@ -29,7 +29,7 @@ __all__ = ["EXAMPLE", "SUBCOMMANDS", "command"]
 EXAMPLE = "Example: obk lifecycle deactivate obelisk_control_0"
 SUBCOMMANDS = ("get", "list", *TRANSITIONS)
 """The first argument of `obk lifecycle`."""
-_RESULTS = {"there already": "already in that state", "taken back": "rolled back"}
+_RESULTS = {"already there": "already in that state"}
 """Result -> its text, if that differs."""
 WITHOUT_STATE = frozenset({NO_ANSWER, UNKNOWN, GONE})
 """Shown instead of a state for nodes that reported none."""

@@ -27,7 +27,7 @@ def command(
         str | None,
         typer.Argument(
             metavar="[RUN]",
-            help="Run, by the name of its config or folder. Default: the newest.",
+            help="Run, by the name of its config or folder. Default: the latest.",
             autocompletion=complete_kept_runs,
         ),
     ] = None,
@@ -46,8 +46,8 @@ def command(
 ) -> None:
     """Show the log of a run, or of one of its nodes.
 
-    RUN is the name of a config (its newest run) or of a run's folder. NODE is a name, full or short
-    (control_0). `obk logs control_0` shows that node in the newest run.
+    RUN is the name of a config (its latest run) or of a run's folder. NODE is a name, full or short
+    (control_0). `obk logs control_0` shows that node in the latest run.
     """
     if lines is not None and lines < 0:
         raise MisuseError("`--lines`: expected a number of at least 0")

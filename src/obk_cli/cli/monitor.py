@@ -41,13 +41,13 @@ def command(
     domain: DomainOption = None,
     format: FormatOption = "text",
 ) -> None:
-    """Show a running stack live: nodes, topics with their rates, newest log lines.
+    """Show a running stack live: nodes, topics with their rates, latest log lines.
 
     Rates are measured on the serialized messages. `!` marks topics that are more than 10 % off the
     rate that the config expects. Keys trigger transitions of the stack or of one node, and `p`
     tunes parameters; `?` lists all keys. If no stack is running, the command waits for one.
-    --format json prints one object per period and line until the stack ends. For a stack on another
-    host, expected rates, parameters and log are not available.
+    --format json prints one JSON object per period, on a line of its own, until the stack stops.
+    For a stack on another host, expected rates, parameters and log are not available.
     """
     is_json = wants_json(format)
     require_positive("--period", period, "seconds")

@@ -106,7 +106,11 @@ Device = Annotated[
 ]
 Replace = Annotated[
     str | None,
-    typer.Option("--replace", metavar="NODE", help="With --add-to: the existing node to replace."),
+    typer.Option(
+        "--replace",
+        metavar="NODE",
+        help="With --add-to: the existing node to replace, by name or executable.",
+    ),
 ]
 DryRun = Annotated[
     bool, typer.Option("--dry-run", help="Show what would be created, without writing it.")
@@ -232,7 +236,7 @@ def new_robot(
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Create a driver for a hardware robot: control messages in, sensor messages out."""
+    """Create a driver for a real robot: control messages in, sensor messages out."""
     request = PackageRequest(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
     run_new(
         request,
@@ -313,7 +317,7 @@ def new_config(
 ) -> None:
     """Create a config from the workspace's nodes.
 
-    Sections for which the workspace has no node use one of the dummy example.
+    Sections for which the workspace has no node get one from the dummy example.
     """
     request = PackageRequest(kind="config", name=name)
     run_new(

@@ -48,7 +48,7 @@ DomainOption = Annotated[
     ),
 ]
 TopicArgument = Annotated[
-    str, typer.Argument(help="Topic name, or the end of it.", autocompletion=complete_topics)
+    str, typer.Argument(help="Topic name, or a suffix of it.", autocompletion=complete_topics)
 ]
 NodeArgument = Annotated[
     str,
@@ -56,19 +56,22 @@ NodeArgument = Annotated[
 ]
 RunArgument = Annotated[
     str,
-    typer.Argument(metavar="FILE|RUN", help="File, or run by the name of its config or folder."),
+    typer.Argument(
+        metavar="FILE|RUN",
+        help="File, or run by the name of its folder or config. A "
+        "config stands for its latest recorded run, `dummy~1` for the one before.",
+    ),
 ]
 TopicsOption = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="T", help="Use only this topic, by its name or the end of it; may be repeated."
+        metavar="T", help="Use only this topic, by its name or a suffix of it; may be repeated."
     ),
 ]
 TimeoutOption = Annotated[
     float,
     typer.Option(
-        help="Seconds to wait for a reply. If unset, give up after 1 s when no node is found at "
-        "all."
+        help="Seconds to wait for a reply.", show_default="5, or 1 if no node at all is found"
     ),
 ]
 MOST: Final = 1e6
@@ -161,5 +164,6 @@ def load_message(text: str) -> object:
         return load_yaml_core(text)
     except YamlTextError as error:
         raise MisuseError(
-            f"the message is not YAML: {error}", help="write it as '{field: value, other: [1, 2]}'"
+            f"the message is not valid YAML: {error}",
+            help="write it as '{field: value, other: [1, 2]}'",
         ) from error

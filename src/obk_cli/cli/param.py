@@ -55,7 +55,7 @@ def _root() -> None:
     """Show and set parameters of running nodes, by name (control_0) or by section (control)."""
 
 
-_AT_CONFIGURE = " (takes effect at the next configure)"
+_AT_CONFIGURE = " (takes effect at the next `configure` transition)"
 
 
 @app.command("list", epilog="Example: obk param list control_0")
@@ -175,7 +175,7 @@ def dump(
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
-    """Write a node's parameters as a file for `--params-file`."""
+    """Write a node's parameters to a file for `--params-file`."""
     with _open_parameters(node, domain, timeout) as opened:
         values = opened.parameters.values(opened.parameters.names())
     written = {}
@@ -209,9 +209,9 @@ def save(
 ) -> None:
     """Write the current parameters of running nodes into their config.
 
-    Updates values under `params` that differ from those of the nodes, and adds tuned parameters
-    that the config lacks. Comments and layout are kept. Each edit is verified by compiling the
-    config again. Exit code 1 if a value cannot be written.
+    The command updates values under `params` that differ from those of the nodes, and adds tuned
+    parameters that the config lacks. Comments and layout are kept. Each edit is verified by
+    compiling the config again. Exit code 1 if a value cannot be written.
     """
     target = graph_target(domain, timeout)
 

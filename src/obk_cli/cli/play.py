@@ -45,7 +45,9 @@ def command(
     topic: TopicsOption = None,
     rate: Annotated[
         float,
-        typer.Option(help="Playback speed, relative to real time; with --into only in real time."),
+        typer.Option(
+            help="Playback speed, relative to real time; with --into, requires --real-time."
+        ),
     ] = 1.0,
     into: Annotated[
         str | None,
@@ -54,12 +56,13 @@ def command(
     nodes: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="N", help="Nodes of --into to run, by name or section; may be repeated."
+            metavar="NODE",
+            help="Nodes to run from the --into config, by name or section; may be repeated.",
         ),
     ] = None,
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Override a value of --into."),
+        typer.Option("--set", metavar="PATH=VALUE", help="Override a value in the --into config."),
     ] = None,
     output: Annotated[
         Path | None,
@@ -67,12 +70,12 @@ def command(
     ] = None,
     real_time: Annotated[
         bool,
-        typer.Option("--real-time", help="Run the nodes of --into as processes, in real time."),
+        typer.Option("--real-time", help="Run the --into nodes as processes, in real time."),
     ] = False,
     tolerance: Annotated[
         float | None,
         typer.Option(
-            metavar="PART",
+            metavar="FRACTION",
             help="With --real-time: accepted RMS difference, as a fraction of each signal's span. "
             "Default: 0.05.",
         ),
@@ -86,7 +89,7 @@ def command(
     """Replay a recording in real time.
 
     Topics that command a robot are left out unless --allow-hardware is given. If a robot subscribes
-    to one of the other topics, the command stops.
+    to one of the other topics, the command exits with an error before publishing.
 
     With --into, nodes of a config run on the recorded inputs instead, in lock-step and in simulated
     time. Repeating the replay gives bit-identical results. The nodes are isolated: no other process
@@ -96,7 +99,7 @@ def command(
 
     With --real-time, the nodes run as processes and follow the recorded time, which is published on
     /clock. They run in a ROS domain of their own unless --domain is given. Their output is compared
-    with a tolerance. Nodes and inputs that command a robot need --allow-hardware.
+    within a tolerance. Nodes and inputs that command a robot need --allow-hardware.
     """
     require_positive("--rate", rate)
     if into is None and (nodes or set_ or output):
@@ -105,10 +108,10 @@ def command(
         raise MisuseError("`--into` needs `--nodes`", help="such as `--nodes estimation`")
     if real_time and into is None:
         raise MisuseError("`--real-time` needs `--into CONFIG`")
-    if tolerance is not None and not (real_time and tolerance >= 0.0):
-        raise MisuseError(
-            f"`--tolerance {tolerance:g}` needs `--real-time` and a value of at least 0"
-        )
+    if tolerance is not None and not real_time:
+        raise MisuseError("`--tolerance` needs `--real-time`")
+    if tolerance is not None and not tolerance >= 0.0:
+        raise MisuseError(f"`--tolerance {tolerance:g}`: expected a number of at least 0")
     if into is not None and not real_time and rate != 1.0:
         raise MisuseError(
             "`--rate` with `--into` needs `--real-time`: lock-step runs have no playback speed"
@@ -310,7 +313,7 @@ def _inputs(
     for name in named:
         if name not in recorded:
             raise MisuseError(
-                f"`--topic {name}`: no node subscribes to it",
+                f"`--topic {name}`: it is not a recorded input of these nodes",
                 help=f"the nodes subscribe to {list_names(recorded) or 'nothing in the recording'}",
             )
     if not recorded:

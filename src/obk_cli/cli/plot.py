@@ -28,8 +28,9 @@ def command(
         list[str],
         typer.Argument(
             metavar="FILE|RUN... TOPIC.FIELD...",
-            help="Files, or runs by the name of their config or folder; then fields of topics. "
-            "A topic is given by its name or the end of it.",
+            help="Files, or runs by the name of their folder or config; then fields of topics. A "
+            "config stands for its latest recorded run, `dummy~1` for the one before. "
+            "A topic is given by its name or a suffix of it.",
         ),
     ],
     output: Annotated[
@@ -74,7 +75,7 @@ def command(
     picture = output or Path(f"{runs[0].name}_{_word(names[0].text)}{ending}")
     if picture.suffix not in FORMATS or (html and picture.suffix != ".html"):
         expected = ".html" if html else ".png, .svg or .html"
-        raise MisuseError(f"`--output {picture}`: expected a file named {expected}")
+        raise MisuseError(f"`--output {picture}`: expected a file name that ends in {expected}")
     for run in runs:
         if not run.bag.is_complete:
             print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)

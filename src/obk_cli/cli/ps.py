@@ -23,7 +23,7 @@ LONGEST_COMMAND = 100
 def command(format: FormatOption = "text") -> None:
     """List the stacks running on this host, in every ROS domain, with their nodes.
 
-    Also lists processes that a stack left behind; `obk reap` ends them.
+    The command also lists processes that a stack left behind; `obk reap` terminates them.
     """
     is_json = wants_json(format)
     parent = runs_folder(os.environ)
@@ -83,7 +83,7 @@ def _node(node: NodeStatus) -> str:
 
 
 def _orphan_lines(orphans: tuple[Orphan, ...]) -> Iterator[str]:
-    yield "orphaned processes (end them with `obk reap`):"
+    yield "orphaned processes (terminate them with `obk reap`):"
     for orphan in orphans:
         yield f"  {orphan.pid}  {orphan.run}  {plain(orphan.command)[:LONGEST_COMMAND]}"
 

@@ -19,16 +19,16 @@ EXAMPLE = "Example: obk reap --dry-run"
 
 def command(
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="List the processes without ending them.")
+        bool, typer.Option("--dry-run", help="List the processes without terminating them.")
     ] = False,
 ) -> None:
     """Terminate processes of stacks whose launcher no longer runs, with their child processes.
 
-    Affects only your own processes that `obk launch` started, and never a running stack. Exit code
-    0: no process is left; 1: a process did not end.
+    The command affects only your own processes that `obk launch` started, and never a running
+    stack. Exit code 0: no process is left; 1: a process is still running.
     """
     orphans = find_orphans(runs_folder(os.environ))
-    verb = "would end" if dry_run else "ending"
+    verb = "would terminate" if dry_run else "terminating"
     for orphan in orphans:
         print(plain(f"{verb} {orphan.pid}  {orphan.run}  {orphan.command}"))
     if not orphans:
@@ -39,5 +39,5 @@ def command(
     if orphans:
         remove_dead_segments()
     for orphan in remaining:
-        print(f"error: process {orphan.pid} did not end", file=sys.stderr)
+        print(f"error: process {orphan.pid} is still running", file=sys.stderr)
     raise typer.Exit(EXIT_FAILED if remaining else EXIT_DONE)

@@ -83,7 +83,7 @@ def command(
     """
     is_json = wants_json(format)
     if config == "-":
-        raise MisuseError("`obk rehearse` starts the config more than once, so it needs a file")
+        raise MisuseError("`obk rehearse` starts the stack more than once, so it needs a file")
     require_choice("--on-crash", on_crash, get_args(OnCrash))
     faults = _faults(fault)
     outcome = compile_config(config, make_options(set_, ignore))

@@ -76,7 +76,7 @@ def write_vscode_schema(folder: Path, schema: str) -> Iterator[str]:
         yield "to have the editor check these files, add this first line to each:"
     for config in missing:
         yield f"  {config}: {_MODELINE}{_path_from(config)}"
-    yield f"VS Code needs the extension {_EXTENSION} for this"
+    yield f"VS Code needs the {_EXTENSION} extension for this"
 
 
 def _path_from(config: str) -> str:

@@ -79,7 +79,7 @@ def list_(
 @app.command(epilog="Example: obk service call robot_0/pause '{data: true}'")
 def call(
     service: Annotated[
-        str, typer.Argument(help="Service name, or the end of it, such as robot_0/reset.")
+        str, typer.Argument(help="Service name, or a suffix of it, such as robot_0/reset.")
     ],
     request: Annotated[
         str,

@@ -38,7 +38,7 @@ def command(
         str | None,
         typer.Argument(
             metavar="[TEST]",
-            help="Test, such as `tests/test_arm.py::test_push`, or file of tests. Default: the "
+            help="Test, such as `tests/test_arm.py::test_push`, or a test file. Default: the "
             "tests in `tests/` next to the config, otherwise a smoke test.",
         ),
     ] = None,
@@ -52,7 +52,7 @@ def command(
         list[str] | None,
         typer.Option(
             metavar="PATH=RANGE",
-            help="Vary a value of the config over a range (`50..200`) or a list (`1,2,5`); may be "
+            help="Vary a config value over a range (`50..200`) or a list (`1,2,5`); may be "
             "repeated.",
         ),
     ] = None,
@@ -60,8 +60,8 @@ def command(
         bool,
         typer.Option(
             "--grid",
-            help="Run every combination of values with every seed; write ranges as `50..200:7`. "
-            "Default: Latin hypercube samples.",
+            help="Run every combination of values with every seed. Ranges then need a number of "
+            "values: `50..200:7` has 7. Default: Latin hypercube samples.",
         ),
     ] = False,
     jobs: Annotated[
@@ -73,7 +73,7 @@ def command(
     engine: Annotated[
         str,
         typer.Option(
-            metavar="|".join(ENGINES), help="Where cases run; `dask` needs the extra of that name."
+            metavar="|".join(ENGINES), help="Where cases run; `dask` needs the `sweep` extra."
         ),
     ] = "local",
     scheduler: Annotated[
@@ -95,7 +95,8 @@ def command(
         typer.Option(
             metavar="SECONDS",
             min=0.1,
-            help="Wall-clock time limit for a case [s]; a case that exceeds it is ended and fails.",
+            help="Wall-clock time limit for a case [s]; a case that exceeds it is terminated and "
+            "counts as failed.",
         ),
     ] = 600.0,
     format: FormatOption = "text",
@@ -103,7 +104,7 @@ def command(
     ignore: IgnoreOption = None,
     color: ColourOption = "auto",
 ) -> None:
-    """Run closed-loop tests for many seeds and values of parameters.
+    """Run closed-loop tests across many seeds and parameter values.
 
     Results are kept in a database; run the same command again to resume an interrupted sweep.
     `report.html` shows pass rates, distributions and the worst cases with the commands that run

@@ -59,15 +59,18 @@ def command(
     ] = None,
     seeds: Annotated[
         str,
-        typer.Option(metavar="N|=K", help="Run tests with `seed` for N seeds, or for seed K only."),
+        typer.Option(
+            metavar="N|=K",
+            help="Run tests that take `seed` for N seeds; `--seeds =17` runs seed 17 only.",
+        ),
     ] = "1",
     again: Annotated[
         str | None,
-        typer.Option(metavar="NODEID", help="Repeat one trial, by its id in the summary."),
+        typer.Option(metavar="TESTID", help="Repeat one trial, by its ID in the summary."),
     ] = None,
     twice: Annotated[
         bool,
-        typer.Option("--twice", help="Run each test twice; the first difference is a failure."),
+        typer.Option("--twice", help="Run each test twice and fail if the runs differ."),
     ] = False,
     jobs: Annotated[
         int | None,
@@ -94,7 +97,7 @@ def command(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder for recordings and pictures.",
+            help="Folder for recordings and plots.",
             show_default="build/obk-test next to the config",
         ),
     ] = None,
@@ -109,12 +112,13 @@ def command(
     """Run closed-loop tests of a stack in simulated time: repeatable and faster than real time.
 
     All nodes run in one process, in lock-step with the simulated robot. TESTS are pytest files
-    whose tests use the fixture `stack`; by default those in `tests/` next to the config. Without
+    whose tests use the `stack` fixture; by default those in `tests/` next to the config. Without
     tests, a smoke test runs the stack for 5 s: no fault, finite values, topics at their rates, and
     two identical runs.
 
-    A failed test leaves a recording, a picture and the command that repeats it. Hardware is never
-    opened. Exit code 0: all tests passed; 1: a test failed, or the config has errors.
+    A failed test leaves a recording and a plot, and the summary shows the command that repeats the
+    test. Hardware is never accessed. Exit code 0: all tests passed; 1: a test failed, or the config
+    has errors.
     """
     if config == STANDARD_INPUT:
         raise MisuseError("`obk test` needs the path of a config, not `-`")
@@ -211,7 +215,7 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
     if code == _NO_TESTS:
         raise MisuseError(
             "no tests were run",
-            help="a test is a function `test_...` that uses the fixture `stack`",
+            help="a test is a function `test_...` that uses the `stack` fixture",
         )
     if code == _MISUSED:
         raise MisuseError("pytest rejected its arguments, see above")
@@ -260,7 +264,7 @@ def _found_again(node_id: str, folder: Path) -> str:
         return f"{folder / path}{colons}{rest}"
     raise MisuseError(
         f"`--again {node_id}`: file `{path}` not found",
-        help="copy the id from the summary of `obk test`, such as "
+        help="copy the ID from the summary of `obk test`, such as "
         "'tests/test_push.py::test_push[seed17]'",
     )
 

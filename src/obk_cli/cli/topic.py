@@ -31,7 +31,7 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     no_args_is_help=True,
-    help="Inspect, measure and publish topics of a running stack.",
+    help="Inspect and measure topics, and publish to them.",
 )
 
 EXAMPLE = "Example: obk topic echo est q_joints[0]"
@@ -85,7 +85,8 @@ def info(
 ) -> None:
     """Show the publishers and subscribers of a topic with their QoS.
 
-    Reports incompatible types or QoS, and whether messages use local sockets or DDS, and why.
+    It also reports incompatible types or QoS, and whether messages use local sockets or DDS, and
+    why.
     """
     is_json = wants_json(format)
     target = graph_target(domain, timeout)
@@ -143,9 +144,9 @@ def echo(
 ) -> None:
     """Print the messages of a topic until Ctrl-C.
 
-    Uses the publisher's QoS, so best-effort and latched (transient-local) messages are received.
-    --timeout limits the wait for the topic and the first message; with --once or --count, the wait
-    for each message. The first message defines the CSV columns.
+    The subscription uses the publisher's QoS, so best-effort and latched (transient-local) messages
+    are received. --timeout limits the wait for the topic and the first message; with --once or
+    --count, the wait for each message. The first message defines the CSV columns.
     """
     if format not in ("text", "json", "csv"):
         raise MisuseError(f"`--format {format}`: expected `text`, `json` or `csv`")

@@ -48,7 +48,7 @@ def hz(
         list[str],
         typer.Argument(
             metavar="TOPIC...",
-            help="Topic names, or the ends of them.",
+            help="Topic names, or suffixes of them.",
             autocompletion=complete_topics,
         ),
     ],
@@ -62,10 +62,11 @@ def hz(
 ) -> None:
     """Measure the message rate of topics; report it every second.
 
-    Uses the times at which the middleware received the messages. min, max and std dev refer to the
-    interval between two messages. Jitter is the p99 deviation of intervals from their mean. Losses
-    are gaps in the publisher's sequence numbers, and are unknown if there are several publishers.
-    Ends on Ctrl-C or after --duration. Exit code 1 if no message is received within --timeout.
+    Rates are computed from the times at which the middleware received the messages. min, max and
+    std dev refer to the interval between two messages. Jitter is the p99 deviation of intervals
+    from their mean. Losses are gaps in the publisher's sequence numbers, and are unknown if there
+    are several publishers. The command ends on Ctrl-C or after --duration. Exit code 1 if no
+    message is received within --timeout.
     """
     is_json = wants_json(format)
     require_positive("--window", window, "seconds")

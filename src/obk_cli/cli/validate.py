@@ -70,14 +70,15 @@ def command(
         bool,
         typer.Option(
             "--for-test",
-            help="Also report code that may behave differently between two lock-step runs.",
+            help="Also report code that may behave differently between lock-step runs.",
         ),
     ] = False,
     watch: Annotated[
         bool, typer.Option("--watch", help="Check again whenever a file changes, until Ctrl-C.")
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="Also show source lines and hints for infos.")
+        bool,
+        typer.Option("--verbose", help="Also show source lines and hints for info-level findings."),
     ] = False,
     ignore: IgnoreOption = None,
     set_: SetOption = None,

@@ -38,9 +38,9 @@ def command(
 ) -> None:
     """Show a running stack as a page: states with buttons, the parameters, rates, plots, the log.
 
-    Prints the page's URL with its token and serves browsers on this host until Ctrl-C; to use
-    another host, run `ssh -L 8420:127.0.0.1:8420 HOST` there. Anyone who has the URL can move the
-    robot. If no stack is running, the page waits for the next one.
+    The command prints the page's URL with its token and serves browsers on this host until Ctrl-C;
+    to use another host, run `ssh -L 8420:127.0.0.1:8420 HOST` there. Anyone who has the URL can
+    move the robot. If no stack is running, the page waits for the next one.
     """
     for module in ("starlette", "uvicorn"):
         require_extra(module, "web")

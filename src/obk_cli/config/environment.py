@@ -190,7 +190,7 @@ class Environment(Protocol):
         """The location where a model defines this element."""
 
 
-_KINDS: Final = {bool: "bool", int: "int", float: "float", str: "text"}
+_KINDS: Final = {bool: "bool", int: "int", float: "float", str: "string"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -194,7 +194,7 @@ class Fields:
         if near:
             # Read it as the key that was meant, so that nothing is reported missing.
             self._entries.setdefault(near[0], entry)
-        message = f"{self._what} has no key `{entry.key}`"
+        message = f"`{entry.key}` is not a valid key of {self._what}"
         meant = sure_name(entry.key, compared)
         edits: tuple[Edit, ...] = ()
         if meant is not None and self.tree.get(meant) is None:

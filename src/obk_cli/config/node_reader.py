@@ -52,7 +52,7 @@ from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["LOG_LEVELS", "read_node"]
 
-_HOLDS = "a ROS parameter holds a bool, int, float, text or a list of one of these"
+_HOLDS = "a ROS parameter holds a bool, int, float, string or a list of one of these"
 _WHOLE_NUMBERS = ("history_depth", "num_steps_per_viz", "n_u", "seed")
 _INT64 = range(-(2**63), 2**63)
 
@@ -185,7 +185,7 @@ def _renamed(group: TreeMap, faults: Faults) -> TreeMap:
             faults.append(found("OBK506", message, entry.key_span, fix=edits))
             continue
         if newer is not None and written is None:
-            message = f"`{entry.key}` is the older name of `{newer}`"
+            message = f"`{entry.key}` is the older name for `{newer}`"
             edits = respell(entry.key_span, entry.key, newer)
             help = f"write `{newer}`"
             faults.append(found("OBK501", message, entry.key_span, help=help, fix=edits))

@@ -51,7 +51,7 @@ def _as_noticed(at: ErrorContext) -> _Cause:
     related = None
     if at.context and at.context_place and at.context_place[0] < at.line:
         related = Related(message=at.context, span=at.at(*at.context_place))
-    return _Cause(f"not YAML: {at.problem}", at.span, None, related)
+    return _Cause(f"not valid YAML: {at.problem}", at.span, None, related)
 
 
 # Quotes
@@ -84,7 +84,7 @@ def _quote_closed_later(at: ErrorContext) -> _Cause | None:
         return None
     return _quote_from(
         quoted,
-        f"is closed only in line {quoted.end_line}, by a quote that was meant to open a text",
+        f"is closed only in line {quoted.end_line}, by a quote that was meant to open a string",
     )
 
 

@@ -307,7 +307,7 @@ class _Addition:
     def _tied(self, place: InsertionPoint) -> Rejected:
         where = place.entry.key_span if place.entry else self._tree.span
         return Rejected(
-            sentence=f"the text of section `{place.section}` ({where}) is tied to other places by "
+            sentence=f"section `{place.section}` ({where}) cannot be edited because of its "
             "anchors, an include or its layout",
             help="write the section as a block list in the config itself, one key on each line, "
             "then add the node, or paste it there yourself",

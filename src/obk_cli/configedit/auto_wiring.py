@@ -163,7 +163,7 @@ class _Chooser:
         peers = (e.owner for e in self._ends if e.topic == other.topic and e.direction == side)
         notes = [f"other topics of this type: {list_names(rest)}"] if rest else []
         if other.topic not in self._types:
-            notes.append(f"its type is not written; assumed to be {end.spelling}")
+            notes.append(f"its type is not specified; assumed to be {end.spelling}")
         return Link(
             end=end,
             topic=other.topic,
@@ -242,7 +242,7 @@ class _Chooser:
     def _existing_topics(self, verb: str, ends: Iterable[TopicEnd]) -> str:
         types = {topic: bare_name(known) for topic, known in self._types.items()}
         topics = _first_by_topic(ends)
-        shown = [f"`{topic}` ({types.get(topic, 'type not written')})" for topic in topics]
+        shown = [f"`{topic}` ({types.get(topic, 'type not specified')})" for topic in topics]
         more = f" and {len(shown) - 6} more" if len(shown) > 6 else ""
         if not shown:
             return f"no topic is {verb} there"
@@ -335,7 +335,7 @@ def _tick(
     usual = timer["timer_period_sec"]
     assert isinstance(usual, int | float)  # the entry comes from our own template
     return Tick(
-        component=name, period_s=usual, origin="the usual rate, because no neighbour has one"
+        component=name, period_s=usual, origin="the usual rate, because no neighbor has one"
     )
 
 

@@ -142,7 +142,7 @@ def _reason_to_keep(name: str, entry: Entry, to: Spelling, offsets: Offsets) -> 
     if re.fullmatch(r"[ \t]*:\s*", between) is None or value.text[:1] in ("&", "!"):
         return "an anchor repeats it elsewhere"
     if not respell(value, name, name):
-        return "it is written with escapes or over several lines"
+        return "it uses escapes or spans several lines"
     return None
 
 

@@ -91,7 +91,7 @@ def _link_notes(link: Link) -> Iterator[str]:
     yield from link.notes
     if link.switch is not None:
         yield (
-            f"to switch over, write it at {link.switch.place}, the topic of "
+            f"to switch over, set it at {link.switch.place}, the topic of "
             f"`{link.switch.reader}`, or let the new node replace `{link.switch.writer}`"
         )
 

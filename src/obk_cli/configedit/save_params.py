@@ -124,9 +124,9 @@ def _reason_to_reject(parameter: ConfigParameter) -> str:
     if span.path.startswith("<"):
         return f"it is set by {span.path}"
     if "${" in span.text or (key is not None and span.line < key.line):
-        return "it is written with a variable or an alias"
+        return "it uses a variable or an alias"
     if span.end_line != span.line:
-        return "it is written over several lines"
+        return "it spans several lines"
     return ""
 
 

@@ -146,10 +146,10 @@ OF_ROS: Final = (
 )
 """Needed to exchange messages; later checks depend on earlier ones."""
 OF_THE_MACHINE: Final = (
-    _check("shared-memory", "room in /dev/shm", probe_shared_memory, judge_shared_memory),
+    _check("shared-memory", "free space in /dev/shm", probe_shared_memory, judge_shared_memory),
     _check("compiler", "C, C++ and Python's headers", probe_compiler, judge_compiler),
     _check("mujoco", "stepping and drawing a scene", probe_mujoco, judge_mujoco),
-    _check("display", "a screen for windows", probe_display, judge_display),
+    _check("display", "a display for windows", probe_display, judge_display),
     _check("realtime", "priority and locked memory", probe_realtime, judge_realtime),
     _check("cpu", "processors, their load, the clock", probe_cpu, judge_cpu),
 )
@@ -173,7 +173,7 @@ def checks_of(environment: Mapping[str, str], working_folder: Path) -> tuple[Che
         ),
         _check(
             "folders",
-            "room for runs, caches, temporary files",
+            "disk space for runs, caches, temporary files",
             lambda: probe_folders(environment),
             judge_folders,
         ),

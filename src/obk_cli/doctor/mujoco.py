@@ -86,7 +86,9 @@ def _judge_back_end(
     if tried.has_drawn:
         by = f" with {tried.renderer}" if tried.renderer else ""
         return ok(f"MUJOCO_GL={name} draws{by}", back_end=name, renderer=tried.renderer)
-    result = "drew an image of one colour" if tried.trial.end == "done" else tried.trial.outcome
+    result = (
+        "drew an image with only one color" if tried.trial.end == "done" else tried.trial.outcome
+    )
     sentence = f"MUJOCO_GL={name} {result}"
     if name == facts.chosen:
         return warning(

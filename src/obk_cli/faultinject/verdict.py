@@ -213,9 +213,9 @@ def _lateness(case: Case, observation: Observation) -> Iterator[str]:
     noticed_s, settled_s = _noticed_s(case, observation), _settled_s(case, observation)
     limits = case.expectation
     if noticed_s is None:
-        yield "the fault was not noticed"
+        yield "the fault was not detected"
     elif noticed_s > limits.noticed_s:
-        yield f"noticed after {noticed_s:.2f} s, expected within {limits.noticed_s:g} s"
+        yield f"detected after {noticed_s:.2f} s, expected within {limits.noticed_s:g} s"
     if settled_s is None:
         yield f"not settled within {limits.settled_s:g} s: {limits.summary}"
     elif settled_s > limits.settled_s:
@@ -228,7 +228,7 @@ def _not_down(case: Case, observation: Observation) -> Iterator[str]:
         yield f"exit code {observation.exit_code}, expected 1"
     ended = next((m.event for m in observation.events if isinstance(m.event, Ended)), None)
     if ended is None:
-        yield "the launcher reported no end"
+        yield "the launcher did not report that the run had ended"
         return
     names = (case.unit.name, *case.unit.node_names)
     if not any(name in ended.cause for name in names):

@@ -216,7 +216,7 @@ def _choose(
     found = tuple(dict.fromkeys((*seen, *search.expected)))
     if not found:
         raise CommandFailedError(
-            f"no life-cycle node was found in the ROS domain {environment.domain}",
+            f"no lifecycle node was found in the ROS domain {environment.domain}",
             help=search.if_none,
         )
     if not search.names:
@@ -224,7 +224,7 @@ def _choose(
     for name in search.names:
         if not select_nodes(name, found):
             raise CommandFailedError(
-                f"no life-cycle node `{name}` in the ROS domain {environment.domain}",
+                f"no lifecycle node `{name}` in the ROS domain {environment.domain}",
                 help=did_you_mean(name, found),
             )
     return in_tier_order({node for name in search.names for node in select_nodes(name, found)})
@@ -240,7 +240,7 @@ def _taken(ros: "LifecycleClient", transition: str, node: str, timeout_s: float 
     wait_s = timeout_s or TRANSITION_S
     before = _ros_state(ros, node, timeout_s)
     if before == table.goal:
-        return Member(node=node, result="there already", state=before)
+        return Member(node=node, result="already there", state=before)
     answer = ros.change(node, transition, wait_s)
     if answer is not None and answer.success:
         return Member(node=node, result="reached", state=table.goal)

@@ -127,7 +127,7 @@ def _executable(node: PlannedNode, packages: PackageIndex) -> Command:
     found = packages.find_executable(node.package, node.executable)
     if isinstance(found, ExecutableMissing):
         if not found.package_found:
-            message = f"{node.origin}: package `{node.package}` is not found"
+            message = f"{node.origin}: package `{node.package}` was not found"
             raise CommandFailedError(message, help=found.looked)
         raise CommandFailedError(
             f"{node.origin}: package `{node.package}` has no executable `{node.executable}`",

@@ -53,11 +53,11 @@ _RED, _GREEN, _YELLOW, _BOLD, _DIM = "31", "32", "33", "1", "2"
 _NODE_COLOURS = ("36", "35", "34", "33", "32", "96", "95", "94")
 _MARKS = {
     "reached": ("ok", _GREEN),
-    "there already": ("already in that state", _GREEN),
+    "already there": ("already in that state", _GREEN),
     "refused": ("FAILED", _RED),
     "timed out": ("TIMED OUT", _RED),
     "gone": ("GONE", _RED),
-    "taken back": ("rolled back", _YELLOW),
+    "rolled back": ("rolled back", _YELLOW),
 }
 STEADY: Final = {
     "active": ACTIVE,
@@ -214,7 +214,7 @@ class LaunchReport:
         match event:
             case TransitionEnded():
                 mark, colour = _MARKS[event.result]
-                took = f" ({event.seconds * 1e3:.0f} ms)" if event.result != "there already" else ""
+                took = f" ({event.seconds * 1e3:.0f} ms)" if event.result != "already there" else ""
                 yield f"  {name}: {event.transition} {self._paint(colour, mark)}{took}"
                 yield from self._fault(event.fault)
             case StateSeen():

@@ -44,7 +44,7 @@ LONGEST_LINE = 1 << 16
 """Output without line ends is cut into pieces of this size [characters]."""
 STACK_SIGNAL = signal.SIGUSR1
 """On this signal, processes of the runtime library write their stacks."""
-NO_WARDEN = "the process that watched over the nodes is gone"
+NO_WARDEN = "the process that watches over the nodes has exited"
 
 
 ProcessEvent = ProcessStarted | ProcessEnded

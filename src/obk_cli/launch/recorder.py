@@ -130,7 +130,7 @@ class Recorder:
             self._output.note(f"warning: the recorder stopped: {end.how}; the stack continues")
 
 
-_UNKNOWN: Final = "warning: the robot did not report how its video ended"
+_UNKNOWN: Final = "warning: the robot did not report whether its video was saved"
 
 
 class VideoReports:

@@ -163,7 +163,7 @@ class RestartPolicy:
         while context.run.may_go_on and self._runs(unit) and not expected <= state.ready:
             if context.loop.wait(until) is None:
                 late = sorted(expected - state.ready)
-                text = f"no life-cycle services after a restart: {', '.join(late)}"
+                text = f"no lifecycle services after a restart: {', '.join(late)}"
                 self._give_up(late[0], text)
                 return False
         return True

@@ -235,7 +235,7 @@ def _file_lock(path: Path) -> Iterator[None]:
                 if time.monotonic() > deadline:
                     raise CommandFailedError(
                         f"another process has held {path} for {CLAIM_S:g} s",
-                        help="end any `obk launch` that is suspended or hangs",
+                        help="stop any `obk launch` that is suspended or hangs",
                     ) from None
                 time.sleep(POLL_S)
         yield

@@ -123,9 +123,9 @@ def _node_after(node: NodeStatus, event: OutputEvent) -> NodeStatus:
 def _state_after(event: TransitionEnded, before: str) -> str:
     transition = TRANSITIONS[event.transition]
     match event.result:
-        case "reached" | "there already":
+        case "reached" | "already there":
             return transition.goal
-        case "taken back" if transition.undo:
+        case "rolled back" if transition.undo:
             return TRANSITIONS[transition.undo].goal
         case _:
             return before

@@ -62,7 +62,7 @@ REACHED: Final[dict[Until, str]] = {
     "configured": "configured",
     "active": "active",
 }
-FROM_ELSEWHERE: Final = "every node was shut down from elsewhere"
+FROM_ELSEWHERE: Final = "every node was shut down by another program"
 
 
 class Supervisor:
@@ -202,7 +202,7 @@ class Supervisor:
                 limit_s = context.limits.start_s
                 for node in sorted(late):
                     self._control.report_evidence(node)
-                self._run.fail(f"no life-cycle services after {limit_s:g} s: {names}", min(late))
+                self._run.fail(f"no lifecycle services after {limit_s:g} s: {names}", min(late))
         return self._run.may_go_on
 
     def _wait_for_others(self) -> bool:
@@ -269,7 +269,7 @@ class Supervisor:
         state = self._state
         unknown = sorted(set(requested.nodes) - state.with_lifecycle)
         if unknown:
-            why = f"this launch controls no such life-cycle node: {', '.join(unknown)}"
+            why = f"not lifecycle nodes of this launch: {', '.join(unknown)}"
             return ChangeAnswer(success=False, why=why)
         if requested.transition not in TRANSITIONS:
             why = f"unknown transition `{requested.transition}`"

@@ -159,7 +159,7 @@ class TransitionRunner:
 
     def _cut_short(self, node: str) -> Member:
         state = self._context.state
-        why = "the node hangs" if node in state.hung else "the node's process has ended"
+        why = "the node hangs" if node in state.hung else "the node's process has exited"
         return Member(node=node, result="gone", state=state.states.get(node, ""), fault=why)
 
     def _publish(
@@ -204,9 +204,9 @@ class TransitionRunner:
         for node in tier:
             if node not in to_request:
                 progress.members[node] = Member(
-                    node=node, result="there already", state=transition.goal
+                    node=node, result="already there", state=transition.goal
                 )
-                self._publish(node, transition, "there already")
+                self._publish(node, transition, "already there")
         members = self.request_all(transition, to_request, change.limit_s)
         progress.members.update(members)
         progress.reached.extend(
@@ -227,7 +227,7 @@ class TransitionRunner:
             for node, member in self.request_all(undo, nodes, change.limit_s).items():
                 back = replace(progress.members[node], state=member.state)
                 progress.members[node] = (
-                    replace(back, result="taken back") if member.result == "reached" else back
+                    replace(back, result="rolled back") if member.result == "reached" else back
                 )
 
     def _learn_refused(self, progress: _Progress) -> None:

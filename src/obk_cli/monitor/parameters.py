@@ -216,7 +216,7 @@ def _cells(row: ParameterRow) -> tuple[str, ...]:
     one, notes = row.parameter, row.parameter.description.notes
     is_changed = row.initial is not None and one.value.value != notes.initial
     changed = f"was {row.initial}" if is_changed else ""
-    when = "takes effect at the next configure" if notes.is_live is False else ""
+    when = "takes effect at the next `configure` transition" if notes.is_live is False else ""
     limits = notes.range or ", ".join(notes.choices)
     return (
         short_name(row.node),

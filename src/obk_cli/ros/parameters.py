@@ -101,7 +101,7 @@ def parse_parameter(text: str) -> NodeParameter:
         value = load_yaml_core(text)
     except YamlTextError as error:
         raise MisuseError(
-            f"`{text}` is not YAML: {error}", help="to use it as a string, put it in quotes"
+            f"`{text}` is not valid YAML: {error}", help="to use it as a string, put it in quotes"
         ) from error
     if isinstance(value, list):
         return _array(text, value)

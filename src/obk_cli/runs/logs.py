@@ -42,7 +42,7 @@ def find_log(parent: Path, run: str | None, node: str | None) -> Path:
             return _node_log(folders[0], run)
         names = dict.fromkeys(config_of(folder) for folder in folders)
         of_newest = () if node else tuple(map(_short, _nodes(folders[0])))
-        what = "run" if node else "run, and no node of the newest run,"
+        what = "run" if node else "run, and no node of the latest run,"
         raise CommandFailedError(
             f"no {what} has the name `{run}`", help=did_you_mean(run, (*names, *of_newest))
         )

@@ -66,7 +66,7 @@ LONGEST_REASON: Final = 200
 LONGEST_DETAIL: Final = 200
 
 TransitionName = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
-Result = Literal["reached", "there already", "refused", "timed out", "gone", "taken back"]
+Result = Literal["reached", "already there", "refused", "timed out", "gone", "rolled back"]
 """How a node's part of a transition ended."""
 
 ANSWER_S: Final = 3.0

@@ -248,7 +248,7 @@ def status_text(node: NodeStatus) -> str:
     """A node's status on one line, without its name."""
     return "  ".join(
         [
-            f"{node.state or 'no life cycle':<13}",
+            f"{node.state or 'no lifecycle':<13}",
             f"process {node.pid}" if node.pid is not None else "not running on this host",
             *(["HUNG"] if node.hangs else ()),
             *([f"restarted {with_number(node.restarts, 'time')}"] if node.restarts else ()),

@@ -87,16 +87,19 @@ RECIPES: Final = (
         kind="sensor",
         language="py",
         layers=("package_py", "sensor_py"),
-        summary="sensor messages from a device beside the robot",
+        summary="sensor messages from a device separate from the robot",
     ),
     Recipe(
         kind="msgs",
         language=None,
         layers=("msgs",),
-        summary="message and service types of your own",
+        summary="your own message and service types",
     ),
     Recipe(
-        kind="config", language=None, layers=("config",), summary="a stack of the workspace's nodes"
+        kind="config",
+        language=None,
+        layers=("config",),
+        summary="a stack from the workspace's nodes",
     ),
 )
 """All recipes, in the order of the help."""
@@ -215,7 +218,7 @@ def _shape_fault(name: str) -> str | None:
         return f"has {len(name)} characters; expected at most {LONGEST_NAME}"
     if not _SNAKE_CASE.fullmatch(name):
         return (
-            "is not lower snake case: expected a letter, then lower-case letters, digits and "
+            "is not lower snake case: expected a letter, then lowercase letters, digits and "
             "single `_`"
         )
     fault = package_name_fault(name) or node_name_fault(name)

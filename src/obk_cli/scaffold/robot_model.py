@@ -221,7 +221,7 @@ def _section(tag: str, lines: Sequence[str]) -> tuple[str, ...]:
 def describe_robot(robot: RobotModel) -> tuple[str, ...]:
     """Sentences about what was added to a model, and how well its pose is held."""
     hold, unit = robot.hold, _unit(robot.hold.actuators)
-    pose = f"the keyframe `{hold.keyframe}`" if hold.keyframe else "the initial pose of the model"
+    pose = f"the `{hold.keyframe}` keyframe" if hold.keyframe else "the initial pose of the model"
     added = (f"{robot.path} includes the model and adds {robot.added}",) if robot.added else ()
     if not _poses(hold.actuators):
         return (*added, f"the controller sends the controls of {pose}: no actuator drives a joint")

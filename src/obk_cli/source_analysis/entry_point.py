@@ -71,7 +71,7 @@ def read_node_code(
         return None if entry is None else _read(entry, function, library, places)
     except UnreadableSourceError as error:
         return CodeFault(
-            message=f"is not Python: {error.message}", place=error.span.path, span=error.span
+            message=f"is not valid Python: {error.message}", place=error.span.path, span=error.span
         )
     except RecursionError:
         return None  # for example, for an expression with thousands of terms

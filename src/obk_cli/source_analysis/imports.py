@@ -173,7 +173,7 @@ def _no_module(missing: str, one: _Import, places: ImportPlaces) -> Diagnostic:
         return found("OBK421", message, span, help=near or "correct the name, or add the module")
     return found(
         "OBK421",
-        f"package `{missing}` is not installed in the Python environment of `obk`",
+        f"package `{missing}` is not installed in `obk`'s Python environment",
         span,
         help=near
         or "install it there; if the node can run without it, wrap the import in "

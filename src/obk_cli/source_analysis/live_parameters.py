@@ -66,7 +66,7 @@ def _declared(name: str, call: ast.Call, module: Module, library: ModuleLibrary)
         for value in (_literal(given.get(limit), module, library),)
     }
     unit = _literal(given.get("unit"), module, library)
-    kind = "text" if choices else kind_of_value(_literal(default, module, library))
+    kind = "string" if choices else kind_of_value(_literal(default, module, library))
     return CodeParameter(
         name=name,
         kind=kind,

@@ -199,11 +199,11 @@ _NAMED_KINDS: Final = {
     "BOOL": "bool",
     "INTEGER": "int",
     "DOUBLE": "float",
-    "STRING": "text",
+    "STRING": "string",
     "BOOL_ARRAY": "list of bools",
     "INTEGER_ARRAY": "list of ints",
     "DOUBLE_ARRAY": "list of floats",
-    "STRING_ARRAY": "list of texts",
+    "STRING_ARRAY": "list of strings",
 }
 """`Parameter.Type` of rclpy -> its name in configs."""
 _ARGUMENTS: Final = ("name", "value", "descriptor", "ignore_override")

@@ -97,7 +97,7 @@ class Trace:
     def take(self, received_ns: int, numbers: Mapping[str, float]) -> None:
         """Keep a message's numbers, by label."""
         self._slot = received_ns // _SLOT_NS
-        self.fault = "" if numbers else "the newest message has no number in this field"
+        self.fault = "" if numbers else "the latest message has no number in this field"
         new = (label for label in numbers if label not in self._labels)
         self._labels += tuple(islice(new, MOST_LINES - len(self._labels)))
         self._samples.append((received_ns, tuple(numbers.get(label) for label in self._labels)))

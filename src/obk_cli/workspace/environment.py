@@ -78,7 +78,9 @@ class MachineEnvironment:
         except expat.ExpatError as error:
             place = Span.at(source, error.lineno, error.offset + 1)
             reason = expat.ErrorString(error.code)
-            return CodeFault(message=f"is not XML: {reason}", place=source.path, span=place)
+            return CodeFault(
+                message=f"is not well-formed XML: {reason}", place=source.path, span=place
+            )
         except OSError:
             return None
         if "name" in elements:

@@ -207,7 +207,7 @@ def _fault(error: Exception) -> ModelFault:
     line = _LINE.search(text)
     not_xml = _NOT_XML.search(text)
     if not_xml is not None:
-        text = f"not XML: {not_xml[1].lower().replace('_', ' ')} (`{not_xml[2]}`)"
+        text = f"not well-formed XML: {not_xml[1].lower().replace('_', ' ')} (`{not_xml[2]}`)"
     sentence = "; ".join(part.strip() for part in text.strip().splitlines() if part.strip())
     return ModelFault(message=_NOISE.sub("", sentence), line=int(line[1]) if line else None)
 

@@ -235,6 +235,6 @@ def _wait(descriptor: int, path: Path, on_wait: Callable[[str], None]) -> None:
             has_reported = True
         if time.monotonic() > deadline:
             raise CommandFailedError(
-                f"{who} has been building for {TURN_S / 60:g} min", help="end it if it hangs"
+                f"{who} has been building for {TURN_S / 60:g} min", help="stop it if it hangs"
             )
         time.sleep(POLL_S)

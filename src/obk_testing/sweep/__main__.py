@@ -199,12 +199,12 @@ def _require_tests(worker: WorkerProcess, request: SweepRequest) -> tuple[FoundT
         raise CommandFailedError(f"the tests cannot be collected\n{hello.problem}")
     if not hello.tests:
         raise MisuseError(
-            f"no test of {', '.join(request.tests)} uses the fixture `stack`",
+            f"no test of {', '.join(request.tests)} uses the `stack` fixture",
             help="write one: `def test_it_stands(stack, seed): ...`",
         )
     if hello.left_out:
         count = with_number(hello.left_out, "test")
-        print(f"skipping {count} without the fixture `stack`", file=sys.stderr)
+        print(f"skipping {count} without the `stack` fixture", file=sys.stderr)
     return hello.tests
 
 

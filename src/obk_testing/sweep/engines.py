@@ -228,7 +228,7 @@ class RestartingWorker:
                 return worker.run(case, self._limit_s)
             except _TimeLimitError:
                 self._drop()
-                why = f"it did not end within {self._limit_s:g} s of wall time (`--case-limit`)"
+                why = f"it did not finish within {self._limit_s:g} s of wall time (`--case-limit`)"
                 return Row(
                     key=case.key,
                     outcome="failed",

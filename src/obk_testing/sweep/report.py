@@ -135,7 +135,7 @@ def _rates_chart(parts: Sequence[PassRate]) -> str:
     if parts and parts[0].low is not None:
         labels.append(_label(0, _HEAD + _HEIGHT + 14, f"{parts[0].low:.4g}", "start"))
         labels.append(_label(_WIDTH, _HEAD + _HEIGHT + 14, f"{parts[-1].high:.4g}", "end"))
-    return _chart("Share of cases that passed", bars, labels)
+    return _chart("Fraction of cases that passed", bars, labels)
 
 
 def _histogram(values: Sequence[float]) -> str:

@@ -66,7 +66,7 @@ class SweepStore:
             os.close(self._lock)
             raise CommandFailedError(
                 f"another sweep is running in {folder}",
-                help="wait until it ends, or choose another folder with `--output`",
+                help="wait until it finishes, or choose another folder with `--output`",
             ) from error
         self._remove_scratch()  # left by a killed sweep
         self.scratch.mkdir()

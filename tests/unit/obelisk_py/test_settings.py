@@ -83,7 +83,10 @@ def test_qos_is_taken() -> None:
         ({"topic": "/x", "history_depth": True}, "`history_depth` is True"),
         ({"topic": "/x", "history_depth": 2**31}, "from 1 to 2147483647"),
         ({"topic": "/x", "qos": 3}, "`qos` is 3, expected a mapping"),
-        ({"topic": "/x", "qos": {"reliability": "maybe"}}, "there are: reliable, best_effort"),
+        (
+            {"topic": "/x", "qos": {"reliability": "maybe"}},
+            "expected one of: reliable, best_effort",
+        ),
     ],
 )
 def test_bad_topic_settings_name_the_component_and_the_value(
@@ -127,7 +130,7 @@ def test_the_maximum_age_of_a_command_is_read(
         ({"stale_action": "hold"}, "`max_age_sec` is None, expected seconds above 0"),
         (
             {"max_age_sec": 1, "stale_action": "explode"},
-            "`stale_action` is `explode`; there are: zero, hold, damp",
+            "`stale_action` is `explode`; expected one of: zero, hold, damp",
         ),
     ],
 )

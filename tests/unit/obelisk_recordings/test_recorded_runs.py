@@ -269,7 +269,7 @@ def test_an_attribute_that_no_message_has_is_an_attribute_error(tmp_path: Path) 
         (f"A a\n{BAR}\nMSG: d/A\nA a\n", bytes(100), "contains itself"),
         ("Gone data\n", bytes(8), "does not define"),
         ("wstring data\n", bytes(8), "wstring"),
-        ("float64\n", bytes(8), "has the line"),
+        ("float64\n", bytes(8), "invalid line"),
     ],
 )
 def test_invalid_messages_and_definitions_are_reported(

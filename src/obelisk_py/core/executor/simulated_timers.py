@@ -100,8 +100,8 @@ class SimulatedTimers:
                 timer.wake()
         get_logger(_LOGGER).info(
             f"simulated time jumped back from {before_ns / _NS_PER_S:.3f} s to "
-            f"{self._seen_ns / _NS_PER_S:.3f} s (reset or restart of the simulator); "
-            "timers were restarted"
+            f"{self._seen_ns / _NS_PER_S:.3f} s (the simulator was reset or restarted); timers "
+            "were restarted"
         )
 
 

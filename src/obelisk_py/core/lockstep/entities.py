@@ -320,7 +320,7 @@ class ServiceTable:
         """
         if name not in self._services:
             self._scheduler.note(
-                ("service", name), f"no node serves {name}: its future is never done"
+                ("service", name), f"no node serves {name}: its future will never complete"
             )
             return
         service, server = self._services[name]

@@ -471,7 +471,7 @@ def _node_constructor(real: Callable[..., None]) -> Callable[..., None]:
 
 def _plain_node_error(name: str) -> LockstepError:
     return LockstepError(
-        f"the plain rclpy node `{name}` ({user_place()}) cannot be in lock-step, because its "
+        f"the plain rclpy node `{name}` ({user_place()}) cannot run in lock-step, because its "
         "messages and timers would use DDS. Derive its class from `ObeliskNode` or another base "
         "class of the library, or leave the node out and replace it with `stub`"
     )
@@ -521,7 +521,9 @@ def _shutdown_function(real: Callable[[Context], None]) -> Callable[[Context], N
         if run is None or run.scheduler.running is None:
             real(self)
         else:
-            run.scheduler.on_exit(run.scheduler.running, "ended its process by `rclpy.shutdown()`")
+            run.scheduler.on_exit(
+                run.scheduler.running, "ended its process by calling `rclpy.shutdown()`"
+            )
 
     return shutdown
 

@@ -193,7 +193,7 @@ class Scheduler:
                     self.offset_ns = 0
                     if node is None:
                         raise
-                    self.on_exit(node, f"ended its process by `SystemExit({ended.code!r})`")
+                    self.on_exit(node, f"ended its process by raising `SystemExit({ended.code!r})`")
             self.now_ns = max(self.now_ns, end_ns)
         finally:
             self.running, self.offset_ns = None, 0
@@ -268,14 +268,14 @@ class Scheduler:
         """
         name, where = self.running.name if self.running else "a callback", user_place()
         self.note(
-            ("sleep", where), f"{name} sleeps in {where}: counted as computing time of this node"
+            ("sleep", where), f"{name} sleeps at {where}; this counts as the node's computing time"
         )
         self.offset_ns += max(0, round(seconds * NS_PER_S))
         if self.offset_ns > _LONGEST_CALLBACK_NS:
             raise self.stop(
                 LockstepError(
                     f"{name} has slept for {self.offset_ns / NS_PER_S:,.0f} s in one callback, "
-                    f"most recently in {where}: it waits for something that cannot happen while it "
+                    f"most recently at {where}: it waits for something that cannot happen while it "
                     "waits. Use `await`, a done callback or a timer"
                 )
             )
@@ -320,8 +320,9 @@ class Scheduler:
                 break
             event = heapq.heappop(self._heap)
         raise LockstepError(
-            f"{MOST_AT_ONE_TIME:,} events at {self.now_ns / NS_PER_S:.6f} s without progress of "
-            f"time: {', '.join(names)} trigger each other; in a real run they would use a full core"
+            f"{MOST_AT_ONE_TIME:,} events at {self.now_ns / NS_PER_S:.6f} s without time "
+            f"advancing: {', '.join(names)} trigger each other; in a real run they would keep one "
+            "core fully busy"
         )
 
 

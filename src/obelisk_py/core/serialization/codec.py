@@ -134,7 +134,7 @@ class Codec:
                     f"the field `{field}` of {name} is {reprlib.repr(value)}, "
                     f"expected {spelling}: {error}"
                 )
-        return ObeliskMsgError(f"{name} cannot be packed: it was changed meanwhile")
+        return ObeliskMsgError(f"{name} cannot be packed: it was changed in the meantime")
 
     def _unpack_error(self, data: bytes) -> ObeliskMsgError:
         beginning = f"{len(data)} bytes are not a {message_name(self._class)}"

@@ -22,7 +22,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK003",
         severity="error",
-        title="the text is not YAML",
+        title="the file is not valid YAML",
         cause="Usual causes: a tab in the indentation, no space after a colon, inconsistent "
         "indentation, an unclosed quote or bracket.",
         fix="Fix the text at the reported location, or just above it.",
@@ -141,7 +141,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a value of the wrong type",
         cause="For example, a string instead of a number, or a single value instead of a list.",
-        fix="Write a value of the type that the message names.",
+        fix="Write a value of the type that the message gives.",
     ),
     Rule(
         code="OBK104",
@@ -149,7 +149,7 @@ RULES: tuple[Rule, ...] = (
         title="a value out of range",
         cause="Periods must be greater than 0 and fit in 64 bits as nanoseconds. Counts must be "
         "at least 1 and fit in 32 bits.",
-        fix="Write a value within the range that the message names.",
+        fix="Write a value within the range that the message gives.",
     ),
     Rule(
         code="OBK105",
@@ -170,15 +170,16 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="`ros_parameter` and `key` name different components",
         cause="The key belongs to another component of the node, in the config or in the code, "
-        "or is misspelled. A key of your own is fine, because the node also finds the "
-        "component by it.",
+        "or is misspelled. A key of your own is fine, because the node can also look the component "
+        "up by that key.",
         fix="Remove one of the two, or make them match.",
     ),
     Rule(
         code="OBK108",
         severity="error",
         title="a component is configured twice",
-        cause="Two entries of a node name the same component. The node uses the first entry and "
+        cause="Two entries of a node refer to the same component. The node uses the first entry "
+        "and "
         "ignores the others, so this is reported as a warning. Two `sim` blocks for the same "
         "parameter are an error.",
         fix="Remove one, or correct the name of its component.",
@@ -187,7 +188,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK109",
         severity="error",
         title="an invalid topic name",
-        cause="A topic name has letters, digits, `_` and `/`, and no part may start with a digit.",
+        cause="A topic name consists of letters, digits, `_` and `/`; no part may start with a "
+        "digit.",
         fix="Rename the topic.",
     ),
     Rule(
@@ -201,7 +203,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK111",
         severity="error",
         title="an invalid package name",
-        cause="A ROS package name has letters, digits, `_` and `-`, and starts with a letter.",
+        cause="A ROS package name consists of letters, digits, `_` and `-`, and starts with a "
+        "letter.",
         fix="Write the package's name, not its path.",
     ),
     Rule(
@@ -231,7 +234,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="an unknown message type",
         cause="Neither Obelisk nor the common ROS packages define this message. For a C++ node, "
-        "which ignores `msg_type`, this is an info.",
+        "which ignores `msg_type`, the finding is info-level.",
         fix="Correct the name, or include the package: `my_msgs/MyMessage`.",
     ),
     Rule(
@@ -260,8 +263,9 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="`time_step` differs from the model",
         cause="The simulator uses the config's `time_step` instead of the step for which the "
-        "model was tuned. The original Obelisk ignores `time_step` and uses the model's.",
-        fix="Remove `time_step` to reproduce the original's results, or make both values equal.",
+        "model was tuned. The original Obelisk (the one for full ROS 2 installations) ignores "
+        "`time_step` and uses the model's.",
+        fix="Remove `time_step` to reproduce the original's results, or make the two values equal.",
     ),
     Rule(
         code="OBK505",

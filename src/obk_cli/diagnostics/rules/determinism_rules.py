@@ -11,8 +11,8 @@ RULES: tuple[Rule, ...] = (
         title="a node starts its own thread, process or event loop",
         cause="A lock-step run calls all callbacks on one thread, in simulated time. Anything "
         "else that a node starts runs in real time, so its effects occur at a different "
-        "simulated time in each run. Threads are in lockstep only if they wait with `time.sleep`, "
-        "a `queue.Queue`, an event or a condition, as `run_simulator` of a simulated robot does.",
+        "simulated time in each run. Threads run in lock-step only if they wait with `time.sleep`, "
+        "a `queue.Queue`, an event or a condition, as a simulated robot's `run_simulator` does.",
         fix="Do the work in a timer, or in `run_simulator`. If results do not depend on when the "
         "thread runs, silence the finding.",
     ),
@@ -100,7 +100,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK612",
         severity="info",
         title="a node without a lifecycle",
-        cause="The joystick node of ROS is a separate program that reads a device and has no "
+        cause="The ROS joystick node is a separate program that reads a device and has no "
         "lifecycle.",
         fix="Set `on: false` in the tested variant, and publish its topic from the test.",
     ),
@@ -108,7 +108,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK613",
         severity="info",
         title="a hardware robot",
-        cause="Lock-step runs never open hardware.",
+        cause="Lock-step runs never access hardware.",
         fix="Test a variant of the config with `is_simulated: true`.",
     ),
 )

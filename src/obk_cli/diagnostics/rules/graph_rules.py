@@ -28,7 +28,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a subscriber without a publisher",
         cause="Nothing in the config publishes the topic, so the subscriber would wait forever. "
-        "This is an error if the config publishes a topic with a similar name or the same "
+        "The finding is an error if the config publishes a topic with a similar name or the same "
         "Obelisk message. Other topics are probably published outside the stack, and are "
         "listed in one warning.",
         fix="Correct the topic, or add it to `external_topics` if a node outside the stack "
@@ -47,8 +47,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="different message types on one topic",
         cause="ROS connects a publisher and a subscriber only if their message types are the "
-        "same. A process cannot use two types on one topic. This is a warning if one of "
-        "the nodes is in C++, where the code determines the type and `msg_type` is only "
+        "same. A process cannot use two types on one topic. The finding is a warning if one of the "
+        "nodes is in C++, where the code determines the type and `msg_type` is only "
         "informative.",
         fix="Use the same type at both ends, or use two topics.",
     ),
@@ -85,9 +85,10 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK210",
         severity="warning",
-        title="two controllers command one topic",
+        title="two controllers publish commands to one topic",
         cause="The robot executes whichever command arrives last.",
-        fix="Give each controller its own topic, or let one of them forward the other's commands.",
+        fix="Remove one of the controllers, or have one of them forward the other's commands. If "
+        "they command different parts of the robot, give each its own topic.",
     ),
     Rule(
         code="OBK211",
@@ -101,8 +102,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK212",
         severity="error",
         title="a command watchdog without effect",
-        cause="`max_age_sec` and `stale_action` apply only to the subscriber `sub_ctrl` of a "
-        "robot. `stale_action` also needs `max_age_sec`, and `damp` needs a class that "
+        cause="`max_age_sec` and `stale_action` apply only to a robot's `sub_ctrl` subscriber. "
+        "`stale_action` also needs `max_age_sec`, and `damp` needs a class that "
         "implements `apply_damping`. Here they have no effect: the robot would not stop.",
         fix="Move both to the robot's `sub_ctrl`, or remove them.",
     ),
@@ -118,7 +119,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK214",
         severity="warning",
-        title="one node publishes a topic twice",
+        title="one node has two publishers on a topic",
         cause="A subscriber cannot distinguish the messages of the two publishers. Usually an "
         "entry was copied and still has the topic of the first.",
         fix="Give each publisher its own topic.",
@@ -134,15 +135,15 @@ RULES: tuple[Rule, ...] = (
         code="OBK216",
         severity="info",
         title="a period that looks like a rate",
-        cause="Periods are in seconds. Ten or more are unusual for a loop or a sensor; `500` "
-        "often stands for 500 Hz.",
+        cause="Periods are in seconds. Periods of 10 s or more are unusual for a loop or a sensor; "
+        "`500` often stands for 500 Hz.",
         fix="Write the period, such as `0.002` for 500 Hz. Silence the rule if the long period is "
         "intended.",
     ),
     Rule(
         code="OBK218",
         severity="warning",
-        title="two nodes publish one sensor topic",
+        title="two nodes publish to one sensor topic",
         cause="A subscriber receives the messages of both in turn, as if one sensor jumped "
         "between two values.",
         fix="Give each sensor its own topic, or remove one of the publishers.",
@@ -154,7 +155,7 @@ RULES: tuple[Rule, ...] = (
         cause="`2` is often written instead of `0.002`. The rule reports a loop timer or sensor "
         "slower than 1 Hz if the fastest one in the loop is about 1000 times faster, and the "
         "longest period of all if the others are about 1000 times shorter. For a custom timer, "
-        "which may be slow on purpose, this is an info.",
+        "which may be slow on purpose, the finding is info-level.",
         fix="Correct the period. Silence the rule if it is intended.",
     ),
 )

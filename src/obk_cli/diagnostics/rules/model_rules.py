@@ -9,7 +9,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK300",
         severity="info",
         title="model checks skipped",
-        cause="MuJoCo is not installed in this Python.",
+        cause="MuJoCo is not installed in this Python environment.",
         fix="Install the `mujoco` package to enable checks of sensor, site and geom names.",
     ),
     Rule(
@@ -30,7 +30,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK303",
         severity="error",
         title="a sensor that is not in the model",
-        cause="Every name in `sensor_names` must be a sensor of the model.",
+        cause="Every name in `sensor_names` must be a sensor in the model.",
         fix="Correct the name, or add the sensor to the model.",
     ),
     Rule(
@@ -38,7 +38,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a sensor of the wrong type",
         cause="The model has a sensor of that name, but of another type.",
-        fix="Write the model's type, or name the intended sensor.",
+        fix="Use the type from the model, or name the intended sensor.",
     ),
     Rule(
         code="OBK305",
@@ -51,8 +51,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK306",
         severity="error",
         title="wrong number of sensors",
-        cause="The message holds a fixed number of sensors of each type.",
-        fix="Configure as many sensors as the message holds.",
+        cause="The message type holds readings of a fixed number of sensors of each type.",
+        fix="Configure as many sensors as the message type has room for.",
     ),
     Rule(
         code="OBK307",
@@ -66,14 +66,15 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="sensors at different locations",
         cause="A message describes one location on the robot, but its sensors are at several.",
-        fix="Use sensors of the same site or object.",
+        fix="Use sensors on the same site or object.",
     ),
     Rule(
         code="OBK309",
         severity="error",
         title="a joint sensor on a ball or free joint",
-        cause="Joint encoders measure one number per joint.",
-        fix="Use a sensor of a hinge or slide joint.",
+        cause="Joint encoders measure one value per joint.",
+        fix="Use a sensor on a hinge or slide joint. Remove the other one from the model, because "
+        "MuJoCo does not load a model that has it.",
     ),
     Rule(
         code="OBK310",
@@ -86,7 +87,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK311",
         severity="warning",
         title="a geom that is not in the model",
-        cause="`viz_geoms` names geoms of the model. The simulator logs unknown ones once and "
+        cause="`viz_geoms` names geoms in the model. The simulator logs unknown ones once and "
         "shows the rest.",
         fix="Correct the name, or give the geom this name in the model.",
     ),
@@ -95,14 +96,14 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a geom of the wrong type",
         cause="The model has a geom of that name, but of another type.",
-        fix="Write the model's type.",
+        fix="Use the type from the model.",
     ),
     Rule(
         code="OBK313",
         severity="error",
         title="a ray caster's site or frame that is not in the model",
-        cause="Rays start at a site of the model. With `points_in: frame`, the points of a cloud "
-        "are given in `frame`: `world`, or a site, body, geom or camera of the model. Without it, "
+        cause="Rays start at a site in the model. With `points_in: frame`, the points of a cloud "
+        "are given in `frame`: `world`, or a site, body, geom or camera in the model. Without it, "
         "`frame` is a label.",
         fix="Correct `site_name` or `frame`, or add the site to the model.",
     ),
@@ -118,7 +119,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a command that the simulator cannot apply",
         cause="The simulator writes the message's `u_mujoco` to the actuators, but this message "
-        "has no such field.",
+        "type has no such field.",
         fix="Subscribe the robot to `PositionSetpoint` or `PDFeedForward`.",
     ),
     Rule(
@@ -139,7 +140,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK318",
         severity="warning",
-        title="files of the model are missing",
+        title="the model refers to missing files",
         cause="Meshes or textures were not found at the paths in the model. Only the structure "
         "of the model was checked.",
         fix="Add the files, or correct `meshdir` and `texturedir` in the model.",
@@ -164,8 +165,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK321",
         severity="error",
         title="a simulator without its `sim` block",
-        cause="`obelisk_mujoco_robot` reads its model and sensors from the block of the "
-        "parameter `mujoco_setting` and cannot be configured without it.",
+        cause="`obelisk_mujoco_robot` reads its model and sensors from the `sim` block whose "
+        "`ros_parameter` is `mujoco_setting` (the default), and cannot be configured without it.",
         fix="Add a `sim` block without a `ros_parameter`, or correct the executable.",
     ),
     Rule(

@@ -8,7 +8,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK401",
         severity="error",
-        title="a package is not found",
+        title="a package was not found",
         cause="It is not in the workspace, the Python environment or AMENT_PREFIX_PATH.",
         fix="Correct the name, add the package to the workspace, or source the workspace that "
         "contains it.",
@@ -18,16 +18,16 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="an executable is not in its package",
         cause="The package exists, but it has no such executable, or the executable cannot run. "
-        "It may be declared in CMakeLists.txt but not built, built in a workspace that is "
-        "not sourced, or lack the execute bit.",
-        fix="Correct the name, or add the entry point to the package. The help of the finding "
+        "It may be declared in CMakeLists.txt but not built, or built in a workspace that has not "
+        "been sourced, or it may lack the execute bit.",
+        fix="Correct the name, or add the entry point to the package. The finding's help line "
         "shows the command that builds the package, sources its workspace or sets the "
         "execute bit.",
     ),
     Rule(
         code="OBK403",
         severity="error",
-        title="the package of a model or description is not found",
+        title="the package of a model or description was not found",
         cause="`robot_pkg` is looked up in the workspace, the Python environment and "
         "AMENT_PREFIX_PATH.",
         fix="Correct the name, or add the package to the workspace.",
@@ -44,8 +44,9 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a component is missing from the config",
         cause="The node's class registers the component, and the node cannot be configured "
-        "without its settings. Reported as a warning if the node only logs the missing "
-        "component (API since 2026-05), and as info if the component is optional.",
+        "without its settings. It is reported as a warning if the node only logs the missing "
+        "component (nodes that use the Python API of May 2026 or later, called G3), and as "
+        "info-level if the component is optional.",
         fix="Add the component to the config, or register it with `required=False`.",
     ),
     Rule(
@@ -53,7 +54,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a component that the code does not register",
         cause="The node's class has no component of this name, so the entry would have no "
-        "effect. This is an info if the component is for the hardware and the simulator "
+        "effect. The finding is info-level if the component is for the hardware and the simulator "
         "ignores it.",
         fix="Write the name that the code registers, or remove the entry.",
     ),
@@ -62,12 +63,12 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="`msg_type` differs between config and code",
         cause="The node's class registers the component with another message class.",
-        fix="Write the type of the code, or leave `msg_type` out.",
+        fix="Write the type from the code, or leave `msg_type` out.",
     ),
     Rule(
         code="OBK408",
         severity="error",
-        title="a missing abstract method",
+        title="an abstract method that is not implemented",
         cause="Python cannot instantiate a class that does not implement every abstract method.",
         fix="Implement the method.",
     ),
@@ -76,7 +77,8 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="a parameter that the code does not declare",
         cause="A ROS node receives only the parameters that it declares, so this one has no "
-        "effect. This is an info if no declared parameter has a similar name. If the code "
+        "effect. The finding is info-level if no declared parameter has a similar name. If the "
+        "code "
         "computes parameter names, only likely typos of declared but unset parameters are "
         "reported.",
         fix="Correct the name, or declare the parameter with `Parameter` in the node's class.",
@@ -91,7 +93,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK411",
         severity="error",
-        title="the package of a message type is not found",
+        title="the package of a message type was not found",
         cause="It is not in the workspace, the Python environment or AMENT_PREFIX_PATH.",
         fix="Correct the name, put the message package into the workspace, or source the "
         "workspace that contains it.",
@@ -111,8 +113,8 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="a message package that shadows one of Obelisk's",
         cause="A package in the workspace has the name of one of Obelisk's message packages but "
-        "comes from another release. All nodes use it, and it lacks messages or fields. If "
-        "the stack uses none of them, this is an info.",
+        "comes from another release. All nodes use it, and it lacks messages or fields. If the "
+        "stack uses none of them, the finding is info-level.",
         fix="Add the missing messages or fields, or remove the package from the workspace.",
     ),
     Rule(
@@ -136,7 +138,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="an undefined name",
         cause="A class was renamed, or an import is missing. Python raises a `NameError` when it "
-        "reaches the name. In a method this is a warning. Names in a `try` with handlers "
+        "reaches the name. In a method, the finding is a warning. Names in a `try` with handlers "
         "and modules that use `import *` or `exec` are not checked.",
         fix="Correct the name, or import it.",
     ),
@@ -144,9 +146,10 @@ RULES: tuple[Rule, ...] = (
         code="OBK421",
         severity="error",
         title="an import that fails",
-        cause="The package is not installed in the Python environment of `obk`, the module does "
+        cause="The package is not installed in `obk`'s Python environment, the module does "
         "not exist, or it does not define the name. Only imports that always run when the "
-        "node starts are checked, not those in `try`, `if` or other functions.",
+        "node starts are checked, not those inside `try` or `if` blocks or in functions that may "
+        "not run at startup.",
         fix="Correct the name, or install the package. If the node can run without it, wrap "
         "the import in `try: ... except ImportError: ...`.",
     ),

@@ -17,7 +17,7 @@ const QUESTIONS = {
 };
 
 // Results as text; others are shown as they are.
-const RESULTS = { "there already": "already in that state", "taken back": "rolled back" };
+const RESULTS = { "already there": "already in that state" };
 
 let stream = null;
 let view = null;

@@ -60,7 +60,7 @@ function makeNode(node) {
 
 function makeRow(node, one) {
   const row = element("div", { className: "parameter" });
-  const details = [one.description, one.range && `${one.range} ${one.unit}`, one.live ? "" : "takes effect at the next configure"];
+  const details = [one.description, one.range && `${one.range} ${one.unit}`, one.live ? "" : "takes effect at the next `configure` transition"];
   const name = element("span", { className: "name", title: details.filter(Boolean).join("\n") }, one.name);
   const label = `${shortNode(node)} ${one.name}`;
   const controls = makeControls(one, label);

@@ -65,7 +65,7 @@ def test_a_bare_name_of_the_workspace_is_reported_with_its_package(workspace: Pa
 def test_a_package_that_is_nowhere_is_reported_with_near_ones(workspace: Path) -> None:
     assert reported(compile_with(workspace, "amr_msgs/Reach"))[0] == (
         "OBK411",
-        "message type `amr_msgs/Reach`: package `amr_msgs` is not found",
+        "message type `amr_msgs/Reach`: package `amr_msgs` was not found",
         "did you mean `arm_msgs`?",
     )
 
@@ -126,7 +126,7 @@ def with_code(workspace: Path, code: str) -> None:
             "amr_msgs.msg import Raech",
             (
                 "OBK411",
-                "`controller` cannot start: message package `amr_msgs` is not found",
+                "`controller` cannot start: message package `amr_msgs` was not found",
                 "did you mean `arm_msgs`?",
             ),
         ),
@@ -145,7 +145,7 @@ def test_a_package_that_the_config_names_too_is_reported_once(workspace: Path) -
     with_code(workspace, CODE.replace("arm_msgs", "amr_msgs"))
     lost = reported(compile_with(workspace, "amr_msgs/Raech"))
     assert [one[:2] for one in lost if one[0] == "OBK411"] == [
-        ("OBK411", "message type `amr_msgs/Raech`: package `amr_msgs` is not found")
+        ("OBK411", "message type `amr_msgs/Raech`: package `amr_msgs` was not found")
     ]
 
 

@@ -33,7 +33,7 @@ def refused(capsys, *arguments, code=2):
 
 def test_an_unknown_file_type(capsys) -> None:
     assert refused(capsys, "--render", "out.avi") == (
-        "error: `--render`: `out.avi`: expected a file named .mp4, .gif or .png\n"
+        "error: `--render`: `out.avi`: expected a file name that ends in .mp4, .gif or .png\n"
     )
 
 

@@ -121,7 +121,7 @@ def test_environment_values_are_text_as_written() -> None:
 
 def test_every_fault_of_a_node_is_found_in_one_run() -> None:
     assert node_faults("log_level: loud, respawn: yes, publishers: [{topic: 3}], nme: x") == [
-        "a node of `control` has no key `nme`",
+        "`nme` is not a valid key of a node of `control`",
         "this publisher has neither `ros_parameter` nor `key`",
         "`topic` is the number 3, expected text",
         "`log_level` is `loud`, expected one of `debug`, `info`, `warn`, `error`, `fatal`",

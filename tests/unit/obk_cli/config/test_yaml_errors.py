@@ -115,9 +115,9 @@ def test_a_bracket_of_several_lines_lacks_a_comma_not_its_end() -> None:
 
 def test_an_uncommon_mistake_is_reported_with_the_parsers_message() -> None:
     finding = reported("%YAML 9.1\n---\na: 1\n")
-    assert finding.message.startswith("not YAML: ")
+    assert finding.message.startswith("not valid YAML: ")
 
 
 def test_mistakes_are_not_searched_in_generated_lines() -> None:
     finding = reported("a: '" + " " * 100_000)
-    assert finding.message.startswith("not YAML: ")
+    assert finding.message.startswith("not valid YAML: ")

@@ -130,7 +130,7 @@ def test_a_fix_that_leads_to_more_errors_is_undone(tmp_path: Path) -> None:
         VALID_TEXT + "  sim: {model_xml_path: m.xml, sensor_setings: [{a: 1}, {b: 2}]}\n"
     )
     fixed = fix(path)
-    assert [f.message for f in fixed.refused] == ["`sim` has no key `sensor_setings`"]
+    assert [f.message for f in fixed.refused] == ["`sensor_setings` is not a valid key of `sim`"]
     assert fixed.files == ()
     assert fixed.after.diagnostics == fixed.before.diagnostics
 
@@ -173,7 +173,7 @@ def test_the_command_writes_and_reports(
     code, out, err = run(capsys, "c.yaml", "--fix")
     assert (code, err) == (0, "")
     assert out == (
-        "fixed c.yaml:4:5: error[OBK101]: a node of `control` has no key `excutable`: "
+        "fixed c.yaml:4:5: error[OBK101]: `excutable` is not a valid key of a node of `control`: "
         "now executable\nc.yaml: no findings\n"
     )
     assert path.read_bytes().decode() == VALID_TEXT.replace("\n", "\r\n")

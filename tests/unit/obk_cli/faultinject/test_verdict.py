@@ -76,8 +76,8 @@ def test_a_stack_that_stops_and_names_the_node_is_correct() -> None:
     ("seen", "fault"),
     [
         (observation(DIED, ended(), exit_code=0, ended_after_s=1), "exit code 0"),
-        (observation(ended(), exit_code=1, ended_after_s=1), "not noticed"),
-        (observation(DIED, exit_code=-9, ended_after_s=1), "no end"),
+        (observation(ended(), exit_code=1, ended_after_s=1), "not detected"),
+        (observation(DIED, exit_code=-9, ended_after_s=1), "did not report"),
         (
             observation(DIED, ended("/other: boom"), exit_code=1, ended_after_s=1),
             "/other: boom",

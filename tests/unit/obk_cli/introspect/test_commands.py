@@ -143,7 +143,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("topic pub est PositionSetpiont {}", "did you mean `PositionSetpoint`"),
         ("topic pub est --rate 0", "`--rate 0`: expected a number above 0"),
         ("param set arm gain [1,a]", "`[1,a]` is not a valid parameter value"),
-        ("param set arm gain [", "`[` is not YAML"),
+        ("param set arm gain [", "`[` is not valid YAML"),
     ],
 )
 def test_an_invalid_command_is_reported_before_ros_is_loaded(

@@ -178,7 +178,7 @@ def test_the_graph_is_used_if_no_launcher_has_the_nodes(
     in_graph(monkeypatch, {**ACTIVE, "/nav": "inactive"})
     with fake_stack(parent, ACTIVE):
         assert node_states(environment, LifecycleRequest(names=("nav",))) == {"/nav": "inactive"}
-        with pytest.raises(CommandFailedError, match="no life-cycle node `contrl_0`") as raised:
+        with pytest.raises(CommandFailedError, match="no lifecycle node `contrl_0`") as raised:
             node_states(environment, LifecycleRequest(names=("contrl_0",)))
     assert raised.value.help is not None
     assert "`/obelisk_control_0`" in raised.value.help

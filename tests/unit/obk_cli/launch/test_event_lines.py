@@ -104,10 +104,10 @@ def test_the_first_cause_is_shown_first_then_its_origin_then_the_count_of_later_
 @pytest.mark.parametrize(
     ("result", "reported"),
     [
-        ("there already", "already in that state"),
+        ("already there", "already in that state"),
         ("timed out", "TIMED OUT (72 ms)"),
         ("gone", "GONE (72 ms)"),
-        ("taken back", "rolled back (72 ms)"),
+        ("rolled back", "rolled back (72 ms)"),
     ],
 )
 def test_every_end_of_a_transition_has_its_word(result: Result, reported: str) -> None:

@@ -239,7 +239,9 @@ def test_the_loss_of_the_warden_is_reported_as_the_end_of_its_nodes(bench: MakeB
     node = psutil.Process(run.start("a"))
     run.processes._warden.kill()
     assert run.ended() == ProcessEnded(
-        process="/a", code=-signal.SIGKILL, text="the process that watched over the nodes is gone"
+        process="/a",
+        code=-signal.SIGKILL,
+        text="the process that watches over the nodes has exited",
     )
     node.wait(DEADLINE_S)
     run.processes.signal("/a", signal.SIGINT)
@@ -255,7 +257,9 @@ def test_the_loss_of_the_warden_is_reported_once_for_unstarted_processes(
     run.processes.start(unit("a"))
     run.processes._warden.kill()
     assert run.ended() == ProcessEnded(
-        process="/a", code=127, text="the process that watched over the nodes is gone"
+        process="/a",
+        code=127,
+        text="the process that watches over the nodes has exited",
     )
     run.close()
     assert run.received.empty()

@@ -247,7 +247,7 @@ def test_a_claim_in_use_is_not_waited_for_endlessly(
         with pytest.raises(CommandFailedError) as raised:
             claim_run(tmp_path, RUN, NOW)
     assert raised.value.message == f"another process has held {path} for 0 s"
-    assert raised.value.help == "end any `obk launch` that is suspended or hangs"
+    assert raised.value.help == "stop any `obk launch` that is suspended or hangs"
     claim_run(tmp_path, RUN, NOW)
 
 

@@ -149,9 +149,9 @@ def test_a_deviating_rate_is_shown_next_to_its_node_until_kept_or_inactive() -> 
 @pytest.mark.parametrize(
     ("event", "state"),
     [
-        (ended(ROBOT, "deactivate", "there already"), "inactive"),
-        (ended(ROBOT, "activate", "taken back"), "inactive"),
-        (ended(ROBOT, "configure", "taken back"), "unconfigured"),
+        (ended(ROBOT, "deactivate", "already there"), "inactive"),
+        (ended(ROBOT, "activate", "rolled back"), "inactive"),
+        (ended(ROBOT, "configure", "rolled back"), "unconfigured"),
         (ended(ROBOT, "deactivate", "refused"), "active"),
         (ended(ROBOT, "deactivate", "timed out"), "active"),
         (StateSeen(node=ROBOT, state="unconfigured"), "unconfigured"),

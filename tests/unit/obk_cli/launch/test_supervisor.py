@@ -134,7 +134,7 @@ def test_a_transition_without_an_answer_is_a_timeout() -> None:
 def test_a_node_that_never_starts_is_named() -> None:
     world = World(never_ready={ESTIMATOR})
     ended = world.run()
-    assert ended.cause == f"no life-cycle services after 20 s: {ESTIMATOR}"
+    assert ended.cause == f"no lifecycle services after 20 s: {ESTIMATOR}"
     assert world.done == [(CONTROLLER, "shutdown"), (ROBOT, "shutdown")]
 
 

@@ -205,8 +205,8 @@ def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
     assert not answer.success
     assert answer.why == f"{ROBOT}: the transition `deactivate` failed: on_deactivate: no"
     assert [(m.node, m.result, m.state) for m in answer.members] == [
-        (CONTROLLER, "taken back", "active"),
-        (ESTIMATOR, "taken back", "active"),
+        (CONTROLLER, "rolled back", "active"),
+        (ESTIMATOR, "rolled back", "active"),
         (ROBOT, "refused", "active"),
     ]
     assert StackStateChanged(state="active") in world.published
@@ -217,12 +217,12 @@ def test_an_invalid_change_is_rejected_as_a_whole() -> None:
     answer = ask(world, "cleanup")
     assert answer.why == f"`cleanup` requires inactive, but {CONTROLLER} is active"
     assert not answer.members
-    assert "taken back" not in world.phases
+    assert "rolled back" not in world.phases
 
 
 def test_a_node_that_is_not_there_is_named() -> None:
     assert ask(World(), "deactivate", "/nobody").why == (
-        "this launch controls no such life-cycle node: /nobody"
+        "not lifecycle nodes of this launch: /nobody"
     )
 
 

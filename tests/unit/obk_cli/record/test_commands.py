@@ -88,7 +88,7 @@ def test_plot_takes_files_then_fields_and_writes_a_page(
         (("plot", "speed.mcap", "sped.data"), 1, "`sped`"),
         (("plot", "speed.mcap", "speed.dat"), 1, "`data`"),
         (("plot", "speed.mcap", "speed.data", "-o", "a.gif"), 2, ".png, .svg or .html"),
-        (("plot", "speed.mcap", "speed.data", "-o", "a.png", "--html"), 2, "named .html"),
+        (("plot", "speed.mcap", "speed.data", "-o", "a.png", "--html"), 2, "ends in .html"),
         (("plot", "speed.mcap", "speed.data", "--xlim", "2", "1"), 2, "`--xlim 2 1`"),
         (("plot", "speed.mcap", "speed.data", "--xlim", "8", "9"), 2, "`--xlim 8 9`"),
         (("plot", "speed.mcap", "speed"), 2, "`speed` does not name a field"),

@@ -49,7 +49,7 @@ def test_a_log_of_a_run_that_reports_nothing_is_found(tmp_path: Path) -> None:
     [
         (
             ("dumy", None),
-            "no run, and no node of the newest run, has the name `dumy`",
+            "no run, and no node of the latest run, has the name `dumy`",
             "did you mean `dummy`?",
         ),
         (("contrl_0", "robot_0"), "no run has the name `contrl_0`", "available: `other`, `dumm"),

@@ -57,7 +57,7 @@ def test_only_new_values_are_reported() -> None:
 def test_messages_without_a_number_are_reported_until_one_has_it() -> None:
     trace = Trace()
     trace.take(5, {})
-    assert trace.data_after(0).fault == "the newest message has no number in this field"
+    assert trace.data_after(0).fault == "the latest message has no number in this field"
     trace.take(7, {"x": 2.0})
     assert not trace.data_after(0).fault
 

@@ -49,7 +49,7 @@ def test_a_model_that_changed_is_read_again(tmp_path: Path) -> None:
 
 
 def test_a_model_with_a_fault_is_not_kept(tmp_path: Path) -> None:
-    read = read_model_once(MODELS / "misspelt.xml", tmp_path / "cache")
+    read = read_model_once(MODELS / "misspelled.xml", tmp_path / "cache")
     assert isinstance(read, ModelFault)
     assert not (tmp_path / "cache").exists()
 

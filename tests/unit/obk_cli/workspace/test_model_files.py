@@ -58,7 +58,11 @@ def test_an_error_that_quotes_invalid_utf8_is_a_message_of_mujoco(tmp_path: Path
     ("text", "line", "message"),
     [
         ("<mujoco>\n<worldbody><geom typ='box'/></worldbody></mujoco>", 2, "'typ'"),
-        ("<mujoco>\n<worldbody>\n</mujoco>", 2, "not XML: mismatched element (`worldbody`)"),
+        (
+            "<mujoco>\n<worldbody>\n</mujoco>",
+            2,
+            "not well-formed XML: mismatched element (`worldbody`)",
+        ),
         ("", None, ""),
         ("<urdf/>", None, ""),
     ],

@@ -25,7 +25,7 @@ _LIBRARIES: Final = {"egl": "EGL", "osmesa": "OSMesa"}
 """Back end -> the library that it needs, in order of preference."""
 _FIX: Final = (
     "`obk doctor` reports which back ends work on this machine; `apt install libegl1 "
-    "libgl1-mesa-dri` installs one that needs neither a screen nor a graphics card"
+    "libgl1-mesa-dri` installs one that needs neither a display nor a graphics card"
 )
 _DEFAULT_SIZE = (640, 480)
 """Width and height of a camera if the model sets none [pixels]."""
@@ -48,14 +48,14 @@ def choose_back_end(
         return chosen
     if chosen:
         raise ObeliskConfigError(
-            f"MUJOCO_GL is `{chosen}`, which does not draw off screen; set it to `egl` or "
+            f"MUJOCO_GL is `{chosen}`, which cannot render off-screen; set it to `egl` or "
             "`osmesa`, or unset it to choose one automatically"
         )
     for back_end, library in _LIBRARIES.items():
         if find(library) is not None:
             return back_end
     raise ObeliskConfigError(
-        f"cameras need OpenGL, and there is neither libEGL nor libOSMesa; {_FIX}"
+        f"cameras need OpenGL, and neither libEGL nor libOSMesa was found; {_FIX}"
     )
 
 

@@ -409,7 +409,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._simulation.reset(self._keyframe)
         self._forget_commands()
         self._copy_state(self._stamp_ns())
-        return StepResult(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
+        return StepResult(is_done=True, text=f"at {self._keyframe or 'the initial state'}")
 
     def _reset_to_parameter(self) -> StepResult:
         """Reset to the keyframe in the current value of `ic_keyframe`."""

@@ -132,7 +132,7 @@ def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
     ]
     geoms = block.get("viz_geoms") or {}
     found += [
-        f"viz_geoms.{name}: {with_article(kind)} cannot be shown as a marker; there are: "
+        f"viz_geoms.{name}: {with_article(kind)} cannot be shown as a marker; expected one of: "
         f"{', '.join(GEOM_KINDS)}"
         for name, kind in geoms.items()
         if name != "dt" and kind not in GEOM_KINDS

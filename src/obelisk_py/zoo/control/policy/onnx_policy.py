@@ -55,13 +55,17 @@ class OnnxPolicy(ObeliskController):
     `joint_positions` are relative to the default pose.
     """
 
-    default_pose = Parameter([0.0], unit="rad or m", description="of the observed joints")
+    default_pose = Parameter(
+        [0.0], unit="rad or m", description="default positions of the observed joints"
+    )
     observation_clip = Parameter(100.0, ge=0.0, description="largest magnitude of an input")
     action_clip = Parameter(100.0, ge=0.0, description="largest magnitude of an output")
-    action_scale = Parameter([1.0], description="what an output of 1 commands")
-    kp = Parameter([0.0], ge=0.0, unit="N m/rad", description="gains of the drives")
-    kd = Parameter([0.0], ge=0.0, unit="N m s/rad", description="gains of the drives")
-    action_kind = Parameter(ActionKind.POSITION, live=False, description="what the outputs are")
+    action_scale = Parameter([1.0], description="command for an output of 1")
+    kp = Parameter([0.0], ge=0.0, unit="N m/rad", description="proportional gains")
+    kd = Parameter([0.0], ge=0.0, unit="N m s/rad", description="derivative gains")
+    action_kind = Parameter(
+        ActionKind.POSITION, live=False, description="quantity that the outputs command"
+    )
 
     x_hat: EstimatedState | None = None
     """The latest estimate."""

@@ -56,7 +56,7 @@ class _Feed:
         except TimeoutError as error:
             self._thread.shutdown(wait=False)
             raise ObeliskConfigError(
-                f"camera `{self._name}`: OpenGL did not open within {_OPEN_S:g} s"
+                f"camera `{self._name}`: OpenGL did not start within {_OPEN_S:g} s"
             ) from error
         except ObeliskConfigError as error:
             self._thread.shutdown()
@@ -88,7 +88,7 @@ class _Feed:
             drawing.result(_DRAW_S)
         except TimeoutError as error:
             raise ObeliskError(
-                f"camera `{self._name}`: OpenGL did not render a picture within {_DRAW_S:g} s; "
+                f"camera `{self._name}`: OpenGL did not render an image within {_DRAW_S:g} s; "
                 "`obk doctor mujoco` reports which back ends work on this machine"
             ) from error
 
@@ -103,7 +103,7 @@ class _Feed:
             self._last_report_s = now_s
             self._source.warn(
                 f"camera `{self._name}` cannot keep up with its `dt`: "
-                f"{with_number(self._left_out, 'picture')} skipped since the start"
+                f"{with_number(self._left_out, 'image')} skipped since the start"
             )
 
 

@@ -23,7 +23,7 @@ _PERIOD_S: Final = 1 / 60
 """Time between two updates of the window [s]."""
 _CLOSE_S: Final = 2.0
 """Timeout for the window to close [s]."""
-_FIX: Final = "the viewer `web` (a page in the browser) needs none"
+_FIX: Final = "the `web` viewer (a page in the browser) works without one"
 
 
 def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:

@@ -34,7 +34,9 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
 __all__ = ["PARAMETERS", "ViewerProcess", "ViewerRequest", "requested_viewers", "viewer_outputs"]
 
 PROGRAM: Final = "obelisk_py.core.sim.mujoco.viewers.program"
-_LOSS: Final = "the simulation continues without it; the next configure starts it again"
+_LOSS: Final = (
+    "the simulation continues without it; the next `configure` transition starts it again"
+)
 _ROOM: Final = 1 << 22
 """Requested buffer for states that were sent but not received [bytes]; the kernel may limit it."""
 PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType({"viewer": "none", "viewer_port": 0})
@@ -106,7 +108,9 @@ class ViewerProcess:
         if self._end_s is not None:
             self._listener.join(self._end_s)
             if self._listener.is_alive():
-                self._notify("warning", f"the {self._kind} viewer did not end in {self._end_s:g} s")
+                self._notify(
+                    "warning", f"the {self._kind} viewer did not exit within {self._end_s:g} s"
+                )
         self._process.kill()
         self._listener.join()
         self._link.close()
@@ -118,7 +122,7 @@ class ViewerProcess:
         if code not in (0, EXIT_REPORTED) and not self._is_closing:
             self._notify(
                 "warning",
-                f"the {self._kind} viewer has ended ({_how(code)}); {self._loss}",
+                f"the {self._kind} viewer has exited ({_how(code)}); {self._loss}",
             )
 
 
@@ -207,7 +211,7 @@ def _viewer(parameter: Callable[[str], Any]) -> list[ViewerRequest]:
     viewer, port = parameter("viewer"), parameter("viewer_port")
     if viewer not in VIEWERS:
         raise ObeliskConfigError(
-            f"the parameter `viewer` is `{viewer}`; there are: {', '.join(VIEWERS)}"
+            f"the parameter `viewer` is `{viewer}`; expected one of: {', '.join(VIEWERS)}"
         )
     if not 0 <= port <= _HIGHEST_PORT:
         raise ObeliskConfigError(

@@ -105,7 +105,7 @@ def _module(kind: str) -> ViewerModule:
         extra = VIEWER_KINDS[kind].extra
         raise ObeliskConfigError(
             f"the {kind} viewer needs the library `{error.name}`, which is not installed; "
-            f"install the extra `{extra}`: obelisk-cli[{extra}]"
+            f"install the `{extra}` extra: obelisk-cli[{extra}]"
         ) from error
 
 

@@ -61,7 +61,7 @@ def own_page_only() -> Iterator[None]:
         websockets.asyncio.server.serve = serve  # type: ignore[misc]
     if not is_kept:
         raise ObeliskConfigError(
-            "the web viewer cannot block other pages of the browser with this version of "
+            "the web viewer cannot block requests from other browser pages with this version of "
             "`viser`; `pip install --upgrade obelisk-cli[viewer]` installs a supported one"
         )
 

@@ -1,0 +1,5 @@
+"""A package whose package.xml is malformed; never run."""
+
+
+def main() -> None:
+    """Do nothing."""
