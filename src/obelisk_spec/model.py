@@ -4,7 +4,7 @@
 no meshes, so a model can be checked even if its meshes are missing.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -33,7 +33,7 @@ class ActuatorFact:
     """An actuator of the model."""
 
     name: str
-    """Its own name, otherwise that of the joint that it drives; may be empty."""
+    """Its own name, otherwise that of the joint that only it drives; may be empty."""
     unit: str
     """Unit of its control, such as `N m`; empty if the model does not determine one."""
 
@@ -71,7 +71,7 @@ def read_model_facts(spec: Any) -> ModelFacts:
         sites=_names(spec.sites),
         cameras=_names(spec.cameras),
         keyframes=_names(spec.keys),
-        actuators=tuple(_read_actuator(actuator, joints) for actuator in spec.actuators),
+        actuators=tuple(_read_actuators(spec.actuators, joints)),
         position_servos=sum(map(_is_position_servo, spec.actuators)),
         timestep=float(spec.option.timestep),
     )
@@ -93,13 +93,16 @@ _UNITS: Final = {"hinge": ("N m", "rad", "rad/s"), "slide": ("N", "m", "m/s")}
 """Joint type -> units of a force, a position and a velocity."""
 
 
-def _read_actuator(actuator: Any, joints: Mapping[str, str]) -> ActuatorFact:
-    name = actuator.name or (actuator.target if _drives_a_joint(actuator) else "")
-    units, quantity = _UNITS.get(joints.get(actuator.target, "")), _quantity(actuator)
-    # With a gear, the control is that of the motor, or scaled to another range.
-    is_known = _drives_a_joint(actuator) and actuator.gear[0] == 1.0
-    unit = units[quantity] if is_known and units and quantity is not None else ""
-    return ActuatorFact(name=name, unit=unit)
+def _read_actuators(actuators: Sequence[Any], joints: Mapping[str, str]) -> Iterator[ActuatorFact]:
+    driven = [one.target if _drives_a_joint(one) else "" for one in actuators]
+    for actuator, joint in zip(actuators, driven, strict=True):
+        units, quantity = _UNITS.get(joints.get(joint, "")), _quantity(actuator)
+        # With a gear, the control is that of the motor, or scaled to another range.
+        has_gear = actuator.gear[0] != 1.0
+        yield ActuatorFact(
+            name=actuator.name or (joint if driven.count(joint) == 1 else ""),
+            unit="" if units is None or quantity is None or has_gear else units[quantity],
+        )
 
 
 def _drives_a_joint(actuator: Any) -> bool:

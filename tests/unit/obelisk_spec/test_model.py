@@ -33,11 +33,12 @@ def test_actuators_have_the_units_that_the_model_determines() -> None:
     model = """<mujoco>
       <worldbody><body>
         <joint name="hinge" type="hinge"/><joint name="slide" type="slide"/>
+        <joint name="free" type="slide"/>
         <geom size="1"/><site name="site"/>
       </body></worldbody>
       <actuator>
         <motor name="motor" joint="hinge"/>
-        <motor joint="slide"/>
+        <motor joint="free"/>
         <motor name="scaled" joint="hinge" gear="100"/>
         <position name="servo" joint="hinge" kp="20"/>
         <position name="rail" joint="slide" kp="20" kv="1"/>
@@ -45,12 +46,13 @@ def test_actuators_have_the_units_that_the_model_determines() -> None:
         <general name="general" joint="hinge" gainprm="3"/>
         <intvelocity name="integrated" joint="hinge" kp="1" actrange="-1 1"/>
         <motor name="thrust" site="site"/>
+        <velocity joint="hinge" kv="1"/>
       </actuator>
     </mujoco>"""
     facts = read_model_facts(mujoco.MjSpec.from_string(model))
     assert [(actuator.name, actuator.unit) for actuator in facts.actuators] == [
         ("motor", "N m"),
-        ("slide", "N"),
+        ("free", "N"),
         ("scaled", ""),
         ("servo", "rad"),
         ("rail", "m"),
@@ -58,4 +60,5 @@ def test_actuators_have_the_units_that_the_model_determines() -> None:
         ("general", ""),
         ("integrated", ""),
         ("thrust", ""),
+        ("", "rad/s"),
     ]
