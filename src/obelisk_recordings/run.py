@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -147,7 +148,7 @@ class RecordedRun:
         for name, found in parts.items():
             if len(found) > 1:
                 raise RecordingError(f"{self.path}: {name} has messages of several types")
-        return {name: RecordedTopic(joined(found), self.origin_ns) for name, found in parts.items()}
+        return {name: self._topic(joined(found)) for name, found in parts.items()}
 
     def definitions(self, topics: Iterable[str]) -> dict[str, MessageDefinition]:
         """Return the message definitions of those topics for which the recording has them.
@@ -178,7 +179,22 @@ class RecordedRun:
             RecordingError: the file cannot be read.
         """
         for part in messages_in_parts(self.path, frozenset(topics)):
-            yield RecordedTopic(part, self.origin_ns)
+            yield self._topic(part)
+
+    def _topic(self, messages: TopicMessages) -> RecordedTopic:
+        return RecordedTopic(messages, self.origin_ns, self._actuators.get(messages.topic, ()))
+
+    @cached_property
+    def _actuators(self) -> Mapping[str, Sequence[tuple[str, str]]]:
+        """Name and unit of each actuator of the simulator that subscribes to a topic."""
+        with suppress(TypeError, KeyError, AttributeError):  # of an older version
+            return {
+                end["topic"]: [(str(one["name"]), str(one["unit"])) for one in node["actuators"]]
+                for node in self.plan["processes"]
+                if node["actuators"]
+                for end in node["subscribes"]
+            }
+        return {}
 
 
 def _event(line: str) -> Mapping[str, Any]:

@@ -16,6 +16,8 @@ from obelisk_spec.suggestions import did_you_mean, list_names
 __all__ = ["Array", "MessageTable", "RecordedField", "RecordedSignal", "RecordedTopic"]
 
 Array = NDArray[Any]
+CONTROLS: Final = "u_mujoco"
+"""The field with a number per actuator of the model; messages name neither these nor units."""
 NS_PER_S: Final = 1_000_000_000
 _NAMES: Final = ("joint_names", "name")
 """Fields with the joint names for the other arrays of a message."""
@@ -39,8 +41,8 @@ class RecordedSignal:
 
     @property
     def unit(self) -> str:
-        """Unit, such as `rad/s`; empty if the definition has none."""
-        return self.topic.unit(self.path)
+        """Unit, such as `rad/s`; empty if none is known."""
+        return self.topic.unit(self.path, self.place)
 
     def values(self) -> NDArray[np.float64]:
         """Read the numbers, shape `(n,)`; NaN for messages whose array is shorter."""
@@ -78,17 +80,24 @@ class RecordedTopic:
     works for fields with the name of an attribute of this class, such as `t` or `name`.
     """
 
-    def __init__(self, messages: TopicMessages, origin_ns: int = 0) -> None:
+    def __init__(
+        self,
+        messages: TopicMessages,
+        origin_ns: int = 0,
+        actuators: Sequence[tuple[str, str]] = (),
+    ) -> None:
         """Wrap the messages of a topic.
 
         Args:
             messages: the serialized messages.
             origin_ns: origin of times [ns since 1970].
+            actuators: name and unit of each number in `u_mujoco`; empty if unknown.
         """
         self.messages = messages
         self.name = messages.topic
         self.msg_type = messages.msg_type
         self._origin_ns = origin_ns
+        self._actuators = actuators
 
     def __repr__(self) -> str:
         return f"<{self.name}: {len(self)} messages>"
@@ -284,9 +293,26 @@ class RecordedTopic:
                 name = (names[place] if place < len(names) else "") or str(place)
                 yield RecordedSignal(self, one, place, f"{one}[{name}]")
 
-    def unit(self, path: str) -> str:
-        """Return the unit of a field, such as `rad/s`; empty if its definition has none."""
+    def unit(self, path: str, place: int | None = None) -> str:
+        """Return the unit of a field, such as `rad/s`; empty if there is none, or several.
+
+        Args:
+            path: path of the field.
+            place: index in the field's array; None for all its numbers.
+        """
+        if self._are_controls(path):
+            units = {unit for _, unit in self._actuators}
+            if place is not None:
+                return self._actuators[place][1]
+            return units.pop() if len(units) == 1 else ""
         return str(self._definition.unit(path))
+
+    def _are_controls(self, path: str) -> bool:
+        """Whether a field has a number for each known actuator."""
+        if path != CONTROLS or not self._actuators:
+            return False
+        counts = {table[0].columns[path].count for table in self.tables if path in table[0].columns}
+        return counts == {len(self._actuators)}
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
@@ -299,9 +325,11 @@ class RecordedTopic:
         return ()
 
     def names(self, path: str) -> tuple[str, ...]:
-        """Return the joint names for a field with one number per joint; empty for other fields."""
+        """Return the names for a field with one number per joint or actuator; empty for others."""
         if "." in path or path in _NAMES:
             return ()
+        if self._are_controls(path):
+            return tuple(name for name, _ in self._actuators)
         counts = {layout.columns[path].count for layout, _, _ in self.tables}
         return self.joint_names if counts == {len(self.joint_names)} else ()
 

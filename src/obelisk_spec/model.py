@@ -4,11 +4,11 @@
 no meshes, so a model can be checked even if its meshes are missing.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
-__all__ = ["ModelFacts", "SensorFact", "read_model_facts"]
+__all__ = ["ActuatorFact", "ModelFacts", "SensorFact", "read_model_facts"]
 
 _SENSOR_TAGS = {"geomdist": "distance", "geomnormal": "normal", "geomfromto": "fromto"}
 """Sensor types whose MJCF tag differs from the lower-case enum name."""
@@ -29,6 +29,16 @@ class SensorFact:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ActuatorFact:
+    """An actuator of the model."""
+
+    name: str
+    """Its own name, otherwise that of the joint that only it drives; may be empty."""
+    unit: str
+    """Unit of its control, such as `N m`; empty if the model does not determine one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ModelFacts:
     """Facts about a model; mappings are keyed by name, in the order of the model."""
 
@@ -41,7 +51,8 @@ class ModelFacts:
     sites: tuple[str, ...] = ()
     cameras: tuple[str, ...] = ()
     keyframes: tuple[str, ...] = ()
-    actuators: int = 0
+    actuators: tuple[ActuatorFact, ...] = ()
+    """In the order of the controls."""
     position_servos: int = 0
     """Number of actuators whose control is a position."""
     timestep: float = 0.002
@@ -60,7 +71,7 @@ def read_model_facts(spec: Any) -> ModelFacts:
         sites=_names(spec.sites),
         cameras=_names(spec.cameras),
         keyframes=_names(spec.keys),
-        actuators=len(spec.actuators),
+        actuators=tuple(_read_actuators(spec.actuators, joints)),
         position_servos=sum(map(_is_position_servo, spec.actuators)),
         timestep=float(spec.option.timestep),
     )
@@ -75,6 +86,44 @@ def _read_sensor(sensor: Any, joints: Mapping[str, str]) -> SensorFact:
         object_name=sensor.objname,
         joint_type=joints.get(sensor.objname) if _enum_word(sensor.objtype) == "joint" else None,
     )
+
+
+_FORCE, _POSITION, _VELOCITY = 0, 1, 2
+_UNITS: Final = {"hinge": ("N m", "rad", "rad/s"), "slide": ("N", "m", "m/s")}
+"""Joint type -> units of a force, a position and a velocity."""
+
+
+def _read_actuators(actuators: Sequence[Any], joints: Mapping[str, str]) -> Iterator[ActuatorFact]:
+    driven = [one.target if _drives_a_joint(one) else "" for one in actuators]
+    for actuator, joint in zip(actuators, driven, strict=True):
+        units, quantity = _UNITS.get(joints.get(joint, "")), _quantity(actuator)
+        # With a gear, the control is that of the motor, or scaled to another range.
+        has_gear = actuator.gear[0] != 1.0
+        yield ActuatorFact(
+            name=actuator.name or (joint if driven.count(joint) == 1 else ""),
+            unit="" if units is None or quantity is None or has_gear else units[quantity],
+        )
+
+
+def _drives_a_joint(actuator: Any) -> bool:
+    return _enum_word(actuator.trntype) in ("joint", "jointinparent")
+
+
+def _quantity(actuator: Any) -> int | None:
+    """The quantity of a control: force = gain * ctrl + b0 + b1 * length + b2 * velocity."""
+    if _enum_word(actuator.dyntype) not in ("none", "filter", "filterexact"):
+        return None
+    if _enum_word(actuator.gaintype) != "fixed":
+        return None
+    gain, bias = actuator.gainprm[0], actuator.biasprm
+    match _enum_word(actuator.biastype):
+        case "none":
+            return _FORCE if gain == 1.0 else None
+        case "affine" if bias[1]:
+            return _POSITION if gain == -bias[1] and not bias[0] else None
+        case "affine" if bias[2]:
+            return _VELOCITY if gain == -bias[2] and not bias[0] else None
+    return None
 
 
 def _is_position_servo(actuator: Any) -> bool:

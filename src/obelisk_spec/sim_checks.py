@@ -392,14 +392,14 @@ def _check_keyframe(parameters: Mapping[str, Any], facts: ModelFacts) -> Iterato
 
 def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterator[SimFault]:
     n_u = block.get("n_u")
-    if n_u is not None and n_u != facts.actuators:
+    if n_u is not None and n_u != len(facts.actuators):
         yield SimFault(
             code="OBK503",
             severity="warning",
             path=("n_u",),
             message=f"`n_u` is {n_u}, but the model has "
-            f"{with_number(facts.actuators, 'actuator')}; the model takes precedence",
-            help=f"remove `n_u` or write {facts.actuators}",
+            f"{with_number(len(facts.actuators), 'actuator')}; the model takes precedence",
+            help=f"remove `n_u` or write {len(facts.actuators)}",
         )
     written = block.get("time_step")
     step_s = _time_step(block, facts)

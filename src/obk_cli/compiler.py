@@ -149,7 +149,7 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
         causes = tuple(_of_fragment(causes, source, including))
     reported = in_order(silence(causes, codes))
     is_stack = stack is not None and worst(reported) != "error" and not including
-    plan = lower_stack(stack) if stack is not None and is_stack else None
+    plan = lower_stack(stack, environment) if stack is not None and is_stack else None
     return Outcome(
         path=source.path,
         plan=plan,

@@ -112,9 +112,36 @@ def test_parameters_that_do_not_match_the_network_are_rejected(
     world: World, parameters: dict[str, Any], message: str
 ) -> None:
     node = policy(world)
+    node.trigger_deactivate()
+    node.trigger_cleanup()
     node.set_parameters([Parameter(name, value=value) for name, value in parameters.items()])
     with pytest.raises(ObeliskConfigError, match=message):
         OnnxPolicy.on_configure(node, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("default_pose", [0.0] * 3, "`default_pose` has 3 values, expected 1 or 2"),
+        ("action_scale", [1.0, 2.0], "`action_scale` has 2 values, expected 1"),
+        ("kd", [], "`kd` has 0 values, expected 1"),
+        ("observation_scales", [1.0], "`observation_scales` is read at configure"),
+        ("joints", ["a"], "`joints` is read at configure"),
+    ],
+)
+def test_lists_of_wrong_lengths_are_rejected_while_the_policy_runs(
+    world: World, name: str, value: list[Any], reason: str
+) -> None:
+    node = policy(world)
+    kind = None if value else Parameter.Type.DOUBLE_ARRAY
+    (result,) = node.set_parameters([Parameter(name, kind, value)])
+    assert not result.successful
+    assert reason in result.reason
+    (result,) = node.set_parameters([Parameter("default_pose", value=[0.25, 0.5])])
+    assert result.successful
+    node.update_x_hat(EstimatedState(**JOINTS))
+    assert node.compute_control() is not None
+    assert node.default_pose == [0.25, 0.5]
 
 
 def test_the_network_is_that_of_the_training() -> None:

@@ -132,7 +132,9 @@ class ParameterRules:
         return rule.is_read_at_configure and self._state() in _FREE_STATES
 
     def _would_be_half_applied(self, name: str, value: object) -> bool:
-        return self._state() not in _FREE_STATES and value != self._node.get_parameter(name).value
+        # A parameter that is declared with only a type may have no value yet.
+        present = self._node.get_parameter_or(name).value
+        return self._state() not in _FREE_STATES and value != present
 
 
 def guard_setting_service(

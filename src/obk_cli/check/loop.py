@@ -291,7 +291,8 @@ def _check_action(
             yield found(
                 "OBK320",
                 "stale commands are replaced by zero, which is the position 0 for "
-                f"{read.facts.position_servos} of the model's {read.facts.actuators} actuators",
+                f"{read.facts.position_servos} of the model's "
+                f"{len(read.facts.actuators)} actuators",
                 written.entry_span,
                 help="`stale_action: hold` or `damp` keeps the robot where it is",
             )

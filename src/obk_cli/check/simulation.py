@@ -293,7 +293,7 @@ def _check_lengths(
 ) -> Iterator[tuple[tuple[str, Span], Diagnostic]]:
     """The findings, each with the controller and the location in its code."""
     actuators = [
-        read.facts.actuators
+        len(read.facts.actuators)
         for sim in robot.sims
         if sim.model is not None and sim.model.found is not None
         if isinstance(read := environment.read_model(sim.model.found), ModelRead)

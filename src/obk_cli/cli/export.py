@@ -34,7 +34,9 @@ def command(
 
     Each row is a message: `t` in seconds since the stack became active, the times of publication
     and receipt, and one column per field. Parquet keeps arrays, units and joint names. In CSV each
-    array element is a column named after its joint. ROS is not needed.
+    array element is a column named after its joint. ROS is not needed. A recording that was not
+    closed, for example because its recorder was killed, is exported up to its last message, with a
+    warning.
     """
     require_choice("--to", to, ("parquet", "csv"))
 
@@ -44,13 +46,22 @@ def command(
     require_extra("mcap", "export")
 
     from obelisk_recordings.run import open_run, topic_named
-    from obelisk_spec.suggestions import with_number
+    from obelisk_spec.suggestions import list_names, with_number
     from obk_cli.record.export import export_run
 
     run = open_run(find_recording(runs_folder(os.environ), recording))
-    if not run.bag.is_complete:
-        print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)
     topics = [topic_named(name, run.topics) for name in topic or run.topics]
     form = cast(Literal["parquet", "csv"], to)
+    silent = set(topics if topic else ())
     for written in export_run(run, topics, form, output or Path(run.name)):
+        silent.discard(written.topic)
         print(f"{written.path}  {with_number(written.count, 'message')}")
+    if silent:
+        print(f"warning: no messages of {list_names(sorted(silent))}", file=sys.stderr)
+    if not run.bag.is_complete and run.bag.end_ns is not None:
+        end_s = (run.bag.end_ns - run.origin_ns) / 1_000_000_000
+        print(
+            f"warning: {run.path} is incomplete: its recorder did not close it; "
+            f"the last message is at t = {end_s:.3f} s",
+            file=sys.stderr,
+        )

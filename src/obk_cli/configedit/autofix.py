@@ -162,9 +162,9 @@ def plan_without_places(outcome: Outcome) -> Plan | None:
         finding.severity == "error" and finding.code.startswith(_OF_READING)
         for finding in outcome.diagnostics
     )
-    if outcome.config is None or not is_read:
+    if outcome.config is None or outcome.environment is None or not is_read:
         return None
-    plan = lower_stack(outcome.config)
+    plan = lower_stack(outcome.config, outcome.environment)
     nowhere = Origin(path="", line=0, column=0)
     return replace(
         plan,

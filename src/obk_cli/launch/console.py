@@ -102,6 +102,8 @@ REFRESH_S: Final = 0.5
 """Refresh interval of a footer while no lines are written [s]."""
 PAUSE_S: Final = 0.05
 """Minimum time between two writes above a footer, each of which redraws it [s]."""
+SUMMARY_S: Final = 1.0
+"""Interval of checks for summaries that are due [s]."""
 NO_LOGS: Final = "no log files from here on"
 _NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _USUAL_SIZE: Final = os.terminal_size((80, 24))
@@ -293,7 +295,13 @@ class Formatter(Protocol):
     """Turns events and output into lines for the user."""
 
     def event(self, event: OutputEvent) -> Iterable[str]:
-        """The lines for an event."""
+        """The lines for an event, as in the log."""
+
+    def on_screen(self, event: OutputEvent, lines: Iterable[str], /) -> Iterable[str]:
+        """The lines that the screen shows when an event happens, of the event's lines."""
+
+    def due(self) -> Iterable[str]:
+        """The lines that sum up what the screen has not shown; called once a second."""
 
     def line(self, node: str, text: str) -> Iterable[str]:
         """The lines for a line of a node's output; called from several threads."""
@@ -315,8 +323,11 @@ class Output:
         self._formatter = formatter
         self._writers = {unit.name: NodeLines(unit.node_names) for unit in units}
         self.journal = Journal(run_folder, self.unwritable)
+        self._is_over = threading.Event()
+        self._summing = threading.Thread(target=self._sum_up, name="summaries", daemon=True)
 
     def __enter__(self) -> Self:
+        self._summing.start()
         return self
 
     def __exit__(
@@ -326,6 +337,7 @@ class Output:
         trace: TracebackType | None,
     ) -> None:
         """Close the log files; those of a run that could not start contain the reason."""
+        self._is_over.set()
         if isinstance(error, ObkError):
             self.journal.shown(plain(f"failed: {error.message}"))
         self.journal.close()
@@ -334,9 +346,17 @@ class Output:
         """Write an event."""
         self.journal.event(event, wall_s())
         with self._lock:
-            for text in self._formatter.event(event):
+            lines = tuple(self._formatter.event(event))
+            for text in lines:
                 self.journal.shown(plain(text))
+            for text in self._formatter.on_screen(event, lines):
                 self._screen.put(text)
+
+    def _sum_up(self) -> None:
+        while not self._is_over.wait(SUMMARY_S):
+            with self._lock:
+                for text in self._formatter.due():
+                    self._screen.put(text)
 
     def line(self, line: OutputLine) -> None:
         """Write a line of a process; the recorder is not a node, so its lines are our own."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Final, assert_never
 
 from obelisk_spec.suggestions import with_number
+from obk_cli.clock import monotonic_s
 from obk_cli.launch.events import (
     OUTPUT_EVENTS,
     ActivationReported,
@@ -34,6 +35,7 @@ from obk_cli.launch.events import (
     VideoReported,
     WaitingFor,
 )
+from obk_cli.launch.rate_summary import RateSummaries, RateSummary
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE, UNCONFIGURED
 from obk_cli.terminal import only_colour, plain
 
@@ -101,7 +103,7 @@ class Journal:
         self._write("events.jsonl", json.dumps(event_record(event, time_s)))
 
     def shown(self, text: str) -> None:
-        """Write a line that the user sees."""
+        """Write a line for the user; of lines about rates, the screen shows only a summary."""
         self._write("launch.log", text)
 
     def line(self, node: str, text: str) -> None:
@@ -142,19 +144,29 @@ def short_name(name: str) -> str:
 class LaunchReport:
     """Turns events and output into lines; may be called from several threads."""
 
-    def __init__(self, nodes: Iterable[str], *, colour: bool, quiet: bool) -> None:
+    def __init__(
+        self,
+        nodes: Iterable[str],
+        *,
+        colour: bool,
+        quiet: bool,
+        clock: Callable[[], float] = monotonic_s,
+    ) -> None:
         """Create a report.
 
         Args:
             nodes: full names, for colors and column width.
             colour: whether to use escape codes.
             quiet: hide the nodes' output.
+            clock: monotonic time [s].
         """
         names = tuple(nodes)
         self._width = max((len(short_name(name)) for name in names), default=0)
         self._colours = dict(zip(names, _NODE_COLOURS * len(names), strict=False))
         self._colour = colour
         self._quiet = quiet
+        self._clock = clock
+        self._rates = RateSummaries()
         self._known_state: str | None = None
         """The stack's state last shown while steady; None: during bring-up or shutdown."""
 
@@ -168,6 +180,20 @@ class LaunchReport:
     def note(self, text: str) -> Iterable[str]:
         """Format a message of the launcher."""
         yield plain(text)
+
+    def on_screen(self, event: OutputEvent, lines: Iterable[str], /) -> Iterable[str]:
+        """Choose what the screen shows now of an event, given the event's lines."""
+        match event:
+            case RateBroken() | RateKept() | RateMoved():
+                return lines if self._rates.is_shown(event, self._clock()) else ()
+            case Phase() | Ended():
+                return (*map(self._rate_summary, self._rates.rest(self._clock())), *lines)
+            case _:
+                return lines
+
+    def due(self) -> Iterable[str]:
+        """The lines that sum up what was left out before; call it about once a second."""
+        return map(self._rate_summary, self._rates.due(self._clock()))
 
     def event(self, event: OutputEvent) -> Iterable[str]:
         """Format an event."""
@@ -244,6 +270,13 @@ class LaunchReport:
             case RateKept():
                 yield self._paint(_GREEN, f"  {name}: {plain(str(event.rate))} again")
 
+    def _rate_summary(self, summary: RateSummary) -> str:
+        name, text = short_name(summary.node), plain(summary.text)
+        if summary.now == "kept":
+            return self._paint(_GREEN, f"  {name}: {text}")
+        colour = _RED if summary.now == "broken" else _YELLOW
+        return self._paint(colour, f"  {name}: RATE: {text}")
+
     def _after_a_crash(self, event: GoesOnWithout | Restarting | Restarted) -> str:
         names = _names(event.nodes)
         match event:
@@ -308,6 +341,14 @@ class JsonReport:
         """Format an event."""
         yield from self._line(event_record(event, self._clock()))
         self._is_over = self._is_over or isinstance(event, Ended)
+
+    def on_screen(self, _event: OutputEvent, lines: Iterable[str], /) -> Iterable[str]:
+        """Show every event."""
+        return lines
+
+    def due(self) -> Iterable[str]:
+        """Nothing: no event was left out."""
+        return ()
 
     def line(self, node: str, text: str) -> Iterable[str]:
         """Format a line of a node's output."""

@@ -159,6 +159,8 @@ class LiveReport:
         """What the area was last drawn from, and its lines."""
         self.line = report.line
         self.note = report.note
+        self.on_screen = report.on_screen
+        self.due = report.due
 
     def event(self, event: OutputEvent) -> Iterable[str]:
         """Format an event."""

@@ -14,6 +14,7 @@ from obelisk_spec.components import (
 )
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obelisk_spec.values import ParameterValue, is_none
+from obk_cli.config.environment import Environment, ModelRead
 from obk_cli.config.model import (
     COMPONENT_LISTS,
     FEEDBACK_TOPIC,
@@ -44,6 +45,7 @@ from obk_cli.plan.plan import (
     OnCrash,
     Origin,
     Plan,
+    PlannedActuator,
     PlannedNode,
     PlannedSensorGroup,
     Promise,
@@ -58,10 +60,10 @@ _LEFT_OUT_OF_TIMERS = (*_LEFT_OUT, "history_depth")
 _SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", "timer_period_sec")
 
 
-def lower_stack(stack: Stack) -> Plan:
+def lower_stack(stack: Stack, environment: Environment) -> Plan:
     """The plan of a stack, with its nodes in the order of the config."""
     joysticks = (_lower_joystick(joystick) for joystick in stack.joysticks if joystick.on)
-    nodes = (*(_lower_node(node) for node in stack.nodes), *joysticks)
+    nodes = (*(_lower_node(node, environment) for node in stack.nodes), *joysticks)
     if stack.is_on_simulated_time:
         nodes = tuple(_on_simulated_time(node) for node in nodes)
     return Plan(
@@ -77,7 +79,7 @@ def _on_simulated_time(node: PlannedNode) -> PlannedNode:
     return replace(node, parameters=parameters)
 
 
-def _lower_node(node: Node) -> PlannedNode:
+def _lower_node(node: Node, environment: Environment) -> PlannedNode:
     assert node.pkg is not None  # a required key: without it, the checks fail
     assert node.executable is not None
     ends = tuple(node_ends(node))
@@ -98,6 +100,7 @@ def _lower_node(node: Node) -> PlannedNode:
         subscribes=_endpoints(ends, "subscribes"),
         model=next(models, None) if node.runs_simulation else None,
         sensor_groups=tuple(_sensor_groups(node)) if node.runs_simulation else (),
+        actuators=tuple(_actuators(node, environment)) if node.runs_simulation else (),
         promises=tuple(_promises(node, ends)),
         on_crash=_on_crash(node),
     )
@@ -140,6 +143,14 @@ def _sensor_groups(node: Node) -> Iterator[PlannedSensorGroup]:
                 sensors=block.get("sensor_names") or {},
                 rays=pattern.get("type") if isinstance(pattern, dict) else None,
             )
+
+
+def _actuators(node: Node, environment: Environment) -> Iterator[PlannedActuator]:
+    for sim in node.sims[:1]:
+        if sim.model is not None and sim.model.found is not None:
+            read = environment.read_model(sim.model.found)
+            for actuator in read.facts.actuators if isinstance(read, ModelRead) else ():
+                yield PlannedActuator(name=actuator.name, unit=actuator.unit)
 
 
 def _endpoints(ends: tuple[TopicEnd, ...], direction: Direction) -> tuple[Endpoint, ...]:

@@ -18,6 +18,7 @@ __all__ = [
     "Origin",
     "ParameterValue",
     "Plan",
+    "PlannedActuator",
     "PlannedNode",
     "PlannedSensorGroup",
     "Promise",
@@ -65,6 +66,16 @@ class PlannedSensorGroup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedActuator:
+    """An actuator of a simulator's model, which one number of `u_mujoco` controls."""
+
+    name: str
+    """Empty if neither it nor its joint has a name."""
+    unit: str
+    """Unit of its control, `N m`; empty if unknown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
     """An expected rate of a node."""
 
@@ -100,6 +111,8 @@ class PlannedNode:
     model: str | None = None
     """Path of the MuJoCo model that replaces the robot."""
     sensor_groups: tuple[PlannedSensorGroup, ...] = ()
+    actuators: tuple[PlannedActuator, ...] = ()
+    """Actuators of the model, in its order; empty if it could not be read."""
     promises: tuple[Promise, ...] = ()
     on_crash: OnCrash | None = None
     """What the launcher does when the node crashes; None: the default of `obk launch`."""

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from obelisk_recordings.layout import Bytes, Column
 from obelisk_recordings.run import RecordedRun
 from obelisk_recordings.topic import MessageTable, RecordedTopic
+from obelisk_spec.suggestions import list_names
+from obk_cli.errors import CommandFailedError
 from obk_cli.files import unwritable
 
 __all__ = ["ExportFormat", "ExportedTopic", "export_run"]
@@ -74,10 +76,12 @@ def export_run(
         folder: output folder; created if necessary.
 
     Raises:
-        CommandFailedError: a file cannot be written.
+        CommandFailedError: no topic has messages, or a file cannot be written.
         RecordingError: the recording cannot be read.
     """
     leaves = _leaves(run, topics)
+    if not leaves:
+        raise _without_messages(run, topics)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
@@ -93,6 +97,14 @@ def export_run(
                 yield ExportedTopic(topic=topic, path=file.path, count=file.count)
     except OSError as error:
         raise unwritable(folder, error) from error
+
+
+def _without_messages(run: RecordedRun, topics: Sequence[str]) -> CommandFailedError:
+    found = [topic.topic for topic in run.bag.topics if topic.count]
+    what = f"messages of {list_names(topics)}" if topics and found else "messages"
+    state = "" if run.bag.is_complete else "; its recorder did not close it"
+    others = f"it has messages of {list_names(found)}" if found else None
+    return CommandFailedError(f"{run.path} contains no {what}{state}", help=others)
 
 
 def _leaves(run: RecordedRun, topics: Sequence[str]) -> dict[str, dict[str, _Leaf]]:

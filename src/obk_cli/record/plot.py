@@ -64,7 +64,7 @@ class PlotLine:
     """One number over time."""
 
     label: str
-    """What distinguishes it within its part: run, field, joint; empty if it is the only line."""
+    """Run, field, joint, as far as they are not in the title; may be empty for a single line."""
     times_s: Floats
     """[s since activation], shape `(n,)`."""
     values: Floats
@@ -177,12 +177,12 @@ def _key(signal: RecordedSignal) -> str:
 
 
 def _label(signal: RecordedSignal, name: FieldName) -> str:
-    """What distinguishes a number from others of its field: `knee`, `[2]`, `x`."""
-    if _key(signal) == name.path:
-        return ""
-    text = signal.label.removeprefix(name.path)
-    joint = re.fullmatch(r"\[(\D.*)\]", text)
-    return joint[1] if joint else text.removeprefix(".")
+    """The name of a number within its field: `knee`, `[2]`, `x`; empty if it has none."""
+    is_whole = _key(signal) == name.path
+    text = signal.label.removeprefix(signal.path if is_whole else name.path)
+    if named := re.fullmatch(r"\[(\D.*)\]", text):
+        return named[1]
+    return "" if is_whole else text.removeprefix(".")
 
 
 def _part(
@@ -192,7 +192,7 @@ def _part(
     lines = []
     for place, (run, numbers) in enumerate(zip(runs, of_runs, strict=True)):
         for key, number in numbers.items():
-            words = (run.name if len(runs) > 1 else "", number.label if len(keys) > 1 else "")
+            words = (run.name if len(runs) > 1 else "", number.label)
             lines.append(
                 PlotLine(
                     label=" ".join(filter(None, words)),
@@ -203,10 +203,7 @@ def _part(
                 )
             )
     units = {number.unit for numbers in of_runs for number in numbers.values()}
-    title = name.text
-    if len(keys) == 1 and (inner := next(n for one in of_runs for n in one.values()).label):
-        title = f"{title} {inner}"
-    return PlotPart(title=title, unit=_only(units), lines=tuple(lines))
+    return PlotPart(title=name.text, unit=_only(units), lines=tuple(lines))
 
 
 def _overlaid(parts: Sequence[PlotPart]) -> PlotPart:
@@ -297,7 +294,7 @@ def draw(
             )
         axis.set_ylabel(part.label, fontsize="small")
         axis.grid(visible=True, alpha=0.3)
-        if 1 < len(part.lines) <= MOST_NAMED:
+        if len(part.lines) <= MOST_NAMED and any(line.label for line in part.lines):
             axis.legend(loc="upper right", fontsize="small")
     if xlim is not None:
         axes[-1].set_xlim(*xlim)

@@ -17,14 +17,13 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from obelisk_recordings.run import RecordedRun
     from obelisk_recordings.topic import RecordedTopic
 
     Floats = NDArray[np.float64]
 
 __all__ = ["recorded_fields"]
 
-MOST_POINTS: Final = 20_000
+MOST_POINTS: Final = 8_000
 """Maximum number of points of a line; a longer line is reduced to the extremes of intervals."""
 
 
@@ -62,20 +61,22 @@ def recorded_fields(
         )
     require_extra("mcap", "record")
 
-    from obelisk_recordings.run import open_run
-
     try:
-        return [*_read(open_run(path), requests)]
+        return [*_read(path, requests)]
     except RecordingError as error:
         raise CommandFailedError(error.message, help=error.help) from error
 
 
-def _read(run: "RecordedRun", requests: Sequence[FieldRequest]) -> Iterator[dict[str, Any]]:
+def _read(path: Path, requests: Sequence[FieldRequest]) -> Iterator[dict[str, Any]]:
+    from obelisk_recordings.chunks import messages_in_parts
+    from obelisk_recordings.topic import RecordedTopic
     from obk_cli.record.plot import packed_line
 
     found: dict[FieldRequest, dict[str, _Line]] = {request: {} for request in requests}
     faults: dict[FieldRequest, str] = {}
-    for part in run.parts({request.topic for request in requests}):
+    # Not with `open_run`: it counts all messages of a file that is still being written.
+    for messages in messages_in_parts(path, {request.topic for request in requests}):
+        part = RecordedTopic(messages)
         for request, lines in found.items():
             if request.topic == part.name and request not in faults:
                 try:

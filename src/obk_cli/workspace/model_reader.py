@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 from xml.parsers import expat
 
-from obelisk_spec.model import ModelFacts, SensorFact, read_model_facts
+from obelisk_spec.model import ActuatorFact, ModelFacts, SensorFact, read_model_facts
 from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.optional_deps import distribution_version
 
@@ -43,7 +43,7 @@ __all__ = [
 
 
 _SENSOR_SECTION = "sensor"
-_FORMAT = 5
+_FORMAT = 6
 _MOST_ENTRIES = 256
 _OTHER_FILES = (b"<attach", b"<model", b"<robot")
 """Elements that may refer to further files; such models are always read."""
@@ -388,7 +388,9 @@ def _read_entry(entry: Path) -> tuple[ModelFacts, tuple[tuple[str, str], ...], b
         sensors = {name: SensorFact(**sensor) for name, sensor in facts["sensors"].items()}
         names = {key: tuple(facts[key]) for key in ("bodies", "sites", "cameras", "keyframes")}
         referenced = tuple((str(file), str(written)) for file, written in held["referenced_files"])
-        whole = ModelFacts(**{**facts, **names, "sensors": sensors})
+        actuators = tuple(ActuatorFact(**actuator) for actuator in facts["actuators"])
+        named = {**names, "sensors": sensors, "actuators": actuators}
+        whole = ModelFacts(**{**facts, **named})
         return whole, referenced, bool(held["was_compiled"])
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None

@@ -16,7 +16,7 @@ def test_facts_are_those_of_the_file() -> None:
     assert facts.geoms == {"box": "box"}
     assert facts.sites == ("imu", "tip")
     assert facts.keyframes == ("home",)
-    assert facts.actuators == 1
+    assert len(facts.actuators) == 1
     assert facts.timestep == 0.001
     assert facts.sensors["hinge_pos"].type == "jointpos"
     assert facts.sensors["hinge_pos"].joint_type == "hinge"
@@ -24,3 +24,41 @@ def test_facts_are_those_of_the_file() -> None:
         "site",
         "tip",
     )
+
+
+@pytest.mark.mujoco
+def test_actuators_have_the_units_that_the_model_determines() -> None:
+    import mujoco
+
+    model = """<mujoco>
+      <worldbody><body>
+        <joint name="hinge" type="hinge"/><joint name="slide" type="slide"/>
+        <joint name="free" type="slide"/>
+        <geom size="1"/><site name="site"/>
+      </body></worldbody>
+      <actuator>
+        <motor name="motor" joint="hinge"/>
+        <motor joint="free"/>
+        <motor name="scaled" joint="hinge" gear="100"/>
+        <position name="servo" joint="hinge" kp="20"/>
+        <position name="rail" joint="slide" kp="20" kv="1"/>
+        <velocity name="speed" joint="hinge" kv="2"/>
+        <general name="general" joint="hinge" gainprm="3"/>
+        <intvelocity name="integrated" joint="hinge" kp="1" actrange="-1 1"/>
+        <motor name="thrust" site="site"/>
+        <velocity joint="hinge" kv="1"/>
+      </actuator>
+    </mujoco>"""
+    facts = read_model_facts(mujoco.MjSpec.from_string(model))
+    assert [(actuator.name, actuator.unit) for actuator in facts.actuators] == [
+        ("motor", "N m"),
+        ("free", "N"),
+        ("scaled", ""),
+        ("servo", "rad"),
+        ("rail", "m"),
+        ("speed", "rad/s"),
+        ("general", ""),
+        ("integrated", ""),
+        ("thrust", ""),
+        ("", "rad/s"),
+    ]

@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 
-from obelisk_spec.model import ModelFacts, SensorFact
+from obelisk_spec.model import ActuatorFact, ModelFacts, SensorFact
 from obelisk_spec.scans import MOST_RAYS, grid_count, lidar_columns
 from obelisk_spec.sensors import NOISY_FIELDS, SENSOR_GROUPS
 from obelisk_spec.sim_checks import check_sim
@@ -35,7 +35,7 @@ FACTS = ModelFacts(
     sites=("imu",),
     cameras=("front",),
     keyframes=("home",),
-    actuators=1,
+    actuators=(ActuatorFact(name="motor", unit="N m"),),
     timestep=0.001,
 )
 

@@ -13,6 +13,8 @@ from obk_cli.emit.params import emit_params
 from obk_cli.plan.lower import lower_stack
 from obk_cli.plan.plan import Plan
 
+from .nowhere import Nowhere
+
 OLDER = """\
 config: arm
 onboard:
@@ -49,7 +51,7 @@ def read(text: str) -> Stack:
 
 
 def lower(text: str) -> Plan:
-    return lower_stack(read(text))
+    return lower_stack(read(text), Nowhere())
 
 
 @SPELLINGS

@@ -35,6 +35,14 @@ function follow(source) {
   isZooming = false;
 }
 
+// A line in the style of a series, because the marker of uPlot shows only its colour.
+function marker(line) {
+  const svg = `<svg xmlns="http://www.w3.org/2000/svg" width="32" height="8">
+    <path d="M0 4H32" stroke="${COLOURS[line.colour % COLOURS.length]}" stroke-width="2"
+      stroke-dasharray="${DASHES[line.run % DASHES.length]}"/></svg>`;
+  return `url("data:image/svg+xml,${encodeURIComponent(svg)}")`;
+}
+
 function show(part) {
   const tables = part.lines.map((line) => [numbers(line.times), values(line.values)]);
   const series = part.lines.map((line) => ({
@@ -52,6 +60,7 @@ function show(part) {
     series: [{ label: "t [s]", value: (plot, t) => (t === null ? "-" : t.toFixed(4)) }, ...series],
     scales: { x: { time: false } },
     axes: [{ label: "time since activation [s]" }, { label: part.label, size: 70 }],
+    legend: { markers: { width: 0, fill: (plot, index) => marker(part.lines[index - 1]) } },
     cursor: { sync: { key: "obk", setSeries: false }, drag: { x: true, y: false } },
     hooks: { setScale: [(plot, key) => key === "x" && follow(plot)] },
   };

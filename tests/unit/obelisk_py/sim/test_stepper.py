@@ -4,7 +4,7 @@ import pytest
 
 from obelisk_py.core.rate_monitor import TickCounter, late_ns_of
 from obelisk_py.core.sim.mujoco.step_times import Pace, SampleTimes
-from obelisk_py.core.sim.mujoco.stepper import Stepper, TimedOutput
+from obelisk_py.core.sim.mujoco.stepper import SkippedTime, Stepper, StepReport, TimedOutput
 
 MS = 1_000_000
 
@@ -167,3 +167,15 @@ def test_an_exception_in_a_step_ends_the_run():
 
     with pytest.raises(RuntimeError, match="the step failed"):
         _Run(factor=1.0, until=stop_or_raise)
+
+
+def test_skipped_steps_are_warned_of_at_once_and_then_summed_up_over_ten_seconds() -> None:
+    def second(overruns: int) -> StepReport:
+        return StepReport(realtime_factor=0.5, overruns=overruns, lost_s=overruns / 10)
+
+    skipped = SkippedTime()
+    warnings = [skipped.add(second(n)) for n in (0, 1, *[2] * 10, *[0] * 10, 3)]
+    assert [n for n, warning in enumerate(warnings) if warning] == [1, 11, 22]
+    assert "skipped 0.100 s in the last second (1 time)" in str(warnings[1])
+    assert "skipped 2.000 s in the last 10 s (20 times)" in str(warnings[11])
+    assert "skipped 0.300 s in the last second (3 times)" in str(warnings[22])

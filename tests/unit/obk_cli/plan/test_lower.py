@@ -50,7 +50,7 @@ def lower_text(text: str) -> Plan:
     assert parsed.tree is not None
     stack, _ = read_stack(parsed.tree)
     assert stack is not None
-    return lower_stack(stack)
+    return lower_stack(stack, Nowhere())
 
 
 def lower(folder: Path) -> Plan:
@@ -59,7 +59,7 @@ def lower(folder: Path) -> Plan:
     stack, faults = read_stack(parsed.tree)
     assert stack is not None
     assert {fault.severity for fault in faults} == {"info"}
-    return lower_stack(locate_files(stack, folder, Nowhere()))
+    return lower_stack(locate_files(stack, folder, Nowhere()), Nowhere())
 
 
 def test_a_node_becomes_a_process(tmp_path: Path) -> None:
@@ -224,7 +224,7 @@ def test_environment_variables_get_the_values_of_variables() -> None:
     text = f"robot:\n  pkg: a\n  executable: b\n  {env}"
     outcome = compile_source(SourceFile.of("<text>", text), options)
     assert outcome.config is not None
-    (process,) = lower_stack(outcome.config).nodes
+    (process,) = lower_stack(outcome.config, outcome.environment).nodes
     assert process.env == {"A": "007", "B": "1.10", "C": "true"}
 
 

@@ -121,3 +121,37 @@ def test_a_mistake_is_reported_without_a_trace(
     error = capsys.readouterr().err
     assert reported in error
     assert "Traceback" not in error
+
+
+def test_a_truncated_recording_is_exported_with_a_warning_that_names_its_end(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = recording.read_bytes()
+    recording.write_bytes(whole[: whole.rindex(b"/arm/speed")])  # within the summary
+    assert obk("export", recording, "--to", "csv") == 0
+    shown = capsys.readouterr()
+    assert "arm/arm.joints.csv  40 messages" in shown.out
+    assert "incomplete" in shown.err
+    assert "t = 0.039 s" in shown.err
+
+
+@pytest.mark.parametrize("kept", [60, 300])
+def test_a_truncated_recording_without_messages_is_an_error(
+    kept: int, recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording.write_bytes(recording.read_bytes()[:kept])
+    assert obk("export", recording, "--to", "parquet") == 1
+    shown = capsys.readouterr()
+    assert (shown.out, "contains no messages" in shown.err) == ("", True)
+    assert not Path("arm").exists()
+
+
+def test_a_topic_without_messages_is_an_error_that_names_the_others(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert obk("export", recording, "--to", "csv", "--topic", "silent") == 1
+    error = capsys.readouterr().err
+    assert "no messages of `/arm/silent`" in error
+    assert "`/arm/speed`" in error
+    assert obk("export", recording, "--to", "csv", "--topic", "silent", "--topic", "speed") == 0
+    assert "no messages of `/arm/silent`" in capsys.readouterr().err

@@ -1,5 +1,8 @@
 """Fields of recorded runs by name, and the lines plotted from them."""
 
+import json
+import re
+import struct
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -11,6 +14,7 @@ from mcap_ros2.writer import Writer
 from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.run import RecordedRun, open_run, topic_named
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.record.mcap_writer import BagWriter
 from obk_cli.record.plot import (
     MOST_POINTS,
     FieldName,
@@ -171,6 +175,49 @@ def test_fields_have_a_part_each_or_one_for_all(tmp_path: Path) -> None:
     ]
 
 
+def test_one_item_has_the_joints_name_in_its_legend_like_the_whole_array(tmp_path: Path) -> None:
+    message = reading(joint_names=["hip", "knee"])
+    assert lines(tmp_path, "t.position[1]", message) == {"knee": [4.0]}
+    assert lines(tmp_path, "t.position", message) == {"hip": [3.0], "knee": [4.0]}
+    (part,) = parts([open_run(tmp_path / "a.mcap")], "t.position[1]")
+    draw([part], "one", tmp_path / "one.svg")
+    assert ">knee</text>" in (tmp_path / "one.svg").read_text()
+    (part,) = parts([open_run(tmp_path / "a.mcap")], "t.position[1]", "t.gyro.x", overlay=True)
+    assert [line.label for line in part.lines] == ["knee t.position[1]", "t.gyro.x"]
+
+
+def controls_of(folder: Path, *actuators: tuple[str, str]) -> PlotPart:
+    """The plot of two controls, recorded with the plan of a robot with these actuators."""
+    robot = {
+        "subscribes": [{"topic": "/arm/ctrl"}],
+        "actuators": [{"name": name, "unit": unit} for name, unit in actuators],
+    }
+    path = folder / "controls.mcap"
+    with BagWriter(path) as bag:
+        bag.describe({}, {"plan.json": json.dumps({"processes": [robot]})}, 0)
+        channel = bag.add_topic("/arm/ctrl", "demo_msgs/msg/Control", "float64[] u_mujoco", {})
+        data = struct.pack("<BBHIIdd", 0, 1, 0, 2, 0, 0.5, 1.5)
+        bag.add_message(channel, data, 0, 0, 0)
+    (part,) = parts([open_run(path)], "ctrl.u_mujoco")
+    return part
+
+
+def test_controls_have_the_names_and_the_unit_of_the_models_actuators(tmp_path: Path) -> None:
+    part = controls_of(tmp_path, ("hip", "N m"), ("knee", "N m"))
+    assert part.label == "ctrl.u_mujoco [N m]"
+    assert [(line.label, line.values.tolist()) for line in part.lines] == [
+        ("hip", [0.5]),
+        ("knee", [1.5]),
+    ]
+
+
+def test_controls_of_other_lengths_or_units_claim_none(tmp_path: Path) -> None:
+    assert controls_of(tmp_path, ("hip", "N m"), ("rail", "N")).label == "ctrl.u_mujoco"
+    (tmp_path / "controls.mcap").unlink()
+    part = controls_of(tmp_path, ("hip", "N m"))
+    assert (part.unit, [line.label for line in part.lines]) == ("", ["[0]", "[1]"])
+
+
 def test_only_the_requested_times_are_drawn(tmp_path: Path) -> None:
     drawn = parts(two_runs(tmp_path), "t.position")
     draw(drawn, "all", tmp_path / "all.svg")
@@ -196,6 +243,7 @@ def test_the_page_draws_the_numbers_without_a_network(tmp_path: Path) -> None:
         problems: list[str] = []
         requests: list[str] = []
         browser.on("pageerror", lambda error: problems.append(str(error)))
+        browser.on("console", lambda line: problems.append(line.text))
         browser.on("request", lambda request: requests.append(request.url))
         browser.reload()
         browser.wait_for_function(
@@ -212,6 +260,12 @@ def test_the_page_draws_the_numbers_without_a_network(tmp_path: Path) -> None:
             [0, 1, 2, 3, 4],
             [0.5, 1.5, 2.5, None, None],
         ]
+        # Legends show the line styles of the runs.
+        markers = browser.locator(".u-marker").evaluate_all(
+            "all => all.map((one) => decodeURIComponent(one.style.backgroundImage))"
+        )
+        dashes = [re.findall(r'dasharray=\\?"([\d,]*)', one) for one in markers]
+        assert dashes == [[], [""], ["8,4"], [], [""], [""], ["8,4"], ["8,4"]]
         assert second["labels"] == ["t [s]", "one x", "one y", "two x", "two y"]
         assert (second["min"], second["max"]) == (0, 2.5)
         # Zooming one plot zooms all.
@@ -228,7 +282,7 @@ def test_the_page_draws_the_numbers_without_a_network(tmp_path: Path) -> None:
         assert one["min"] == pytest.approx(0.5, abs=0.05)
         assert one["max"] == pytest.approx(1.5, abs=0.05)
         assert not problems
-        assert {url.partition(":")[0] for url in requests} <= {"file"}
+        assert {url.partition(":")[0] for url in requests} <= {"file", "data"}
 
 
 def test_a_long_line_keeps_its_extremes_in_the_page() -> None:

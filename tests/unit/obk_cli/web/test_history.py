@@ -59,6 +59,18 @@ def test_a_long_run_keeps_its_extremes(tmp_path: Path) -> None:
     assert (values[0], values[-1]) == (0.0, count - 1)
 
 
+def test_a_recording_in_progress_is_read_without_counting_its_messages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = recorded(tmp_path, 1000)
+    path = folder / HEALTHY.run / RECORDING
+    content = path.read_bytes()
+    path.write_bytes(content[: content.rindex(b"float64[2] x")])  # within the summary
+    monkeypatch.setattr("obelisk_recordings.summary.records_of", None)
+    (one,) = read(folder, "x[0]")
+    assert len(numbers(one["lines"][0]["values"])) == 1000
+
+
 def test_a_missing_field_does_not_remove_the_others(tmp_path: Path) -> None:
     wrong, right = read(recorded(tmp_path, 2), "y", "x")
     assert "no field `y`" in wrong["fault"]

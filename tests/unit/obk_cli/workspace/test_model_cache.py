@@ -85,7 +85,7 @@ BROKEN = ("", "[]", "{", '{"facts": {"sensors": 1}}', "null", "[" * 100_000)
 def test_a_broken_entry_is_ignored(held: str, tmp_path: Path) -> None:
     first = read_model_once(MODELS / "arm.xml", tmp_path)
     (entry,) = tmp_path.glob("*.json")
-    assert json.loads(entry.read_text())["facts"]["actuators"] == 1
+    assert json.loads(entry.read_text())["facts"]["position_servos"] == 1
     entry.write_text(held)
     assert read_model_once(MODELS / "arm.xml", tmp_path) == first
 

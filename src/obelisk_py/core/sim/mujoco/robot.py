@@ -54,7 +54,7 @@ from obelisk_py.core.sim.mujoco.sim_config import (
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
 from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, MonotonicClock, Pace, SampleTimes
-from obelisk_py.core.sim.mujoco.stepper import Stepper, StepReport, TimedOutput
+from obelisk_py.core.sim.mujoco.stepper import SkippedTime, Stepper, StepReport, TimedOutput
 from obelisk_py.core.sim.mujoco.viewers.processes import (
     PARAMETERS,
     requested_viewers,
@@ -178,6 +178,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._simulation: Simulation | None = None
         self._inbox: ControlInbox | None = None
         self._stepper: Stepper | None = None
+        self._skipped_time = SkippedTime()
         self._true_state: TrueStateReader | None = None
         self._state_copy: StateCopy | None = None
         self._stamp_ns: Callable[[], int] = self._ros_time_ns
@@ -547,11 +548,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if self._inbox is not None:
             self._log_rejections(self._inbox)
         # A node that reports its rates reports this as the rate `steps`.
-        if report.overruns and not self.get_parameter(REPORT_RATES).value:
-            self._warn(
-                f"simulation could not keep up: skipped {report.lost_s:.3f} s in the last second "
-                f"({report.overruns} times); real-time factor {report.realtime_factor:.3f}"
-            )
+        if self.get_parameter(REPORT_RATES).value:
+            return
+        if warning := self._skipped_time.add(report):
+            self._warn(warning)
 
     def _log_rejections(self, inbox: ControlInbox) -> None:
         for rejection in inbox.reports():

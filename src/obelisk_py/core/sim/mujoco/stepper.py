@@ -12,9 +12,12 @@ from typing import Final, Protocol
 from obelisk_py.core.rate_monitor import TickCounter
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, Clock, Pace
+from obelisk_spec.suggestions import with_number
 
-__all__ = ["StepReport", "Stepper", "TimeOutput", "TimedOutput", "Times"]
+__all__ = ["SkippedTime", "StepReport", "Stepper", "TimeOutput", "TimedOutput", "Times"]
 
+WARNING_S: Final = 10
+"""Time between two warnings about skipped steps [s]."""
 LONGEST_BATCH: Final = 32
 """Maximum number of steps per call, if there is no pace and nothing is due."""
 BATCH_NS: Final = 100_000
@@ -77,6 +80,32 @@ class StepReport:
     """How often steps were skipped in this second."""
     lost_s: float
     """Wall time of the skipped steps [s]."""
+
+
+class SkippedTime:
+    """Sums up the steps that a simulation skips: one warning at once, then one in ten seconds."""
+
+    def __init__(self) -> None:
+        self._unreported: list[StepReport] | None = None
+        """The seconds since the last warning; None: skipped steps are reported at once."""
+
+    def add(self, report: StepReport) -> str | None:
+        """Add a second; return the warning that is due after it."""
+        seconds = [*(self._unreported or ()), report]
+        if self._unreported is not None and len(seconds) < WARNING_S:
+            self._unreported = seconds
+            return None
+        overruns = sum(each.overruns for each in seconds)
+        self._unreported = [] if overruns else None
+        if not overruns:
+            return None
+        period = "second" if len(seconds) == 1 else f"{len(seconds)} s"
+        factor = sum(each.realtime_factor for each in seconds) / len(seconds)
+        return (
+            f"simulation could not keep up: skipped {sum(each.lost_s for each in seconds):.3f} s "
+            f"in the last {period} ({with_number(overruns, 'time')}); "
+            f"real-time factor {factor:.3f}"
+        )
 
 
 class Stepper:

@@ -6,6 +6,7 @@ mean. It needs obelisk-cli's `policy` extra.
 
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameter import Parameter
+from obelisk_py.core.parameter_rules import Getter
 from obelisk_spec.policy import (
     COMMAND,
     PREVIOUS_ACTION,
@@ -34,6 +36,9 @@ __all__ = ["ActionKind", "OnnxPolicy"]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 _STRINGS = RosParameter.Type.STRING_ARRAY
+_LAYOUT = ("observation", "joints", "action_joints")
+_LISTS = ("default_pose", "action_scale", "kp", "kd")
+"""Parameters with one value, or one for each joint."""
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -78,9 +83,11 @@ class OnnxPolicy(ObeliskController):
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, est_msg_type=EstimatedState, **kwargs)
-        for name in ("observation", "joints", "action_joints"):
+        for name in _LAYOUT:
             self.declare_parameter(name, _STRINGS)
         self.declare_parameter("observation_scales", RosParameter.Type.DOUBLE_ARRAY)
+        self._parameter_rules.add((*_LAYOUT, "observation_scales"))
+        self._parameter_rules.add(_LISTS, self._check_new_lists, is_read_at_configure=False)
         if COMMAND in self._strings("observation"):
             self.register_obk_subscription(
                 "sub_command_setting", self.update_command, key="sub_command", msg_type=Twist
@@ -102,9 +109,7 @@ class OnnxPolicy(ObeliskController):
         size = observation_size(self.terms, joints=len(self.joints), actions=actions)
         _check_width("observation", size, self.network.inputs)
         _check_width("action", actions, self.network.outputs)
-        _check_length("default_pose", self.default_pose, len(self.joints))
-        for name in ("action_scale", "kp", "kd"):
-            _check_length(name, getattr(self, name), actions)
+        self._check_lists(partial(getattr, self))
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -197,6 +202,19 @@ class OnnxPolicy(ObeliskController):
     def _strings(self, name: str) -> list[str]:
         return list(self.get_parameter_or(name).value or ())
 
+    def _check_new_lists(self, value: Getter) -> None:
+        # Before configure, the numbers of joints and actions may still change.
+        if self.state_label not in ("unconfigured", "configuring"):
+            self._check_lists(value)
+
+    def _check_lists(self, value: Getter) -> None:
+        """Check the lengths of the lists whose values a function returns by name."""
+        for name in _LISTS:
+            values, of = value(name), self.joints if name == "default_pose" else self.action_joints
+            if len(values) not in (1, len(of)):
+                expected = f"1 or {len(of)}" if len(of) > 1 else "1"
+                raise ObeliskConfigError(f"`{name}` has {len(values)} values, expected {expected}")
+
     def _check_names(self) -> None:
         if not self.terms or not self.joints:
             raise ObeliskConfigError("OnnxPolicy needs the parameters `observation` and `joints`")
@@ -238,9 +256,3 @@ def _check_width(what: str, expected: int, found: int | None) -> None:
         raise ObeliskConfigError(
             f"the network's {what} has {found} numbers, expected {expected} from the parameters"
         )
-
-
-def _check_length(name: str, values: Sequence[float], count: int) -> None:
-    if len(values) not in (1, count):
-        expected = f"1 or {count}" if count > 1 else "1"
-        raise ObeliskConfigError(f"`{name}` has {len(values)} values, expected {expected}")
