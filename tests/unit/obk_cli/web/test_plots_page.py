@@ -14,9 +14,9 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 
+from obelisk_spec.page_access import new_token
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.model import StackView
-from obk_cli.web.auth import new_token
 from obk_cli.web.feed import Snapshot
 from obk_cli.web.plots import FieldData, FieldRequest
 
