@@ -303,6 +303,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
                     self._command_age.postpone(time.monotonic())
             else:
                 self._stepper.run(interrupted)
+                self._show_now()
             requests.run_pending()
 
     def step_once(self) -> None:
@@ -440,9 +441,13 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         assert self._stepper is not None
         assert self._simulation is not None
         self._stepper.step()
+        self._show_now()
+        return StepResult(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
+
+    def _show_now(self) -> None:
+        """Send viewers the current state, because it may be that of a paused simulation."""
         for viewer in self._viewers:
             viewer.publish(0)
-        return StepResult(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
 
     def _viewer_host(self, simulation: Simulation) -> ViewerHost:
         controls = ViewerControls(
@@ -471,8 +476,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _set_speed(self, factor: float) -> StepResult:
         (result,) = self.set_parameters([Parameter(REALTIME_FACTOR, value=factor)])
-        text = f"speed {factor:g}" if result.successful else result.reason
-        return StepResult(is_done=result.successful, text=text)
+        return StepResult(is_done=result.successful, text=result.reason)
 
     def _check_factor(self, value: Getter) -> None:
         """Check the real-time factor; outputs are created for a paced or an unpaced simulation."""

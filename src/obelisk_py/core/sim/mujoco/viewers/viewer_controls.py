@@ -56,9 +56,11 @@ class ViewerControls:
         except RequestError as error:
             return replace(self.report(), answer=str(error), is_done=False)
         result = self._do(request)
-        if result.is_done:
-            self.log(f"{self._done(request, result)}, requested in the viewer")
-        return replace(self.report(), answer=result.text, is_done=result.is_done)
+        if not result.is_done:
+            return replace(self.report(), answer=result.text, is_done=False)
+        done, when = _done(request), f"at {self.simulation.time_ns / NS_PER_S:.12g} s"
+        self.log(f"{done} from the viewer, {when}{_detail(request)}")
+        return replace(self.report(), answer=done)
 
     def _do(self, request: Request) -> StepResult:
         match request:
@@ -80,20 +82,27 @@ class ViewerControls:
         self.simulation.push(body, request.force, request.duration_s)
         return StepResult(is_done=True, text=str(request))
 
-    def _done(self, request: Request, result: StepResult) -> str:
-        """What was done and when, for the log."""
-        when = f"at {self.simulation.time_ns / NS_PER_S:.12g} s"
-        match request:
-            case PauseRequest(is_paused=is_paused):
-                return f"simulation {'paused' if is_paused else 'continued'} {when}"
-            case StepRequest():
-                return f"one step, now {when}"
-            case ResetRequest():
-                return f"reset: {result.text}"
-            case SpeedRequest():
-                return f"{result.text} {when}"
-            case PushRequest(force=force):
-                vector = ", ".join(f"{number:g}" for number in force)
-                return f"{request} {when}, force ({vector}) N in the world frame"
-            case _:
-                assert_never(request)
+
+def _done(request: Request) -> str:
+    match request:
+        case PauseRequest(is_paused=is_paused):
+            return f"simulation {'paused' if is_paused else 'continued'}"
+        case StepRequest():
+            return "one step"
+        case ResetRequest(keyframe=None):
+            return "reset to the start of the model"
+        case ResetRequest(keyframe=keyframe):
+            return f"reset to the keyframe {keyframe}"
+        case SpeedRequest(realtime_factor=factor):
+            return f"speed {factor:g}"
+        case PushRequest():
+            return str(request)
+        case _:
+            assert_never(request)
+
+
+def _detail(request: Request) -> str:
+    if not isinstance(request, PushRequest):
+        return ""
+    vector = ", ".join(f"{number:.4g}" for number in request.force)
+    return f", force ({vector}) N in the world frame"

@@ -165,9 +165,10 @@ class States:
         self.reports: list[str] = []
         """Reports of the robot so far; a viewer removes those that it has read."""
         self._link = link
-        size = mujoco.mj_stateSize(model, SIGNATURE)
-        self._packet = bytearray(max(_LARGEST, 8 * (1 + size)))
-        self._state = np.frombuffer(self._packet, np.float64, size, offset=8)
+        self._size = mujoco.mj_stateSize(model, SIGNATURE)
+        self._packet = bytearray(max(_LARGEST, 8 * (1 + self._size)))
+        """The newest state."""
+        self._next_packet = bytearray(len(self._packet))
         mujoco.mj_forward(model, self.data)
 
     def take_next(self, timeout_s: float | None = None) -> bool:
@@ -211,19 +212,23 @@ class States:
         """Whether a state has arrived; a report counts as a timeout."""
         self._link.settimeout(timeout_s)
         try:
-            size = self._link.recv_into(self._packet)
+            size = self._link.recv_into(self._next_packet)
         except (BlockingIOError, TimeoutError):
             return False
         except ConnectionResetError:
             size = 0
         self.is_over = size == 0
-        if size and self._packet[0]:
-            self.reports.append(self._packet[:size].decode())
+        if self.is_over:
             return False
-        return not self.is_over
+        if self._next_packet[0]:
+            self.reports.append(self._next_packet[:size].decode())
+            return False
+        self._packet, self._next_packet = self._next_packet, self._packet
+        return True
 
     def _show(self) -> None:
-        mujoco.mj_setState(self.model, self.data, self._state, SIGNATURE)
+        state = np.frombuffer(self._packet, np.float64, self._size, offset=8)
+        mujoco.mj_setState(self.model, self.data, state, SIGNATURE)
         mujoco.mj_forward(self.model, self.data)
 
 

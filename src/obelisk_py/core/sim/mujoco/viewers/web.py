@@ -87,7 +87,7 @@ class _Page:
     def __init__(self, server: viser.ViserServer, states: States, title: str, send: Any) -> None:
         self._states = states
         gui = server.gui
-        gui.configure_theme(show_share_button=False, show_logo=False)
+        gui.configure_theme(show_share_button=False, show_logo=False, control_width="large")
         gui.set_panel_label(title)
         self._scene = scene = ViserMujocoScene(server, states.model, num_envs=1)
         # This thread, the only one that touches the data, applies changes made in the page.
@@ -120,6 +120,9 @@ class _Page:
             self._show_texts()
         if not is_new and not self._scene.needs_update:
             return False
+        # The scene has no property for this flag; without overlays it draws faster.
+        has_push = bool(self._states.data.xfrc_applied.any())
+        self._scene._mjv_option.flags[mujoco.mjtVisFlag.mjVIS_PERTFORCE] = has_push
         self._scene.needs_update = False
         self._scene.update_from_mjdata(self._states.data)
         return True
