@@ -1,4 +1,4 @@
-"""Protocol between the tool and running nodes: rates, clock page, startup gate, web requests.
+"""Protocol between the tool and running nodes: rates, clock page, startup gate, pages.
 
 Rates are keys and values of a `diagnostic_msgs/DiagnosticStatus`; no ROS message is imported.
 """
@@ -16,13 +16,16 @@ __all__ = [
     "CLOCK_TIME",
     "CLOCK_TOPIC",
     "CLOCK_VARIABLE",
+    "CONTROL_SOCKET",
     "DIAGNOSTICS_TOPIC",
     "FIRST_OUTPUT",
     "GATE_VARIABLE",
     "LOCAL_TRANSPORT_OFF",
     "LOCAL_TRANSPORT_VARIABLE",
+    "PAGE_REQUEST",
     "REJECTION",
     "REPORT_PERIOD_S",
+    "RUN_FOLDER_VARIABLE",
     "SOCKETS_FOLDER",
     "STANDINGS",
     "STEPS",
@@ -32,8 +35,7 @@ __all__ = [
     "Rate",
     "Standing",
     "clock_page_bytes",
-    "is_of_the_page",
-    "names_this_host",
+    "page_request",
     "parse_clock",
     "parse_rate",
     "parse_rejection",
@@ -111,37 +113,27 @@ through DDS. Users can set this value for the launcher, too.
 LOCAL_TRANSPORT_OFF: Final = "off"
 SOCKETS_FOLDER: Final = "sockets"
 """The folder of the sockets, in the run's folder."""
-_HOST_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
-"""Names of this host in a `Host` header."""
+RUN_FOLDER_VARIABLE: Final = "OBK_RUN_FOLDER"
+"""The environment variable with the path of the run's folder, which holds `CONTROL_SOCKET`."""
+CONTROL_SOCKET: Final = "control.sock"
+"""The launcher's socket in the run's folder; it takes one JSON line per connection."""
+PAGE_REQUEST: Final = "page"
+"""The value of `ask` in the request by which a robot reports the URL of its viewer's page.
+
+The URL contains a token, so it is not published: every user of the host can read topics.
+"""
 
 
-def names_this_host(host: str) -> bool:
-    """Whether a `Host` header names this host, with any port.
-
-    A foreign page in the same browser can make its own name resolve to this host (DNS rebinding),
-    but the browser does not let it set this header.
-
-    Args:
-        host: the header's value; with `ssh -L` it has the port of the other end.
-    """
-    from urllib.parse import urlsplit  # nodes that serve no page start faster without it
-
-    try:
-        return urlsplit(f"//{host}").hostname in _HOST_NAMES
-    except ValueError:
-        return False
-
-
-def is_of_the_page(origin: str, host: str) -> bool:
-    """Whether a request comes from a page of the server that receives it.
-
-    Source: https://developer.mozilla.org/docs/Web/HTTP/Headers/Origin
+def page_request(node: str, url: str) -> bytes:
+    """Encode the request by which a robot reports the URL of its page.
 
     Args:
-        origin: value of the `Origin` header.
-        host: value of the `Host` header.
+        node: full name of the robot.
+        url: the URL; empty if the page has gone.
     """
-    return origin == f"http://{host}"
+    import json  # nodes that serve no page start faster without it
+
+    return json.dumps({"ask": PAGE_REQUEST, "node": node, "url": url}).encode() + b"\n"
 
 
 DIAGNOSTICS_TOPIC: Final = "/diagnostics"

@@ -14,7 +14,7 @@ def _done(text):
 
 
 def test_actions_are_executed_in_order_of_arrival():
-    requests = StepQueue()
+    requests = StepQueue(is_stepping=lambda: True)
     asked = [requests.submit(_done(text)) for text in ("one", "two")]
     assert requests.is_waiting()
     assert not any(answer.done() for answer in asked)
@@ -24,7 +24,7 @@ def test_actions_are_executed_in_order_of_arrival():
 
 
 def test_a_canceled_request_is_not_executed():
-    requests, carried_out = StepQueue(), []
+    requests, carried_out = StepQueue(is_stepping=lambda: True), []
     given_up: Future = requests.submit(lambda: carried_out.append("given up"))
     wanted = requests.submit(_done("wanted"))
     assert given_up.cancel()
@@ -37,7 +37,7 @@ def test_a_fault_is_reported_on_both_ends():
     def fail():
         raise RuntimeError("the simulation diverged")
 
-    requests = StepQueue()
+    requests = StepQueue(is_stepping=lambda: True)
     answer = requests.submit(fail)
     with pytest.raises(RuntimeError, match="diverged"):
         requests.run_pending()

@@ -14,6 +14,7 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
     StateSender,
     receive_message,
     send_message,
+    send_report,
 )
 
 pytestmark = pytest.mark.mujoco
@@ -81,6 +82,27 @@ def test_states_arrive_in_order_or_only_the_latest(model: mujoco.MjModel) -> Non
         assert (sender.sent, sender.dropped) == (4, 0)
 
 
+def test_reports_between_states_change_none_of_them(model: mujoco.MjModel) -> None:
+    data = mujoco.MjData(model)
+    with link() as (ours, theirs):
+        states, sender = States(model, theirs), StateSender(model, data, ours, lambda *_: None)
+        for time_s in (1.0, 2.0):
+            data.time = time_s
+            sender.send()
+            send_report(ours, f"after {time_s:g}" + "." * 4000)
+        while not states.reports or states.data.time < 2.0:
+            states.take_newest(timeout_s=5.0)
+            assert states.data.time in (1.0, 2.0)
+        states.take_newest(timeout_s=0.0)
+    assert [report.rstrip(".") for report in states.reports] == ["after 1", "after 2"]
+
+
+def test_a_report_to_a_viewer_that_has_ended_does_nothing() -> None:
+    with link() as (ours, theirs):
+        theirs.close()
+        send_report(ours, "paused")
+
+
 def test_a_stalled_viewer_does_not_block_and_its_losses_are_counted(
     model: mujoco.MjModel,
 ) -> None:
@@ -141,7 +163,7 @@ def test_a_state_too_large_for_a_packet_is_reported_once() -> None:
     received: list[tuple[str, str]] = []
     with link() as (ours, _):
         room = ours.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
-        size = mujoco.mj_stateSize(large, SIGNATURE) * 8
+        size = (1 + mujoco.mj_stateSize(large, SIGNATURE)) * 8
         sender = StateSender(large, mujoco.MjData(large), ours, lambda *args: received.append(args))
         sender.send()
         sender.send()

@@ -6,10 +6,12 @@ import signal
 import socket
 import subprocess
 import sys
+import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import mujoco
 import psutil
@@ -19,16 +21,21 @@ from obelisk_py.core.sim.mujoco.viewers.processes import ViewerProcess
 from obelisk_py.core.sim.mujoco.viewers.program import VIEWER_KINDS
 
 from ..waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
+from .viewer_host import Viewable
 
 pytestmark = pytest.mark.mujoco
 
+ROOT = Path(__file__).resolve().parents[2]
+
 ROBOT = """
-import sys, time, mujoco
+import dataclasses, sys, time, mujoco
 from obelisk_py.core.sim.mujoco.viewers.processes import ViewerProcess
+from tests.mujoco.viewer_host import Viewable
 
 model = mujoco.MjModel.from_xml_path(sys.argv[1])
 data = mujoco.MjData(model)
-web = ViewerProcess("web", ("0",), model, data, notify=lambda _, text: print(text, flush=True))
+host = dataclasses.replace(Viewable(model).host, show_page=lambda url: print(url, flush=True))
+web = ViewerProcess("web", ("0", "arm"), model, data, notify=print, host=host)
 print(web.pid, flush=True)
 while True:
     web.states.send()
@@ -40,23 +47,29 @@ class Viewed:
     """A viewer and its reports so far."""
 
     def __init__(self, model: mujoco.MjModel, kind: str, *arguments: str) -> None:
-        self.output: list[tuple[str, str]] = []
+        self.viewable = Viewable(model)
+        self.output = self.viewable.messages
+        self.token = self.viewable.token
         self.viewer = ViewerProcess(
             kind,
-            arguments,
+            (*arguments, "arm"),
             model,
-            mujoco.MjData(model),
-            notify=lambda *output: self.output.append(output),
+            self.viewable.simulation.data,
+            notify=self.viewable.host.notify,
+            host=self.viewable.host,
         )
 
     @property
+    def url(self) -> str:
+        """The URL of the page, waited for."""
+        eventually(lambda: self.viewable.pages or self.output, "a report of the viewer")
+        assert self.output == []
+        return self.viewable.pages[0]
+
+    @property
     def port(self) -> int:
-        """The URL in the report of the web viewer, waited for."""
-        eventually(lambda: self.output, "a report of the viewer")
-        severity, text = self.output[0]
-        assert severity == "info", text
-        assert text.startswith("the simulation is shown at http://127.0.0.1:"), text
-        return int(text.rpartition(":")[2])
+        """The port of the page, waited for."""
+        return urlsplit(self.url).port or 0
 
 
 @pytest.fixture
@@ -87,38 +100,60 @@ def test_a_page_is_local_has_low_priority_and_ends_when_closed(
     pytest.importorskip("mjviser")
     viewed = looking("web", "0")
     pid = viewed.viewer.pid
-    with urllib.request.urlopen(f"http://127.0.0.1:{viewed.port}", timeout=DEADLINE_S) as page:
-        assert b"<html" in page.read().lower()
+    with urllib.request.urlopen(viewed.url, timeout=DEADLINE_S) as page:
+        content = page.read()
+        cookie = page.headers["Set-Cookie"]
+    assert b"<title>dummy - obk</title>" in content
+    assert cookie == (f"obk_{viewed.port}={viewed.token}; HttpOnly; Path=/; SameSite=Strict")
     assert listens_on(pid) == {"127.0.0.1"}
     assert psutil.Process(pid).nice() > psutil.Process().nice()
     viewed.viewer.close()
     assert not psutil.pid_exists(pid)
     assert the_port_is_free(viewed.port)
-    assert len(viewed.output) == 1
+    assert viewed.viewable.pages == [viewed.url, ""]
 
 
-def test_a_page_of_another_user_in_the_same_browser_sees_nothing(
+def test_only_the_page_itself_with_its_token_gets_a_websocket(
     looking: Callable[..., Viewed],
 ) -> None:
     pytest.importorskip("mjviser")
-    port = looking("web", "0").port
-    here = f"127.0.0.1:{port}"
-    for host, origin, answer in (
-        (here, f"http://{here}", b"101"),
-        (f"localhost:{port}", f"http://localhost:{port}", b"101"),
-        (here, "https://robot.example", b"403"),
-        (here, "http://127.0.0.1:1", b"403"),
-        (here, "null", b"403"),
-        (f"robot.example:{port}", f"http://robot.example:{port}", b"403"),
+    viewed = looking("web", "0")
+    port, token = viewed.port, viewed.token
+    here, right = f"127.0.0.1:{port}", f"obk_{port}={token}"
+    for host, origin, cookie, answer in (
+        (here, f"http://{here}", right, b"101"),
+        (here, f"http://{here}", f"a=b; {right}", b"101"),
+        (f"localhost:{port}", f"http://localhost:{port}", right, b"101"),
+        (here, f"http://{here}", "", b"403"),
+        (here, f"http://{here}", f"obk_{port}={token[:-1]}", b"403"),
+        (here, f"http://{here}", f"obk_{port + 1}={token}", b"403"),
+        (here, f"http://{here}", "obk_[=]", b"403"),
+        (here, "https://robot.example", right, b"403"),
+        (here, "http://127.0.0.1:1", right, b"403"),
+        (here, "null", right, b"403"),
+        (f"robot.example:{port}", f"http://robot.example:{port}", right, b"403"),
     ):
-        assert websocket_status(port, host, origin) == answer, (host, origin)
+        status = websocket_status(port, host, origin, cookie)
+        assert status == answer, (host, origin, cookie)
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(f"http://{here}/", timeout=DEADLINE_S)
+    with refused.value as response:
+        assert response.code == 403
 
 
-def websocket_status(port: int, host: str, origin: str) -> bytes:
+def test_the_token_is_in_no_command_line(looking: Callable[..., Viewed]) -> None:
+    pytest.importorskip("mjviser")
+    viewed = looking("web", "0")
+    assert viewed.token in viewed.url
+    assert viewed.token not in " ".join(psutil.Process(viewed.viewer.pid).cmdline())
+
+
+def websocket_status(port: int, host: str, origin: str, cookie: str) -> bytes:
     """The HTTP status for a browser that requests a WebSocket."""
     headers = (
         f"Host: {host}",
         f"Origin: {origin}",
+        *((f"Cookie: {cookie}",) if cookie else ()),
         "Upgrade: websocket",
         "Connection: Upgrade",
         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
@@ -201,8 +236,8 @@ def test_one_that_dies_is_reported_once(looking: Callable[..., Viewed]) -> None:
     viewed = looking("web", "0")
     assert viewed.port
     os.kill(viewed.viewer.pid, signal.SIGKILL)
-    eventually(lambda: len(viewed.output) == 2, "the report of its end")
-    severity, text = viewed.output[1]
+    eventually(lambda: viewed.output, "the report of its end")
+    severity, text = viewed.output[0]
     assert severity == "warning"
     assert text.startswith(
         "the web viewer has exited (signal 9); the simulation continues without it"
@@ -210,17 +245,17 @@ def test_one_that_dies_is_reported_once(looking: Callable[..., Viewed]) -> None:
     for _ in range(3):
         viewed.viewer.states.send()
     viewed.viewer.close()
-    assert len(viewed.output) == 2
+    assert len(viewed.output) == 1
 
 
 def test_it_ends_with_a_robot_that_is_killed(dummy_xml: Path) -> None:
     pytest.importorskip("mjviser")
     with subprocess.Popen(
-        [sys.executable, "-c", ROBOT, dummy_xml], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", ROBOT, dummy_xml], stdout=subprocess.PIPE, text=True, cwd=ROOT
     ) as robot:
         assert robot.stdout is not None
         viewer = psutil.Process(int(robot.stdout.readline()))
-        assert "shown at" in robot.stdout.readline()
+        assert "/?token=" in robot.stdout.readline()
         robot.kill()
     eventually(lambda: not viewer.is_running(), "its end")
 

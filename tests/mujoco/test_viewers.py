@@ -7,8 +7,6 @@ import mujoco
 import pytest
 
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.sim.mujoco.control import ControlInbox
-from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_times import MonotonicClock
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.viewers import processes
@@ -18,6 +16,8 @@ from obelisk_py.core.sim.mujoco.viewers.processes import (
     requested_viewers,
     viewer_outputs,
 )
+
+from .viewer_host import Viewable
 
 pytestmark = pytest.mark.mujoco
 
@@ -80,14 +80,14 @@ def test_every_viewer_gets_the_initial_state_and_then_one_every_n_steps(
 ) -> None:
     Watching.made = []
     monkeypatch.setattr(processes, "ViewerProcess", Watching)
-    inbox = ControlInbox(field="u", size=dummy.nu, monotonic_s=lambda: 0.0)
-    simulation = Simulation(dummy, inbox)
+    viewable = Viewable(dummy)
+    simulation = viewable.simulation
     closing: list[Callable[[], None]] = []
     outputs = viewer_outputs(
         simulation,
         (ViewerRequest(kind="web", arguments=("0",)), ViewerRequest(kind="native")),
         5,
-        notify=lambda *_: None,
+        host=viewable.host,
         on_close=closing.append,
     )
     stepper = Stepper(

@@ -402,30 +402,57 @@ def test_anything_else_is_rejected(factor: Any) -> None:
         assert "parameter `realtime_factor`" in node.last_fault.text
 
 
-def test_a_realtime_factor_is_taken_between_runs_and_not_within_one() -> None:
-    def set_factor(node: Any, factor: float) -> Any:
-        (result,) = node.set_parameters(parameters(realtime_factor=factor)["parameter_overrides"])
-        return result
+def set_factor(node: Any, factor: float) -> Any:
+    (result,) = node.set_parameters(parameters(realtime_factor=factor)["parameter_overrides"])
+    return result
 
+
+def test_a_realtime_factor_takes_effect_at_once_and_changes_the_expected_rate() -> None:
     with simulator() as (node, collect):
         rtf = collect(Float64, "/sim/rtf")
         assert request(node, "configure")
-        refused = set_factor(node, 0.25)
-        assert not refused.successful
-        assert refused.reason == (
-            "`realtime_factor` is read during the `configure` transition: clean up, set it, "
-            "configure again"
-        )
-        assert node.get_parameter("realtime_factor").value == 1.0
-        assert request(node, "cleanup")
-        assert set_factor(node, 0.25).successful
-        assert request(node, "configure")
         assert request(node, "activate")
         eventually(lambda: rtf, "the factor that is reached")
-        assert rtf[0].data < 0.3
+        assert set_factor(node, 0.25).successful
+        rtf.clear()
+        eventually(lambda: rtf and rtf[-1].data < 0.3, "the new factor")
         reported = collect(DiagnosticArray, "/diagnostics")
         eventually(lambda: realtime_factors(reported), "the factor among the diagnostics")
         assert 0 < realtime_factors(reported)[0] < 0.3
+        expected = [
+            float(pair.value)
+            for status in reported[-1].status
+            if status.name.endswith(": steps")
+            for pair in status.values
+            if pair.key == "expected_hz"
+        ]
+        assert expected == [250.0]
+        refused = set_factor(node, 0.0)
+        assert not refused.successful
+        assert "clean up, set it, configure again" in refused.reason
+        assert not set_factor(node, -1.0).successful
+        assert node.get_parameter("realtime_factor").value == 0.25
+        assert request(node, "deactivate")
+        assert request(node, "cleanup")
+        assert set_factor(node, 0.0).successful
+
+
+def test_a_viewer_pauses_steps_resets_and_changes_the_speed() -> None:
+    with simulator(realtime_factor=1) as (node, _):
+        assert request(node, "configure")
+        controls = node._viewer_host(node._simulation).controls
+        assert not controls.answer('{"request": "pause", "is_paused": true}').is_done
+        assert request(node, "activate")
+        assert controls.answer('{"request": "pause", "is_paused": true}').is_paused
+        before_s = node.mj_data.time
+        assert controls.answer('{"request": "step"}').is_done
+        assert node.mj_data.time == pytest.approx(before_s + node.mj_model.opt.timestep)
+        assert controls.answer('{"request": "reset", "keyframe": null}').is_done
+        assert node.mj_data.time == 0.0
+        report = controls.answer('{"request": "speed", "realtime_factor": 0.5}')
+        assert (report.is_done, report.realtime_factor) == (True, 0.5)
+        assert controls.answer('{"request": "pause", "is_paused": false}').is_done
+        eventually(lambda: node.mj_data.time > 0.0, "that it continues")
 
 
 @pytest.mark.parametrize("report_rates", [True, False])

@@ -1,15 +1,19 @@
 """A simulated robot of a running stack, viewed in a browser."""
 
 import io
+from http import HTTPStatus
 from typing import TYPE_CHECKING
+from urllib.error import HTTPError
 from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from ..browser import chromium, opened, seen  # noqa: TID252 - shared by folders of tests
-from .stack import DUMMY, Launched, launched
+from ..waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+from .stack import DUMMY, Launched, eventually, launched, obk
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -24,6 +28,18 @@ def address(run: Launched) -> str:
     run.wait_for_line(SHOWN)
     line = next(line for line in run.lines if SHOWN in line)
     return line.partition(SHOWN)[2].split()[0]
+
+
+def opens(url: str) -> bool:
+    """Whether a browser gets the page at a URL; otherwise, access is denied."""
+    try:
+        with urlopen(url, timeout=DEADLINE_S) as page:
+            return b"<html" in page.read().lower()
+    except HTTPError as error:
+        error.close()
+        if error.code != HTTPStatus.FORBIDDEN:
+            raise
+        return False
 
 
 def picture(page: "Page") -> NDArray[np.int16]:
@@ -62,13 +78,19 @@ def test_the_page_shows_the_model_and_that_it_moves() -> None:
 def test_a_killed_viewer_is_reported_and_the_stack_continues() -> None:
     pytest.importorskip("mjviser")
     with launched(DUMMY, "--viewer", "web") as run:
-        address(run)
+        url = address(run)
         run.wait_for("active")
+        assert opens(url)
+        assert not opens(url.partition("?")[0])
+        assert url in obk("ps").stdout
+        token = url.partition("?token=")[2]
+        assert not any(token in word for p in run.descendants for word in p.cmdline())
         viewer = next(p for p in run.descendants if "web" in p.cmdline())
         viewer.kill()
         run.wait_for_line(
             "the web viewer has exited (signal 9); the simulation continues without it"
         )
+        eventually(lambda: url not in obk("ps").stdout, "that the page has gone")
         assert run.process.poll() is None
     assert run.left_over() == []
 

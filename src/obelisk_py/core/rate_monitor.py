@@ -256,6 +256,11 @@ class ExpectedRate:
         self._steady_s = steady_s
         self.restart()
 
+    def change(self, expected_hz: float) -> None:
+        """Expect another rate from now on."""
+        self._expected_hz = expected_hz
+        self.restart()
+
     def restart(self) -> None:
         """Restart the measurement; earlier ticks are ignored."""
         counter = self._counter
@@ -374,6 +379,12 @@ class RateReporter:
         self._rates.append(
             ExpectedRate(name=name, expected_hz=expected_hz, counter=counter, clock=clock)
         )
+
+    def expect_anew(self, name: str, expected_hz: float) -> None:
+        """Expect another value of a monitored rate."""
+        for rate in self._rates:
+            if rate.name == name:
+                rate.change(expected_hz)
 
     def add_value(self, name: str, value: float) -> None:
         """Publish a measured value with the next report; thread-safe."""

@@ -79,7 +79,8 @@ def _text(stack: LiveStack) -> Iterator[str]:
 
 def _node(node: NodeStatus) -> str:
     rates = (plain(str(rate)) for rate in node.rates if rate.standing != "kept")
-    return "  ".join((status_text(node), *rates))
+    page = (f"shown at {node.page}",) if node.page else ()
+    return "  ".join((status_text(node), *rates, *page))
 
 
 def _orphan_lines(orphans: tuple[Orphan, ...]) -> Iterator[str]:

@@ -49,8 +49,8 @@ def command(
     )
     is_there = target.find_run(target.graph_target()) is not None
 
-    from obk_cli.web.app import HOST, TOKEN, PageApi, WebServer, make_app, take_port
-    from obk_cli.web.auth import new_token
+    from obelisk_spec.page_access import TOKEN, new_token
+    from obk_cli.web.app import HOST, PageApi, WebServer, make_app, take_port
     from obk_cli.web.feed import Feed
     from obk_cli.web.history import recorded_fields
     from obk_cli.web.plots import Plots

@@ -21,6 +21,7 @@ from obelisk_spec.runtime_protocol import (
     GATE_VARIABLE,
     LOCAL_TRANSPORT_OFF,
     LOCAL_TRANSPORT_VARIABLE,
+    RUN_FOLDER_VARIABLE,
     SOCKETS_FOLDER,
     ClockDescriptors,
     clock_page_bytes,
@@ -42,6 +43,7 @@ __all__ = [
     "closed_gate",
     "composable",
     "composed_command",
+    "control_variables",
     "early_units",
     "find_executables",
     "gate_path",
@@ -276,6 +278,11 @@ NAME: Final = ".gate"
 def gate_variables(folder: Path | None) -> Mapping[str, str]:
     """The variable that names a run's gate to its processes."""
     return {} if folder is None else {GATE_VARIABLE: str(gate_path(folder))}
+
+
+def control_variables(folder: Path | None) -> Mapping[str, str]:
+    """The variable that names a run's folder to its processes, for reports to the launcher."""
+    return {} if folder is None else {RUN_FOLDER_VARIABLE: str(folder)}
 
 
 def early_units(

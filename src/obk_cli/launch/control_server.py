@@ -17,9 +17,15 @@ from typing import Final
 
 import msgspec
 
-from obk_cli.launch.events import ChangeRequested, InputEvent, StatusRequested, StopRequested
+from obelisk_spec.runtime_protocol import CONTROL_SOCKET
+from obk_cli.launch.events import (
+    ChangeRequested,
+    InputEvent,
+    PageReported,
+    StatusRequested,
+    StopRequested,
+)
 from obk_cli.runs.protocol import (
-    CONTROL_SOCKET,
     LONGEST_REQUEST,
     LONGEST_WAIT_S,
     ChangeAnswer,
@@ -27,6 +33,8 @@ from obk_cli.runs.protocol import (
     Fault,
     GraphAnswer,
     GraphRequest,
+    Noted,
+    PageRequest,
     StackStatus,
     StatusRequest,
     Stopping,
@@ -64,7 +72,8 @@ def serve_control(
 
     Args:
         folder: the run's folder; its path may be too long for a socket address.
-        put: takes `StatusRequested`, `ChangeRequested` and `StopRequested`, from a thread.
+        put: takes `StatusRequested`, `ChangeRequested`, `StopRequested` and `PageReported`, from a
+            thread.
         ask_graph: answers queries about the ROS graph; None: they are rejected.
 
     Raises:
@@ -165,6 +174,9 @@ class _Server:
             case StopRequest(reason=reason):
                 self._put(StopRequested(reason=reason))
                 return encode_line(Stopping())
+            case PageRequest(node=node, url=url):
+                self._put(PageReported(node=node, url=url))
+                return encode_line(Noted())
             case GraphRequest(question=question):
                 return await self._answer_on_graph(question)
             case Fault() as fault:

@@ -20,6 +20,7 @@ from obk_cli.launch.events import (
     GoesOnWithout,
     Hung,
     OutputEvent,
+    PageReported,
     Phase,
     ProcessEnded,
     ProcessStarted,
@@ -218,12 +219,17 @@ class LaunchReport:
                 yield from self._rate(event)
             case RatesUnreported():
                 yield self._paint(_YELLOW, f"  {short_name(event.node)}: {plain(event.how)}")
-            case ActivationReported():
-                return  # useful to lock-step runs only
-            case VideoReported():
-                return  # shown at the end of the run
+            case ActivationReported() | VideoReported():
+                return  # useful to lock-step runs only; shown at the end of the run
+            case PageReported():
+                yield from self._page(event)
             case _:
                 yield from self._node(event)
+
+    def _page(self, event: PageReported) -> Iterator[str]:
+        """Report where a simulation is shown; not that the page has gone."""
+        if event.url:
+            yield f"  {short_name(event.node)}: the simulation is shown at {plain(event.url)}"
 
     def _process(self, event: ProcessStarted | ProcessEnded) -> Iterator[str]:
         name = short_name(event.process)

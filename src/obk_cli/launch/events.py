@@ -30,6 +30,7 @@ __all__ = [
     "InputEvent",
     "OutputEvent",
     "OutputLine",
+    "PageReported",
     "Phase",
     "ProcessEnded",
     "ProcessStarted",
@@ -201,6 +202,15 @@ class VideoReported:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PageReported:
+    """A simulated robot is shown on a page, or no longer."""
+
+    node: str
+    url: str
+    """With the token that opens the page; empty if the page has gone."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class UnknownPublisherFound:
     """A node that is not part of the stack publishes on a topic that moves its robot."""
 
@@ -230,6 +240,7 @@ InputEvent = (
     | ActivationReported
     | RejectionReported
     | VideoReported
+    | PageReported
     | ChangeRequested
     | StatusRequested
     | UnknownPublisherFound
@@ -418,6 +429,7 @@ OutputEvent = (
     | Evidence
     | ActivationReported
     | VideoReported
+    | PageReported
     | Ended
 )
 

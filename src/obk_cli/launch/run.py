@@ -18,6 +18,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import (
     Executables,
     composable,
+    control_variables,
     early_units,
     find_executables,
     gate_variables,
@@ -96,7 +97,13 @@ def run_plan(
         lock.report(output)
         marks = launch_marks(lock.folder)
         sockets = stack.enter_context(socket_folder(lock.folder, environment.variables))
-        variables = {**environment.variables, **marks, **gate_variables(lock.folder), **sockets}
+        variables = {
+            **environment.variables,
+            **marks,
+            **gate_variables(lock.folder),
+            **control_variables(lock.folder),
+            **sockets,
+        }
         commands, common = _commands(
             units, executables, lock.folder, variables, packages, output, stack
         )

@@ -155,6 +155,8 @@ class StackState:
         """Nodes that have not yet answered a requested transition."""
         self.rates: Final[dict[str, tuple[Rate, ...]]] = {}
         """The last reported rates of active nodes."""
+        self.pages: Final[dict[str, str]] = {}
+        """The URLs of the pages that show simulated robots; empty if a page has gone."""
         self.restarts: Final[Counter[str]] = Counter()
         self.crashes: Final[deque[Crash]] = deque()
         """Crashes that are not handled yet."""
@@ -226,6 +228,7 @@ class StackState:
         self.pids.pop(unit, None)
         for node in self.units[unit].node_names:
             self.states[node] = GONE
+            self.pages.pop(node, None)
             self.hung.discard(node)
             self.in_transition.discard(node)
 
@@ -281,4 +284,5 @@ class StackState:
             restarts=self.restarts[unit],
             hangs=name in self.hung,
             rates=self.rates.get(name, ()) if self.states.get(name) == ACTIVE else (),
+            page=self.pages.get(name, ""),
         )

@@ -21,6 +21,7 @@ from obk_cli.launch.events import (
     Failed,
     Hung,
     OutputEvent,
+    PageReported,
     Phase,
     ProcessEnded,
     ProcessStarted,
@@ -102,13 +103,15 @@ def _node_after(node: NodeStatus, event: OutputEvent) -> NodeStatus:
             return replace(node, pid=event.pid)
         case ProcessEnded(process=node.process):
             ended = FINALIZED if node.state else ""
-            return replace(node, pid=None, state=ended, hangs=False)
+            return replace(node, pid=None, state=ended, hangs=False, page="")
         case StateSeen(node=node.node):
             return replace(node, state=event.state)
         case Failed(node=node.node):
             return replace(node, state="errorprocessing")
         case TransitionEnded(node=node.node):
             return replace(node, state=_state_after(event, node.state))
+        case PageReported(node=node.node):
+            return replace(node, page=event.url)
         case Hung(node=node.node) | AnswersAgain(node=node.node):
             return replace(node, hangs=isinstance(event, Hung))
         case RateBroken(node=node.node) | RateKept(node=node.node) | RateMoved(node=node.node):
@@ -188,16 +191,17 @@ def status_lines(status: StackStatus, width: int, height: int, *, colour: bool) 
     """The status for a terminal of this many columns and rows.
 
     It uses as many rows as the nodes need, at most a third of the terminal; then it summarizes
-    them.
+    them. The URLs of pages are always shown, and wrapped by the terminal rather than cut.
     """
     # One column stays free, because even a small resize wraps a full last column.
     paper = _Paper(max(1, width - 1), colour)
     room = max(1, height // 3)
-    head = paper.lines(_head(status))[:1]
+    pages = [f"{short_name(node.node)}: {node.page}" for node in status.nodes if node.page]
+    head = [*paper.lines(_head(status))[:1], *pages]
     if room < 3:
         return head
     rule = paper.lines(Rule(characters="─", style="dim"))
-    return [*rule, *head, *_node_rows(status, paper, room - 2)]
+    return [*rule, *head, *_node_rows(status, paper, max(1, room - 1 - len(head)))]
 
 
 class _Paper:

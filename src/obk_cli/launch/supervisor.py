@@ -22,6 +22,7 @@ from obk_cli.launch.events import (
     Hung,
     InputEvent,
     OutputEvent,
+    PageReported,
     ProcessEnded,
     ProcessStarted,
     RateBroken,
@@ -437,6 +438,8 @@ class Supervisor:
                 self._failed(event)
             case RatesReported() | RejectionReported() | ActivationReported() | VideoReported():
                 self._reported(event)
+            case PageReported():
+                self._page_reported(event)
             case _:
                 self._dispatch_request(event)
 
@@ -453,6 +456,12 @@ class Supervisor:
                 self._rejections[node] = event
             case _:
                 self._context.publisher.publish(event)
+
+    def _page_reported(self, event: PageReported) -> None:
+        state = self._state
+        if event.node in state.unit_of and event.url != state.pages.get(event.node, ""):
+            state.pages[event.node] = event.url
+            self._context.publisher.publish(event)
 
     def _dispatch_request(self, event: InputEvent) -> None:
         """Dispatch an event from outside the stack."""

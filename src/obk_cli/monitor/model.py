@@ -42,6 +42,8 @@ class NodeView:
     hangs: bool
     promises: tuple[Promised, ...]
     """The rates of its timers and sensors as last reported."""
+    page: str = ""
+    """URL of the page that shows the simulation, with its token; empty without one."""
 
     @property
     def is_slow_simulation(self) -> bool:

@@ -146,7 +146,7 @@ def _unreported(run: Run) -> Iterator[NodeStatus]:
 
 def _with_unknown_state(node: NodeStatus) -> NodeStatus:
     """A node that the launcher does not report; its process may still be running."""
-    return replace(node, state=UNKNOWN if node.state else "", hangs=False, rates=())
+    return replace(node, state=UNKNOWN if node.state else "", hangs=False, rates=(), page="")
 
 
 def _node(
@@ -163,6 +163,7 @@ def _node(
         restarts=node.restarts,
         hangs=node.hangs,
         promises=node.rates,
+        page=node.page,
     )
 
 

@@ -19,11 +19,10 @@ from typing import Annotated, Any, Final, Literal, TypeVar, cast
 
 import msgspec
 
-from obelisk_spec.runtime_protocol import Rate
+from obelisk_spec.runtime_protocol import CONTROL_SOCKET, PAGE_REQUEST, Rate
 
 __all__ = [
     "ANSWER_S",
-    "CONTROL_SOCKET",
     "LONGEST_ANSWER",
     "LONGEST_REQUEST",
     "LONGEST_WAIT_S",
@@ -34,6 +33,8 @@ __all__ = [
     "GraphRequest",
     "Member",
     "NodeStatus",
+    "Noted",
+    "PageRequest",
     "Request",
     "Result",
     "StackStatus",
@@ -55,8 +56,6 @@ __all__ = [
 
 T = TypeVar("T")
 
-CONTROL_SOCKET: Final = "control.sock"
-"""In the run's folder."""
 LONGEST_REQUEST: Final = 1 << 16
 """[bytes]"""
 LONGEST_ANSWER: Final = 1 << 24
@@ -64,6 +63,8 @@ LONGEST_ANSWER: Final = 1 << 24
 LONGEST_WAIT_S: Final = 3600.0
 LONGEST_REASON: Final = 200
 LONGEST_DETAIL: Final = 200
+PAGE_URL: Final = r"^(http://127\.0\.0\.1:[0-9]{1,5}/\?token=[A-Za-z0-9_-]{1,100})?$"
+"""Pattern of a page's URL: on this host, without characters that a terminal would interpret."""
 
 TransitionName = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
 Result = Literal["reached", "already there", "refused", "timed out", "gone", "rolled back"]
@@ -102,7 +103,16 @@ class GraphRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", t
     question: msgspec.Raw
 
 
-Request = StatusRequest | ChangeRequest | StopRequest | GraphRequest
+class PageRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", tag=PAGE_REQUEST):
+    """Report the URL of a robot's viewer page; see `runtime_protocol.page_request`."""
+
+    node: str
+    """Full name of the robot."""
+    url: Annotated[str, msgspec.Meta(pattern=PAGE_URL)]
+    """Empty if the page has gone."""
+
+
+Request = StatusRequest | ChangeRequest | StopRequest | GraphRequest | PageRequest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,6 +159,8 @@ class NodeStatus:
     hangs: bool
     rates: tuple[Rate, ...] = ()
     """The node's last reported rates, while it is active."""
+    page: str = ""
+    """URL of its viewer's page, with the token that opens it; empty without one."""
 
 
 class StackStatus(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", tag="status"):
@@ -167,6 +179,10 @@ class Stopping(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", ta
     """The stack will stop."""
 
 
+class Noted(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", tag="noted"):
+    """The report was received."""
+
+
 class GraphAnswer(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", tag="look"):
     """The launcher's answer to a query about the ROS graph."""
 
@@ -179,7 +195,7 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True):
     error: str
 
 
-Answer = StackStatus | ChangeAnswer | Stopping | GraphAnswer | Fault
+Answer = StackStatus | ChangeAnswer | Stopping | Noted | GraphAnswer | Fault
 
 
 def encode_line(value: Request | Answer) -> bytes:

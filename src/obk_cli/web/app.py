@@ -1,6 +1,6 @@
 """The web server of a running stack's page: files, an event stream, transitions.
 
-`web.auth` checks every request first. The stream polls the latest snapshot ten times per second;
+`page_access` checks every request first. The stream polls the latest snapshot ten times per second;
 transitions run in their own threads.
 """
 
@@ -22,6 +22,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import obk_cli.record
 import obk_cli.web
+from obelisk_spec.page_access import TOKEN, WebRequest, cookie_name, refusal
 from obk_cli.clock import wall_s
 from obk_cli.errors import CommandFailedError, ObkError
 from obk_cli.introspect.config_update import ConfigUpdate, write_update
@@ -34,14 +35,24 @@ from obk_cli.ros.types import fields_of, short_type
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, change_data
 from obk_cli.terminal import plain
-from obk_cli.web.auth import HEADERS, WebRequest, refusal
 from obk_cli.web.feed import Snapshot
 from obk_cli.web.plots import FieldData, FieldRequest, Sample, number_fields
 from obk_cli.web.saving import update_data
 
-__all__ = ["HOST", "TOKEN", "PageApi", "WebServer", "make_app", "take_port"]
+__all__ = ["HEADERS", "HOST", "PageApi", "WebServer", "make_app", "take_port"]
 
 HOST: Final = "127.0.0.1"
+HEADERS: Final = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+        "img-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+"""Headers of every response: the page runs and fetches only content of this server."""
 END_S: Final = 2
 """How long the shutdown waits for open streams [s]."""
 
@@ -140,8 +151,7 @@ def event(name: str, data: dict[str, Any]) -> str:
     return f"event: {name}\ndata: {json_line(data)}\n\n"
 
 
-TOKEN: Final = "token"  # noqa: S105 - the parameter's name, no secret
-"""The URL's parameter; the `obk_PORT` cookie and the `X-Obk-Token` header hold the same value."""
+LINK: Final = "the URL that `obk web` printed"
 POLL_S: Final = 0.1
 """Period of polling for changes [s]."""
 MOST_CURVES: Final = 12
@@ -383,7 +393,7 @@ def make_app(site: PageApi, *, token: str, port: int) -> ASGIApp:
         token: required in every request.
         port: port of the server, because cookies of a host apply to all its ports.
     """
-    cookie = f"obk_{port}"
+    cookie = cookie_name(port)
 
     def page(_: Request) -> Response:
         answer = _file(PAGE / "index.html")
@@ -425,7 +435,7 @@ class _AuthMiddleware:
             await send(message)
 
         request = Request(scope)
-        why = refusal(self._web_request(request), self._token)
+        why = refusal(self._web_request(request), self._token, LINK)
         answer = self._app if why is None else PlainTextResponse(f"{why.why}\n", why.status)
         await answer(scope, receive, send_with_headers)
 

@@ -95,6 +95,7 @@ function showFacts(shown) {
 function showNodes(shown) {
   keep(byId("nodes").tBodies[0], shown.nodes, (node) => node.node, nodeRow, (row, node) => {
     const [name, state, cpu, memory, actions] = row.cells;
+    showPage(name.children[1], node.page);
     name.title = `${node.node}\n${node.section}${node.pid === null ? "" : `, process ${node.pid}`}`;
     setText(name.firstChild, shortNode(node.node));
     row.classList.toggle("off", isSlowSimulation(node));
@@ -113,13 +114,21 @@ function showNodes(shown) {
   });
 }
 
+function showPage(link, url) {
+  link.hidden = !url;
+  if (url) link.href = url;
+  else link.removeAttribute("href");
+}
+
 function isSlowSimulation(node) {
   return node.promises.some((one) => one.name === "steps" && one.standing !== "kept");
 }
 
 function nodeRow() {
   return element("tr", {},
-    element("td", { className: "name" }, element("span"), element("div", { className: "detail" })),
+    element("td", { className: "name" }, element("span"),
+      element("a", { className: "view", target: "_blank", rel: "noopener", title: "the page of the simulation" }, "view"),
+      element("div", { className: "detail" })),
     element("td", {}, element("span", { className: "state" })),
     element("td", { className: "number" }), element("td", { className: "number" }),
     element("td", { className: "actions" }, element("div", { className: "buttons" })));

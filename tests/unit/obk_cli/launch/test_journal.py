@@ -70,5 +70,6 @@ def test_the_names_of_events_are_those_of_the_json_stream() -> None:
         "Evidence",
         "ActivationReported",
         "VideoReported",
+        "PageReported",
         "Ended",
     }

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 import pytest
 
+from obelisk_spec.page_access import new_token
 from obelisk_spec.parameter_notes import ParameterNotes
 from obk_cli.configedit.edited_files import EditedFile, open_for_edit
 from obk_cli.configedit.save_params import SavedParameter
@@ -21,7 +22,6 @@ from obk_cli.introspect.tuning import ChangedParameter, TunableParameter
 from obk_cli.monitor.model import StackView
 from obk_cli.ros.parameters import NodeParameter, ParameterDescription
 from obk_cli.runs.protocol import ChangeAnswer, Member
-from obk_cli.web.auth import HEADERS, new_token
 from obk_cli.web.feed import Snapshot
 from obk_cli.web.plots import FieldData, FieldRequest
 
@@ -29,7 +29,7 @@ from ..monitor.stacks import BROKEN, HEALTHY  # noqa: TID252 - shared by folders
 
 pytest.importorskip("starlette", reason="starlette is in the `web` extra")
 
-from obk_cli.web.app import FILES, PageApi, make_app
+from obk_cli.web.app import FILES, HEADERS, PageApi, make_app
 
 TOKEN = new_token()
 PORT = 8420
@@ -223,6 +223,14 @@ def test_every_response_states_what_may_run(path: str) -> None:
     for headers in ({}, {"cookie": ""}, {"host": "robot.example"}):
         reported = asked(path, headers=headers).headers
         assert {name: reported[name.lower()] for name in HEADERS} == HEADERS
+
+
+def test_only_code_from_the_page_itself_is_run() -> None:
+    policy = dict(part.split(" ", 1) for part in HEADERS["Content-Security-Policy"].split("; "))
+    assert policy["default-src"] == "'none'"
+    assert policy["script-src"] == "'self'"
+    assert policy["frame-ancestors"] == "'none'"
+    assert "unsafe" not in HEADERS["Content-Security-Policy"]
 
 
 def test_the_url_with_its_token_returns_the_page_and_a_cookie() -> None:

@@ -1,4 +1,4 @@
-"""The plots of the page in a browser: several fields in one, pause, the whole run."""
+"""The page in a browser: plots with several fields, pause, the whole run; links to viewers."""
 
 import base64
 import math
@@ -14,9 +14,9 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 
+from obelisk_spec.page_access import new_token
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.model import StackView
-from obk_cli.web.auth import new_token
 from obk_cli.web.feed import Snapshot
 from obk_cli.web.plots import FieldData, FieldRequest
 
@@ -110,6 +110,31 @@ def shown_span(page: "Page") -> tuple[float, float]:
     label = page.locator(".chart").first.get_attribute("aria-label") or ""
     begin, end = re.findall(r"-?[\d.]+", label)
     return float(begin), float(end)
+
+
+class Simulated(Stack):
+    """A stack whose first node is shown on a page."""
+
+    def __init__(self) -> None:
+        super().__init__(is_recorded=False)
+        self.page = "http://127.0.0.1:8080/?token=abc"
+
+    def snapshot(self) -> Snapshot:
+        snapshot = super().snapshot()
+        assert snapshot.view is not None
+        first, *others = snapshot.view.nodes
+        nodes = (replace(first, page=self.page), *others)
+        return replace(snapshot, number=len(self.page), view=replace(snapshot.view, nodes=nodes))
+
+
+def test_a_node_links_to_the_page_of_its_simulation_while_there_is_one() -> None:
+    stack = Simulated()
+    with page_of(stack) as page:
+        links = page.locator("#nodes a.view:visible")
+        seen(lambda: links.count() == 1, "one link")
+        assert links.get_attribute("href") == stack.page
+        stack.page = ""
+        seen(lambda: links.count() == 0, "no link")
 
 
 def test_fields_share_a_plot_or_have_their_own() -> None:

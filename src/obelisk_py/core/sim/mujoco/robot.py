@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
 from obelisk_py.core.clock_page import open_clock_writer
@@ -55,8 +56,10 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
 from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import SkippedTime, Stepper, StepReport, TimedOutput
+from obelisk_py.core.sim.mujoco.viewers.page_report import report_page
 from obelisk_py.core.sim.mujoco.viewers.processes import (
     PARAMETERS,
+    ViewerHost,
     requested_viewers,
     viewer_outputs,
 )
@@ -66,7 +69,10 @@ from obelisk_py.core.sim.mujoco.viewers.video import (
     requested_video,
     video_outputs,
 )
+from obelisk_py.core.sim.mujoco.viewers.viewer_controls import ViewerControls
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity
+from obelisk_py.core.sim.mujoco.viewers.viewer_requests import Report
+from obelisk_spec.page_access import new_token
 from obelisk_spec.runtime_protocol import STEPS, USE_SIM_TIME
 from obelisk_spec.video import VideoStatus
 
@@ -143,11 +149,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     to `_set_shared_ctrl(ctrl)`, or another message to `super().apply_control(message)`.
 
     ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default: `ic` if the model has
-    it), `realtime_factor` (simulation time per wall time; 0 for as fast as possible), `clock_rate`
-    (maximum rate of `/clock` [Hz of simulated time]), `viewer` (`none`, `native`, `web`),
-    `viewer_port` (port of the web viewer; 0 for any free port), `render` (video file),
-    `render_camera`, `render_size`, `render_fps` (empty or 0 for the defaults of camera and file
-    type).
+    it), `realtime_factor` (simulation time per wall time; 0 for as fast as possible; a configured
+    node accepts other values above 0), `clock_rate` (maximum rate of `/clock` [Hz of simulated
+    time]), `viewer` (`none`, `native`, `web`), `viewer_port` (port of the web viewer; 0 for any
+    free port), `render` (video file), `render_camera`, `render_size`, `render_fps` (empty or 0 for
+    the defaults of camera and file type).
     """
 
     def __init__(
@@ -186,15 +192,22 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._own_publishers: list[LifecyclePublisher] = []
         self._closing = ExitStack()
         self._video_diagnostics: VideoDiagnostics | None = None
-        self._requests = StepQueue(is_immediate=self.surroundings.is_lockstep)
+        self._viewers: tuple[TimedOutput, ...] = ()
+        self._page_token = ""
+        """Opens the pages of all configures, so that an open page finds the next one."""
+        self._requests = StepQueue(
+            is_stepping=lambda: self.state_label == "active",
+            is_immediate=self.surroundings.is_lockstep,
+        )
         self._request_services: list[Any] = []
         rules = self._parameter_rules
-        rules.add((REALTIME_FACTOR,), lambda value: realtime_factor_of(value(REALTIME_FACTOR)))
+        rules.add((REALTIME_FACTOR,), self._check_factor, is_read_at_configure=False)
         rules.add((CLOCK_RATE,), lambda value: clock_rate_hz_of(value(CLOCK_RATE)))
         rules.add((PARAMETER,), lambda value: read_block(value(PARAMETER)))
         rules.add(tuple(PARAMETERS), requested_viewers)
         rules.add(tuple(VIDEO_PARAMETERS), requested_video)
         rules.add((KEYFRAME,), self._check_keyframe, is_read_at_configure=False)
+        self.add_post_set_parameters_callback(self._change_speed)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read and check the sim block, load the model, and create the publishers.
@@ -206,6 +219,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         factor = realtime_factor_of(self.get_parameter(REALTIME_FACTOR).value)
         viewers = requested_viewers(lambda name: self.get_parameter(name).value)
         video = requested_video(lambda name: self.get_parameter(name).value)
+        self._page_token = self._page_token or (new_token() if viewers else "")
         loaded = load_model(
             str(self.get_parameter(PARAMETER).value),
             keyframe=str(self.get_parameter(KEYFRAME).value),
@@ -241,15 +255,16 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if video is not None:
             self._video_diagnostics = VideoDiagnostics(self)
             self._closing.callback(self._video_diagnostics.close)
+        self._viewers = viewer_outputs(
+            self._simulation,
+            viewers,
+            loaded.config.steps_per_view,
+            host=self._viewer_host(self._simulation),
+            on_close=self._closing.callback,
+        )
         outputs = (
             *outputs_of(self._simulation, loaded.config, context),
-            *viewer_outputs(
-                self._simulation,
-                viewers,
-                loaded.config.steps_per_view,
-                notify=self._log,
-                on_close=self._closing.callback,
-            ),
+            *self._viewers,
             *video_outputs(
                 self._simulation,
                 video,
@@ -261,7 +276,6 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._request_services = make_step_services(
             self.create_service,
             self._requests,
-            is_stepping=lambda: self.state_label == "active",
             reset=self._reset_to_parameter,
             step=self._step,
         )
@@ -269,8 +283,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Reset to the keyframe and start stepping."""
-        assert self._simulation is not None
-        self._reset()
+        self._reset(self._keyframe)
         self._requests.is_paused = False
         return super().on_activate(state)
 
@@ -291,6 +304,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
                     self._command_age.postpone(time.monotonic())
             else:
                 self._stepper.run(interrupted)
+                self._show_now()
             requests.run_pending()
 
     def step_once(self) -> None:
@@ -405,18 +419,21 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.obk_publishers["pub_true_sim_state"].publish(message)
         return message
 
-    def _reset(self) -> StepResult:
+    def _reset(self, keyframe: str | None) -> StepResult:
         assert self._simulation is not None
-        self._simulation.reset(self._keyframe)
+        self._simulation.reset(keyframe)
         self._forget_commands()
         self._copy_state(self._stamp_ns())
-        return StepResult(is_done=True, text=f"at {self._keyframe or 'the initial state'}")
+        return StepResult(is_done=True, text=f"at {keyframe or 'the initial state'}")
 
     def _reset_to_parameter(self) -> StepResult:
         """Reset to the keyframe in the current value of `ic_keyframe`."""
-        assert self._stepper is not None
         self._keyframe = str(self.get_parameter(KEYFRAME).value) or self._keyframe
-        answer = self._reset()
+        return self._reset_and_show(self._keyframe)
+
+    def _reset_and_show(self, keyframe: str | None) -> StepResult:
+        assert self._stepper is not None
+        answer = self._reset(keyframe)
         # Viewers of a paused simulation show the reset state.
         self._stepper.begin()
         return answer
@@ -425,7 +442,62 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         assert self._stepper is not None
         assert self._simulation is not None
         self._stepper.step()
+        self._show_now()
         return StepResult(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
+
+    def _show_now(self) -> None:
+        """Send viewers the current state, because it may be that of a paused simulation."""
+        for viewer in self._viewers:
+            viewer.publish(0)
+
+    def _viewer_host(self, simulation: Simulation) -> ViewerHost:
+        controls = ViewerControls(
+            simulation=simulation,
+            queue=self._requests,
+            step=self._step,
+            reset=self._reset_and_show,
+            set_speed=self._set_speed,
+            report=self._viewer_report,
+            log=self._info,
+        )
+        return ViewerHost(
+            controls=controls,
+            name=self.get_name(),
+            token=self._page_token,
+            notify=self._log,
+            show_page=lambda url: report_page(self.get_fully_qualified_name(), url),
+        )
+
+    def _viewer_report(self) -> Report:
+        return Report(
+            state=self.state_label,
+            is_paused=self._requests.is_paused,
+            realtime_factor=float(self.get_parameter(REALTIME_FACTOR).value),
+        )
+
+    def _set_speed(self, factor: float) -> StepResult:
+        (result,) = self.set_parameters([Parameter(REALTIME_FACTOR, value=factor)])
+        return StepResult(is_done=result.successful, text=result.reason)
+
+    def _check_factor(self, value: Getter) -> None:
+        """Check the real-time factor; outputs are created for a paced or an unpaced simulation."""
+        factor = realtime_factor_of(value(REALTIME_FACTOR))
+        if self._stepper is not None and self._stepper.is_paced != (factor > 0):
+            raise ObeliskConfigError(
+                f"`{REALTIME_FACTOR}` changes from or to 0 (as fast as possible) only at "
+                "configure: clean up, set it, configure again"
+            )
+
+    def _change_speed(self, parameters: list[Parameter]) -> None:
+        """Apply a new real-time factor; called after parameters were set, on any thread."""
+        factors = [one.value for one in parameters if one.name == REALTIME_FACTOR]
+        if self._stepper is None or self._simulation is None or not any(factors):
+            return
+        factor = realtime_factor_of(factors[-1])
+        self._stepper.set_speed(factor)
+        self.rates.expect_anew(STEPS, factor / self._simulation.step_s)
+        # Interrupts the steps at the old speed.
+        self._requests.submit(lambda: StepResult(is_done=True, text=""))
 
     def _check_keyframe(self, value: Getter) -> None:
         """Check that the model has the keyframe for the next reset."""
@@ -565,9 +637,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text)
 
+    def _info(self, text: str) -> None:
+        self.get_logger().info(text)
+
     def _log(self, severity: Severity, text: str) -> None:
         if severity == "info":
-            self.get_logger().info(text)
+            self._info(text)
         else:
             self._warn(text)
 
@@ -581,6 +656,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         for service in self._request_services:
             self.destroy_service(service)
         self._request_services.clear()
+        self._viewers = ()
         self._stepper = self._simulation = self._inbox = None
         self._true_state = self._state_copy = None
         for publisher in self._own_publishers:

@@ -5,13 +5,17 @@ belong to the latest state. MuJoCo's warnings are returned as sentences with the
 the joint.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.sim.mujoco.control import ControlInbox, ControlWriter, WhenStale
-from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, StepTime
+from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, StepTime, whole_steps
 
 __all__ = ["DivergenceError", "Simulation", "StepWarnings"]
 
@@ -45,6 +49,16 @@ class DivergenceError(ObeliskError):
     """The state is no longer finite; the message gives the time and the joint."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Push:
+    """A force on a body."""
+
+    body: int
+    force: NDArray[np.float64]
+    """At the center of mass, in the world frame [N], shape (3,)."""
+    last_step: int
+
+
 class Simulation:
     """Steps a model.
 
@@ -73,6 +87,7 @@ class Simulation:
         self._warnings = StepWarnings(model, self.data)
         self._split = int(model.opt.integrator) in _SPLIT_INTEGRATORS
         self._step_time = StepTime(self.step_s)
+        self._pushes: list[_Push] = []
         self._start_ns = 0
         self.time_ns = 0
         """Simulation time [ns]; unlike `data.time`, a sum of floats, it does not drift."""
@@ -90,10 +105,22 @@ class Simulation:
     def reset(self, keyframe: str | None) -> None:
         """Reset to a keyframe and its control, or to the model's initial state; drop controls."""
         self._writer.restart()
+        self._pushes.clear()
         _reset_state(self.model, self.data, keyframe)
         self.steps = 0
         self.time_ns = self._start_ns = round(self.data.time * NS_PER_S)
         self._warnings.restart()
+
+    def push(self, body: int, force: Sequence[float], duration_s: float) -> None:
+        """Push a body during the next steps; pushes of one body add up.
+
+        Args:
+            body: index of the body.
+            force: at the center of mass, in the world frame [N], shape (3,).
+            duration_s: simulated time, rounded up to steps [s].
+        """
+        last_step = self.steps + whole_steps(duration_s, self.step_s)
+        self._pushes.append(_Push(body=body, force=np.array(force), last_step=last_step))
 
     def advance(self, count: int = 1) -> tuple[str, ...]:
         """Take `count` steps with the latest control; a torque law is evaluated for each step.
@@ -104,6 +131,15 @@ class Simulation:
         Raises:
             DivergenceError: the state is no longer finite.
         """
+        if not self._pushes:
+            self._advance(count)
+        else:
+            for _ in range(count):
+                self._apply_pushes()
+                self._advance(1)
+        return self._look_at_warnings() if self._warnings.changed() else ()
+
+    def _advance(self, count: int) -> None:
         if self._writer.write():
             self._step(count)
         else:
@@ -111,7 +147,14 @@ class Simulation:
             for _ in range(count - 1):
                 self._writer.write()
                 self._step(1)
-        return self._look_at_warnings() if self._warnings.changed() else ()
+
+    def _apply_pushes(self) -> None:
+        forces = self.data.xfrc_applied
+        for push in self._pushes:
+            forces[push.body] = 0.0
+        self._pushes = [push for push in self._pushes if self.steps < push.last_step]
+        for push in self._pushes:
+            forces[push.body, :3] += push.force
 
     def _step(self, count: int) -> None:
         if self._split:

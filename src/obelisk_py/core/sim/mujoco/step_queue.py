@@ -1,7 +1,7 @@
 """Run requests of other threads on the stepping thread: `~/reset`, `~/pause`, `~/step`.
 
-The node's thread receives the service requests. The stepping thread runs their actions between two
-steps, and the results are sent as responses. No other thread touches the simulation.
+The node's thread receives the service requests, and other threads those of viewers. The stepping
+thread runs their actions between two steps. No other thread touches the simulation.
 """
 
 import threading
@@ -29,12 +29,14 @@ class StepResult(NamedTuple):
 class StepQueue:
     """Actions for the stepping thread, and whether it is paused."""
 
-    def __init__(self, *, is_immediate: bool = False) -> None:
+    def __init__(self, *, is_stepping: Callable[[], bool], is_immediate: bool = False) -> None:
         """Create an empty queue for a simulation that is not paused.
 
         Args:
+            is_stepping: returns whether a stepping thread runs the actions.
             is_immediate: whether the caller's thread is the stepping thread, so that nothing waits.
         """
+        self._is_stepping = is_stepping
         self._is_immediate = is_immediate
         self.is_paused = False
         """Whether steps are taken only on request; only the stepping thread may use it."""
@@ -50,6 +52,38 @@ class StepQueue:
         else:
             self._arrived.set()
         return answer
+
+    def ask(self, action: Callable[[], StepResult]) -> StepResult:
+        """Run an action on the stepping thread and wait for its result, for at most 2 s."""
+        if not self._is_stepping():
+            return StepResult(is_done=False, text="the simulator is not active")
+        pending = self.submit(action)
+        try:
+            return pending.result(_ANSWER_S)
+        except AnswerTimeoutError:
+            # A started action cannot be undone; a waiting one is cancelled.
+            pending.cancel()
+            text = f"the simulation did not respond within {_ANSWER_S:g} s"
+            return StepResult(is_done=False, text=text)
+
+    def ask_pause(self, is_paused: bool) -> StepResult:
+        """Pause the simulation, or continue it."""
+
+        def pause() -> StepResult:
+            self.is_paused = is_paused
+            return StepResult(is_done=True, text="paused" if is_paused else "running")
+
+        return self.ask(pause)
+
+    def ask_step(self, step: Callable[[], StepResult]) -> StepResult:
+        """Take one step, if the simulation is paused."""
+
+        def step_if_paused() -> StepResult:
+            if not self.is_paused:
+                return StepResult(is_done=False, text="the simulation is running; pause it first")
+            return step()
+
+        return self.ask(step_if_paused)
 
     def is_waiting(self) -> bool:
         """Whether an action is waiting."""
@@ -80,7 +114,6 @@ def make_step_services(
     create: Callable[[type[Any], str, Callable[[Any, Any], Any]], Any],
     requests: StepQueue,
     *,
-    is_stepping: Callable[[], bool],
     reset: Callable[[], StepResult],
     step: Callable[[], StepResult],
 ) -> list[Any]:
@@ -89,49 +122,24 @@ def make_step_services(
     Args:
         create: `Node.create_service` (type, name, callback).
         requests: actions for the stepping thread.
-        is_stepping: returns whether a stepping thread runs the actions.
         reset: resets to the keyframe; called on the stepping thread.
         step: takes one step; called on the stepping thread while the simulation is paused.
     """
 
-    def answered(action: Callable[[], StepResult], response: Any) -> Any:
-        if is_stepping():
-            return _answered(requests, action, response)
-        response.success, response.message = False, "the simulator is not active"
+    def on_reset(_request: Any, response: Any) -> Any:
+        response.success, response.message = requests.ask(reset)
         return response
 
-    def on_reset(_request: Any, response: Any) -> Any:
-        return answered(reset, response)
-
     def on_pause(request: Any, response: Any) -> Any:
-        def pause() -> StepResult:
-            requests.is_paused = request.data
-            return StepResult(is_done=True, text="paused" if request.data else "running")
-
-        return answered(pause, response)
+        response.success, response.message = requests.ask_pause(request.data)
+        return response
 
     def on_step(_request: Any, response: Any) -> Any:
-        def step_if_paused() -> StepResult:
-            if not requests.is_paused:
-                return StepResult(is_done=False, text="the simulation is running; pause it first")
-            return step()
-
-        return answered(step_if_paused, response)
+        response.success, response.message = requests.ask_step(step)
+        return response
 
     return [
         create(Trigger, "~/reset", on_reset),
         create(SetBool, "~/pause", on_pause),
         create(Trigger, "~/step", on_step),
     ]
-
-
-def _answered(requests: StepQueue, action: Callable[[], StepResult], response: Any) -> Any:
-    pending = requests.submit(action)
-    try:
-        response.success, response.message = pending.result(_ANSWER_S)
-    except AnswerTimeoutError:
-        # A started action cannot be undone; a waiting one is canceled.
-        pending.cancel()
-        response.success = False
-        response.message = f"the simulation did not respond within {_ANSWER_S:g} s"
-    return response

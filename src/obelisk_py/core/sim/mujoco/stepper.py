@@ -151,6 +151,19 @@ class Stepper:
         self._due = 0
         """The step after which `advance` publishes next."""
 
+    @property
+    def is_paced(self) -> bool:
+        """Whether the steps follow the wall clock."""
+        return self._pace is not None
+
+    def set_speed(self, realtime_factor: float) -> None:
+        """Change the speed of the steps from the next `run` on; may be called on any thread.
+
+        Args:
+            realtime_factor: simulation time per wall time, > 0.
+        """
+        self._pace = Pace(self._simulation.step_s / realtime_factor)
+
     def begin(self) -> None:
         """Count sample times from the current step, and restart the outputs."""
         if self._simulation.steps == 0:

@@ -15,7 +15,7 @@ from typing import Final
 import mujoco.viewer
 
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Notify, States
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Send, States
 
 __all__ = ["run"]
 
@@ -26,7 +26,7 @@ _CLOSE_S: Final = 2.0
 _FIX: Final = "the `web` viewer (a page in the browser) works without one"
 
 
-def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:
+def run(states: States, send: Send, _arguments: Sequence[str]) -> None:
     """Show the window until the last state, or until the user closes it.
 
     Raises:
@@ -49,7 +49,7 @@ def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:
         if thread is not threading.current_thread():
             thread.join(_CLOSE_S)
     if not states.is_over:
-        notify("info", "the window was closed; the simulation goes on")
+        send("info", "the window was closed; the simulation goes on")
 
 
 def _check_display() -> None:

@@ -7,13 +7,14 @@ closed, even if the robot crashed.
 
 import mmap
 import os
+import select
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -24,14 +25,25 @@ from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_times import SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import TimedOutput
+from obelisk_py.core.sim.mujoco.viewers.viewer_controls import ViewerControls
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
     EXIT_REPORTED,
+    TOKEN_VARIABLE,
     Notify,
     StateSender,
     receive_message,
+    send_report,
 )
+from obelisk_py.core.sim.mujoco.viewers.viewer_requests import Report, report_text
 
-__all__ = ["PARAMETERS", "ViewerProcess", "ViewerRequest", "requested_viewers", "viewer_outputs"]
+__all__ = [
+    "PARAMETERS",
+    "ViewerHost",
+    "ViewerProcess",
+    "ViewerRequest",
+    "requested_viewers",
+    "viewer_outputs",
+]
 
 PROGRAM: Final = "obelisk_py.core.sim.mujoco.viewers.program"
 _LOSS: Final = (
@@ -43,6 +55,23 @@ PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType({"viewer": "none",
 """ROS parameter -> its default, which sets its type."""
 VIEWERS: Final = ("none", "native", "web")
 _HIGHEST_PORT: Final = 65535
+_REPORT_PERIOD_S: Final = 0.2
+"""Maximum time until a viewer is told that the robot's state has changed [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewerHost:
+    """What a robot offers its viewers."""
+
+    controls: ViewerControls
+    name: str
+    """Name of the robot, for titles."""
+    token: str
+    """The secret that opens the page."""
+    notify: Notify
+    """Called with the viewers' messages, on separate threads."""
+    show_page: Callable[[str], None]
+    """Called with the URL of a page, and with an empty text when the page has gone."""
 
 
 class ViewerProcess:
@@ -56,6 +85,7 @@ class ViewerProcess:
         data: mujoco.MjData,
         *,
         notify: Notify,
+        host: ViewerHost | None = None,
         end_s: float | None = None,
         loss: str = _LOSS,
     ) -> None:
@@ -67,12 +97,16 @@ class ViewerProcess:
             model: passed to the process in its current form.
             data: the model's state, which `states` sends.
             notify: called with messages from the process and when it exits, on a separate thread.
+            host: carries out what the viewer requests; None if it requests nothing.
             end_s: timeout to finish its work at shutdown [s]; None if it has nothing to finish.
             loss: consequence for the user if it exits by itself.
         """
         self._kind = kind
         self._loss = loss
         self._notify = notify
+        self._host = host
+        self._reported: Report | None = None
+        """The robot's state as last reported to the viewer."""
         self._end_s = end_s
         self._is_closing = False
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -82,6 +116,7 @@ class ViewerProcess:
             self._process = subprocess.Popen(
                 # -P keeps files in the working directory from being imported.
                 [sys.executable, "-P", "-m", PROGRAM, kind, *map(str, inherited), *arguments],
+                env=os.environ if host is None else {**os.environ, TOKEN_VARIABLE: host.token},
                 pass_fds=inherited,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -116,14 +151,41 @@ class ViewerProcess:
         self._link.close()
 
     def _listen(self) -> None:
+        self._wait()
         while (message := receive_message(self._link)) is not None:
-            self._notify(*message)
+            match message:
+                case ("request", text):
+                    if self._host is not None:
+                        self._report(self._host.controls.answer(text))
+                case ("page", text):
+                    if self._host is not None:
+                        self._host.show_page(text)
+                case (severity, text):
+                    self._notify(severity, text)
+            self._wait()
+        if self._host is not None:
+            self._host.show_page("")
         code = self._process.wait()
         if code not in (0, EXIT_REPORTED) and not self._is_closing:
             self._notify(
                 "warning",
                 f"the {self._kind} viewer has exited ({_how(code)}); {self._loss}",
             )
+
+    def _wait(self) -> None:
+        """Wait for a message; meanwhile, report changes of the robot's state to the viewer."""
+        if self._host is None:
+            return
+        poll = select.poll()
+        poll.register(self._link, select.POLLIN)
+        while not poll.poll(_REPORT_PERIOD_S * 1000):
+            report = self._host.controls.report()
+            if report != self._reported:
+                self._report(report)
+
+    def _report(self, report: Report) -> None:
+        self._reported = replace(report, answer="", is_done=True)
+        send_report(self._link, report_text(report))
 
 
 @contextmanager
@@ -171,7 +233,7 @@ def viewer_outputs(
     requests: Iterable[ViewerRequest],
     steps_per_view: int,
     *,
-    notify: Notify,
+    host: ViewerHost,
     on_close: Callable[[Callable[[], None]], object],
 ) -> tuple[TimedOutput, ...]:
     """Start viewers, and return the outputs that send them states.
@@ -180,13 +242,18 @@ def viewer_outputs(
         simulation: the simulation to show.
         requests: the viewers to start.
         steps_per_view: number of steps between two states.
-        notify: called with the viewers' messages, on separate threads.
+        host: what the robot offers them.
         on_close: registers functions to call when the simulation is closed.
     """
     outputs = []
     for request in requests:
         viewer = ViewerProcess(
-            request.kind, request.arguments, simulation.model, simulation.data, notify=notify
+            request.kind,
+            (*request.arguments, host.name),
+            simulation.model,
+            simulation.data,
+            notify=host.notify,
+            host=host,
         )
         on_close(viewer.close)
         outputs.append(_output(viewer, steps_per_view))

@@ -19,8 +19,8 @@ from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
     EXIT_REPORTED,
     NICENESS,
-    Notify,
-    Severity,
+    MessageKind,
+    Send,
     States,
     send_message,
 )
@@ -61,12 +61,12 @@ VIEWER_KINDS: Final[Mapping[str, ViewerKind]] = MappingProxyType(
 class ViewerModule(Protocol):
     """The interface of a viewer's module."""
 
-    def run(self, states: States, notify: Notify, arguments: Sequence[str]) -> None:
+    def run(self, states: States, send: Send, arguments: Sequence[str]) -> None:
         """Show a simulation until its states are over.
 
         Args:
             states: the model, and its states as they arrive.
-            notify: sends a message to the user.
+            send: sends a message to the user or a request to the robot.
             arguments: as passed to `processes.ViewerProcess`.
 
         Raises:
@@ -82,15 +82,15 @@ def run_viewer(kind: str, link_fd: int, model_fd: int, arguments: Sequence[str])
     mujoco.set_mju_user_warning(_drop)
     with socket.socket(fileno=link_fd) as link:
 
-        def notify(severity: Severity, text: str) -> None:
-            send_message(link, severity, text)
+        def send(kind: MessageKind, text: str) -> None:
+            send_message(link, kind, text)
 
         try:
             model = mujoco.MjModel.from_binary_path(f"/proc/self/fd/{model_fd}")
             os.close(model_fd)
-            _module(kind).run(States(model, link), notify, arguments)
+            _module(kind).run(States(model, link), send, arguments)
         except ObeliskError as error:
-            notify("warning", f"{error}; {VIEWER_KINDS[kind].loss}")
+            send("warning", f"{error}; {VIEWER_KINDS[kind].loss}")
             return EXIT_REPORTED
         except (BrokenPipeError, ConnectionResetError):
             # The robot process has ended, so nothing would receive a report.

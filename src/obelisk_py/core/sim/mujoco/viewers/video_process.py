@@ -32,7 +32,7 @@ from obelisk_py.core.sim.mujoco.viewers.video_files import (
     VideoFile,
     unfinished,
 )
-from obelisk_py.core.sim.mujoco.viewers.viewer_messages import NICENESS, Notify, States, VideoJob
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import NICENESS, Send, States, VideoJob
 
 __all__ = ["FrameCounter", "VideoRecording", "run"]
 
@@ -151,7 +151,7 @@ class VideoRecording:
         self._shown += 1
 
 
-def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
+def run(states: States, send: Send, arguments: Sequence[str]) -> None:
     """Record until the states are over; report the start, and the written file at the end.
 
     Raises:
@@ -169,8 +169,8 @@ def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
     try:
         with unfinished(path.parent) as place:
             states.take_next()
-            detail = make(states, view, job, place.file, thread, notify)
-            notify("info", json.dumps([str(place.finish(path)), detail]))
+            detail = make(states, view, job, place.file, thread, send)
+            send("info", json.dumps([str(place.finish(path)), detail]))
     except (BrokenPipeError, ConnectionResetError):
         raise
     except (OSError, av.FFmpegError) as error:
@@ -191,7 +191,7 @@ def _video(
     job: VideoJob,
     file: IO[bytes],
     thread: ThreadPoolExecutor,
-    notify: Notify,
+    send: Send,
 ) -> str:
     """Record a video of the states, and return a summary of it."""
     ending = Path(job.path).suffix
@@ -200,7 +200,7 @@ def _video(
     # The first image takes longest; the simulation waits for it.
     thread.submit(recording.draw_one, view).result()
     _make_way()
-    notify("info", job.path)
+    send("info", job.path)
     drawing = thread.submit(recording.draw_all, view)
     # The rendering thread only ends earlier if the file cannot be written.
     while not (states.wait_until_over(_WAIT_S) or drawing.done()):
@@ -216,7 +216,7 @@ def _picture(
     job: VideoJob,
     file: IO[bytes],
     thread: ThreadPoolExecutor,
-    notify: Notify,
+    send: Send,
 ) -> str:
     """Save an image of the last state, and return a summary of it."""
 
@@ -225,7 +225,7 @@ def _picture(
         return view.draw()
 
     thread.submit(draw).result()
-    notify("info", job.path)
+    send("info", job.path)
     while not states.is_over:
         states.take_newest(_WAIT_S)
     video = PngFile(file, (job.width, job.height), job.rate_hz)

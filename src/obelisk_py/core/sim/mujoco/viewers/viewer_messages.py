@@ -1,8 +1,9 @@
-"""The link between a simulation and a viewer: states to the viewer, messages back to the user.
+"""The link between a simulation and a viewer: states and reports there, messages and requests back.
 
 On the robot's side, each `send` sends one packet with MuJoCo's flat state vector. It never blocks:
 if there is no space, the state is dropped and counted. On the viewer's side, `data` of the same
-model is set to the received state. Times in the states are simulation time.
+model is set to the received state. Times in the states are simulation time. The robot also sends
+reports (`viewer_requests`), on a thread that may wait.
 
 The link is a pair of SOCK_SEQPACKET sockets: packets stay whole and in order, and each side detects
 when the other one ends, even by a crash.
@@ -15,6 +16,7 @@ import json
 import select
 import socket
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Final, Literal, Self, cast
 
@@ -25,26 +27,40 @@ __all__ = [
     "EXIT_REPORTED",
     "NICENESS",
     "SIGNATURE",
+    "TOKEN_VARIABLE",
+    "MessageKind",
     "Notify",
+    "Send",
     "Severity",
     "StateSender",
     "States",
     "VideoJob",
     "receive_message",
     "send_message",
+    "send_report",
 ]
 
 Severity = Literal["info", "warning"]
 Notify = Callable[[Severity, str], None]
 """Called with a message for the user."""
+MessageKind = Literal["info", "warning", "page", "request"]
+"""A message for the user, the URL of the viewer's page, or a request to the robot."""
+Send = Callable[[MessageKind, str], None]
+"""Sends a message of a viewer to the robot."""
 
 EXIT_REPORTED: Final = 3
 """Exit code of a viewer that has reported why it ends."""
 NICENESS: Final = 10
 """Niceness of a viewer process, so that the robot has priority."""
+TOKEN_VARIABLE: Final = "OBK_VIEWER_TOKEN"  # noqa: S105 - the name of a variable, no secret
+"""The environment variable with the token of the page; command lines are readable by all users."""
 _LARGEST: Final = 8192
 """Maximum size of a message packet; longer messages are truncated [bytes]."""
 _SEPARATOR: Final = b":"
+_STATE_MARK: Final = 0.0
+"""First number of a packet with a state; its bytes are zero, which no report begins with."""
+_REPORT_S: Final = 1.0
+"""How long a report waits for space [s]; a viewer takes states out of the link all the time."""
 SIGNATURE: Final = int(
     mujoco.mjtState.mjSTATE_FULLPHYSICS
     | mujoco.mjtState.mjSTATE_USER
@@ -53,16 +69,25 @@ SIGNATURE: Final = int(
 """The full input of a step (mjSTATE_INTEGRATION), so viewers can also draw what depends on it."""
 
 
-def send_message(link: socket.socket, severity: Severity, text: str) -> None:
-    """Send a message.
+def send_message(link: socket.socket, kind: MessageKind, text: str) -> None:
+    """Send a message to the robot.
 
     Raises:
         OSError: the other side is closed.
     """
-    link.send(severity.encode() + _SEPARATOR + text.encode()[: _LARGEST // 2])
+    link.send(kind.encode() + _SEPARATOR + text.encode()[: _LARGEST // 2])
 
 
-def receive_message(link: socket.socket) -> tuple[Severity, str] | None:
+def send_report(link: socket.socket, text: str) -> None:
+    """Send a report to a viewer, unless it ends or takes no packets for a second."""
+    poll = select.poll()
+    poll.register(link, select.POLLOUT)
+    poll.poll(_REPORT_S * 1000)
+    with suppress(OSError):
+        link.send(text.encode(), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+
+
+def receive_message(link: socket.socket) -> tuple[MessageKind, str] | None:
     """Wait for a message; None if there will be no more."""
     try:
         packet = link.recv(_LARGEST)
@@ -72,8 +97,8 @@ def receive_message(link: socket.socket) -> tuple[Severity, str] | None:
         packet = link.recv(_LARGEST)
     if not packet:
         return None
-    severity, _, text = packet.partition(_SEPARATOR)
-    return cast(Severity, severity.decode()), text.decode(errors="replace")
+    kind, _, text = packet.partition(_SEPARATOR)
+    return cast(MessageKind, kind.decode()), text.decode(errors="replace")
 
 
 class StateSender:
@@ -98,7 +123,8 @@ class StateSender:
         self._data = data
         self._link = link
         self._notify = notify
-        self._state = np.empty(mujoco.mj_stateSize(model, SIGNATURE))
+        self._packet = np.full(1 + mujoco.mj_stateSize(model, SIGNATURE), _STATE_MARK)
+        self._state = self._packet[1:]
         self._is_open = True
 
     def send(self) -> None:
@@ -107,7 +133,7 @@ class StateSender:
             return
         mujoco.mj_getState(self._model, self._data, self._state, SIGNATURE)
         try:
-            self._link.send(self._state.data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+            self._link.send(self._packet.data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
         except BlockingIOError:
             self.dropped += 1
         except OSError as error:
@@ -121,9 +147,9 @@ class StateSender:
     def _too_large(self) -> str:
         room = self._link.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
         return (
-            f"a state of this model has {self._state.nbytes} bytes, but a socket on this machine "
+            f"a state of this model has {self._packet.nbytes} bytes, but a socket on this machine "
             f"accepts at most {room} at once, so no state is shown; fix: "
-            f"`sysctl -w net.core.wmem_max={2 * self._state.nbytes}`"
+            f"`sysctl -w net.core.wmem_max={2 * self._packet.nbytes}`"
         )
 
 
@@ -136,8 +162,13 @@ class States:
         self.data = mujoco.MjData(model)
         self.is_over = False
         """Whether the robot process has ended and every state was received."""
+        self.reports: list[str] = []
+        """Reports of the robot so far; a viewer removes those that it has read."""
         self._link = link
-        self._state = np.empty(mujoco.mj_stateSize(model, SIGNATURE))
+        self._size = mujoco.mj_stateSize(model, SIGNATURE)
+        self._packet = bytearray(max(_LARGEST, 8 * (1 + self._size)))
+        """The newest state."""
+        self._next_packet = bytearray(len(self._packet))
         mujoco.mj_forward(model, self.data)
 
     def take_next(self, timeout_s: float | None = None) -> bool:
@@ -147,7 +178,8 @@ class States:
             timeout_s: maximum time to wait [s]; None to wait for a state or the end of the robot.
 
         Returns:
-            Whether `data` has a new state; if not, the timeout expired, or `is_over`.
+            Whether `data` has a new state; if not, the timeout expired, a report arrived, or
+            `is_over`.
         """
         if not self._receive(timeout_s):
             return False
@@ -177,18 +209,26 @@ class States:
         return bool(poll.poll(timeout_s * 1000))
 
     def _receive(self, timeout_s: float | None) -> bool:
+        """Whether a state has arrived; a report counts as a timeout."""
         self._link.settimeout(timeout_s)
         try:
-            size = self._link.recv_into(self._state.data)
+            size = self._link.recv_into(self._next_packet)
         except (BlockingIOError, TimeoutError):
             return False
         except ConnectionResetError:
             size = 0
         self.is_over = size == 0
-        return not self.is_over
+        if self.is_over:
+            return False
+        if self._next_packet[0]:
+            self.reports.append(self._next_packet[:size].decode())
+            return False
+        self._packet, self._next_packet = self._next_packet, self._packet
+        return True
 
     def _show(self) -> None:
-        mujoco.mj_setState(self.model, self.data, self._state, SIGNATURE)
+        state = np.frombuffer(self._packet, np.float64, self._size, offset=8)
+        mujoco.mj_setState(self.model, self.data, state, SIGNATURE)
         mujoco.mj_forward(self.model, self.data)
 
 

@@ -1,79 +1,47 @@
 """Show a page in the browser: mjviser, which renders a MuJoCo model with viser, on this host only.
 
-The page is at `http://127.0.0.1:PORT`; port 0 selects a free one near 8080. The page contains
-everything that it needs and loads nothing from elsewhere. Viser responds to any client and any host
-name, and browsers let any page open a WebSocket to this host. So every request is checked first.
+The page is at `http://127.0.0.1:PORT`; port 0 selects a free one near 8080. It opens only with the
+token in its link (`web_access`). It contains everything that it needs and loads nothing from
+elsewhere.
 
 Source: https://github.com/mujocolab/mjviser, https://viser.studio
 """
 
-import http
+import math
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any, Final
 
+import mujoco
+import numpy as np
 import viser
-import websockets.asyncio.server
 from mjviser import ViserMujocoScene
-from websockets.asyncio.server import ServerConnection
-from websockets.http11 import Request, Response
+from numpy.typing import NDArray
 
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Notify, States
-from obelisk_spec.runtime_protocol import is_of_the_page, names_this_host
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import TOKEN_VARIABLE, Send, States
+from obelisk_py.core.sim.mujoco.viewers.viewer_requests import read_report, request_text
+from obelisk_py.core.sim.mujoco.viewers.web_access import only_with_token
+from obelisk_py.core.sim.mujoco.viewers.web_commands import command_units, commands_table
+from obelisk_py.core.sim.mujoco.viewers.web_controls import SimulationControls
+from obelisk_spec.page_access import TOKEN
 
-__all__ = ["own_page_only", "run"]
+__all__ = ["page_title", "run"]
 
-Look = Callable[[ServerConnection, Request], Response | None]
 _HOST: Final = "127.0.0.1"
 _PORT: Final = 8080
 _PERIOD_S: Final = 1 / 30
 """Time between two updates of the page [s]."""
-_DISTANCE: Final = 1.5
-"""Distance of the camera in extents of the model, as in MuJoCo's own viewer."""
+_TEXT_PERIOD_S: Final = 0.1
+"""Time between two updates of texts in the page [s]."""
+_FIELD_OF_VIEW: Final = math.radians(60)
+"""Of the page's camera, vertically."""
 _WAIT_S: Final = 0.1
 """Maximum delay of a setting changed in the page while nothing moves [s]."""
-
-
-@contextmanager
-def own_page_only() -> Iterator[None]:
-    """Make a server that viser starts while this is entered respond only to its own page.
-
-    Raises:
-        ObeliskConfigError: this version of viser serves requests in another way.
-    """
-    serve = websockets.asyncio.server.serve
-    is_kept = False
-
-    def serve_guarded(*arguments: Any, process_request: Look, **options: Any) -> Any:
-        nonlocal is_kept
-        is_kept = True
-        return serve(*arguments, process_request=_guarded(process_request), **options)
-
-    # Viser has no option for this, and this process has no other server.
-    websockets.asyncio.server.serve = serve_guarded  # type: ignore[misc, assignment]
-    try:
-        yield
-    finally:
-        websockets.asyncio.server.serve = serve  # type: ignore[misc]
-    if not is_kept:
-        raise ObeliskConfigError(
-            "the web viewer cannot block requests from other browser pages with this version of "
-            "`viser`; `pip install --upgrade obelisk-cli[viewer]` installs a supported one"
-        )
-
-
-def _guarded(look: Look) -> Look:
-    def look_guarded(connection: ServerConnection, request: Request) -> Response | None:
-        host, origin = request.headers.get("Host", ""), request.headers.get("Origin")
-        if not names_this_host(host) or (origin and not is_of_the_page(origin, host)):
-            return connection.respond(http.HTTPStatus.FORBIDDEN, "only the page itself may ask\n")
-        return look(connection, request)
-
-    return look_guarded
+_UNNAMED: Final = "MuJoCo Model"
+"""MuJoCo's name for a model without one."""
 
 
 class _Server(viser.ViserServer):
@@ -83,44 +51,136 @@ class _Server(viser.ViserServer):
         """Reject the request."""
 
 
-def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
+def run(states: States, send: Send, arguments: Sequence[str]) -> None:
     """Serve the page until the last state.
 
     Raises:
-        ObeliskConfigError: the port is in use, or viser cannot block other pages.
+        ObeliskConfigError: the port is in use, or viser cannot keep others out.
     """
-    (port,) = map(int, arguments)
+    port, robot = int(arguments[0]), arguments[1]
+    token = os.environ[TOKEN_VARIABLE]
     # This variable would override the requested port.
     os.environ.pop("_VISER_PORT_OVERRIDE", None)
     if port:
         _check_port_is_free(port)
-    with own_page_only():
+    title = page_title(states.model, robot)
+    with only_with_token(token, f"{title} - obk"):
         server = _Server(host=_HOST, port=port or _PORT, verbose=False)
-    scene = _scene(server, states)
-    notify("info", f"the simulation is shown at http://{_HOST}:{server.get_port()}")
+    page = _Page(server, states, title, lambda request: send("request", request_text(request)))
+    send("page", f"http://{_HOST}:{server.get_port()}/?{TOKEN}={token}")
     while not states.is_over:
         due_s = time.monotonic() + _PERIOD_S
-        if states.take_newest(_WAIT_S) or scene.needs_update:
-            scene.needs_update = False
-            scene.update_from_mjdata(states.data)
+        if page.update(is_new=states.take_newest(_WAIT_S)):
             time.sleep(max(0.0, due_s - time.monotonic()))
     server.stop()
 
 
-def _scene(server: viser.ViserServer, states: States) -> ViserMujocoScene:
-    """Create the page's scene at the current state of `states`, with its controls."""
-    server.gui.configure_theme(show_share_button=False, show_logo=False)
-    scene = ViserMujocoScene(server, states.model, num_envs=1)
-    # This thread, the only one that touches the data, applies changes made in the page.
-    scene.set_refresh_handler(_nothing)
+def page_title(model: mujoco.MjModel, robot: str) -> str:
+    """The name of a model, or of the robot if the model has none."""
+    name = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
+    return robot if name in ("", _UNNAMED) else name
+
+
+class _Page:
+    """The page: the scene, its controls, and the texts that change with the state."""
+
+    def __init__(self, server: viser.ViserServer, states: States, title: str, send: Any) -> None:
+        self._states = states
+        gui = server.gui
+        gui.configure_theme(show_share_button=False, show_logo=False, control_width="large")
+        gui.set_panel_label(title)
+        self._scene = scene = ViserMujocoScene(server, states.model, num_envs=1)
+        # This thread, the only one that touches the data, applies changes made in the page.
+        scene.set_refresh_handler(_nothing)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Simulation", icon=viser.Icon.PLAYER_PLAY):
+            self._controls = SimulationControls(gui, states.model, send)
+            with gui.add_folder("Commands"):
+                self._shows_commands = gui.add_checkbox(
+                    "Show", initial_value=False, hint="What the actuators receive."
+                )
+                self._commands = gui.add_html("", visible=False)
+        with tabs.add_tab("Scene", icon=viser.Icon.VIDEO):
+            _add_camera(server, scene, states)
+        with tabs.add_tab("Overlays", icon=viser.Icon.EYE):
+            scene.create_overlay_gui()
+        with tabs.add_tab("Groups", icon=viser.Icon.LAYERS_INTERSECT):
+            scene.create_groups_gui()
+        self._units = command_units(states.model)
+        self._text_due_s = 0.0
+        scene.update_from_mjdata(states.data)
+
+    def update(self, *, is_new: bool) -> bool:
+        """Show what has changed; returns whether the scene was drawn."""
+        for text in self._states.reports:
+            self._controls.take(read_report(text))
+        self._states.reports.clear()
+        if time.monotonic() >= self._text_due_s:
+            self._text_due_s = time.monotonic() + _TEXT_PERIOD_S
+            self._show_texts()
+        if not is_new and not self._scene.needs_update:
+            return False
+        # The scene has no property for this flag; without overlays it draws faster.
+        has_push = bool(self._states.data.xfrc_applied.any())
+        self._scene._mjv_option.flags[mujoco.mjtVisFlag.mjVIS_PERTFORCE] = has_push
+        self._scene.needs_update = False
+        self._scene.update_from_mjdata(self._states.data)
+        return True
+
+    def _show_texts(self) -> None:
+        data, is_shown = self._states.data, self._shows_commands.value
+        self._controls.show_time(data.time)
+        if self._commands.visible != is_shown:
+            self._commands.visible = is_shown
+        if is_shown:
+            table = commands_table(self._states.model, data, self._units)
+            if table != self._commands.content:
+                self._commands.content = table
+
+
+def _add_camera(server: viser.ViserServer, scene: ViserMujocoScene, states: States) -> None:
+    """Add the camera's controls, with a view that shows everything that moves."""
+    low, high = _moving_box(states.model, states.data)
     view = states.model.vis.global_
-    scene.create_visualization_gui(
-        camera_distance=_DISTANCE * states.model.stat.extent,
+    scene.create_scene_gui(
+        camera_distance=_distance(low, high),
         camera_azimuth=view.azimuth,
         camera_elevation=-view.elevation,
     )
-    scene.update_from_mjdata(states.data)
-    return scene
+    center = (low + high) / 2
+    origin = states.data.xpos[_first_moving(states.model)]
+
+    # After the scene's own handler, which looks at the tracked body's origin or the whole model.
+    @server.on_client_connect
+    def _(client: viser.ClientHandle) -> None:
+        look_at = center - origin if scene.camera_tracking_enabled else center
+        offset = np.array(client.camera.position) - np.array(client.camera.look_at)
+        client.camera.position = look_at + offset
+        client.camera.look_at = look_at
+
+
+def _first_moving(model: mujoco.MjModel) -> int:
+    """The body that the scene's camera tracks; 0, the world, if nothing moves."""
+    return int(np.argmax(model.body_weldid != 0))
+
+
+def _moving_box(
+    model: mujoco.MjModel, data: mujoco.MjData
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The corners of a box around what moves, or around the whole model if nothing does [m]."""
+    moving = (model.body_weldid[model.geom_bodyid] != 0) & (model.geom_rbound > 0)
+    if not moving.any():
+        half = model.stat.extent / 2
+        return model.stat.center - half, model.stat.center + half
+    centers, radii = data.geom_xpos[moving], model.geom_rbound[moving][:, None]
+    low: NDArray[np.float64] = (centers - radii).min(axis=0)
+    high: NDArray[np.float64] = (centers + radii).max(axis=0)
+    return low, high
+
+
+def _distance(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
+    """Distance of the camera from the center of a box so that all of the box is in view [m]."""
+    return float(np.linalg.norm(high - low)) / 2 / math.sin(_FIELD_OF_VIEW / 2)
 
 
 def _check_port_is_free(port: int) -> None:
