@@ -30,14 +30,13 @@ def address(run: Launched) -> str:
 
 
 def opens(url: str) -> bool:
-    """Whether a browser gets the page at a URL; otherwise, access is denied."""
+    """Whether a browser gets the page at a URL, as opposed to the status 403."""
     try:
         with urlopen(url, timeout=DEADLINE_S) as page:
             return b"<html" in page.read().lower()
     except HTTPError as error:
         with error:
-            assert error.code == 403
-        return False
+            return error.code != 403
 
 
 def picture(page: "Page") -> NDArray[np.int16]:
