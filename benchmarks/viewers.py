@@ -30,9 +30,17 @@ import psutil
 
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult
 from obelisk_py.core.sim.mujoco.step_times import MonotonicClock, Pace
 from obelisk_py.core.sim.mujoco.stepper import Stepper
-from obelisk_py.core.sim.mujoco.viewers.processes import ViewerRequest, viewer_outputs
+from obelisk_py.core.sim.mujoco.viewers.processes import (
+    ViewerHost,
+    ViewerRequest,
+    viewer_outputs,
+)
+from obelisk_py.core.sim.mujoco.viewers.viewer_controls import ViewerControls
+from obelisk_py.core.sim.mujoco.viewers.viewer_requests import Report
+from obelisk_spec.page_access import new_token
 
 Result = dict[str, Any]
 
@@ -84,6 +92,26 @@ class NotingClock(MonotonicClock):
         return now_ns
 
 
+def viewer_host(simulation: Simulation, reported: "queue.Queue[str]") -> ViewerHost:
+    """A host whose viewers report their URLs; nothing can be requested."""
+    controls = ViewerControls(
+        simulation=simulation,
+        queue=StepQueue(is_stepping=lambda: False),
+        step=lambda: StepResult(is_done=False, text=""),
+        reset=lambda _: StepResult(is_done=False, text=""),
+        set_speed=lambda _: StepResult(is_done=False, text=""),
+        report=lambda: Report(state="active", is_paused=False, realtime_factor=1.0),
+        log=print,
+    )
+    return ViewerHost(
+        controls=controls,
+        name="dummy",
+        token=new_token(),
+        notify=lambda _, text: reported.put(text),
+        show_page=reported.put,
+    )
+
+
 def lateness(
     viewers: tuple[ViewerRequest, ...], seconds: float, folder: Path, *, is_open: bool
 ) -> Result:
@@ -100,7 +128,7 @@ def lateness(
             simulation,
             viewers,
             STEPS_PER_VIEW,
-            notify=lambda _, text: reported.put(text),
+            host=viewer_host(simulation, reported),
             on_close=closing.callback,
         )
         stepper = Stepper(
@@ -113,7 +141,7 @@ def lateness(
             report=lambda _: None,
         )
         if viewers:
-            url = reported.get(timeout=DEADLINE_S).removeprefix(SHOWN)
+            url = reported.get(timeout=DEADLINE_S)
             if is_open:
                 closing.enter_context(page(url, folder))
                 children = psutil.Process().children(recursive=True)

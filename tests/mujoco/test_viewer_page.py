@@ -148,3 +148,25 @@ def test_commands_are_in_the_order_of_the_model_and_show_what_limits_them() -> N
     assert rows[2] == ["angle", "0.250", "rad"]
     assert rows[5][:2] == ["actuator", "5"]
     assert "&lt;tendon&gt;" in table
+
+
+def test_the_view_frames_what_moves_and_not_the_ground() -> None:
+    pytest.importorskip("mjviser")
+    from obelisk_py.core.sim.mujoco.viewers.web_camera import moving_box
+
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody>
+          <geom type="plane" size="100 100 1"/><geom size="1" pos="50 0 0"/>
+          <body pos="3 0 1"><freejoint/><geom size="0.5"/><geom size="0.1" pos="0 1 0"/></body>
+        </worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    low, high = moving_box(model, data)
+    assert low.tolist() == pytest.approx([2.5, -0.5, 0.5])
+    assert high.tolist() == pytest.approx([3.5, 1.1, 1.5])
+    fixed = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><geom size='1'/></worldbody></mujoco>"
+    )
+    low, high = moving_box(fixed, mujoco.MjData(fixed))
+    assert (high > low).all()

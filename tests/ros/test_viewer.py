@@ -31,7 +31,7 @@ def address(run: Launched) -> str:
 
 
 def opens(url: str) -> bool:
-    """Whether a browser gets the page at a URL; otherwise, access is denied."""
+    """Whether a browser gets the page at a URL, as opposed to the status 403."""
     try:
         with urlopen(url, timeout=DEADLINE_S) as page:
             return b"<html" in page.read().lower()

@@ -1,5 +1,6 @@
 """The URL of a simulation's page: from the robot's report to the terminal, `obk ps`, `obk web`."""
 
+import json
 from collections import deque
 from pathlib import Path
 from queue import SimpleQueue
@@ -60,8 +61,6 @@ def test_without_a_launcher_the_url_is_printed(
     ],
 )
 def test_other_urls_are_rejected(url: str) -> None:
-    import json
-
     line = json.dumps({"ask": "page", "node": ROBOT, "url": url}).encode()
     assert isinstance(decode_request(line), Fault)
     line = json.dumps({"ask": "page", "node": ROBOT, "url": URL}).encode()
@@ -73,7 +72,8 @@ def test_a_page_is_an_event_and_part_of_the_status_until_its_process_ends() -> N
     ask = StatusRequested(reply=answers.append)
     stranger = PageReported(node="/stranger", url=URL)
     ended = ProcessEnded(process=ROBOT, code=-9)
-    world = World(later=deque([1.0, SHOWN, SHOWN, stranger, ask, ended, ask]))
+    later = deque([1.0, SHOWN, SHOWN, stranger, ask, ended, 1.0, ask])
+    world = World(later=later, on_crash="ignore")
     world.run(duration_s=20)
     pages = [{node.node: node.page for node in answer.nodes}[ROBOT] for answer in answers]
     assert pages == [URL, ""]

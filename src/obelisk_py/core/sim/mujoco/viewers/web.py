@@ -7,23 +7,22 @@ elsewhere.
 Source: https://github.com/mujocolab/mjviser, https://viser.studio
 """
 
-import math
 import os
 import socket
 import time
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Final
 
 import mujoco
-import numpy as np
 import viser
 from mjviser import ViserMujocoScene
-from numpy.typing import NDArray
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import TOKEN_VARIABLE, Send, States
-from obelisk_py.core.sim.mujoco.viewers.viewer_requests import read_report, request_text
+from obelisk_py.core.sim.mujoco.viewers.viewer_requests import Request, read_report, request_text
 from obelisk_py.core.sim.mujoco.viewers.web_access import only_with_token
+from obelisk_py.core.sim.mujoco.viewers.web_camera import PageCamera
 from obelisk_py.core.sim.mujoco.viewers.web_commands import command_units, commands_table
 from obelisk_py.core.sim.mujoco.viewers.web_controls import SimulationControls
 from obelisk_spec.page_access import TOKEN
@@ -36,8 +35,6 @@ _PERIOD_S: Final = 1 / 30
 """Time between two updates of the page [s]."""
 _TEXT_PERIOD_S: Final = 0.1
 """Time between two updates of texts in the page [s]."""
-_FIELD_OF_VIEW: Final = math.radians(60)
-"""Of the page's camera, vertically."""
 _WAIT_S: Final = 0.1
 """Maximum delay of a setting changed in the page while nothing moves [s]."""
 _UNNAMED: Final = "MuJoCo Model"
@@ -66,7 +63,13 @@ def run(states: States, send: Send, arguments: Sequence[str]) -> None:
     title = page_title(states.model, robot)
     with only_with_token(token, f"{title} - obk"):
         server = _Server(host=_HOST, port=port or _PORT, verbose=False)
-    page = _Page(server, states, title, lambda request: send("request", request_text(request)))
+
+    def ask(request: Request) -> None:
+        # A robot that has ended, or takes no messages, answers nothing.
+        with suppress(OSError):
+            send("request", request_text(request))
+
+    page = _Page(server, states, title, ask)
     send("page", f"http://{_HOST}:{server.get_port()}/?{TOKEN}={token}")
     while not states.is_over:
         due_s = time.monotonic() + _PERIOD_S
@@ -84,7 +87,13 @@ def page_title(model: mujoco.MjModel, robot: str) -> str:
 class _Page:
     """The page: the scene, its controls, and the texts that change with the state."""
 
-    def __init__(self, server: viser.ViserServer, states: States, title: str, send: Any) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        states: States,
+        title: str,
+        ask: Callable[[Request], None],
+    ) -> None:
         self._states = states
         gui = server.gui
         gui.configure_theme(show_share_button=False, show_logo=False, control_width="large")
@@ -94,14 +103,14 @@ class _Page:
         scene.set_refresh_handler(_nothing)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Simulation", icon=viser.Icon.PLAYER_PLAY):
-            self._controls = SimulationControls(gui, states.model, send)
+            self._controls = SimulationControls(gui, states.model, ask)
             with gui.add_folder("Commands"):
                 self._shows_commands = gui.add_checkbox(
                     "Show", initial_value=False, hint="What the actuators receive."
                 )
                 self._commands = gui.add_html("", visible=False)
         with tabs.add_tab("Scene", icon=viser.Icon.VIDEO):
-            _add_camera(server, scene, states)
+            PageCamera(server, scene, states.data)
         with tabs.add_tab("Overlays", icon=viser.Icon.EYE):
             scene.create_overlay_gui()
         with tabs.add_tab("Groups", icon=viser.Icon.LAYERS_INTERSECT):
@@ -136,51 +145,6 @@ class _Page:
             table = commands_table(self._states.model, data, self._units)
             if table != self._commands.content:
                 self._commands.content = table
-
-
-def _add_camera(server: viser.ViserServer, scene: ViserMujocoScene, states: States) -> None:
-    """Add the camera's controls, with a view that shows everything that moves."""
-    low, high = _moving_box(states.model, states.data)
-    view = states.model.vis.global_
-    scene.create_scene_gui(
-        camera_distance=_distance(low, high),
-        camera_azimuth=view.azimuth,
-        camera_elevation=-view.elevation,
-    )
-    center = (low + high) / 2
-    origin = states.data.xpos[_first_moving(states.model)]
-
-    # After the scene's own handler, which looks at the tracked body's origin or the whole model.
-    @server.on_client_connect
-    def _(client: viser.ClientHandle) -> None:
-        look_at = center - origin if scene.camera_tracking_enabled else center
-        offset = np.array(client.camera.position) - np.array(client.camera.look_at)
-        client.camera.position = look_at + offset
-        client.camera.look_at = look_at
-
-
-def _first_moving(model: mujoco.MjModel) -> int:
-    """The body that the scene's camera tracks; 0, the world, if nothing moves."""
-    return int(np.argmax(model.body_weldid != 0))
-
-
-def _moving_box(
-    model: mujoco.MjModel, data: mujoco.MjData
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The corners of a box around what moves, or around the whole model if nothing does [m]."""
-    moving = (model.body_weldid[model.geom_bodyid] != 0) & (model.geom_rbound > 0)
-    if not moving.any():
-        half = model.stat.extent / 2
-        return model.stat.center - half, model.stat.center + half
-    centers, radii = data.geom_xpos[moving], model.geom_rbound[moving][:, None]
-    low: NDArray[np.float64] = (centers - radii).min(axis=0)
-    high: NDArray[np.float64] = (centers + radii).max(axis=0)
-    return low, high
-
-
-def _distance(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
-    """Distance of the camera from the center of a box so that all of the box is in view [m]."""
-    return float(np.linalg.norm(high - low)) / 2 / math.sin(_FIELD_OF_VIEW / 2)
 
 
 def _check_port_is_free(port: int) -> None:
