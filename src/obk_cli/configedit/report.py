@@ -91,8 +91,8 @@ def _link_notes(link: Link) -> Iterator[str]:
     yield from link.notes
     if link.switch is not None:
         yield (
-            f"to switch over, set it at {link.switch.place}, the topic of "
-            f"`{link.switch.reader}`, or let the new node replace `{link.switch.writer}`"
+            f"to switch over, use it as the topic of `{link.switch.reader}` at "
+            f"{link.switch.place}, or let the new node replace `{link.switch.writer}`"
         )
 
 

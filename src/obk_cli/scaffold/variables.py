@@ -185,7 +185,7 @@ def _node_variables(spec: PackageSpec, topics: str) -> dict[str, object]:
     measures = ("self.positions",) if spec.kind == "robot" else (_POSITIONS, _OFFSET)
     return {
         "class_name": spec.class_name,
-        "description": f"The Obelisk {spec.kind} {spec.node}.",
+        "description": f"The {spec.node} {spec.kind} for Obelisk.",
         "entry_point": entry_point(spec),
         "entry_point_noqa": _noqa(entry_point(spec)),
         "section": SECTIONS[spec.kind],
