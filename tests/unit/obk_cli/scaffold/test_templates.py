@@ -32,7 +32,6 @@ def test_a_package_has_everything_that_ament_python_requires(package: Package, k
         "foo/foo.py",
         "package.xml",
         "pyproject.toml",
-        "resource/foo",
         "setup.py",
         "test/foo.yaml",
         "test/test_foo.py",
@@ -40,7 +39,6 @@ def test_a_package_has_everything_that_ament_python_requires(package: Package, k
     assert "<build_type>ament_python</build_type>" in text_of(files, "package.xml")
     assert '"install_scripts": "$base/lib/" + package_name' in text_of(files, "setup.py")
     assert '"foo = foo.foo:main",' in text_of(files, "setup.py")
-    assert text_of(files, "resource/foo") == ""
     assert all(file.mode == 0o644 for file in files.values())
 
 
