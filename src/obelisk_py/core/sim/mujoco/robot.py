@@ -255,6 +255,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if video is not None:
             self._video_diagnostics = VideoDiagnostics(self)
             self._closing.callback(self._video_diagnostics.close)
+        sensors = outputs_of(self._simulation, loaded.config, context)
         self._viewers = viewer_outputs(
             self._simulation,
             viewers,
@@ -263,7 +264,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             on_close=self._closing.callback,
         )
         outputs = (
-            *outputs_of(self._simulation, loaded.config, context),
+            *sensors,
             *self._viewers,
             *video_outputs(
                 self._simulation,

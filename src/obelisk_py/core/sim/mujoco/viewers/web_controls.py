@@ -14,10 +14,8 @@ import numpy as np
 import viser
 
 from obelisk_py.core.sim.mujoco.viewers.viewer_requests import (
-    HIGHEST_SPEED,
     LARGEST_FORCE_N,
     LONGEST_PUSH_S,
-    LOWEST_SPEED,
     PauseRequest,
     PushRequest,
     Report,
@@ -192,8 +190,7 @@ def _speeds(factor: float) -> tuple[str, ...]:
     """The speeds to choose from, which include the current one."""
     if factor == 0:
         return (_speed_label(factor),)
-    within = (one for one in _SPEEDS if LOWEST_SPEED <= one <= HIGHEST_SPEED)
-    return tuple(map(_speed_label, sorted({*within, factor})))
+    return tuple(map(_speed_label, sorted({*_SPEEDS, factor})))
 
 
 def _default_force(model: mujoco.MjModel) -> float:
