@@ -9,7 +9,9 @@ import os
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from fcntl import ioctl
 from socket import SHUT_RDWR, recv_fds, socket
+from termios import FIONREAD
 from typing import Final
 
 from obelisk_spec.local_transport.sockets import (
@@ -27,6 +29,8 @@ from obelisk_spec.local_transport.sockets import (
 
 __all__ = ["Connection", "PublisherInbox"]
 
+_NO_BYTES: Final = bytes(4)
+"""The answer to `FIONREAD` if no packet is waiting."""
 _REMEMBERED: Final = 64
 """Number of unconnected publishers whose last message from DDS is remembered."""
 
@@ -107,6 +111,7 @@ class PublisherInbox:
         self.connections: list[Connection] = []
         self._folder, self._gid, self._depth = folder, gid, depth
         self._put, self._on_connect, self._on_wait = put, on_connect, on_wait
+        self._buffer = memoryview(bytearray(LARGEST_PACKET))
         self._by_publisher: dict[bytes, Connection] = {}
         self._taken: dict[bytes, int] = {}
         """Like `Connection.taken`, for publishers that are not connected."""
@@ -127,27 +132,15 @@ class PublisherInbox:
             self._on_connect(connection)
 
     def read(self, connection: Connection) -> bool:
-        """Read all packets; true if the publisher has closed the connection."""
-        has_ended = True
-        receive, put, ending = connection.socket.recv, self._put, connection.ending
-        try:
-            if connection.publisher is None:
-                self._greet(connection)
-            while packet := receive(LARGEST_PACKET):
-                if ending and packet.endswith(ending) and len(packet) >= STAMP_BYTES:
-                    connection.last = packet
-                    put(packet)
-                else:
-                    self._sort(connection, packet)
-                    ending = connection.ending
-        except BlockingIOError:
-            has_ended = False
-        except OSError:
-            pass
-        connection.has_ended = has_ended
+        """Read all packets; true if the publisher has closed the connection.
+
+        A closed connection is noticed only when no packets are left. So watch the socket until this
+        returns true, and level-triggered.
+        """
+        connection.has_ended = self._has_ended_after_packets(connection)
         if connection.samples:
             self._advance(connection)
-        return has_ended
+        return connection.has_ended
 
     def merge(self, publisher: bytes, number: int, put: Callable[[int | None], object]) -> None:
         """Merge a message from DDS with the packets of its publisher.
@@ -221,6 +214,30 @@ class PublisherInbox:
         self.connections.clear()
         self._by_publisher.clear()
         self.listener.close()
+
+    def _has_ended_after_packets(self, connection: Connection) -> bool:
+        """Read all packets; false if the publisher may send more."""
+        peer, buffer, put, ending = connection.socket, self._buffer, self._put, connection.ending
+        descriptor = peer.fileno()
+        try:
+            if connection.publisher is None:
+                self._greet(connection)
+            while size := peer.recv_into(buffer):
+                packet = buffer[:size].tobytes()
+                if ending and packet.endswith(ending) and size >= STAMP_BYTES:
+                    connection.last = packet
+                    put(packet)
+                else:
+                    self._sort(connection, packet)
+                    ending = connection.ending
+                # Raising an error for an empty socket takes longer than receiving a packet.
+                if ioctl(descriptor, FIONREAD, _NO_BYTES) == _NO_BYTES:
+                    return False
+        except BlockingIOError:
+            return False
+        except OSError:
+            pass
+        return True
 
     def _sort(self, connection: Connection, packet: bytes) -> None:
         """Handle a packet that may have to wait or is not a message."""
