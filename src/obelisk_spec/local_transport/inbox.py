@@ -137,10 +137,33 @@ class PublisherInbox:
         A closed connection is noticed only when no packets are left. So watch the socket until this
         returns true, and level-triggered.
         """
-        connection.has_ended = self._has_ended_after_packets(connection)
+        peer, buffer, put, ending = connection.socket, self._buffer, self._put, connection.ending
+        descriptor = peer.fileno()
+        has_ended = False
+        try:
+            if connection.publisher is None:
+                self._greet(connection)
+            while size := peer.recv_into(buffer):
+                packet = buffer[:size].tobytes()
+                if ending and packet.endswith(ending) and size >= STAMP_BYTES:
+                    connection.last = packet
+                    put(packet)
+                else:
+                    self._sort(connection, packet)
+                    ending = connection.ending
+                # Raising an error for an empty socket takes longer than receiving a packet.
+                if ioctl(descriptor, FIONREAD, _NO_BYTES) == _NO_BYTES:
+                    break
+            else:
+                has_ended = True
+        except BlockingIOError:
+            pass
+        except OSError:
+            has_ended = True
+        connection.has_ended = has_ended
         if connection.samples:
             self._advance(connection)
-        return connection.has_ended
+        return has_ended
 
     def merge(self, publisher: bytes, number: int, put: Callable[[int | None], object]) -> None:
         """Merge a message from DDS with the packets of its publisher.
@@ -214,30 +237,6 @@ class PublisherInbox:
         self.connections.clear()
         self._by_publisher.clear()
         self.listener.close()
-
-    def _has_ended_after_packets(self, connection: Connection) -> bool:
-        """Read all packets; false if the publisher may send more."""
-        peer, buffer, put, ending = connection.socket, self._buffer, self._put, connection.ending
-        descriptor = peer.fileno()
-        try:
-            if connection.publisher is None:
-                self._greet(connection)
-            while size := peer.recv_into(buffer):
-                packet = buffer[:size].tobytes()
-                if ending and packet.endswith(ending) and size >= STAMP_BYTES:
-                    connection.last = packet
-                    put(packet)
-                else:
-                    self._sort(connection, packet)
-                    ending = connection.ending
-                # Raising an error for an empty socket takes longer than receiving a packet.
-                if ioctl(descriptor, FIONREAD, _NO_BYTES) == _NO_BYTES:
-                    return False
-        except BlockingIOError:
-            return False
-        except OSError:
-            pass
-        return True
 
     def _sort(self, connection: Connection, packet: bytes) -> None:
         """Handle a packet that may have to wait or is not a message."""
