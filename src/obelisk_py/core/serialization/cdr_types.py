@@ -286,7 +286,7 @@ def numbers_array(code: str, count: int) -> CdrType:
 
 
 def list_of(
-    element: Functions,
+    element: Callable[[], Functions],
     locate_element: Locate,
     *,
     least: int = 0,
@@ -296,13 +296,12 @@ def list_of(
     """A list of strings, octets, booleans or messages; the value is a list or tuple.
 
     Args:
-        element: functions of the elements.
+        element: returns the functions of the elements, which are compiled when first used.
         locate_element: locates the numbers of an element.
         least: minimum number of elements; if equal to `most`, no length is written.
         most: maximum number of elements.
         byte_dtype: dtype of one-byte elements, which `locate` then reports as one field.
     """
-    write_one, read_one, copy_one = element
     is_fixed = least == most
 
     def write(out: bytearray, value: Any) -> None:
@@ -310,6 +309,7 @@ def list_of(
         if not is_fixed:
             out += PADDING[len(out) & 3]
             out += LENGTH.pack(len(value))
+        write_one = element().write
         for one in value:
             write_one(out, one)
 
@@ -323,6 +323,7 @@ def list_of(
         require(data, at + count)
         require_at_most(count, most)
         found: list[Any] = []
+        read_one = element().read
         for _ in range(count):
             one, at = read_one(data, at)
             found.append(one)
@@ -330,21 +331,16 @@ def list_of(
 
     def copy(value: Any) -> list[Any]:
         _check(value, least, most)
+        copy_one = element().copy
         return [copy_one(one) for one in value]
 
     locate = _locate_list(locate_element, most if is_fixed else None, byte_dtype)
     return with_functions(Functions(write, read, copy), locate)
 
 
-def strings(element: Functions, limit: int = UNLIMITED) -> CdrType:
-    """A sequence of strings; caches the newest one, because joint names rarely change.
-
-    Args:
-        element: functions of a string.
-        limit: maximum number of strings.
-    """
-    changed = list_of(element, _locate_text, most=limit)
-    write_changed, read_changed, copy_changed = functions_of(changed)
+def strings(limit: int = UNLIMITED) -> CdrType:
+    """A sequence of at most `limit` strings; caches the newest, as joint names rarely change."""
+    changed = list_of(functools.partial(functions_of, text()), _locate_text, most=limit)
     # Each cache is one value that is replaced as a whole, so several threads may use it.
     written: tuple[list[str] | None, bytes] = (None, b"")
     known: tuple[bytes, list[str]] = (LENGTH.pack(0), [])
@@ -360,7 +356,7 @@ def strings(element: Functions, limit: int = UNLIMITED) -> CdrType:
             out += content
             return
         start = len(out)
-        write_changed(out, value)
+        functions_of(changed).write(out, value)
         written = (list(value), bytes(out[start:]))
 
     def read(data: bytes, at: int) -> tuple[list[str], int]:
@@ -369,7 +365,7 @@ def strings(element: Functions, limit: int = UNLIMITED) -> CdrType:
         content, names = known
         if data.startswith(content, at):
             return names[:], at + len(content)
-        found, end = read_changed(data, at)
+        found, end = functions_of(changed).read(data, at)
         known = (data[at:end], found[:])
         return found, end
 
@@ -378,7 +374,7 @@ def strings(element: Functions, limit: int = UNLIMITED) -> CdrType:
         names, content = copied
         if type(value) is list and value == names:
             return content[:]
-        found: list[str] = copy_changed(value)
+        found: list[str] = functions_of(changed).copy(value)
         copied = (list(value), found[:])
         return found
 

@@ -148,20 +148,13 @@ class Codec:
                 )
         return ObeliskMsgError(f"{name} cannot be packed: it was changed meanwhile")
 
-    @functools.cached_property
-    def _part_reads(self) -> tuple[Callable[[bytes, int], tuple[Any, int]], ...]:
-        """The functions that read each part by itself."""
-        return tuple(
-            functions_of(part.cdr_type, fields=len(part.fields)).read for part in self._parts
-        )
-
     def _unpack_error(self, data: bytes) -> ObeliskMsgError:
         beginning = f"{len(data)} bytes are not a {message_name(self._class)}"
         at = HEADER_SIZE
-        for part, read in zip(self._parts, self._part_reads, strict=True):
+        for part in self._parts:
             field = part.fields[-1] if part.fields else "its only byte"
             try:
-                _, at = read(data, at)
+                _, at = functions_of(part.cdr_type, fields=len(part.fields)).read(data, at)
             except struct.error:
                 return ObeliskMsgError(f"{beginning}: they end before `{field}` does")
             except CONVERSION_ERRORS as error:

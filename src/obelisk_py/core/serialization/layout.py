@@ -4,7 +4,8 @@ On the wire, fields of nested messages follow each other as if they belonged to 
 So a message is one sequence of fields. Only messages in lists have their own layout.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import groupby
@@ -215,20 +216,20 @@ def _cdr_type_of_list(kind: AbstractNestedType) -> CdrType:
     if isinstance(kind, Array):
         return list_of(one, locate_one, least=kind.size, most=kind.size, byte_dtype=byte_dtype)
     if isinstance(element, UnboundedString):
-        return strings(one, most)
+        return strings(most)
     return list_of(one, locate_one, most=most, byte_dtype=byte_dtype)
 
 
-def _element(kind: AbstractType) -> tuple[Functions, Locate]:
+def _element(kind: AbstractType) -> tuple[Callable[[], Functions], Locate]:
     if not isinstance(kind, NamespacedType):
         cdr_type = _cdr_type(kind)
-        return functions_of(cdr_type), cdr_type.locate
+        return functools.partial(functions_of, cdr_type), cdr_type.locate
     layout = layout_of(_class_of(kind))
 
     def locate(data: bytes, at: int, names: Sequence[str], found: list[NumberField]) -> int:
         return locate_numbers(layout.parts, data, at, f"{names[0]}.", found)
 
-    return layout.source.functions(), locate
+    return functools.cache(layout.source.functions), locate
 
 
 def _add_messages(source: Source, message_class: type[Any]) -> dict[str, int]:

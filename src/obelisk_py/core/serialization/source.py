@@ -9,6 +9,7 @@ by commas if a type covers several. Every other `$name` is a value in the type's
 `data` and `at` are the arguments described at `Functions`; all other variables are free.
 """
 
+import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -45,7 +46,7 @@ Locate = Callable[[bytes, int, Sequence[str], list[NumberField]], int]
 """Appends the locations of the named fields' numbers; returns the position after the fields."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CdrType:
     """The type of one field, or of several fields that are written together."""
 
@@ -127,6 +128,7 @@ class Source:
         return Functions(*map(self.compiled, Functions._fields))
 
 
+@functools.cache
 def functions_of(cdr_type: CdrType, *, fields: int = 1) -> Functions:
     """Compile the functions of a type by itself.
 
