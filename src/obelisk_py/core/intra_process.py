@@ -359,13 +359,14 @@ class IntraProcessPublisher(LifecyclePublisher):
         for buffer in buffers:
             if buffer.dds_may_hold_messages:
                 return False
+        is_message = isinstance(message, self._message_class)
         if self._sender is not None and self._sender.peers:
-            if isinstance(message, self._message_class):
+            if is_message:
                 assert self._pack is not None
-                message = self._pack(message)
+                message, is_message = self._pack(message), False
             if not (isinstance(message, bytes) and self._sender.send(message)):
                 return False
-        if isinstance(message, self._message_class):
+        if is_message:
             assert self._copy is not None
             for buffer in buffers:
                 buffer.put(self._copy(message))

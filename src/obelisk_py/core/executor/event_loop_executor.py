@@ -179,8 +179,9 @@ class EventLoopExecutor(Executor):
                 if not self._should_continue():
                     return
                 self._pool.run_posted(worker)
-            if future is not None and _is_done(future):
-                return
+                # A future that is done has interrupted the worker, see `_woken_by`.
+                if future is not None and _is_done(future):
+                    return
             if end_s is not None:
                 wait_s = _wait_s(end_s)
                 if wait_s == 0:

@@ -92,8 +92,12 @@ class Worker:
             self._watch(source, fd, callback, flags)
 
     def watch(self, source: EventSource, fd: int, callback: ReadyCallback) -> None:
-        """Watch another descriptor of a source that only this worker watches."""
-        self._watch(source, fd, callback, _EDGE)
+        """Watch another descriptor of a source that only this worker watches.
+
+        It is level-triggered: its callback runs in every round in which the descriptor is readable.
+        The callbacks of other descriptors run once per signal.
+        """
+        self._watch(source, fd, callback, select.EPOLLIN)
 
     # --- from the worker's own thread, or from any thread while no thread runs the worker
 
@@ -145,16 +149,23 @@ class Worker:
         """
         if self._suspended:
             timeout_s = self._resume(timeout_s)
-        ready = self._ready
+        ready, callbacks = self._ready, self._callbacks
         for fd, _ in self._epoll.poll(0 if ready or self.is_interrupted else timeout_s):
             ready.append(fd)
         ran = False
-        # Only those that are ready now: a requeued descriptor runs after the next poll.
-        for _ in range(len(ready)):
-            if self.is_interrupted:
-                break
-            if self._handle(ready.popleft()):
-                ran = True
+        try:
+            # Only those that are ready now: a requeued descriptor runs after the next poll.
+            for _ in range(len(ready)):
+                if self.is_interrupted:
+                    break
+                fd = ready.popleft()
+                callback = callbacks.get(fd)
+                if callback is not None and callback():
+                    ran = True
+        except BaseException:
+            # Unread data may be left, for which no new signal comes.
+            ready.append(fd)
+            raise
         return ran
 
     def run_one(self, timeout_s: float) -> bool:
@@ -163,7 +174,8 @@ class Worker:
             timeout_s = self._resume(timeout_s)
         ready = self._ready
         events = self._epoll.poll(0 if ready or self.is_interrupted else timeout_s)
-        ready.extend(fd for fd, _ in events)
+        # A level-triggered descriptor is reported until its callback has run.
+        ready.extend(fd for fd, _ in events if fd not in ready)
         ran = False
         while ready and not ran:
             # Makes the callback return after one message.

@@ -12,7 +12,7 @@ import functools
 import reprlib
 import struct
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from operator import attrgetter
 from typing import Any, Final
@@ -27,8 +27,6 @@ from obelisk_py.core.serialization.cdr_types import (
     CONVERSION_ERRORS,
     FORMATS,
     HEADER_SIZE,
-    CdrType,
-    NumberField,
     numbers,
 )
 from obelisk_py.core.serialization.layout import (
@@ -37,6 +35,12 @@ from obelisk_py.core.serialization.layout import (
     UnsupportedError,
     layout_of,
     locate_numbers,
+)
+from obelisk_py.core.serialization.source import (
+    CdrType,
+    Functions,
+    NumberField,
+    functions_of,
 )
 
 __all__ = ["Codec", "PackedMessage", "codec_for"]
@@ -55,10 +59,26 @@ class Codec:
     def __init__(self, message_class: type[Any], layout: Layout) -> None:
         self._class = message_class
         self._parts = layout.parts
-        self._build = layout.build
-        self._writes = tuple((part.cdr_type.write, part.get) for part in layout.parts)
-        self._reads = tuple(part.cdr_type.read for part in layout.parts)
-        self._copies = tuple((part.cdr_type.copy, part.get) for part in layout.parts)
+        self._source = layout.source
+
+    # Compiled when first used: a publisher only writes, and most subscriptions only read.
+
+    @functools.cached_property
+    def _write(self) -> Callable[[bytearray, Any], None]:
+        return self._source.compiled("write")
+
+    @functools.cached_property
+    def _read(self) -> Callable[[bytes, int], tuple[Any, int]]:
+        return self._source.compiled("read")
+
+    @functools.cached_property
+    def _copy(self) -> Callable[[Any], Any]:
+        return self._source.compiled("copy")
+
+    @property
+    def source(self) -> str:
+        """The Python source that packs, unpacks and copies, for debugging."""
+        return "\n\n".join(map(self._source.text, Functions._fields))
 
     def pack(self, message: Any) -> bytes:
         """Serialize a message to the wire format.
@@ -68,8 +88,7 @@ class Codec:
         """
         out = bytearray(_HEADER)
         try:
-            for write, get in self._writes:
-                write(out, get(message))
+            self._write(out, message)
         except CONVERSION_ERRORS as error:
             raise self._pack_error(message) from error
         return bytes(out)
@@ -82,14 +101,10 @@ class Codec:
         """
         if not data.startswith(_LITTLE_ENDIAN):
             return self._unpack_other(data)
-        values: list[Any] = []
-        at = HEADER_SIZE
         try:
-            for read in self._reads:
-                at = read(data, at, values)
+            return self._read(data, HEADER_SIZE)[0]
         except CONVERSION_ERRORS as error:
             raise self._unpack_error(data) from error
-        return self._build(values)
 
     def copy(self, message: Any) -> Any:
         """Copy a message without shared mutable data, like `unpack(pack(message))`.
@@ -97,13 +112,10 @@ class Codec:
         Raises:
             ObeliskMsgError: a field has a value that its type cannot hold.
         """
-        values: list[Any] = []
         try:
-            for copy, get in self._copies:
-                copy(get(message), values)
+            return self._copy(message)
         except CONVERSION_ERRORS as error:
             raise self._pack_error(message) from error
-        return self._build(values)
 
     def locate_numbers(self, data: bytes) -> list[NumberField]:
         """Locate the numbers in a message written by `pack`, in the order of its fields."""
@@ -128,7 +140,7 @@ class Codec:
             except AttributeError as error:
                 return ObeliskMsgError(f"{name} has no field `{field}`: {error}")
             try:
-                kind.write(bytearray(_HEADER), (value,) if spelling in FORMATS else value)
+                functions_of(kind).write(bytearray(_HEADER), value)
             except CONVERSION_ERRORS as error:
                 return ObeliskMsgError(
                     f"the field `{field}` of {name} is {reprlib.repr(value)}, "
@@ -142,7 +154,7 @@ class Codec:
         for part in self._parts:
             field = part.fields[-1] if part.fields else "its only byte"
             try:
-                at = part.cdr_type.read(data, at, [])
+                _, at = functions_of(part.cdr_type, fields=len(part.fields)).read(data, at)
             except struct.error:
                 return ObeliskMsgError(f"{beginning}: they end before `{field}` does")
             except CONVERSION_ERRORS as error:
@@ -154,7 +166,7 @@ def _fields(parts: Iterable[Part]) -> Iterator[tuple[str, str, CdrType]]:
     """Yield each field with the name of its type and a CDR type for this field alone."""
     for part in parts:
         for field, spelling in zip(part.fields, part.types, strict=True):
-            alone = numbers([FORMATS[spelling]]) if spelling in FORMATS else part.cdr_type
+            alone = numbers((FORMATS[spelling],)) if spelling in FORMATS else part.cdr_type
             yield field, spelling, alone
 
 

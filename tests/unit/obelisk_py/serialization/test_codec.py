@@ -141,3 +141,10 @@ def test_a_message_with_a_wide_string_has_no_codec():
         SLOT_TYPES = (*Header.SLOT_TYPES[:1], UnboundedWString())
 
     assert codec_for(WithWideString) is None
+
+
+def test_the_generated_source_can_be_read():
+    source = codec_for(Header).source
+    for line in ("m1 = m0._stamp", "value = m0._frame_id", "n1 = n0._stamp = new_1(Time_1)"):
+        assert line in source
+    assert "$" not in source
