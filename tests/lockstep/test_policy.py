@@ -125,8 +125,8 @@ def test_parameters_that_do_not_match_the_network_are_rejected(
         ("default_pose", [0.0] * 3, "`default_pose` has 3 values, expected 1 or 2"),
         ("action_scale", [1.0, 2.0], "`action_scale` has 2 values, expected 1"),
         ("kd", [], "`kd` has 0 values, expected 1"),
-        ("observation_scales", [1.0], "`observation_scales` is read at configure"),
-        ("joints", ["a"], "`joints` is read at configure"),
+        ("observation_scales", [1.0], "`observation_scales` is read during the `configure` transition"),
+        ("joints", ["a"], "`joints` is read during the `configure` transition"),
     ],
 )
 def test_lists_of_wrong_lengths_are_rejected_while_the_policy_runs(
