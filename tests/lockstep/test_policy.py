@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.zoo.control.policy import OnnxPolicy
-from obelisk_spec.policy import Network
+from obelisk_spec.onnx_policy import Network
 
 from .world import World
 
@@ -125,8 +125,12 @@ def test_parameters_that_do_not_match_the_network_are_rejected(
         ("default_pose", [0.0] * 3, "`default_pose` has 3 values, expected 1 or 2"),
         ("action_scale", [1.0, 2.0], "`action_scale` has 2 values, expected 1"),
         ("kd", [], "`kd` has 0 values, expected 1"),
-        ("observation_scales", [1.0], "`observation_scales` is read during the `configure` transition"),
-        ("joints", ["a"], "`joints` is read during the `configure` transition"),
+        (
+            "observation_scales",
+            [1.0],
+            "`observation_scales` is read during the `configure` transition",
+        ),
+        ("joints", ["a"], "`joints` is read during the"),
     ],
 )
 def test_lists_of_wrong_lengths_are_rejected_while_the_policy_runs(

@@ -33,7 +33,7 @@ from obelisk_py.core.spinning import (
     simulated_time_from,
     spin_nodes,
     spin_requests_served_by,
-    wait_at_startup_barrier,
+    wait_at_gate,
 )
 
 __all__ = [
@@ -190,7 +190,7 @@ class _Host:
             self._fail(program, fault)
 
     def _spin(self) -> None:
-        wait_at_startup_barrier()
+        wait_at_gate()
         executor = EventLoopExecutor()
         with ExitStack() as stack:
             page = stack.enter_context(open_clock_page())

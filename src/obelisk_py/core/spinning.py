@@ -45,7 +45,7 @@ __all__ = [
     "simulated_time_from",
     "spin_nodes",
     "spin_requests_served_by",
-    "wait_at_startup_barrier",
+    "wait_at_gate",
 ]
 
 SHUTDOWN_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -273,8 +273,8 @@ def simulated_time_from(page: ClockPage | None, executor: Executor) -> Iterator[
         yield
 
 
-def wait_at_startup_barrier() -> None:
-    """If the launcher preloaded this process, wait until it permits creating nodes."""
+def wait_at_gate() -> None:
+    """If the launcher started this process early, wait until it permits creating nodes."""
     path = os.environ.get(GATE_VARIABLE)
     if path is None:
         return
@@ -290,7 +290,7 @@ def wait_at_startup_barrier() -> None:
 
 def _spin_alone(request: SpinRequest) -> int:
     # Before signal handlers are installed, so that a signal terminates a waiting process.
-    wait_at_startup_barrier()
+    wait_at_gate()
     with ros_process(request.args) as signals, open_clock_page() as page:
         executor = _make_executor(request.executor_type)
         try:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Final
 
 from obelisk_spec.names import resolve_msg_type
-from obelisk_spec.policy import TERMS, observation_size
+from obelisk_spec.onnx_policy import TERMS, observation_size
 from obelisk_spec.sim_checks import SimFault, check_sim
 from obelisk_spec.suggestions import did_you_mean, list_names, with_article, with_number
 from obk_cli.check.context import CheckContext

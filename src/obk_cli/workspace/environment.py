@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from obelisk_spec.policy import Network, NetworkError, has_onnxruntime
+from obelisk_spec.onnx_policy import Network, NetworkError, has_onnxruntime
 from obk_cli.config.environment import (
     CodeFault,
     Command,

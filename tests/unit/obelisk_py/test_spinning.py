@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from obelisk_py.core.spinning import wait_at_startup_barrier
+from obelisk_py.core.spinning import wait_at_gate
 from obelisk_spec.runtime_protocol import GATE_VARIABLE
 from obk_cli.launch.commands import closed_gate, gate_path
 
@@ -15,9 +15,9 @@ from ...waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
 def test_without_a_gate_nothing_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv(GATE_VARIABLE, raising=False)
-    wait_at_startup_barrier()
+    wait_at_gate()
     monkeypatch.setenv(GATE_VARIABLE, str(gate_path(tmp_path)))
-    wait_at_startup_barrier()
+    wait_at_gate()
 
 
 def test_a_closed_gate_blocks_until_it_opens(
@@ -27,7 +27,7 @@ def test_a_closed_gate_blocks_until_it_opens(
     is_through = threading.Event()
 
     def wait() -> None:
-        wait_at_startup_barrier()
+        wait_at_gate()
         is_through.set()
 
     waiting = threading.Thread(target=wait, daemon=True)
@@ -36,7 +36,7 @@ def test_a_closed_gate_blocks_until_it_opens(
         assert not is_through.wait(0.05)
     assert is_through.wait(DEADLINE_S)
     waiting.join()
-    wait_at_startup_barrier()
+    wait_at_gate()
 
 
 def test_only_the_user_gets_at_the_gate(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameter import Parameter
 from obelisk_py.core.parameter_rules import Getter
-from obelisk_spec.policy import (
+from obelisk_spec.onnx_policy import (
     COMMAND,
     PREVIOUS_ACTION,
     TERMS,
