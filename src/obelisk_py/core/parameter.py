@@ -152,7 +152,7 @@ class Parameter(Generic[T]):
         """Why a value is invalid, "`kp` is 500.0, expected 0.0 to 200.0"; None if it is valid."""
         if parameter.type_ is not self.type:
             kinds = (kind.name.lower() for kind in (parameter.type_, self.type))
-            return "`{}` is of the type {}, expected {}".format(self.name, *kinds)
+            return "`{}` is of type {}, expected {}".format(self.name, *kinds)
         value = _plain(parameter.value)
         fault = self.notes.fault(value)
         if isinstance(self.default, tuple) and len(value) != len(self.default):

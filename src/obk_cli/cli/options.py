@@ -1,4 +1,4 @@
-"""Options and checks that several commands share; importing it loads typer and no other library."""
+"""Options and checks that several commands share; importing it loads only typer."""
 
 import json
 import sys

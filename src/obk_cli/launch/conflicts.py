@@ -116,8 +116,8 @@ def watching_types(
 ) -> AbstractContextManager[None]:
     """Inside the `with` block, report each conflicting type on a topic once, with its nodes.
 
-    DDS connects endpoints of one type only and does not report mismatches: if a node publishes a
-    `String` on a robot's control topic, its messages arrive nowhere.
+    DDS connects only endpoints of the same type and does not report mismatches: if a node
+    publishes a `String` on a robot's control topic, its messages do not arrive.
     """
     expected = _types_of(plan)
 

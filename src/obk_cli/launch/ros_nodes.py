@@ -1,4 +1,4 @@
-"""The nodes of a stack over ROS: sends requests, and turns what nodes report into input events.
+"""Access the nodes of a stack over ROS: send requests, turn what nodes report into input events.
 
 A node that is watched again runs in a new process. The previous one may stay in the graph for the
 duration of its DDS lease, so a node counts as ready only when it answers a new query.
@@ -235,7 +235,7 @@ class NodeWatch:
             self._clients.open(name)
 
     def watch(self, nodes: Iterable[str]) -> None:
-        """Watch these nodes; `Ready` follows for each, also if it was watched before."""
+        """Watch these nodes; `Ready` follows for each, even if it was watched before."""
         names = tuple(nodes)
         self.prepare(names)
         with self._lock:

@@ -134,7 +134,7 @@ def age_line(view: StackView, width: int) -> TableLine | None:
     steps = (
         f"{topic.topic.rpartition('/')[2]} {_ms(topic.age.p50_s)}" for topic in way if topic.age
     )
-    return TableLine(text=_fitted(f"  age along the way [ms]: {' > '.join(steps)}", width))
+    return TableLine(text=_fitted(f"  age along the path [ms]: {' > '.join(steps)}", width))
 
 
 def log_lines(view: StackView, width: int, part: str = "") -> tuple[TableLine, ...]:

@@ -262,7 +262,7 @@ class Recorded:
 
 
 def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
-    """Record until a signal arrives or the duration is over; only from the main thread.
+    """Record until a signal arrives or the duration has elapsed; only from the main thread.
 
     Args:
         job: what to record.

@@ -120,7 +120,7 @@ def _waits(
             is_known = _own_attribute(client, method) in clients
             if is_known or _is_client(client) or _is_local_client(client, method):
                 yield _finding(
-                    call, method, source, "waits for an answer that cannot arrive meanwhile"
+                    call, method, source, "waits for a response that cannot arrive until it returns"
                 )
         case ast.Attribute(value=owner, attr=spin) if spin.startswith("spin") and (
             _own_attribute(owner, method) == "executor"

@@ -37,7 +37,7 @@ class EventSource(Protocol):
     waits_for_group: bool
     """Whether the callbacks wait while a coroutine of the mutually exclusive group is suspended."""
     is_awaited: bool
-    """Whether a running callback may wait for the result, as for the response of a service."""
+    """Whether a running callback may wait for the result, such as a service response."""
 
     def ready_callbacks(self, worker: "Worker") -> Mapping[int, ReadyCallback]:
         """The functions that the worker calls when a descriptor is signaled, by descriptor."""
@@ -122,7 +122,7 @@ class Worker:
         return group in self._blocked
 
     def requeue(self, fd: int) -> None:
-        """Run the callback of this descriptor again after the others had a turn."""
+        """Run the callback of this descriptor again after the others have had a turn."""
         self._ready.append(fd)
 
     def run_posted(self) -> bool:
