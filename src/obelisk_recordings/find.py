@@ -30,7 +30,7 @@ _EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
 
 
 def run_name(config: str, start: datetime) -> str:
-    """Return the name of a run's folder; a second run in the same second gets the suffix `_2`."""
+    """Return the name of a run's folder, to which `make_run_folder` adds a suffix if it exists."""
     return f"{config.replace('/', '_')}_{start:%Y%m%d_%H%M%S}"
 
 

@@ -222,16 +222,17 @@ def _check_pattern(
 
 
 def grid_count(length_m: float, resolution_m: float) -> int:
-    """Number of rays along a side of a height scan; both ends count if the side is a multiple."""
+    """Number of rays along a side of a height scan; both ends count if they fit the grid."""
     return math.floor(length_m / resolution_m + _ROUNDING) + 1
 
 
 def lidar_columns(span_deg: float, step_deg: float, *, is_exact: bool) -> tuple[int, float]:
-    """Compute the number of rays per channel, and the angle between two of them [deg].
+    """Compute the number of rays per channel, and the angle between adjacent ones [deg].
 
-    The original uses `ceil(span / step)` rays, spreads them from the first to the last angle, and
-    omits the last one of a full turn: 360 by 2 has 179 rays, 360 / 179 degrees apart. With
-    `is_exact`, rays are `step_deg` apart and both ends count; a full turn has its end only once.
+    The original Obelisk uses `ceil(span / step)` rays, spreads them from the first to the last
+    angle, and omits the last one of a full turn: 360 in steps of 2 gives 179 rays, 360 / 179
+    degrees apart. With `is_exact`, rays are `step_deg` apart and both ends count; the end of a full
+    turn counts only once.
     """
     span_deg = abs(span_deg)
     is_turn = abs(span_deg - _TURN_DEG) < _ROUNDING

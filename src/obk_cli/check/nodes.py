@@ -96,7 +96,7 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
             component.name.span,
             severity="warning",
             help="remove it, or correct its name",
-            related=(Related(message="the first time", span=first.name.span),),
+            related=(Related(message="the first entry", span=first.name.span),),
         )
 
 

@@ -224,9 +224,9 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
                     "OBK214",
                     f"`{end.owner}` has two publishers on `{end.topic}`",
                     end.span,
-                    help="give it its own topic",
+                    help="give this publisher its own topic",
                     related=(
-                        Related(message="the first time", span=first.span),
+                        Related(message="the first publisher", span=first.span),
                         *first.renamed,
                         *end.renamed,
                     ),

@@ -315,7 +315,7 @@ class NodeWatch:
 
 
 class _Wait:
-    """A wait for a node's first answer since it is watched."""
+    """A wait for a node's first answer after watching began."""
 
     def __init__(self) -> None:
         self.queried = 0.0

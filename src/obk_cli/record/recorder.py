@@ -47,7 +47,7 @@ FindDefinition = Callable[[str, str], str | None]
 """Package and message -> the text of its `.msg` file; None if it does not exist."""
 
 _BAR = "=" * 80
-# Message types start with a capital letter, primitive types with a small one.
+# Message types start with a capital letter, primitive types with a lowercase one.
 _OWN_TYPE = re.compile(r"\s*(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z]\w*)\s*(?:\[[^\]]*\])?\s+\w")
 
 
@@ -247,7 +247,7 @@ class RosRecorder:
             self._reported_drops = self.dropped
             names = [name for name, topic in self._topics.items() if topic.counter.dropped]
             self._report(
-                f"warning: {self.dropped} messages were lost so far, of {', '.join(names)}"
+                f"warning: {self.dropped} messages have been lost so far, from {', '.join(names)}"
             )
 
 

@@ -320,6 +320,6 @@ class TaskQueue:
         except IndexError:
             return False
         if self._jobs:
-            # The job may take long, so let another waiting worker take the next one.
+            # The job may take a long time, so let another waiting worker take the next one.
             self._signal()
         return job(worker)

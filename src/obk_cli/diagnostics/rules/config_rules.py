@@ -155,7 +155,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK105",
         severity="error",
         title="a value that is not allowed",
-        cause="The key accepts only the values that the message lists.",
+        cause="The key accepts only the values that the finding lists.",
         fix="Write one of them.",
     ),
     Rule(

@@ -38,8 +38,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK604",
         severity="info",
         title="a node uses its own executor",
-        cause="A lock-step run delivers messages and timers itself. While a callback spins an "
-        "executor, simulated time stands still, so the message it waits for never arrives.",
+        cause="A lock-step run delivers messages and calls timers itself. While a callback spins "
+        "an executor, simulated time stands still, so the message it waits for never arrives.",
         fix="Use `call_async` with a done callback, or `await` it.",
     ),
     Rule(

@@ -121,7 +121,7 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="one node has two publishers on a topic",
         cause="A subscriber cannot distinguish the messages of the two publishers. Usually an "
-        "entry was copied and still has the topic of the first.",
+        "entry was copied and still has the topic of the original.",
         fix="Give each publisher its own topic.",
     ),
     Rule(

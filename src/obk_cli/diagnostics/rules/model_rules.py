@@ -17,7 +17,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="model not found",
         cause="The file was not found in any of the folders searched for models.",
-        fix="Correct `model_xml_path`, or name the package that holds the model as `robot_pkg`.",
+        fix="Correct `model_xml_path`, or set `robot_pkg` to the package that contains it.",
     ),
     Rule(
         code="OBK302",
@@ -149,7 +149,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK319",
         severity="error",
         title="a message that no sensor group can publish",
-        cause="The simulator can only publish the message types listed in the report.",
+        cause="The simulator can only publish certain message types, which the finding lists.",
         fix="Write one of them.",
     ),
     Rule(

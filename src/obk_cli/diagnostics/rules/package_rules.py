@@ -128,9 +128,9 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK415",
         severity="error",
-        title="a parameter out of its declared range",
+        title="a parameter outside its declared range",
         cause="The node's class declares the parameter with `Parameter`, with limits or an enum. "
-        "The node does not start with any other value.",
+        "With a value outside them, the node does not start.",
         fix="Write an allowed value, or change the limits in the code.",
     ),
     Rule(

@@ -347,7 +347,7 @@ class SimulationClock:
             self._publisher.publish(self._message.to_bytes(now_ns))
 
     def restart(self) -> None:
-        """Publish the time of a reset, because the next step may be far away."""
+        """Publish the time of a reset, because the next step may be a long time off."""
         now_ns = self._time_ns()
         if self._page is not None:
             self._page.restart(now_ns)

@@ -45,7 +45,7 @@ class VideoFile(Protocol):
     """A video that is being written."""
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
-        """Show an image from a frame on.
+        """Show an image, starting at a given frame.
 
         Args:
             picture: shape (height, width, 3), in the order red, green, blue, top row first.
@@ -80,7 +80,7 @@ class Mp4File:
         context.color_range = ColorRange.MPEG
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
-        """Show an image from a frame on."""
+        """Show an image, starting at a given frame."""
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24").reformat(
             format="yuv420p",
             dst_colorspace=Colorspace.ITU709,
@@ -110,7 +110,7 @@ class GifFile:
         self._last = -1
 
     def show(self, picture: NDArray[np.uint8], number: int) -> None:
-        """Show an image from a frame on."""
+        """Show an image, starting at a given frame."""
         image = Image.fromarray(np.ascontiguousarray(picture))
         changed: tuple[int, int, int, int] | None = (0, 0, *image.size)
         if self._shown is not None:
