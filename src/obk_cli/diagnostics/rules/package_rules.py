@@ -44,9 +44,9 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a component is missing from the config",
         cause="The node's class registers the component, and the node cannot be configured "
-        "without its settings. It is reported as a warning if the node only logs the missing "
-        "component (nodes that use the Python API of May 2026 or later, called G3), and as "
-        "info-level if the component is optional.",
+        "without its settings. The finding is a warning if the node only logs the missing "
+        "component, as nodes with the Python API since May 2026 (G3) do, and info-level if the "
+        "component is optional.",
         fix="Add the component to the config, or register it with `required=False`.",
     ),
     Rule(
