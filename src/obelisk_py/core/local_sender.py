@@ -243,6 +243,15 @@ class Peer:
             self._waiting.clear()
             return False
 
+    def skip(self, number: int) -> None:
+        """Make the subscription drop a message from DDS, which a packet already contains.
+
+        Args:
+            number: number of the message among the publisher's messages in DDS.
+        """
+        self._page[1] = number
+        self.send(packed_number(number))
+
     def precede(self, packets: int) -> None:
         """If packets are waiting, make later DDS messages wait for packets up to this number."""
         if self._waiting:
@@ -341,7 +350,7 @@ class LocalSender:
         number = self._sent_through_dds + 1
         # A connection was lost after these peers got the message; they must not receive it twice.
         for peer in self._skip:
-            peer.send(packed_number(number))
+            peer.skip(number)
         self._skip = ()
         for peer in self.peers:
             peer.precede(self._sent_by_packets)

@@ -58,7 +58,10 @@ class Connection:
         self.samples: deque[tuple[int, Callable[[int | None], object]]] = deque(maxlen=depth)
         """Messages from DDS that wait for packets: number, and function that delivers it."""
         self.page: memoryview[int] | None = None
-        """Number of packets that precede the publisher's next message through DDS."""
+        """Number of packets that precede the publisher's next message through DDS, and number of
+        the last message in DDS that must be dropped."""
+        self.last_skipped = 0
+        """The largest number of a message in DDS that was also received as a packet."""
         self.has_ended = False
         """Whether the publisher has closed the connection and all packets were read."""
 
@@ -75,10 +78,12 @@ class Connection:
     @property
     def is_missing_packets(self) -> bool:
         """Whether packets that precede a message from DDS are still waiting in the publisher."""
-        if self.has_ended:
+        if self.has_ended or self.page is None:
             return False
-        received = stamp_of(self.held[-1]).packets if self.held else self.packets
-        return self.page is not None and self.page[0] > received
+        packet = self.held[-1] if self.held else self.last
+        received = stamp_of(packet).packets if packet else self.packets_before
+        skipped = max(self.last_skipped, number_of(packet) if packet else 0)
+        return self.page[0] > received or self.page[1] > skipped
 
 
 class PublisherInbox:
@@ -241,7 +246,8 @@ class PublisherInbox:
     def _sort(self, connection: Connection, packet: bytes) -> None:
         """Handle a packet that may have to wait or is not a message."""
         if len(packet) == NUMBER_BYTES:
-            connection.skipped.add(number_of(packet))
+            connection.last_skipped = number_of(packet)
+            connection.skipped.add(connection.last_skipped)
         elif len(packet) < STAMP_BYTES:  # sent by a foreign program
             connection.socket.shutdown(SHUT_RDWR)
         elif number_of(packet) <= connection.taken:

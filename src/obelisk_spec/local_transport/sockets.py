@@ -12,9 +12,10 @@ must be dropped, because a packet has already delivered it.
 A subscription sends a single packet back, the `CONFIRMATION`, once it has received a message of the
 publisher from DDS. Until then, the publisher sends everything through DDS.
 
-The greeting comes with a page of shared memory that contains one number: how many packets precede
-the publisher's next message through DDS. The publisher sets it before it sends that message. If the
-socket is full, some of these packets are still waiting in the publisher.
+The greeting comes with a page of shared memory. The publisher writes two numbers into it before it
+sends a message through DDS: how many packets precede the message, and the number of the last
+message in DDS that a packet has already delivered. If the socket is full, some packets are still
+waiting in the publisher.
 """
 
 import fcntl
@@ -144,7 +145,7 @@ def peer_process(connection: socket.socket) -> int | None:
 
 
 def new_page() -> tuple[int, "memoryview[int]"]:
-    """Create the page of a connection: its descriptor, which the caller closes, and its number."""
+    """Create the page of a connection: its descriptor, which the caller closes, and its numbers."""
     page = os.memfd_create("obk_packets", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     os.ftruncate(page, mmap.PAGESIZE)
     fcntl.fcntl(page, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)

@@ -1,5 +1,6 @@
 """The local transport over real sockets: recipients and message order."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -27,6 +28,7 @@ from obelisk_spec.local_transport.sockets import (
     Greeting,
     SocketFolder,
     greeting_of,
+    new_page,
     number_of,
     packed_number,
     packed_stamp,
@@ -461,6 +463,26 @@ def test_a_message_of_dds_waits_for_packets_that_the_socket_did_not_take(
     assert got == list(range(1, 502))
     peer.close()
     subscription.close()
+
+
+def test_a_message_that_came_by_a_packet_is_dropped_even_if_that_is_known_late(
+    folder: SocketFolder, subscription: Subscription
+) -> None:
+    connection = folder.connect(gid(1), DEPTH)
+    assert connection is not None
+    with connection:
+        descriptor, page = new_page()
+        socket.send_fds(connection, [bytes(Greeting(publisher=PUBLISHER, packets=0))], [descriptor])
+        os.close(descriptor)
+        connection.send(stamped(PACK(Int64(data=1)), 0, 1))
+        # The next packet does not fit into the socket.
+        page[1] = 1
+        subscription.dds.hold(1, 1)
+        assert subscription.taken() == [1]
+        connection.send(packed_number(1))
+        connection.send(stamped(PACK(Int64(data=2)), 1, 1))
+        subscription.read()
+        assert subscription.taken() == [2]
 
 
 def test_another_publisher_does_not_hold_packets_up(subscription: Subscription) -> None:
