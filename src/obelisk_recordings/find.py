@@ -30,7 +30,7 @@ _EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
 
 
 def run_name(config: str, start: datetime) -> str:
-    """Return the name of a run's folder, to which `make_run_folder` adds a suffix if it exists."""
+    """Return the name of a run's folder, without the suffix of a name that is taken."""
     return f"{config.replace('/', '_')}_{start:%Y%m%d_%H%M%S}"
 
 
@@ -111,7 +111,7 @@ def find_recording(parent: Path | None, name: str | None) -> Path:
 
 
 def _in_folder(folder: Path) -> Path | None:
-    """Return the only recording in a folder, such as those of rosbag2; None if there is none."""
+    """Return the only recording in a folder, such as a rosbag2 folder; None if there is none."""
     exists = os.path.isdir(folder)  # noqa: PTH112  (`Path.is_dir` raises)
     files = sorted(folder.glob("*.mcap")) if exists else []
     return files[0] if len(files) == 1 else None

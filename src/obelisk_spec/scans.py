@@ -1,7 +1,7 @@
 """Check the settings of a ray caster, and count the rays of its pattern.
 
-The input is the mapping in `scan_config`, or in the file of `config_path`, as plain values. The
-paths of findings are relative to the sim block. Counts and defaults are those of the original
+The input is the mapping in `scan_config`, or in the file that `config_path` names, as plain values.
+The paths of findings are relative to the sim block. Counts and defaults are those of the original
 Obelisk, whose patterns are those of Isaac Lab; every other behavior is selected by a key.
 """
 

@@ -6,9 +6,9 @@
         def compute_control(self):
             u = -self.kp * error
 
-The class stores the declarations separately. `LiveParameters` makes the values plain attributes of
-the node and changes them between two callbacks. Reading one therefore costs no more than reading
-any other attribute; even an empty descriptor would cost six times as much.
+The node's class stores the declarations separately. `LiveParameters` makes the values plain
+attributes of the node and changes them between two callbacks. Reading one therefore costs no more
+than reading any other attribute; even an empty descriptor would cost six times as much.
 """
 
 import math

@@ -60,8 +60,8 @@ def command(
         bool,
         typer.Option(
             "--grid",
-            help="Run every combination of values with every seed. Ranges then need a number of "
-            "values: `50..200:7` has 7. Default: Latin hypercube samples.",
+            help="Run every combination of values with every seed. Each range must give its "
+            "number of values: `50..200:7` has 7. Default: Latin hypercube samples.",
         ),
     ] = False,
     jobs: Annotated[
@@ -108,7 +108,7 @@ def command(
 
     Results are kept in a database; run the same command again to resume an interrupted sweep.
     `report.html` shows pass rates, distributions and the worst cases with the commands that run
-    them again. Exit code 0: all cases passed; 1: one did not, or the config has errors.
+    them again. Exit code 0: all cases passed; 1: at least one did not, or the config has errors.
     """
     is_json = wants_json(format)
     require_choice("--engine", engine, ENGINES)

@@ -107,7 +107,7 @@ class LaunchedStack:
         return code
 
     def outcome(self, timeout_s: float) -> int | None:
-        """The exit code, waited for if its output has ended; None while it is running."""
+        """The exit code; waits for it if the output has ended; None while it is running."""
         # The kernel closes a process's output some time before it reports the exit.
         return self.exit_code if self._over_s is None else self.wait_for_end(timeout_s)
 

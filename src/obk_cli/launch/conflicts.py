@@ -1,4 +1,4 @@
-"""Find conflicts in the ROS domain: same node names, unknown publishers, mismatched types.
+"""Find conflicts in the ROS domain: duplicate node names, unknown publishers, mismatched types.
 
 A stack starts only if no other node uses its names or publishes commands to its robot. Nodes
 started by obk are found at once; others announce themselves only every 3 s. A simulated robot

@@ -120,7 +120,10 @@ def _waits(
             is_known = _own_attribute(client, method) in clients
             if is_known or _is_client(client) or _is_local_client(client, method):
                 yield _finding(
-                    call, method, source, "waits for a response that cannot arrive until it returns"
+                    call,
+                    method,
+                    source,
+                    "waits for a response that cannot arrive until the callback returns",
                 )
         case ast.Attribute(value=owner, attr=spin) if spin.startswith("spin") and (
             _own_attribute(owner, method) == "executor"
@@ -139,7 +142,7 @@ def _finding(call: ast.Call, method: Function, source: ClassSource, what: str) -
         "OBK426",
         f"`{ast.unparse(call.func)}` in `{method.name}` {what}",
         span_of(call, source.module.source),
-        help="use `call_async` and a callback of its future, or `await` it in an `async` callback",
+        help="use `call_async` with a done callback, or `await` it in an `async` callback",
     )
 
 

@@ -103,8 +103,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a ray caster's site or frame that is not in the model",
         cause="Rays start at a site in the model. With `points_in: frame`, the points of a cloud "
-        "are given in `frame`: `world`, or a site, body, geom or camera in the model. Without it, "
-        "`frame` is a label.",
+        "are given in `frame`: `world`, or a site, body, geom or camera in the model. "
+        "Otherwise, `frame` is only a label.",
         fix="Correct `site_name` or `frame`, or add the site to the model.",
     ),
     Rule(
@@ -172,10 +172,11 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK322",
         severity="error",
-        title="a network that does not fit its parameters",
-        cause="The parameters of a policy describe what its network observes and commands: the "
-        "terms of `observation`, `joints` and `action_joints`. The network in `params_path` takes "
-        "or returns a different number of values, or the model has no such joint.",
+        title="a network that does not match the node's parameters",
+        cause="The ROS parameters of a policy node describe what its network observes and "
+        "commands: the terms of `observation`, `joints` and `action_joints`. The network in "
+        "`params_path` takes or returns a different number of values, or the model has no such "
+        "joint.",
         fix="Write the terms and joints that the network was trained with, in that order.",
     ),
 )
