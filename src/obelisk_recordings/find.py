@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from obelisk_recordings.bag import RecordingError
-from obelisk_spec.suggestions import did_you_mean
+from obelisk_spec.suggestions import did_you_mean, with_number
 
 __all__ = [
     "RECORDING",
@@ -30,7 +30,7 @@ _EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
 
 
 def run_name(config: str, start: datetime) -> str:
-    """Return the name of a run's folder, without the suffix of a name that is taken."""
+    """Return the name of a run's folder, without the suffix added if it is taken."""
     return f"{config.replace('/', '_')}_{start:%Y%m%d_%H%M%S}"
 
 
@@ -98,7 +98,8 @@ def find_recording(parent: Path | None, name: str | None) -> Path:
     if place < len(recorded):
         return recorded[place]
     if recorded:
-        raise RecordingError(f"only {len(recorded)} runs of `{name}` were recorded")
+        count = with_number(len(recorded), "run")
+        raise RecordingError(f"only {count} of `{name}` recorded")
     how = "record one with `obk launch --record`, or `obk record` while it runs"
     if name is None:
         raise RecordingError(f"no run in {parent} was recorded", help=how)

@@ -188,7 +188,7 @@ def _check_groups(groups: object, path: SimPath) -> Iterator[SimFault]:
                 severity="error",
                 path=(*path, index),
                 message=f"geom group {group!r} does not exist",
-                help="MuJoCo has the groups 0 to 5",
+                help="MuJoCo has geom groups 0 to 5",
             )
 
 

@@ -97,7 +97,8 @@ def find_ros_prefix() -> Path:
     if spec is None or spec.origin is None:
         raise BuildToolError(
             f"the ROS 2 message generators are not importable by {sys.executable}: install the ROS "
-            "wheels (pip install 'obelisk-cli[ros]') or source a ROS 2 (. /opt/ros/jazzy/setup.sh)"
+            "wheels (pip install 'obelisk-cli[ros]') or source a ROS 2 installation "
+            "(. /opt/ros/jazzy/setup.sh)"
         )
     origin = Path(spec.origin)
     for prefix in origin.parents:

@@ -143,7 +143,7 @@ def test_components_of_on_configure_are_registered_at_each_direct_call() -> None
     give(node, timer_late_setting="timer_period_sec:1")
     for _ in range(2):
         assert node.on_configure(None) == SUCCESS
-        with pytest.raises(ObeliskConfigError, match="registered after configure"):
+        with pytest.raises(ObeliskConfigError, match="registered after the `configure` transition"):
             node.register_obk_timer("timer_late_setting", node.get_name, "timer_late")
         assert node.on_cleanup(None) == SUCCESS
     node.destroy_node()

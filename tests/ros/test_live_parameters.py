@@ -134,7 +134,7 @@ def test_the_config_sets_the_initial_values() -> None:
     [
         ({"kp": 300.0}, "`kp` is 300.0 N m/rad, expected 0.0 to 200.0"),
         ({"kd": -1.0}, "`kd` is -1.0, expected at least 0.0"),
-        ({"kp": "stiff"}, "`kp` is of the type string, expected double"),
+        ({"kp": "stiff"}, "`kp` is of type string, expected double"),
         ({"gait": "wlak"}, "did you mean `walk`?"),
         ({"limits": [1, 2, 3]}, "`limits` has 3 items, expected 2"),
     ],

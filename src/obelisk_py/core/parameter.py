@@ -43,7 +43,7 @@ class Parameter(Generic[T]):
     """Declares a ROS parameter with the attribute's name, in the body of a node's class.
 
     The node's attribute holds the current value. A change takes effect between two callbacks; then
-    the node's `on_parameters(changed)` method is called with the names.
+    the node's `on_parameters(changed)` method is called with the names of the changed parameters.
     """
 
     def __init__(

@@ -259,7 +259,7 @@ def _check_has_type(
         return
     yield found(
         "OBK425",
-        f"{component.kind} `{component.identity}` has no `msg_type`, neither here nor in class "
+        f"{component.kind} `{component.identity}` has no `msg_type`, either here or in class "
         f"`{code.class_name}`",
         component.name.span if component.name else component.span,
         help="add `msg_type: ...`",

@@ -39,7 +39,7 @@ def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
                 yield found(
                     "OBK502",
                     f"`{span.text.strip(chr(34) + chr(39))}` is a path into a user's home "
-                    "directory, which other machines and users do not have",
+                    "directory, and does not exist for other users or on other machines",
                     span,
                     help="make it relative to the config, set `robot_pkg`, or start it with "
                     "`${HOME}`",

@@ -86,9 +86,7 @@ def _root() -> None:
 def info(
     recording: Annotated[
         str | None,
-        typer.Argument(
-            metavar="[FILE|RUN]", help="File, or run by the name of its folder or config."
-        ),
+        typer.Argument(metavar="[FILE|RUN]", help="File, or the name of a run's folder or config."),
     ] = None,
     format: FormatOption = "text",
 ) -> None:

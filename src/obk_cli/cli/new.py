@@ -236,7 +236,7 @@ def new_robot(
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Create a driver for a real robot: control messages in, sensor messages out."""
+    """Create a robot driver: control messages in, sensors out."""
     request = PackageRequest(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
     run_new(
         request,

@@ -72,7 +72,7 @@ def info(
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """Show a node's publishers, subscriptions, services, parameters, state and process.
+    """Show a node's topics, services, parameters, state and process.
 
     For nodes that `obk launch` started on this host, the launcher reports the state; otherwise the
     node does.

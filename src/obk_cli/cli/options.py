@@ -58,7 +58,7 @@ RunArgument = Annotated[
     str,
     typer.Argument(
         metavar="FILE|RUN",
-        help="File, or run by the name of its folder or config. A "
+        help="File, or the name of a run's folder or config. A "
         "config stands for its latest recorded run, `dummy~1` for the one before.",
     ),
 ]

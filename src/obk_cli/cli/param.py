@@ -71,7 +71,7 @@ def list_(
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """Show a node's parameters, or those of all nodes: type, range, unit, description."""
+    """Show parameters of one or all nodes: type, range, unit."""
     is_json = wants_json(format)
     target = graph_target(domain, timeout)
 
@@ -151,7 +151,7 @@ def set_(
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
-    """Set a parameter of a running node, and report when the value takes effect.
+    """Set a parameter, and report when the value takes effect.
 
     VALUE is parsed as in a ROS parameter file, then converted to the parameter's type: for a
     double, 1 means 1.0. Exit code 1 if the node rejects the value; its reason is shown.

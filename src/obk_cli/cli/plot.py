@@ -28,7 +28,7 @@ def command(
         list[str],
         typer.Argument(
             metavar="FILE|RUN... TOPIC.FIELD...",
-            help="Files, or runs by the name of their folder or config; then fields of topics. A "
+            help="Files, or names of run folders or configs; then fields of topics. A "
             "config stands for its latest recorded run, `dummy~1` for the one before. "
             "A topic is given by its name or a suffix of it.",
         ),

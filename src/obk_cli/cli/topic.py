@@ -57,7 +57,7 @@ def list_(
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """List topics with their type and the number of publishers and subscribers."""
+    """List topics with types and numbers of endpoints."""
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
     target = graph_target(domain, timeout)

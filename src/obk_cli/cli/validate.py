@@ -261,7 +261,7 @@ class WatchedRun:
 
 
 def check_after_changes(check: Callable[[], Mapping[Path, Mark]], wait: Callable[[], None]) -> None:
-    """Run `check` now and after each change of the files that it names, until interrupted."""
+    """Run `check` now and after each change to the files that it names, until interrupted."""
     with until_interrupt():
         while True:
             marks = check()
@@ -296,7 +296,7 @@ def _mark(path: Path) -> Mark:
 
 
 def _files_of(stack: Stack) -> Iterable[Path]:
-    """Paths that were searched for other files, existing or not."""
+    """Paths that were tried in the search for other files, existing or not."""
     for node in stack.nodes:
         of_sims = (search for sim in node.sims for search in (sim.model, *sim.files))
         for search in (*of_sims, node.params_file, node.urdf_file):

@@ -225,7 +225,7 @@ class _Addition:
         if old is not None and chosen != old.device:
             return Rejected(
                 sentence=f"`{old.full_name}` runs on `{old.device}`, not on `{chosen}`",
-                help="the new node runs on the same device: omit the device",
+                help="the new node runs on the same device: omit `--device`",
             )
         wired = wire_node(self._node, self._stack, old)
         if isinstance(wired, Rejected):

@@ -140,15 +140,15 @@ OF_ROS: Final = (
     _check("python", "Python's version and environment", probe_python, judge_python),
     _check("ros", "the ROS 2 in use and its version", probe_ros, judge_ros),
     _check("rmw", "middleware, ROS domain, discovery", probe_rmw, judge_rmw),
-    _check("interfaces", "loading of Obelisk's messages", probe_interfaces, judge_interfaces),
+    _check("interfaces", "loading Obelisk's messages", probe_interfaces, judge_interfaces),
     _check("multicast", "UDP on this host", probe_multicast, judge_multicast),
     _check("discovery", "two ROS processes find each other", probe_discovery, judge_discovery),
 )
 """Needed to exchange messages; later checks depend on earlier ones."""
 OF_THE_MACHINE: Final = (
     _check("shared-memory", "free space in /dev/shm", probe_shared_memory, judge_shared_memory),
-    _check("compiler", "C, C++ and Python's headers", probe_compiler, judge_compiler),
-    _check("mujoco", "stepping and drawing a scene", probe_mujoco, judge_mujoco),
+    _check("compiler", "C and C++ compilers, Python headers", probe_compiler, judge_compiler),
+    _check("mujoco", "stepping and rendering a scene", probe_mujoco, judge_mujoco),
     _check("display", "a display for windows", probe_display, judge_display),
     _check("realtime", "priority and locked memory", probe_realtime, judge_realtime),
     _check("cpu", "processors, their load, the clock", probe_cpu, judge_cpu),

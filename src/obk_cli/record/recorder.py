@@ -5,8 +5,8 @@ waiting messages of each subscription. A topic is subscribed to once its type is
 topic of known type even before it has a publisher. The recorder never blocks a publisher: messages
 that arrive too fast are dropped and counted.
 
-As a program, `python -m obk_cli.record.recorder JOB`, it runs a job file; a launch starts it next
-to its nodes. It stops on SIGINT, SIGTERM, SIGHUP, or after its duration.
+As a program, `python -m obk_cli.record.recorder JOB`, it runs a job file; a launch starts it
+alongside its nodes. It stops on SIGINT, SIGTERM, SIGHUP, or after its duration.
 """
 
 import os
@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from obelisk_recordings.bag import DROPS
+from obelisk_spec.suggestions import with_number
 from obk_cli.errors import EXIT_DONE, EXIT_MISUSE, CommandFailedError
 from obk_cli.files import explain_os_error
 from obk_cli.optional_deps import no_ros
@@ -208,7 +209,7 @@ class RosRecorder:
         for sentence in unmatched_requests(
             self._request, {*self._topics, *self._rejected, *self._clashing}
         ):
-            self._report(f"warning: {sentence} and is not recorded")
+            self._report(f"warning: not recorded: {sentence}")
         self._report_drops()
 
     def close(self) -> None:
@@ -247,7 +248,8 @@ class RosRecorder:
             self._reported_drops = self.dropped
             names = [name for name, topic in self._topics.items() if topic.counter.dropped]
             self._report(
-                f"warning: {self.dropped} messages have been lost so far, from {', '.join(names)}"
+                f"warning: {with_number(self.dropped, 'message')} lost so far, "
+                f"from {', '.join(names)}"
             )
 
 
@@ -303,7 +305,8 @@ def recorded_text(recorded: Recorded) -> str:
     counters = recorded.counters.values()
     topics = sum(1 for counter in counters if counter.count)
     return (
-        f"recorded {sum(one.count for one in counters)} messages from {topics} topics in "
+        f"recorded {with_number(sum(one.count for one in counters), 'message')} "
+        f"from {with_number(topics, 'topic')} in "
         f"{recorded.seconds:.1f} s, {sum(one.dropped for one in counters)} lost: {recorded.path}"
     )
 

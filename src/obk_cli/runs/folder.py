@@ -91,7 +91,7 @@ class RunOrigin:
 
 
 def runs_folder(environment: Mapping[str, str]) -> Path:
-    """The folder of all runs: below OBK_HOME, otherwise ROS_LOG_DIR or the user's state folder.
+    """The folder of all runs: under OBK_HOME, otherwise ROS_LOG_DIR or the user's state folder.
 
     Raises:
         CommandFailedError: the user has no home directory.

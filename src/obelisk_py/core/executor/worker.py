@@ -37,7 +37,7 @@ class EventSource(Protocol):
     waits_for_group: bool
     """Whether the callbacks wait while a coroutine of the mutually exclusive group is suspended."""
     is_awaited: bool
-    """Whether a running callback may wait for the result, such as a service response."""
+    """Whether a running callback may wait for its result, such as a service response."""
 
     def ready_callbacks(self, worker: "Worker") -> Mapping[int, ReadyCallback]:
         """The functions that the worker calls when a descriptor is signaled, by descriptor."""

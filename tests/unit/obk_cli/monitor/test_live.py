@@ -149,7 +149,7 @@ def test_before_a_stack_runs_it_reports_that_and_then_shows_the_stack() -> None:
         world.watch.put(HEALTHY)
         await world.shows("head", "dummy  active  up 0:01:23")
         await world.shows("nodes_text", "estimation_0  active")
-        await world.shows("topics_text", "age along the way")
+        await world.shows("topics_text", "age along the path")
         await world.shows("log_text", "[WARN] the simulation fell behind")
         assert not world.text("message")
 

@@ -18,5 +18,5 @@ def test_topics_that_cannot_be_recorded_are_reported_once() -> None:
     recorder.finish()
     clashing, missing, unmatched = reported
     assert all(word in clashing for word in ("warning: /odd", "a/msg/A", "b/msg/B"))
-    assert missing.startswith("warning: /typo")
+    assert "/typo" in missing
     assert "`/amr/*`" in unmatched

@@ -66,5 +66,5 @@ def test_the_runs_before_the_latest_have_numbers(runs: Path) -> None:
         (folder / RECORDING).touch()
     found = [find_recording(runs, name).parent.name[:12] for name in ("arm", "arm~1", "arm~2")]
     assert found == ["arm_20260106", "arm_20260105", "arm_20260101"]
-    with pytest.raises(RecordingError, match="only 3 runs of `arm` were recorded"):
+    with pytest.raises(RecordingError, match="only 3 runs of `arm` recorded"):
         find_recording(runs, "arm~3")
