@@ -24,11 +24,11 @@ from obk_cli.check.packages import check_executables, check_files, check_manifes
 from obk_cli.check.simulation import check_controls, check_models, check_policies, check_sim_blocks
 from obk_cli.check.style import check_defaults, check_homes
 from obk_cli.check.topics import (
-    check_dangling,
     check_doubles,
     check_qos,
     check_sensor_topics,
     check_types,
+    check_unconnected_topics,
 )
 from obk_cli.config.environment import Environment
 from obk_cli.config.model import Stack
@@ -67,7 +67,7 @@ CHECKS: tuple[Check, ...] = (
 )
 """Checks of what the config contains."""
 
-WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_dangling, check_loop)
+WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_unconnected_topics, check_loop)
 """Checks for missing parts; valid only if no part of the config was lost while reading."""
 
 

@@ -18,7 +18,13 @@ from obk_cli.config.model import Qos, Spanned, Stack
 from obk_cli.config.topology import Direction, TopicEnd, may_be_one
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
-__all__ = ["check_dangling", "check_doubles", "check_qos", "check_sensor_topics", "check_types"]
+__all__ = [
+    "check_doubles",
+    "check_qos",
+    "check_sensor_topics",
+    "check_types",
+    "check_unconnected_topics",
+]
 
 _MOST_SHOWN = 3
 _MOST_LISTED = 8
@@ -29,7 +35,7 @@ _MOST_COMPARED = 20_000
 """Maximum number of name pairs to compare; after that, findings have no suggestions."""
 
 
-def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
+def check_unconnected_topics(context: CheckContext) -> Iterator[Diagnostic]:
     """Report topics without a publisher, and topics without a subscriber."""
     ends = context.topology.ends
     published, subscribed = context.topology.published, context.topology.subscribed

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from obelisk_py.core.serialization.source import (
+from obelisk_py.core.serialization.codegen import (
     CdrType,
     Functions,
     Locate,

@@ -29,18 +29,18 @@ from obelisk_py.core.serialization.cdr_types import (
     HEADER_SIZE,
     numbers,
 )
+from obelisk_py.core.serialization.codegen import (
+    CdrType,
+    Functions,
+    NumberField,
+    functions_of,
+)
 from obelisk_py.core.serialization.layout import (
     Layout,
     Part,
     UnsupportedError,
     layout_of,
     locate_numbers,
-)
-from obelisk_py.core.serialization.source import (
-    CdrType,
-    Functions,
-    NumberField,
-    functions_of,
 )
 
 __all__ = ["Codec", "PackedMessage", "codec_for"]

@@ -37,7 +37,7 @@ from obelisk_py.core.serialization.cdr_types import (
     strings,
     text,
 )
-from obelisk_py.core.serialization.source import (
+from obelisk_py.core.serialization.codegen import (
     CdrType,
     Functions,
     Locate,

@@ -1,4 +1,4 @@
-"""Tell the user where a simulation is shown: through the launcher, or on the terminal without one.
+"""Report the URL of a simulation's page: to the launcher, or on the terminal without one.
 
 The URL of a page contains the token that opens it. Neither way leads through ROS topics or log
 files that other users can read.

@@ -56,7 +56,7 @@ PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType({"viewer": "none",
 VIEWERS: Final = ("none", "native", "web")
 _HIGHEST_PORT: Final = 65535
 _REPORT_PERIOD_S: Final = 0.2
-"""Maximum time until a viewer is told that the robot's state has changed [s]."""
+"""Maximum time until a viewer learns that the robot's state has changed [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
