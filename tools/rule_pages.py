@@ -150,7 +150,7 @@ def _page(rule: Rule, example: Example) -> str:
         f"```{language}\n{example['wrong']}\n```",
         "Right:",
         f"```{language}\n{example['right']}\n```",
-        f"Output of `{command}` for the wrong example:",
+        f"Output of `{command}` for the incorrect config:",
         f"```text\n{example['report']}\n```",
     ]
     parts.append(

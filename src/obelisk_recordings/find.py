@@ -30,7 +30,7 @@ _EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
 
 
 def run_name(config: str, start: datetime) -> str:
-    """Return the name of a run's folder, without the suffix added if it is taken."""
+    """Return the name of a run's folder, without the suffix that is added if the name is taken."""
     return f"{config.replace('/', '_')}_{start:%Y%m%d_%H%M%S}"
 
 

@@ -2,7 +2,7 @@
 
 The input is the mapping in `scan_config`, or in the file that `config_path` names, as plain values.
 The paths of findings are relative to the sim block. Counts and defaults are those of the original
-Obelisk, whose patterns are those of Isaac Lab; every other behavior is selected by a key.
+Obelisk, whose patterns are those of Isaac Lab; any behavior that differs from theirs needs a key.
 """
 
 import math

@@ -41,7 +41,7 @@ def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
                     f"`{span.text.strip(chr(34) + chr(39))}` is a path into a user's home "
                     "directory, and does not exist for other users or on other machines",
                     span,
-                    help="make it relative to the config, set `robot_pkg`, or start it with "
+                    help="make it relative to the config, set `robot_pkg`, or begin the path with "
                     "`${HOME}`",
                 )
 

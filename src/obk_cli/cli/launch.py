@@ -92,7 +92,7 @@ def command(
     hang_after: Annotated[
         float,
         typer.Option(
-            help="Treat a node as hung if it does not answer for this time [s]; 0: never."
+            help="Treat a node as hung if it does not answer for this long [s]; 0: never."
         ),
     ] = 1.3,
     strict_rates: Annotated[

@@ -1,4 +1,4 @@
-"""Options and checks that several commands share; importing it loads only typer."""
+"""Options and checks that several commands share; importing this module loads only typer."""
 
 import json
 import sys
@@ -141,7 +141,7 @@ def graph_target(domain: int | None, timeout_s: float) -> "GraphTarget":
 
 
 def with_types(target: "GraphTarget") -> "GraphTarget":
-    """The target, with the message types of its stacks known to this process too."""
+    """The target, after making the message types of its stacks known to this process."""
     from obk_cli.introspect.target import find_message_types  # slow, and `--help` needs none
 
     return find_message_types(target)

@@ -178,8 +178,8 @@ def add_node(
     """Insert a node into the text of a config.
 
     `before` is the compiled config; it is compiled here if not given. `device` selects one of
-    several devices; `replaces` names a node of the section to replace. The node's package need not
-    exist yet.
+    several devices; `replaces` names the node in the section that is to be replaced. The new node's
+    package need not exist yet.
     """
     options = _with_planned(source, new_node, options)
     before = before or compile_source(source, options)

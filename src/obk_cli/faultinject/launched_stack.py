@@ -83,7 +83,7 @@ class LaunchedStack:
     def wait_until(
         self, holds: Callable[[tuple[TimedEvent, ...]], bool], timeout_s: float, *, since: int = 0
     ) -> bool:
-        """Wait until a condition on its events holds or it ends; return whether it holds.
+        """Wait until the condition holds or the launcher exits; return whether the condition holds.
 
         Args:
             holds: the condition, evaluated after each event.

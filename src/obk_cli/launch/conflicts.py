@@ -39,7 +39,7 @@ later."""
 
 
 def refuse_taken_names(names: tuple[str, ...], ros: RosNodes, domain: int) -> None:
-    """Reject a launch if nodes with these full names exist, on another host or without obk.
+    """Reject a launch if nodes with these full names exist, on any host and however started.
 
     Raises:
         CommandFailedError: at least one such node exists.

@@ -206,7 +206,7 @@ class NodeWatch:
 
         Args:
             node: the rclpy node that subscribes.
-            clients: of the nodes that will be watched.
+            clients: those of the nodes that will be watched.
             on_event: receives `Ready`, `TransitionStarted`, `StateSeen` and `Failed`.
         """
         self._node = node

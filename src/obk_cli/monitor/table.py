@@ -101,7 +101,7 @@ def node_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
 
 
 def topic_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
-    """The titles, then a line for each topic; `!` marks topics that are off."""
+    """The titles, then a line for each topic; `!` marks topics whose rate is off."""
     space = _common_space([topic.topic for topic in view.topics])
     rows = [
         (

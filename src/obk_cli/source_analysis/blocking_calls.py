@@ -77,7 +77,7 @@ def _reached(names: set[str], lineage: Lineage) -> set[str]:
 
 
 def _own_nodes(method: Function) -> Iterator[ast.AST]:
-    """The syntax that a method runs itself, without nested functions."""
+    """The syntax nodes that a method itself runs, without nested functions."""
     pending: list[ast.AST] = list(method.body)
     while pending:
         node = pending.pop()

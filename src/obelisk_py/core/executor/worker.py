@@ -163,7 +163,7 @@ class Worker:
                 if callback is not None and callback():
                     ran = True
         except BaseException:
-            # Unread data may be left, for which no new signal comes.
+            # Unread data may remain, and no new signal will announce it.
             ready.append(fd)
             raise
         return ran
@@ -213,7 +213,7 @@ class Worker:
         try:
             return callback is not None and callback()
         except BaseException:
-            # Unread data may be left, for which no new signal comes.
+            # Unread data may remain, and no new signal will announce it.
             self._ready.append(fd)
             raise
 

@@ -178,10 +178,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK108",
         severity="error",
         title="a component is configured twice",
-        cause="Two entries of a node refer to the same component. The node uses the first entry "
-        "and "
-        "ignores the others, so this is reported as a warning. Two `sim` blocks for the same "
-        "parameter are an error.",
+        cause="Several entries of a node refer to the same component. Several `sim` blocks for the "
+        "same parameter are an error. For other components the finding is a warning, because the "
+        "node uses the first entry and ignores the others.",
         fix="Remove one, or correct the name of its component.",
     ),
     Rule(

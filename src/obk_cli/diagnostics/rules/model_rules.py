@@ -177,6 +177,6 @@ RULES: tuple[Rule, ...] = (
         "commands: the terms of `observation`, `joints` and `action_joints`. The network in "
         "`params_path` takes or returns a different number of values, or the model has no such "
         "joint.",
-        fix="Write the terms and joints that the network was trained with, in that order.",
+        fix="List the terms and joints that the network was trained with, in the same order.",
     ),
 )

@@ -79,7 +79,7 @@ RULES: tuple[Rule, ...] = (
         cause="A ROS node receives only the parameters that it declares, so this one has no "
         "effect. The finding is info-level if no declared parameter has a similar name. If the "
         "code "
-        "computes parameter names, only likely typos of declared but unset parameters are "
+        "computes parameter names, only likely misspellings of declared but unset parameters are "
         "reported.",
         fix="Correct the name, or declare the parameter with `Parameter` in the node's class.",
     ),
@@ -129,8 +129,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK415",
         severity="error",
         title="a parameter outside its declared range",
-        cause="The node's class declares the parameter with `Parameter`, with limits or an enum. "
-        "With a value outside them, the node does not start.",
+        cause="The node's class declares limits or an enum for this `Parameter`. The node does not "
+        "start with a value that they do not allow.",
         fix="Write an allowed value, or change the limits in the code.",
     ),
     Rule(
@@ -158,7 +158,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="`super().__init__` is missing",
         cause="The base class constructor creates the ROS node and registers its components. "
-        "Nothing works before it has run.",
+        "Nothing works until it has run.",
         fix="Start the constructor with `super().__init__(node_name)`.",
     ),
     Rule(

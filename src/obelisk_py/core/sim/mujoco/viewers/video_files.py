@@ -137,7 +137,7 @@ class GifFile:
         if self._file.tell() == 0:
             header, _ = getheader(part.copy(), info={"loop": 0})
             self._file.writelines(header)
-        # Each time is rounded separately, so that errors do not add up.
+        # Each time is rounded separately, so that errors do not accumulate.
         ticks = self._ticks(until) - self._ticks(number)
         self._file.writelines(
             getdata(
@@ -196,7 +196,7 @@ class UnfinishedFile:
         self._name = name
 
     def finish(self, path: Path) -> Path:
-        """Move the file to `path`, or to a free name if this exists.
+        """Move the file to `path`, or to a free name if `path` exists.
 
         Returns:
             The final path.
