@@ -194,7 +194,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._video_diagnostics: VideoDiagnostics | None = None
         self._viewers: tuple[TimedOutput, ...] = ()
         self._page_token = ""
-        """Opens the pages of all configures, so that an open page finds the next one."""
+        """Opens each page of this process, so that an open page finds the next one."""
         self._requests = StepQueue(
             is_stepping=lambda: self.state_label == "active",
             is_immediate=self.surroundings.is_lockstep,
@@ -485,8 +485,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         factor = realtime_factor_of(value(REALTIME_FACTOR))
         if self._stepper is not None and self._stepper.is_paced != (factor > 0):
             raise ObeliskConfigError(
-                f"`{REALTIME_FACTOR}` changes from or to 0 (as fast as possible) only at "
-                "configure: clean up, set it, configure again"
+                f"`{REALTIME_FACTOR}` changes from or to 0 (as fast as possible) only in the "
+                "`configure` transition: clean up, set it, configure again"
             )
 
     def _change_speed(self, parameters: list[Parameter]) -> None:

@@ -49,7 +49,7 @@ def run(states: States, send: Send, _arguments: Sequence[str]) -> None:
         if thread is not threading.current_thread():
             thread.join(_CLOSE_S)
     if not states.is_over:
-        send("info", "the window was closed; the simulation goes on")
+        send("info", "the window was closed; the simulation continues")
 
 
 def _check_display() -> None:

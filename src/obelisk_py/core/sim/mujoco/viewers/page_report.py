@@ -41,7 +41,7 @@ def _ask(folder: Path, request: bytes) -> bool:
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
             link.settimeout(_ANSWER_S)
-            # Through the descriptor: an address has 107 bytes, and the path may be longer.
+            # Through the descriptor: an address is limited to 107 bytes; the path may be longer.
             link.connect(f"/proc/self/fd/{folder_fd}/{CONTROL_SOCKET}")
             link.sendall(request)
             return b'"noted"' in link.recv(_LONGEST_ANSWER)

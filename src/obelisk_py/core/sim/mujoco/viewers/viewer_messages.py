@@ -79,7 +79,7 @@ def send_message(link: socket.socket, kind: MessageKind, text: str) -> None:
 
 
 def send_report(link: socket.socket, text: str) -> None:
-    """Send a report to a viewer, unless it ends or takes no packets for a second."""
+    """Send a report to a viewer, unless it exits or does not take packets for a second."""
     poll = select.poll()
     poll.register(link, select.POLLOUT)
     poll.poll(_REPORT_S * 1000)
@@ -167,7 +167,7 @@ class States:
         self._link = link
         self._size = mujoco.mj_stateSize(model, SIGNATURE)
         self._packet = bytearray(max(_LARGEST, 8 * (1 + self._size)))
-        """The newest state."""
+        """The latest state."""
         self._next_packet = bytearray(len(self._packet))
         mujoco.mj_forward(model, self.data)
 
