@@ -307,9 +307,11 @@ class RejectionLog:
         Returns:
             None if there is nothing to report or the next report is not due.
         """
+        if not self._unreported:  # nearly always, so neither a clock nor a lock
+            return None
         now_s = self._monotonic_s()
         with self._lock:
-            if not self._unreported or now_s < self._next_report_s:
+            if now_s < self._next_report_s:
                 return None
             since_s = self._since_s
             lasting_s = 0.0 if since_s is None else now_s - since_s

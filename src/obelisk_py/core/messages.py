@@ -124,14 +124,4 @@ def add_field_aliases() -> None:
         present = [field for field in fields if hasattr(message, field)]
         for field in fields:
             if field not in present and present:
-                setattr(message, field, _alias(present[0]))
-
-
-def _alias(field: str) -> property:
-    def get(message: Any) -> Any:
-        return getattr(message, field)
-
-    def put(message: Any, value: Any) -> None:
-        setattr(message, field, value)
-
-    return property(get, put, doc=f"Other name of `{field}`.")
+                setattr(message, field, vars(message)[present[0]])

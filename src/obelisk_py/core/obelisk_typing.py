@@ -1,6 +1,6 @@
 """Type variables over the Obelisk messages, for annotations and checks at runtime."""
 
-from functools import reduce
+from functools import cache, reduce
 from operator import or_
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args
 
@@ -53,10 +53,15 @@ def is_in_bound(type_: type[Any], typevar: TypeVar) -> bool:
     Raises:
         ValueError: the type variable has no bound.
     """
+    return type_ in _bounds(typevar)
+
+
+@cache
+def _bounds(typevar: TypeVar) -> frozenset[type[Any]]:
     bound = typevar.__bound__
     if bound is None:
         raise ValueError(f"the type variable {typevar} has no bound, expected one with `bound=`")
-    return type_ in (get_args(bound) or (bound,))
+    return frozenset(get_args(bound) or (bound,))
 
 
 if TYPE_CHECKING:

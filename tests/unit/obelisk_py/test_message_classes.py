@@ -85,14 +85,19 @@ def test_field_names_of_the_other_layout_are_added_to_either(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class PositionSetpoint:
-        """The class as in 2024."""
-
-        u: list[float]
+        """The class as in 2024; fields are properties, as in all generated classes."""
 
         def __init__(self) -> None:
-            self.u = []
+            self._u: list[float] = []
 
-    PositionSetpoint.u = []
+        @property
+        def u(self) -> list[float]:
+            return self._u
+
+        @u.setter
+        def u(self, value: list[float]) -> None:
+            self._u = value
+
     monkeypatch.setattr("obelisk_control_msgs.msg.PositionSetpoint", PositionSetpoint)
     add_field_aliases()
     message = PositionSetpoint()

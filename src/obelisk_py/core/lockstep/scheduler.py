@@ -13,6 +13,7 @@ import heapq
 import random
 import sys
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import FrameType
@@ -26,6 +27,7 @@ __all__ = [
     "NS_PER_S",
     "STEP",
     "TIMER",
+    "Arrival",
     "LockstepError",
     "ScheduledNode",
     "Scheduler",
@@ -52,6 +54,27 @@ Event = tuple[int, int, Any, "ScheduledNode | None", Callable[[], object]]
 
 class LockstepError(ObeliskError):
     """A node did something that is impossible in lock-step; the message names an alternative."""
+
+
+class Arrival(ABC):
+    """An event's call that delivers a message to a subscription."""
+
+    __slots__ = ()
+
+    label: str
+    """The topic."""
+
+    @abstractmethod
+    def __call__(self) -> bool:
+        """Deliver the message; return False if it is dropped."""
+
+    @abstractmethod
+    def wait(self) -> Callable[[], bool]:
+        """Put the message into the subscription's history, because the node is busy or frozen.
+
+        Returns:
+            The call that delivers it from there.
+        """
 
 
 @dataclass(slots=True, eq=False)
@@ -140,12 +163,6 @@ class Scheduler:
         """Like `push`, with a given position among the events with that time and kind."""
         heapq.heappush(self._heap, (due_ns, kind, place, node, call))
 
-    def push_timer(
-        self, due_ns: int, place: int, node: ScheduledNode, call: Callable[[], object]
-    ) -> None:
-        """Schedule a timer at its position among the timers due at the same time."""
-        heapq.heappush(self._heap, (due_ns, TIMER, place, node, call))
-
     def next_place(self) -> int:
         """Reserve and return the position that `push` would assign now."""
         self._pushed += 1
@@ -170,7 +187,7 @@ class Scheduler:
         draws = self._delays.get(channel)
         if draws is None:
             draws = self._delays[channel] = random.Random(f"delay {channel} {self._seed}")  # noqa: S311
-        return self.latency_ns + draws.randrange(self.jitter_ns + 1)
+        return self.latency_ns + int(draws.random() * (self.jitter_ns + 1))
 
     def next_due_ns(self, most_ns: int) -> int:
         """Return the due time of the next event, or `most_ns` if that is earlier [ns]."""
@@ -199,23 +216,17 @@ class Scheduler:
             self.running, self.offset_ns = None, 0
 
     def _run_events(self, end_ns: int) -> None:
-        heap, pop, push = self._heap, heapq.heappop, heapq.heappush
+        heap, pop = self._heap, heapq.heappop
         count = progress = 0
         while heap and heap[0][0] <= end_ns:
             event = pop(heap)
-            due_ns, kind, place, node, call = event
+            due_ns, kind, _, node, call = event
             if node is not None:
                 if not node.is_alive:
                     continue
-                if node.is_frozen:
-                    node.held.append(event)
-                    continue
                 # Steps of a simulator or a guest thread do not wait for the node's callbacks.
-                if kind and node.busy_until_ns > due_ns:
-                    # Postponed events run in the order in which they were first due, so that none
-                    # starves.
-                    order = place if kind == _PUT_OFF else (due_ns, kind, place)
-                    push(heap, (node.busy_until_ns, _PUT_OFF, order, node, call))
+                if node.is_frozen or (kind and node.busy_until_ns > due_ns):
+                    self._postpone(event, node)
                     continue
             if due_ns > self.now_ns:
                 self.now_ns, progress = due_ns, count
@@ -228,6 +239,18 @@ class Scheduler:
                 node.busy_until_ns = due_ns + self.offset_ns + node.compute_ns
             self.offset_ns = 0
         self.running = None
+
+    def _postpone(self, event: Event, node: ScheduledNode) -> None:
+        """Keep an event until its node thaws or is no longer busy."""
+        due_ns, kind, place, _, call = event
+        if isinstance(call, Arrival):
+            call = call.wait()
+        if node.is_frozen:
+            node.held.append((due_ns, kind, place, node, call))
+            return
+        # Postponed events run in the order in which they were first due, so that none starves.
+        order = place if kind == _PUT_OFF else (due_ns, kind, place)
+        heapq.heappush(self._heap, (node.busy_until_ns, _PUT_OFF, order, node, call))
 
     def stop(self, error: LockstepError) -> LockstepError:
         """End the run with an error, even if the running callback catches it.
@@ -338,5 +361,5 @@ def user_place() -> str:
 
 def _label_of(call: Callable[[], object]) -> str:
     """Return the topic, service or timer of an event."""
-    owner = next(iter(getattr(call, "args", ())), None)
+    owner = next(iter(getattr(call, "args", ())), getattr(call, "__self__", call))
     return str(getattr(owner, "label", None) or getattr(call, "__qualname__", type(call).__name__))

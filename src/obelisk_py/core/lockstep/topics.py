@@ -5,7 +5,6 @@ its QoS profile, which drops the oldest message. QoS profiles match as in DDS. A
 receives the messages kept by transient-local publishers.
 """
 
-import functools
 import inspect
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -18,7 +17,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 
 from obelisk_py.core.intra_process import is_compatible
-from obelisk_py.core.lockstep.scheduler import MESSAGE, ScheduledNode, Scheduler
+from obelisk_py.core.lockstep.scheduler import MESSAGE, Arrival, ScheduledNode, Scheduler
 from obelisk_py.core.messages import message_name
 from obelisk_py.core.serialization.codec import codec_for
 
@@ -100,8 +99,8 @@ class _Subscriber:
         self.raw = subscription.raw
         keeps_all = profile.history == HistoryPolicy.KEEP_ALL
         self.depth = _UNLIMITED if keeps_all else max(1, profile.depth)
-        self.queue: deque[tuple[int, int, Any]] = deque()
-        """Position among the events, time of publication [ns], message or bytes."""
+        self.queue: deque[_Arrival] = deque()
+        """Messages that have arrived while the node was busy."""
         self.call = self._call()
 
     def _call(self) -> Callable[[Any, int], None]:
@@ -228,47 +227,55 @@ class TopicTable:
     def send(self, subscriber: _Subscriber, message: Any, arrives_ns: int) -> None:
         """Deliver a message, or its bytes, to one subscription at a time [ns]."""
         scheduler = self._scheduler
-        place, sent_ns = scheduler.next_place(), scheduler.time_ns
+        sent_ns = scheduler.now_ns + scheduler.offset_ns
+        arrival = _Arrival(subscriber, scheduler.next_place(), sent_ns, message)
         if arrives_ns > scheduler.now_ns:
-            # It enters the history on arrival, even if the node is busy.
-            arrive = functools.partial(self._arrive, subscriber, place, sent_ns, message)
-            scheduler.push_at_place(arrives_ns, MESSAGE, place, None, arrive)
-        else:
-            self._enqueue(subscriber, place, sent_ns, message)
+            call: Callable[[], bool] = arrival
+        else:  # it arrives now
+            arrives_ns, call = scheduler.now_ns, arrival.wait()
+        scheduler.push_at_place(arrives_ns, MESSAGE, arrival.place, subscriber.node, call)
 
-    def _arrive(self, subscriber: _Subscriber, place: int, sent_ns: int, message: Any) -> bool:
-        if subscriber in subscriber.topic.subscribers:
-            self._enqueue(subscriber, place, sent_ns, message)
-        return False
 
-    def _enqueue(self, subscriber: _Subscriber, place: int, sent_ns: int, message: Any) -> None:
-        queue = subscriber.queue
-        if len(queue) >= subscriber.depth:
+class _Arrival(Arrival):
+    """A message on its way to a subscription."""
+
+    __slots__ = ("_message", "_sent_ns", "_subscriber", "place")
+
+    def __init__(self, subscriber: _Subscriber, place: int, sent_ns: int, message: Any) -> None:
+        self.place = place
+        self._subscriber = subscriber
+        self._sent_ns = sent_ns
+        self._message = message
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        return self._subscriber.label
+
+    def __call__(self) -> bool:
+        return self.wait()() if self._subscriber.queue else self._deliver()
+
+    def wait(self) -> Callable[[], bool]:
+        queue = self._subscriber.queue
+        if len(queue) >= self._subscriber.depth:
             queue.popleft()
-        queue.append((place, sent_ns, message))
-        self._scheduler.push_at_place(
-            self._scheduler.now_ns,
-            MESSAGE,
-            place,
-            subscriber.node,
-            functools.partial(_deliver, subscriber, place),
-        )
+        queue.append(self)
+        return self._leave_queue
 
-
-def _deliver(subscriber: _Subscriber, place: int) -> bool:
-    queue = subscriber.queue
-    if queue and queue[0][0] == place:
-        _, sent_ns, message = queue.popleft()
-    else:
-        found = next((each for each in queue if each[0] == place), None)
-        if found is None:
+    def _leave_queue(self) -> bool:
+        try:
+            self._subscriber.queue.remove(self)
+        except ValueError:
             return False  # dropped from the history by newer messages
-        queue.remove(found)  # it has overtaken others
-        _, sent_ns, message = found
-    if not subscriber.raw and isinstance(message, bytes):
-        message = subscriber.unpack(message)
-    subscriber.call(message, sent_ns)
-    return True
+        return self._deliver()
+
+    def _deliver(self) -> bool:
+        subscriber, message = self._subscriber, self._message
+        if subscriber not in subscriber.topic.subscribers:
+            return False
+        if not subscriber.raw and isinstance(message, bytes):
+            message = subscriber.unpack(message)
+        subscriber.call(message, self._sent_ns)
+        return True
 
 
 def _filtered(topic: Topic, message: Any, now_ns: int) -> Any:
@@ -320,14 +327,15 @@ class RoutedPublisher(Publisher):
             ObeliskMsgError: a field has a value that its type cannot hold.
         """
         topic, scheduler = self._topic, self._scheduler
+        now_ns = scheduler.now_ns + scheduler.offset_ns
         if topic.filters:
-            message = _filtered(topic, message, scheduler.time_ns)
+            message = _filtered(topic, message, now_ns)
         is_packed = isinstance(message, bytes)
         if not is_packed and not isinstance(message, topic.message_class):
             raise TypeError(f"Expected {topic.message_class}, got {type(message)}")
         node = scheduler.running
-        sent_ns = scheduler.time_ns + (node.compute_ns if node is not None else 0)
-        subscribers = self._matching()
+        sent_ns = now_ns + (node.compute_ns if node is not None else 0)
+        subscribers = self._matched if self._all is topic.subscribers else self._match()
         data: Any = message if is_packed else None
         if data is None and (topic.log is not None or self._keeps or not subscribers):
             data = topic.codec.pack(message)  # also detects values that cannot be serialized
@@ -350,14 +358,12 @@ class RoutedPublisher(Publisher):
                 copy = topic.codec.copy(message)
             self._table.send(subscriber, copy, arrives_ns)
 
-    def _matching(self) -> tuple[_Subscriber, ...]:
-        subscribers = self._topic.subscribers
-        if self._all is not subscribers:
-            self._all = subscribers
-            self._matched = tuple(each for each in subscribers if matches(self, each))
-            for each in subscribers:
-                if each not in self._matched:
-                    self._note_mismatch(each)
+    def _match(self) -> tuple[_Subscriber, ...]:
+        self._all = subscribers = self._topic.subscribers
+        self._matched = tuple(each for each in subscribers if matches(self, each))
+        for each in subscribers:
+            if each not in self._matched:
+                self._note_mismatch(each)
         return self._matched
 
     def _note_mismatch(self, subscriber: _Subscriber) -> None:
@@ -370,7 +376,9 @@ class RoutedPublisher(Publisher):
 
     def get_subscription_count(self) -> int:
         """Number of matching subscriptions; a watched topic counts one more."""
-        return len(self._matching()) + self._topic.is_watched
+        topic = self._topic
+        matched = self._matched if self._all is topic.subscribers else self._match()
+        return len(matched) + topic.is_watched
 
     def wait_for_all_acked(self, timeout: Any = None) -> bool:
         """Always true: every published message arrives."""

@@ -52,12 +52,11 @@ _OF_ONE_NUMBER = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SL
 
 def out_of_limits(field: str, values: NDArray[np.float64]) -> str | None:
     """Describe the first non-finite or too large number, "`u_mujoco[1]` is nan", or None."""
-    # The comparison is false for NaN too.
-    in_range = np.abs(values) <= LARGEST
-    if in_range.all():
-        return None
-    index = int(np.flatnonzero(~in_range)[0])
-    return f"`{field}[{index}]` is {values[index]:g}"
+    # For the length of a command, a loop is faster than NumPy.
+    for index, value in enumerate(values.tolist()):
+        if not -LARGEST <= value <= LARGEST:  # also for NaN
+            return f"`{field}[{index}]` is {value:g}"
+    return None
 
 
 class Actuators:

@@ -104,6 +104,8 @@ class StepTime:
 
     def ns(self, steps: int) -> int:
         """Simulation time of `steps` steps, rounded to the nearest ns."""
+        if self._per == 1:  # most steps are a whole number of nanoseconds
+            return steps * self._ns
         return (2 * steps * self._ns + self._per) // (2 * self._per)
 
 
