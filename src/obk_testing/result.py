@@ -93,11 +93,11 @@ class StateLog:
         self.positions: list[Array] = []
         self.velocities: list[Array] = []
 
-    def add(self, time_ns: int, data: Any) -> None:
-        """Store the state in MuJoCo's data at a time [ns]."""
+    def add(self, time_ns: int, qpos: Array, qvel: Array) -> None:
+        """Store copies of the positions and velocities at a time [ns]."""
         self.times_ns.append(time_ns)
-        self.positions.append(data.qpos.copy())
-        self.velocities.append(data.qvel.copy())
+        self.positions.append(qpos.copy())
+        self.velocities.append(qvel.copy())
 
 
 class TrialResult:

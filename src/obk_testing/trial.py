@@ -542,7 +542,8 @@ class StackTrial:
         if states is None:
             states = self._states = StateLog(name, steps.robot.mj_model)
         if states.robot == name:  # only the first simulator, restarted or not
-            steps.after_step.append(lambda: states.add(scheduler.now_ns, data))
+            qpos, qvel = data.qpos, data.qvel  # views of MuJoCo's memory
+            steps.after_step.append(lambda: states.add(scheduler.now_ns, qpos, qvel))
 
     def _apply_pushes(self, data: Any) -> None:
         # A step that ends now started one step ago.
