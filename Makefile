@@ -130,7 +130,7 @@ bench-looking: setup
 	$(BIN)/python -m benchmarks.looking
 	$(BIN)/python -m benchmarks.watched
 
-# Compares real runs of the quadruped with lock-step runs.
+# Compares real runs of the quadruped with lockstep runs.
 bench-lockstep-truth: setup
 	$(BIN)/python -m benchmarks.lockstep_truth
 	cp benchmarks/results/lockstep_truth.svg docs/pictures

@@ -119,7 +119,7 @@ def at(*path: str) -> Callable[[Results], float]:
 
 
 def modelled(figure: str) -> Callable[[Results], float]:
-    """The smallest distance between real runs and lock-step runs with measured bring-up [mrad]."""
+    """The smallest distance between real runs and lockstep runs with measured bring-up [mrad]."""
 
     def find(results: Results) -> float:
         means: Mapping[str, Mapping[str, float]] = results["lockstep_truth"]["mean"]
@@ -432,7 +432,7 @@ TOOLS: Final = (
 )
 
 LOCKSTEP_ROWS: Final = (
-    ("lock-step run of the dummy, everything recorded", 14, " x real time", "factors.dummy.best"),
+    ("lockstep run of the dummy, everything recorded", 14, " x real time", "factors.dummy.best"),
     ("the same, of the arm", 9, " x real time", "factors.arm.best"),
     ("the same, of the quadruped", 4.5, " x real time", "factors.quadruped.best"),
     ("the same, of 31 nodes at 1 kHz", 1.9, " x real time", "factors.many.best"),
@@ -498,6 +498,6 @@ GOALS: Final[Mapping[str, tuple[Goal, ...]]] = {
     "The loop": LOOP,
     "The simulator": SIMULATOR,
     "The tool": TOOLS,
-    "Lock-step runs": LOCKSTEP,
+    "Lockstep runs": LOCKSTEP,
 }
 """Section -> its goals."""

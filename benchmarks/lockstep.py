@@ -1,4 +1,4 @@
-"""Measure what lock-step runs cost, and check that they are deterministic.
+"""Measure what lockstep runs cost, and check that they are deterministic.
 
     python -m benchmarks.lockstep [--only PART...] [--rounds N] [--trials N]
 

@@ -1,16 +1,16 @@
-"""Measure how closely lock-step runs match real runs of the quadruped.
+"""Measure how closely lockstep runs match real runs of the quadruped.
 
     python -m benchmarks.lockstep_truth [--runs N] [--seconds S]
 
 Launches the example several times in real time, records its encoders, and compares the joint angles
-of the first seconds with lock-step runs, at equal simulated times:
+of the first seconds with lockstep runs, at equal simulated times:
 
 - ideal: nothing takes time, all nodes are active at time 0;
 - measured: nodes are activated at the times of the real run, messages take 1 or 2 ms;
 - fitted: the controller is activated when it fits the real run best, messages take 1 ms;
 - varied: random schedules with seeds 1 to 3.
 
-The distance between two real runs is the best that lock-step can achieve. It writes
+The distance between two real runs is the best that lockstep can achieve. It writes
 `benchmarks/results/lockstep_truth.json` and `lockstep_truth.svg`; exit code 1 if no run with
 measured bring-up meets the goal. Nodes report the simulated time of their activation; on a busy
 machine their first ticks and the first steps of the simulator are late.
@@ -122,7 +122,7 @@ def launch(folder: Path, seconds: float) -> tuple[Path, Angles]:
 
 
 def simulate(stack: LoadedStack, schedule: Schedule, seconds: float, seed: int = 0) -> Angles:
-    """Run the stack in lock-step."""
+    """Run the stack in lockstep."""
     with StackTrial(stack, seed=seed, schedule=schedule, record=[TOPIC]) as trial:
         return angles_of(trial.run(seconds).topics[TOPIC], seconds)
 
@@ -206,7 +206,7 @@ def _modelled(latency_s: float) -> str:
 
 
 def draw(shown: Mapping[str, Angles], path: Path) -> None:
-    """Plot one joint of the runs, and the distance of lock-step from the real run."""
+    """Plot one joint of the runs, and the distance of lockstep from the real run."""
     import matplotlib as mpl
 
     mpl.use("svg")
@@ -233,7 +233,7 @@ def draw(shown: Mapping[str, Angles], path: Path) -> None:
             below.plot(run.time_us[mine] / 1e6, apart, color=colours[name], linewidth=1.2)
         above.set_ylabel(f"{SHOWN_JOINT} [rad]")
         above.legend(frameon=False)
-        below.set_ylabel("lock-step - real [mrad]")
+        below.set_ylabel("lockstep - real [mrad]")
         below.set_xlabel("simulated time [s]")
         figure.tight_layout()
         figure.savefig(path, metadata={"Date": None})

@@ -132,7 +132,7 @@ CLOCK_ARROWS = (
 )
 
 PACKAGES = (
-    _box(1.8, 0, "obk_testing", "closed-loop tests", "in lock-step"),
+    _box(1.8, 0, "obk_testing", "closed-loop tests", "in lockstep"),
     _box(0, 1, "obk_interfaces", "builds message packages"),
     _box(1.2, 1, "obk_cli", "the obk command:", "check, launch, inspect"),
     _box(2.4, 1, "obelisk_py", "runtime library,", "simulated robot"),

@@ -66,7 +66,7 @@ def generated_files() -> dict[Path, str]:
         PICTURES / "packages.svg": draw("Packages and imports", PACKAGES, PACKAGE_ARROWS),
         PICTURES / "tick.svg": draw("From a timer to a callback", TICK, TICK_ARROWS),
         PICTURES / "simulator.svg": draw("The simulated robot", SIMULATOR, SIMULATOR_ARROWS),
-        PICTURES / "lockstep.svg": draw("The lock-step scheduler", LOCKSTEP, LOCKSTEP_ARROWS),
+        PICTURES / "lockstep.svg": draw("The lockstep scheduler", LOCKSTEP, LOCKSTEP_ARROWS),
         PICTURES / "lifecycle.svg": draw("The states of a node", LIFECYCLE, LIFECYCLE_ARROWS),
         PICTURES / "clocks.svg": draw("Which clock is read where", CLOCKS, CLOCK_ARROWS),
     }

@@ -33,7 +33,7 @@ FAMILIES = {
     "OBK3": "The simulated robot and its model",
     "OBK4": "Packages, executables, code",
     "OBK5": "Style",
-    "OBK6": "Lock-step runs (`obk validate --for-test`)",
+    "OBK6": "Lockstep runs (`obk validate --for-test`)",
 }
 DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 CONTEXT = 2

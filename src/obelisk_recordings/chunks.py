@@ -68,7 +68,7 @@ class TopicMessages:
     published_ns: Times
     """When they were published [ns since 1970], shape `(n,)`; the time of receipt if unknown."""
     sequence: NDArray[np.uint32]
-    """The recorder's sequence numbers, shape `(n,)`; in lock-step, in the order of publication."""
+    """The recorder's sequence numbers, shape `(n,)`; in lockstep, in the order of publication."""
     tables: tuple[tuple[NDArray[np.intp], Bytes], ...]
     """For each length in bytes: indices among the n messages, and their bytes, one per row."""
 
@@ -87,7 +87,7 @@ class RecordedMessage:
     published_ns: int
     """When it was published [ns since 1970]; the time of receipt if unknown."""
     sequence: int
-    """The recorder's sequence number; in lock-step, in the order of publication."""
+    """The recorder's sequence number; in lockstep, in the order of publication."""
     data: bytes
 
 

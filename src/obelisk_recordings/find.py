@@ -37,7 +37,7 @@ def run_name(config: str, start: datetime) -> str:
 def folder_of_runs(environment: Mapping[str, str]) -> Path | None:
     """Return the folder of all runs: under OBK_HOME, ROS_LOG_DIR, or the user's state folder.
 
-    None if there is no such folder because the user has no home.
+    None if there is no such folder because the user has no home directory.
     """
     home = environment.get("OBK_HOME")
     logs = environment.get("ROS_LOG_DIR")
@@ -69,7 +69,7 @@ def run_folders(parent: Path) -> tuple[Path, ...]:
 
 
 def config_of(folder: Path) -> str:
-    """Return the config's name in the name of a run folder, in which `/` is replaced by `_`."""
+    """Return the part of a run folder's name that names the config, with `_` in place of `/`."""
     match = _FOLDER_NAME.fullmatch(folder.name)
     return match["config"] if match else folder.name
 

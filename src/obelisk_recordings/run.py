@@ -98,14 +98,14 @@ class RecordedRun:
 
     @property
     def is_lockstep(self) -> bool:
-        """Whether the run was in lock-step, with simulated times."""
+        """Whether the run was in lockstep, with simulated times."""
         return self.metadata.get("obelisk", {}).get("lockstep") == "true"
 
     @cached_property
     def origin_ns(self) -> int:
         """Origin of times: when the stack became active [ns since 1970].
 
-        In lock-step, it is the start of simulated time. Without the launcher's events, it is the
+        In lockstep, it is the start of simulated time. Without the launcher's events, it is the
         time of the first message.
         """
         if self.is_lockstep:

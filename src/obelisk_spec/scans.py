@@ -222,7 +222,7 @@ def _check_pattern(
 
 
 def grid_count(length_m: float, resolution_m: float) -> int:
-    """Number of rays along a side of a height scan; both ends count if they fit the grid."""
+    """Number of rays along a side of a height scan, with both endpoints if they are on the grid."""
     return math.floor(length_m / resolution_m + _ROUNDING) + 1
 
 
@@ -231,8 +231,8 @@ def lidar_columns(span_deg: float, step_deg: float, *, is_exact: bool) -> tuple[
 
     The original Obelisk uses `ceil(span / step)` rays, spreads them from the first to the last
     angle, and omits the last one of a full turn: 360 in steps of 2 gives 179 rays, 360 / 179
-    degrees apart. With `is_exact`, rays are `step_deg` apart and both ends count; the end of a full
-    turn counts only once.
+    degrees apart. With `is_exact`, rays are `step_deg` apart, with both endpoints; a full turn has
+    only one.
     """
     span_deg = abs(span_deg)
     is_turn = abs(span_deg - _TURN_DEG) < _ROUNDING

@@ -125,7 +125,11 @@ def _check_counts(
             path=(*path, "sensor_names"),
             points_at="key",
             message=f"`{written}` has no `{sensor_type}` sensor, "
-            + ("which it needs" if use.presence == "required" else "so its values stay empty"),
+            + (
+                "which it needs"
+                if use.presence == "required"
+                else "so the fields for it stay empty"
+            ),
         )
 
 

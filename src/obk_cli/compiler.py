@@ -64,7 +64,7 @@ class Options:
     meant: Callable[[str], str | None] = did_you_mean_config
     """Returns a help line with similar paths for a file that cannot be read."""
     for_test: bool = False
-    """Whether to report code that may behave differently between lock-step runs, too (OBK6xx)."""
+    """Whether to report code that may behave differently between lockstep runs, too (OBK6xx)."""
     including: Callable[[str], tuple[str, ...]] = lambda _: ()
     """Returns the configs that include a file; if any, the file is checked as a fragment."""
 
@@ -82,7 +82,7 @@ class Outcome:
 
     @property
     def hazards(self) -> tuple[Diagnostic, ...]:
-        """Code that may behave differently between lock-step runs; empty without `for_test`."""
+        """Code that may behave differently between lockstep runs; empty without `for_test`."""
         return tuple(d for d in self.diagnostics if d.code.startswith(LOCKSTEP_FAMILY))
 
 

@@ -1,4 +1,4 @@
-"""Find installed packages in prefixes, assemble a package's prefix, install and remove it.
+"""Find packages in prefixes, assemble a package's prefix, and install and remove packages.
 
 Files are replaced, never written in place, so a running process keeps the library that it has
 loaded.
@@ -35,7 +35,7 @@ _IMPLICIT = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prefixes:
-    """Installed trees, nearest first; `ros` has the generators and is always the last."""
+    """Installed trees, nearest first; `ros` has the generators and is always last."""
 
     layers: tuple[Path, ...]
     ros: Path

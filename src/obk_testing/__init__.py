@@ -1,4 +1,4 @@
-"""Closed-loop tests of a config: its nodes run in lock-step, in one process, from pytest."""
+"""Closed-loop tests of a config: its nodes run in lockstep, in one process, from pytest."""
 
 from obk_testing.result import TrialResult
 from obk_testing.topic_log import TopicLog

@@ -1,4 +1,4 @@
-"""The pytest plugin: the `stack` and `seed` fixtures, which run a config in lock-step.
+"""The pytest plugin: the `stack` and `seed` fixtures, which run a config in lockstep.
 
 Load it with `-p obk_testing.plugin`, as `obk test` does, so that simulated time is installed before
 test modules and nodes are imported. A failed test leaves its trials as recordings and plots.
@@ -72,7 +72,7 @@ class StartStack(Protocol):
         record: Iterable[str] | None = None,
         without: Iterable[str] = (),
     ) -> StackTrial:
-        """Bring up a stack in lock-step.
+        """Bring up a stack in lockstep.
 
         Unless one of `latency`, `jitter`, `phases`, `compute` and `bring_up` is set, the seed
         determines the schedule. Seed 0 gives the ideal one, in which nothing takes time.
@@ -185,7 +185,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if threading.current_thread() is threading.main_thread():
         # Like Ctrl-C, so that everything is cleaned up.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # Nodes of several trials have the same names, and lock-step does not use rcl's /rosout.
+    # Nodes of several trials have the same names, and lockstep does not use rcl's /rosout.
     set_logger_level("rcl.logging_rosout", LoggingSeverity.ERROR)
     session = config.stash[_SESSION] = _Session()
     session.patches.enter_context(intercepted())
@@ -304,7 +304,7 @@ def _stacks() -> Iterator[LoadedStacks]:
 
 @pytest.fixture
 def stack(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Iterator[StartStack]:
-    """`stack("my_robot.yaml")` brings up a config in lock-step; see `StartStack`."""
+    """`stack("my_robot.yaml")` brings up a config in lockstep; see `StartStack`."""
     trials = request.node.stash[_TRIALS] = _Trials()
 
     def start(config: str | Path | None = None, **options: Any) -> StackTrial:

@@ -53,7 +53,7 @@ _NOT_FOR_TESTS: Final = {"viewer": "none", "render": ""}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompiledStack:
-    """A config that can run in lock-step."""
+    """A config that can run in lockstep."""
 
     config: Path
     plan: Plan
@@ -81,7 +81,7 @@ def compile_stack(
 
     Raises:
         CommandFailedError: the config has errors, its robot is hardware, or a node cannot run in
-            lock-step.
+            lockstep.
     """
     options = Options(
         variables=dict(os.environ),
@@ -335,7 +335,7 @@ class LoadedStack:
             if not is_composable(replace(node, env={}), executables[node.full_name]):
                 raise CommandFailedError(
                     f"{node.origin}: {node.full_name} ({node.package}/{node.executable}) is not a "
-                    "Python lifecycle node for this interpreter, so it cannot run in lock-step",
+                    "Python lifecycle node for this interpreter, so it cannot run in lockstep",
                     help=f"leave it out, stack(..., without=['{node.full_name}']), and replace it "
                     "with `stub`",
                 )

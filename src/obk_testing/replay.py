@@ -1,7 +1,7 @@
-"""Run nodes of a config in lock-step on recorded inputs: `python -m obk_testing.replay REQUEST`.
+"""Run nodes of a config in lockstep on recorded inputs: `python -m obk_testing.replay REQUEST`.
 
 `obk play --into` starts it. REQUEST is a `ReplayRequest` as JSON. Messages published by the nodes
-are written to a new recording. If the input was recorded in lock-step, every message arrives at
+are written to a new recording. If the input was recorded in lockstep, every message arrives at
 the recorded time and in the recorded order, so the same code yields bitwise equal outputs.
 """
 
@@ -57,7 +57,7 @@ def replay(request: ReplayRequest) -> Iterator[str]:
 
     Raises:
         CommandFailedError: the config cannot be run, or message definitions differ.
-        LockstepError: a node cannot run in lock-step.
+        LockstepError: a node cannot run in lockstep.
         RecordingError: the recording cannot be read.
     """
     run = open_run(request.recording)
@@ -169,7 +169,7 @@ def _is_late(message: RecordedMessage, ticks: Mapping[int, int]) -> bool:
 def main(arguments: list[str]) -> int:
     """Run a request, and return the exit code."""
     request = msgspec.json.decode(arguments[0], type=ReplayRequest)
-    # Nodes of several programs have the same loggers, and lock-step does not use rcl's /rosout.
+    # Nodes of several programs have the same loggers, and lockstep does not use rcl's /rosout.
     set_logger_level("rcl.logging_rosout", LoggingSeverity.ERROR)
     with intercepted():
         try:

@@ -138,7 +138,7 @@ class TrialResult:
         self.faults = tuple(faults)
         """Faults of nodes, as in the log."""
         self.notes = tuple(notes)
-        """The scheduler's notes about anything that takes time or is not in lock-step."""
+        """The scheduler's notes about anything that takes time or is not in lockstep."""
         self.log = tuple(log)
         """Log messages of the nodes."""
         self.states = states

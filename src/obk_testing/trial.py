@@ -1,4 +1,4 @@
-"""A trial: the nodes of a stack in lock-step, and the test's actions on them.
+"""A trial: the nodes of a stack in lockstep, and the test's actions on them.
 
 A test is sequential code: time stands still between calls to `run`, so it can check, decide and
 act at exact times. Actions without a time happen immediately.
@@ -91,7 +91,7 @@ class StackTrial:
             record: topics to record; None for all.
 
         Raises:
-            LockstepError: a node cannot be brought up or cannot run in lock-step.
+            LockstepError: a node cannot be brought up or cannot run in lockstep.
             LookupError: a node does not exist.
         """
         self.stack = stack

@@ -2,7 +2,7 @@
 
 The report of a reject case is in the `.txt` next to it; an accept case has no findings.
 `# set: path=value` on the first line is a `--set`. A `.part` is not a separate case. A folder
-`.packages` contains packages of the case. Cases of OBK6 are checked for lock-step runs.
+`.packages` contains packages of the case. Cases of OBK6 are checked for lockstep runs.
 """
 
 import json

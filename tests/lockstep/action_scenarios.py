@@ -1,4 +1,4 @@
-"""Scenarios of actions in lock-step, printed as JSON; a program, as it needs a built package."""
+"""Scenarios of actions in lockstep, printed as JSON; a program, as it needs a built package."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""A process that can run nodes in lock-step, for one test file at a time."""
+"""A process that can run nodes in lockstep, for one test file at a time."""
 
 import gc
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""Actions in lock-step: goals, feedback, cancel, results, and servers that are missing."""
+"""Actions in lockstep: goals, feedback, cancel, results, and servers that are missing."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Services, parameters, futures and `await` in lock-step."""
+"""Services, parameters, futures and `await` in lockstep."""
 
 from collections.abc import Callable
 from typing import Any

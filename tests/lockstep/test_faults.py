@@ -1,4 +1,4 @@
-"""Faults of nodes in lock-step, and how the nodes end."""
+"""Faults of nodes in lockstep, and how the nodes end."""
 
 import sys
 from collections.abc import Callable

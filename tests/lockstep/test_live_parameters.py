@@ -1,4 +1,4 @@
-"""`Parameter`s in lock-step change between two events, at the same time in every run."""
+"""`Parameter`s in lockstep change between two events, at the same time in every run."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The simulator in lock-step: its services, old commands, pushes and restarts."""
+"""The simulator in lockstep: its services, old commands, pushes and restarts."""
 
 from collections.abc import Callable
 from pathlib import Path

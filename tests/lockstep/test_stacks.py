@@ -1,4 +1,4 @@
-"""Stacks without MuJoCo in lock-step: programs, robots, faults, restarts and fakes."""
+"""Stacks without MuJoCo in lockstep: programs, robots, faults, restarts and fakes."""
 
 import functools
 import os

@@ -1,4 +1,4 @@
-"""System calls in lock-step: time, dates, sleep, random numbers, threads and logs."""
+"""System calls in lockstep: time, dates, sleep, random numbers, threads and logs."""
 
 import asyncio
 import datetime

@@ -1,4 +1,4 @@
-"""Timers and rates in lock-step: all clocks; canceled, reset and late timers; new periods."""
+"""Timers and rates in lockstep: all clocks; canceled, reset and late timers; new periods."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""Topics in lock-step: order, history, durability, QoS, raw bytes and message infos."""
+"""Topics in lockstep: order, history, durability, QoS, raw bytes and message infos."""
 
 from collections.abc import Callable
 from typing import Any

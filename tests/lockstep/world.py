@@ -1,4 +1,4 @@
-"""Nodes in lock-step without a config, for tests of the engine."""
+"""Nodes in lockstep without a config, for tests of the engine."""
 
 import gc
 from collections.abc import Callable, Iterator

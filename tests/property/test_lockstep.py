@@ -1,4 +1,4 @@
-"""Properties of lock-step runs: random graphs of nodes, and timers compared with those of rcl."""
+"""Properties of lockstep runs: random graphs of nodes, and timers compared with those of rcl."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

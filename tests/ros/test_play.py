@@ -1,4 +1,4 @@
-"""`obk play`: publish recordings in real time, or replay them into nodes in lock-step."""
+"""`obk play`: publish recordings in real time, or replay them into nodes in lockstep."""
 
 import re
 import struct

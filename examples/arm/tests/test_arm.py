@@ -1,4 +1,4 @@
-"""Closed-loop tests of the arm: its nodes and its simulator in lock-step, in simulated time.
+"""Closed-loop tests of the arm: its nodes and its simulator in lockstep, in simulated time.
 
 Run them from the repository: `obk test examples/arm/arm.yaml examples/arm/tests`.
 The comment on each limit is the measured value, the worst of seeds 0 to 4.

@@ -1,4 +1,4 @@
-"""Closed-loop tests of the cart-pole: its network, nodes and simulator in lock-step.
+"""Closed-loop tests of the cart-pole: its network, nodes and simulator in lockstep.
 
 Run them from the repository: `obk test examples/cartpole/cartpole.yaml`.
 The comment on each limit is the measured value, the worst of seeds 0 to 4.

@@ -1,4 +1,4 @@
-"""Closed-loop tests of the two-link robot: its nodes and its simulator in lock-step.
+"""Closed-loop tests of the two-link robot: its nodes and its simulator in lockstep.
 
 Run them from the repository: `obk test examples/dummy/dummy.yaml examples/dummy/tests`.
 The comment on each limit is the measured value, the worst of seeds 0 to 4.

@@ -149,7 +149,7 @@ class Parameter(Generic[T]):
         return parameter
 
     def fault(self, parameter: RosParameter) -> str | None:
-        """Why a value is invalid, "`kp` is 500.0, expected 0.0 to 200.0"; None if it is valid."""
+        """Why a value is invalid ("`kp` is 500.0, expected 0.0 to 200.0"); None if it is valid."""
         if parameter.type_ is not self.type:
             kinds = (kind.name.lower() for kind in (parameter.type_, self.type))
             return "`{}` is of type {}, expected {}".format(self.name, *kinds)

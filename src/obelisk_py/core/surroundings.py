@@ -1,4 +1,4 @@
-"""Provide a node's environment: DDS and the system's clocks and threads, or a lock-step run.
+"""Provide a node's environment: DDS and the system's clocks and threads, or a lockstep run.
 
 A node requests timers, publishers and threads from its surroundings when it creates them, and
 registers what rclpy has created. There are no calls per message or tick, so a normal run has no

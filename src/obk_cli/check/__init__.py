@@ -72,7 +72,7 @@ WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_unconnected_to
 
 
 TEST_CHECKS: tuple[Check, ...] = (check_lockstep,)
-"""Checks that only concern lock-step runs."""
+"""Checks that only concern lockstep runs."""
 
 
 def check_stack(
@@ -84,7 +84,7 @@ def check_stack(
         stack: the typed config.
         environment: the packages and models to look things up in.
         is_whole: whether every included file was read.
-        for_test: whether to check the config for lock-step runs, too.
+        for_test: whether to check the config for lockstep runs, too.
     """
     checks = (*CHECKS, *(WHOLE_CHECKS if is_whole else ()), *(TEST_CHECKS if for_test else ()))
     topology = Topology.of(stack)

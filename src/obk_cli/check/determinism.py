@@ -1,4 +1,4 @@
-"""OBK605, OBK611 to OBK613: nodes and settings that lock-step runs cannot reproduce.
+"""OBK605, OBK611 to OBK613: nodes and settings that lockstep runs cannot reproduce.
 
 `source_analysis.hazards` finds what the source of a node shows (OBK601 to OBK609).
 """
@@ -18,12 +18,12 @@ _NOT_SIMULATED = ("deadline", "lifespan", "liveliness", "liveliness_lease_durati
 
 
 def check_lockstep(context: CheckContext) -> Iterator[Diagnostic]:
-    """Report nodes that cannot be part of a lock-step run, and hazards of the others."""
+    """Report nodes that cannot be part of a lockstep run, and hazards of the others."""
     for node in context.stack.nodes:
         if node.is_simulated is not None and not node.is_simulated.value:
             yield found(
                 "OBK613",
-                f"`{node.node_name}` is hardware, which is not started in lock-step runs",
+                f"`{node.node_name}` is hardware, which is not started in lockstep runs",
                 node.is_simulated.entry_span,
                 help="test a variant of this config with a simulated robot",
             )
@@ -33,7 +33,7 @@ def check_lockstep(context: CheckContext) -> Iterator[Diagnostic]:
         if joystick.on:
             yield found(
                 "OBK612",
-                f"`{joystick.full_name}` has no lifecycle, so it is not part of lock-step runs",
+                f"`{joystick.full_name}` has no lifecycle, so it is not part of lockstep runs",
                 joystick.span,
                 help="publish its topic from the test",
             )
@@ -50,7 +50,7 @@ def _check_executable(
         yield found(
             "OBK611",
             (
-                f"`{node.executable.value}` {what}, so `{node.node_name}` is not part of lock-step "
+                f"`{node.executable.value}` {what}, so `{node.node_name}` is not part of lockstep "
                 "runs"
             ),
             node.executable.span,
@@ -62,7 +62,7 @@ def _check_executable(
         if parameter.name.startswith(_OVERRIDES) and policy in _NOT_SIMULATED:
             yield found(
                 "OBK605",
-                f"lock-step runs do not simulate the QoS policy `{policy}`",
+                f"lockstep runs do not simulate the QoS policy `{policy}`",
                 parameter.key_span or parameter.span,
             )
     yield from context.environment.read_hazards(*names)

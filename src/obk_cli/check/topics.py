@@ -440,10 +440,10 @@ def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
     is_note = end.ignores_type or all(other.ignores_type for other in others)
     who = f"{others[0].who} {_VERBS[others[0].direction]} it"
     if (others[0].owner, others[0].direction) == (end.owner, end.direction):
-        who = "and elsewhere"
+        who = "elsewhere"
     return found(
         "OBK205",
-        f"{end.who} {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, {who} "
+        f"{end.who} {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, but {who} "
         f"as {_short(expected)}",
         end.type_span or end.span,
         severity="warning" if is_alias or is_note else None,

@@ -76,7 +76,7 @@ class ConfigEdit:
             folder: where the test will be.
 
         Returns:
-            None if the stack cannot run in lock-step: it drives a real robot, or a node does not
+            None if the stack cannot run in lockstep: it drives a real robot, or a node does not
             run in this Python interpreter.
         """
         published = [link.topic for link in self.added.links if link.end.direction == "publishes"]

@@ -73,7 +73,9 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
             "reap": Verb("obk_cli.cli.reap", "Terminate processes that outlived their launcher."),
         },
         "Inspect": {
-            "monitor": Verb("obk_cli.cli.monitor", "Show nodes, rates and log of a running stack."),
+            "monitor": Verb(
+                "obk_cli.cli.monitor", "Show the nodes, rates and log of a running stack."
+            ),
             "web": Verb("obk_cli.cli.web", "Show a running stack in the browser."),
             "logs": Verb("obk_cli.cli.logs", "Show the logs of a run or of one of its nodes."),
             "topic": Verb("obk_cli.cli.topic", "Inspect and measure topics, and publish to them."),

@@ -157,7 +157,9 @@ def command(
     ] = None,
     render_fps: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Frames per simulated second. Default: 30; for a GIF 15."),
+        typer.Option(
+            metavar="N", help="Frames per simulated second. Default: 30, or 15 for a GIF."
+        ),
     ] = None,
     network: Annotated[
         str | None,

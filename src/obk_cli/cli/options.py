@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 TIMEOUT_S: Final = 5.0
-"""Longer than discovering any node takes [s]."""
+"""More than enough time to discover any node [s]."""
 GIVEN: Final = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
 
 DomainOption = Annotated[
@@ -59,7 +59,7 @@ RunArgument = Annotated[
     typer.Argument(
         metavar="FILE|RUN",
         help="File, or the name of a run's folder or config. A "
-        "config stands for its latest recorded run, `dummy~1` for the one before.",
+        "config stands for its latest recorded run, and `NAME~1` for the one before.",
     ),
 ]
 TopicsOption = Annotated[
@@ -92,7 +92,7 @@ def require_choice(option: str, value: str, choices: Collection[str]) -> None:
 
 
 def require_positive(option: str, number: float | None, what: str = "a number") -> None:
-    """Reject an option's number that is not positive or is implausibly large.
+    """Reject the value of an option if it is not positive or is implausibly large.
 
     Args:
         option: its name on the command line.

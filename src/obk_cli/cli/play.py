@@ -91,10 +91,10 @@ def command(
     Topics that command a robot are left out unless --allow-hardware is given. If a robot subscribes
     to one of the other topics, the command exits with an error before publishing.
 
-    With --into, nodes of a config run on the recorded inputs instead, in lock-step and in simulated
+    With --into, nodes of a config run on the recorded inputs instead, in lockstep and in simulated
     time. Repeating the replay gives bit-identical results. The nodes are isolated: no other process
     receives their messages, and no robot moves. Their output is recorded and compared with the
-    recording. Unchanged code gives bit-identical output if the recording was made in lock-step, by
+    recording. Unchanged code gives bit-identical output if the recording was made in lockstep, by
     `obk test --keep-all`.
 
     With --real-time, the nodes run as processes and follow the recorded time, which is published on
@@ -114,7 +114,7 @@ def command(
         raise MisuseError(f"`--tolerance {tolerance:g}`: expected a number of at least 0")
     if into is not None and not real_time and rate != 1.0:
         raise MisuseError(
-            "`--rate` with `--into` needs `--real-time`: lock-step runs have no playback speed"
+            "`--rate` with `--into` needs `--real-time`: lockstep runs have no playback speed"
         )
 
     from obk_cli.optional_deps import require_extra, require_ros
@@ -242,7 +242,7 @@ def _replay_live(
 
 
 def _replay(run: "RecordedRun", what: _Replayed) -> int:
-    """Run the nodes in lock-step, in a process of their own, and compare; return the exit code."""
+    """Run the nodes in lockstep, in a process of their own, and compare; return the exit code."""
     from obk_cli.cli.test import lockstep_environment
     from obk_cli.optional_deps import require_extra
     from obk_cli.process.child_process import run_in_foreground

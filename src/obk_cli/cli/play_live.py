@@ -77,7 +77,7 @@ def refuse_commands(
             what = f"publishes {list_names(sent)}, which commands a robot" if sent else "is a robot"
             raise CommandFailedError(
                 f"{node.full_name} {what}",
-                help="replay it in lock-step, without `--real-time`, or add `--allow-hardware`",
+                help="replay it in lockstep, without `--real-time`, or add `--allow-hardware`",
             )
     for topic in inputs:
         if topic in moving:

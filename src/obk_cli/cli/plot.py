@@ -29,7 +29,7 @@ def command(
         typer.Argument(
             metavar="FILE|RUN... TOPIC.FIELD...",
             help="Files, or names of run folders or configs; then fields of topics. A "
-            "config stands for its latest recorded run, `dummy~1` for the one before. "
+            "config stands for its latest recorded run, and `NAME~1` for the one before. "
             "A topic is given by its name or a suffix of it.",
         ),
     ],

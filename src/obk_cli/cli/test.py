@@ -84,7 +84,7 @@ def command(
     time_limit: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME", help="Start no trial after this time, such as 90s, 10m or 1h."
+            metavar="TIME", help="Start no more trials after this time, such as 90s, 10m or 1h."
         ),
     ] = None,
     junitxml: Annotated[
@@ -111,7 +111,7 @@ def command(
 ) -> None:
     """Run closed-loop tests of a stack in simulated time: repeatable and faster than real time.
 
-    All nodes run in one process, in lock-step with the simulated robot. TESTS are pytest files
+    All nodes run in one process, in lockstep with the simulated robot. TESTS are pytest files
     whose tests use the `stack` fixture; by default those in `tests/` next to the config. Without
     tests, a smoke test runs the stack for 5 s: no fault, finite values, topics at their rates, and
     two identical runs.

@@ -70,7 +70,7 @@ def command(
         bool,
         typer.Option(
             "--for-test",
-            help="Also report code that may behave differently between lock-step runs.",
+            help="Also report code that may behave differently between lockstep runs.",
         ),
     ] = False,
     watch: Annotated[

@@ -172,7 +172,7 @@ class Environment(Protocol):
         """What the Python source of an executable defines; None if it cannot be read."""
 
     def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
-        """Code of an executable that may behave differently between two lock-step runs."""
+        """Code of an executable that may behave differently between two lockstep runs."""
 
     def is_cpp(self, package: str, executable: str) -> bool:
         """Whether an executable is written in C++, as far as known."""

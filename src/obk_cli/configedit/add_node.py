@@ -92,7 +92,7 @@ class PlannedEnvironment:
         return self.current.read_node_code(package, executable)
 
     def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
-        """Code of an executable that may behave differently between two lock-step runs."""
+        """Code of an executable that may behave differently between two lockstep runs."""
         if (package, executable) == (self.package, self.executable):
             return ()
         return self.current.read_hazards(package, executable)
@@ -178,7 +178,7 @@ def add_node(
     """Insert a node into the text of a config.
 
     `before` is the compiled config; it is compiled here if not given. `device` selects one of
-    several devices; `replaces` names the node in the section that is to be replaced. The new node's
+    several devices; `replaces` names the node to replace in the section. The new node's
     package need not exist yet.
     """
     options = _with_planned(source, new_node, options)

@@ -79,10 +79,11 @@ def examine(
     Args:
         checks: the checks to run, in parallel.
         timeout_s: limit for each check [s].
-        on_pending: called at the start and after each answer with the checks still running.
+        on_pending: called with the checks that are still running, at the start and after each
+            answer.
 
     Returns:
-        An answer for each check, in their order.
+        The answers, in the order of the checks.
     """
     answered: queue.Queue[Answer] = queue.Queue()
     start = monotonic_s()

@@ -69,7 +69,7 @@ class LaunchedStack:
 
     @property
     def over_s(self) -> float | None:
-        """When its output ended [s since 1970]; None while it has not."""
+        """When its output ended [s since 1970]; None until then."""
         return self._over_s
 
     @property
@@ -107,7 +107,7 @@ class LaunchedStack:
         return code
 
     def outcome(self, timeout_s: float) -> int | None:
-        """The exit code; waits for it if the output has ended; None while it is running."""
+        """The exit code, waiting for it if the output has ended; None while the stack runs."""
         # The kernel closes a process's output some time before it reports the exit.
         return self.exit_code if self._over_s is None else self.wait_for_end(timeout_s)
 

@@ -220,7 +220,7 @@ class LaunchReport:
             case RatesUnreported():
                 yield self._paint(_YELLOW, f"  {short_name(event.node)}: {plain(event.how)}")
             case ActivationReported() | VideoReported():
-                return  # useful to lock-step runs only; shown at the end of the run
+                return  # useful to lockstep runs only; shown at the end of the run
             case PageReported():
                 yield from self._page(event)
             case _:

@@ -158,7 +158,7 @@ class Failed:
     node: str
     fault: str
     transition: str = ""
-    """The transition that failed; empty if the node failed by itself."""
+    """The transition that failed; empty if the node failed outside a transition."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

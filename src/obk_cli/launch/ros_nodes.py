@@ -161,10 +161,10 @@ class RosNodes(LifecycleClient):
 
 
 def failed_transition(passed: str, fault: str) -> str:
-    """The transition to which a fault belongs; empty if the node failed by itself.
+    """The transition to which a fault belongs; empty if there was none.
 
-    A node that fails by itself enters error processing through `deactivate` or `cleanup`; then its
-    fault names the callback of another transition.
+    A node that fails outside a transition enters error processing through `deactivate` or
+    `cleanup`; then its fault names the callback of another transition.
 
     Args:
         passed: the transition through which the node entered error processing.

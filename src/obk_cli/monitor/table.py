@@ -33,7 +33,7 @@ __all__ = [
 T = TypeVar("T")
 
 ONCE_LINES: Final = 8
-"""Number of log lines if everything is shown once."""
+"""Number of log lines that `--once` shows."""
 _GAP: Final = "  "
 LONGEST_WHOLE: Final = 30
 """Longer names are shortened before a column is omitted [cells]."""
@@ -48,7 +48,7 @@ _ROS_PREFIX: Final = re.compile(r"(?<=\]) \[\d+\.\d+\] \[[^\]]*\]:(?= )")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableLine:
-    """One line; its style has a name that rich knows."""
+    """One line, and the name of its style in rich."""
 
     text: str
     style: str = ""
@@ -95,13 +95,13 @@ def head_line(view: StackView, width: int) -> TableLine:
 
 
 def node_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
-    """The titles, then a line for each node."""
+    """The column headings, then a line for each node."""
     rows = [(short_name(node.node), node, _node_style(node)) for node in view.nodes]
     return _table("node", rows, _NODE_COLUMNS, width)
 
 
 def topic_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
-    """The titles, then a line for each topic; `!` marks topics whose rate is off."""
+    """The column headings, then a line for each topic; `!` marks topics whose rate is off."""
     space = _common_space([topic.topic for topic in view.topics])
     rows = [
         (
@@ -169,7 +169,7 @@ def monitor_text(view: StackView, width: int, *, colour: bool) -> str:
 
 
 def monitor_data(view: StackView) -> dict[str, Any]:
-    """The whole view as data: the fields of `StackView`, and whether each topic is off."""
+    """The whole view as data: the fields of `StackView`, and whether each topic's rate is off."""
     topics = [{**asdict(topic), "is_off": topic.is_off} for topic in view.topics]
     return {**asdict(view), "topics": topics}
 
@@ -306,7 +306,7 @@ _TOPIC_COLUMNS: Final[tuple[_Column[TopicView], ...]] = (
 def _table(
     title: str, rows: Sequence[tuple[str, T, str]], columns: Sequence[_Column[T]], width: int
 ) -> tuple[TableLine, ...]:
-    """The titles and a line for each row of name, value and style."""
+    """The column headings and a line for each row of name, value and style."""
     longest = max([len(title), *(len(name) for name, _, _ in rows)])
     kept = list(columns)
     while kept and _needed(kept) + min(longest, LONGEST_WHOLE) > width:

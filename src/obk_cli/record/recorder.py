@@ -1,8 +1,8 @@
 """Record topics of a ROS graph: serialized messages go straight from subscriptions into a file.
 
 No message is deserialized and no executor is used: every few milliseconds, the recorder takes the
-waiting messages of each subscription. A topic is subscribed to once its type is known; a named
-topic of known type even before it has a publisher. The recorder never blocks a publisher: messages
+waiting messages of each subscription. The recorder subscribes to a topic as soon as it knows the
+type, which may be before the topic has a publisher. It never blocks a publisher: messages
 that arrive too fast are dropped and counted.
 
 As a program, `python -m obk_cli.record.recorder JOB`, it runs a job file; a launch starts it
@@ -141,7 +141,7 @@ class RosRecorder:
 
     @property
     def dropped(self) -> int:
-        """Number of dropped messages of all topics."""
+        """Number of messages dropped, over all topics."""
         return sum(topic.counter.dropped for topic in self._topics.values())
 
     def turn(self) -> None:
@@ -183,7 +183,7 @@ class RosRecorder:
                 )
 
     def poll_graph(self) -> None:
-        """Subscribe to new topics, and resubscribe if a new publisher's offer requires it."""
+        """Subscribe to new topics, and resubscribe if a new publisher's QoS requires it."""
         graph = dict(self._node.get_topic_names_and_types())
         for name, msg_type in matching_topics(self._request, graph).items():
             if name not in self._topics and name not in self._rejected:
@@ -264,7 +264,7 @@ class Recorded:
 
 
 def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
-    """Record until a signal arrives or the duration has elapsed; only from the main thread.
+    """Record until a signal arrives or the duration has elapsed; to be called on the main thread.
 
     Args:
         job: what to record.

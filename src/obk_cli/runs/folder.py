@@ -55,7 +55,7 @@ class Run:
     other_nodes: tuple[str, ...] = ()
     """Full names of the nodes without a lifecycle."""
     devices: tuple[str, ...] = ()
-    """The devices that this launcher runs; empty: all of the config."""
+    """The devices that this launcher runs; empty: all devices of the config."""
     leads: bool = True
     """Whether this launcher controls the stack as a whole, including other devices' nodes."""
     boot: str = ""

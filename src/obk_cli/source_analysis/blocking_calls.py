@@ -77,7 +77,7 @@ def _reached(names: set[str], lineage: Lineage) -> set[str]:
 
 
 def _own_nodes(method: Function) -> Iterator[ast.AST]:
-    """The syntax nodes that a method itself runs, without nested functions."""
+    """The syntax nodes in a method's body, without those in nested functions."""
     pending: list[ast.AST] = list(method.body)
     while pending:
         node = pending.pop()
@@ -142,7 +142,7 @@ def _finding(call: ast.Call, method: Function, source: ClassSource, what: str) -
         "OBK426",
         f"`{ast.unparse(call.func)}` in `{method.name}` {what}",
         span_of(call, source.module.source),
-        help="use `call_async` with a done callback, or `await` it in an `async` callback",
+        help="use `call_async` with a done callback, or `await` its future in an `async` callback",
     )
 
 

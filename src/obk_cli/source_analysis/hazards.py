@@ -1,4 +1,4 @@
-"""OBK601 to OBK609: code of a node that may behave differently between lock-step runs.
+"""OBK601 to OBK609: code of a node that may behave differently between lockstep runs.
 
 It examines the code that the node's start leads to. A call is recognized by its full name; calls
 through a variable, `getattr` or a package outside the workspace are not found.
@@ -120,7 +120,7 @@ _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
         _PLAIN_NODES,
         (
             "OBK609",
-            "`{}` creates a plain rclpy node, which lock-step runs reject",
+            "`{}` creates a plain rclpy node, which lockstep runs reject",
             "derive its class from `ObeliskNode`",
         ),
     ),
@@ -152,7 +152,7 @@ _OF_HASHING = ("__hash__", "__repr__", "__str__")
 
 
 def find_hazards(module: str, function: str | None, load: LoadModule) -> tuple[Diagnostic, ...]:
-    """Find code behind an entry point that lock-step runs cannot reproduce.
+    """Find code behind an entry point that lockstep runs cannot reproduce.
 
     Args:
         module: dotted name of the module.
@@ -234,7 +234,7 @@ def _classes(block: CodeBlock) -> Iterator[_Hazard]:
             message = f"class `{name}` runs code outside the callbacks, in real time"
             yield name, found("OBK601", message, span, help="do the work in a timer")
         elif base_name in _PLAIN_NODES:
-            message = f"class `{name}` is a plain rclpy node, which lock-step runs reject"
+            message = f"class `{name}` is a plain rclpy node, which lockstep runs reject"
             yield name, found("OBK609", message, span, help="derive it from `ObeliskNode`")
 
 
@@ -266,7 +266,7 @@ def _qos(block: CodeBlock) -> Iterator[_Hazard]:
     for node in block.nodes:
         for what, name, place in _qos_settings(node, block):
             span = span_of(place, block.module.source)
-            message = f"lock-step runs do not simulate the QoS {what} `{name}`"
+            message = f"lockstep runs do not simulate the QoS {what} `{name}`"
             yield str(span), found("OBK605", message, span)
 
 

@@ -126,7 +126,8 @@ def numbers_in(value: Any, field: str) -> dict[str, float]:
 def number_fields(msg_type: str, fields_of: FieldsOf) -> tuple[str, ...]:
     """The fields of a message type that are worth plotting.
 
-    Numbers, arrays of numbers and messages that contain only numbers, before their own fields.
+    They are numbers, arrays of numbers, and messages that contain only numbers. Such a message is
+    listed before its own fields.
 
     Args:
         msg_type: `pkg/Name`.
@@ -164,7 +165,7 @@ class _Plot:
 
 
 class Plots:
-    """The fields that pages plot now."""
+    """The fields that open pages are plotting."""
 
     def __init__(self) -> None:
         """Start without values."""

@@ -127,7 +127,7 @@ class MachineEnvironment:
         return self._codes[key]
 
     def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
-        """Code of an executable that may behave differently between two lock-step runs."""
+        """Code of an executable that may behave differently between two lockstep runs."""
         command = self.find_executable(package, executable)
         return self._sources_of_nodes().hazards(command) if isinstance(command, Command) else ()
 

@@ -68,10 +68,10 @@ class NodeSources:
         return self._read_module(runs[1], None, ()) if runs else None
 
     def hazards(self, command: Command) -> tuple[Diagnostic, ...]:
-        """Code of a command that may behave differently between two lock-step runs."""
+        """Code of a command that may behave differently between two lockstep runs."""
         if command.module is None:
             return ()
-        # Only `obk validate --for-test` and lock-step runs need them.
+        # Only `obk validate --for-test` and lockstep runs need them.
         from obk_cli.source_analysis.hazards import find_hazards
 
         path, installed = command.python_path, (command.module.partition(".")[0],)

@@ -34,7 +34,7 @@ class FakeModel:
 def states(*angles: float) -> StateLog:
     log = StateLog("/robot", FakeModel())
     for number, angle in enumerate(angles):
-        log.add(number * MS, SimpleNamespace(qpos=np.array([angle]), qvel=np.zeros(1)))
+        log.add(number * MS, np.array([angle]), np.zeros(1))
     return log
 
 

@@ -1,8 +1,8 @@
-"""Run the callbacks of one thread of an executor from an epoll.
+"""Run the callbacks of one thread of an executor with epoll.
 
 Other threads can post jobs to a worker and interrupt it. The worker runs everything on its own
-thread, one job at a time. It blocks only in its epoll and starts no threads. The `TaskQueue` holds
-jobs that are not bound to a worker; any idle worker takes them.
+thread, one job at a time. It blocks only in `epoll_wait` and starts no threads. The `TaskQueue`
+holds jobs that are not bound to a worker; any idle worker takes them.
 """
 
 import os
@@ -118,7 +118,7 @@ class Worker:
                 self.remove(source)
 
     def is_blocked(self, group: CallbackGroup) -> bool:
-        """Whether callbacks of an exclusive group wait for a suspended coroutine."""
+        """Whether callbacks of an exclusive group are waiting for a suspended coroutine."""
         return group in self._blocked
 
     def requeue(self, fd: int) -> None:
@@ -137,7 +137,7 @@ class Worker:
         return ran
 
     def run_ready(self, timeout_s: float) -> bool:
-        """Wait until a descriptor is signaled, then run the callbacks of all that are.
+        """Wait until a descriptor is ready, then run the callbacks of all that are ready.
 
         If interrupted, it returns early; the remaining callbacks run on the next call.
 
@@ -203,7 +203,7 @@ class Worker:
             self._block(group)
 
     def close(self) -> None:
-        """Close the epoll; later calls to `interrupt` have no effect."""
+        """Close the epoll instance; later calls to `interrupt` have no effect."""
         with self._closing:
             self._epoll.close()
             os.close(self._wake_fd)

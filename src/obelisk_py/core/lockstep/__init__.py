@@ -1,1 +1,1 @@
-"""Run nodes in lock-step: in one process, with simulated time and a defined order of events."""
+"""Run nodes in lockstep: in one process, with simulated time and a defined order of events."""

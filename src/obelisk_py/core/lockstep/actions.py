@@ -1,7 +1,7 @@
-"""Run actions in lock-step: rclpy's servers and clients with a different message transport.
+"""Run actions in lockstep: rclpy's servers and clients with a different message transport.
 
 rclpy's `ActionServer` and `ActionClient` manage the goals. They pass requests, responses, feedback
-and status to a C handle. In lock-step, the classes here replace this handle. They keep the same
+and status to a C handle. In lockstep, the classes here replace this handle. They keep the same
 state about goals as the C code, and pass messages to their counterparts as events.
 """
 

@@ -1,4 +1,4 @@
-"""Clock, timers, rates, services and clients for nodes in lock-step, derived from rclpy's."""
+"""Clock, timers, rates, services and clients for nodes in lockstep, derived from rclpy's."""
 
 import functools
 import threading

@@ -1,4 +1,4 @@
-"""Run a node's own threads in lock-step: a thread runs during its turn and ends it by sleeping."""
+"""Run a node's own threads in lockstep: a thread runs during its turn and ends it by sleeping."""
 
 import sys
 import threading
@@ -175,7 +175,7 @@ class Guest:
                 return
         raise LockstepError(
             f"the thread `{self._thread.name}` of {self.node.name} neither slept nor ended within "
-            f"{LONGEST_TURN_S:g} s: a thread in lock-step must call `time.sleep`. It is in\n"
+            f"{LONGEST_TURN_S:g} s: a thread in lockstep must call `time.sleep`. It is in\n"
             f"{self._stack()}"
         )
 

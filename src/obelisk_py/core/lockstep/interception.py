@@ -1,4 +1,4 @@
-"""Replace system time, randomness and logging with those of a lock-step run.
+"""Replace system time, randomness and logging with those of a lockstep run.
 
 While installed, functions such as `time.time`, `datetime.now` and `os.urandom` return the values of
 the run in progress. This applies only inside callbacks and guest threads of its nodes. The test
@@ -97,7 +97,7 @@ class Interception:
     guests: list[Guest] = field(default_factory=list)
     """Threads started by the nodes' code."""
     has_threads: bool = False
-    """Whether a node has started a thread outside lock-step."""
+    """Whether a node has started a thread outside lockstep."""
 
     def is_inside(self) -> bool:
         """Whether the caller is a callback or a guest thread of the run."""
@@ -454,7 +454,7 @@ def _leave_lockstep(run: Interception, thread: str, place: str) -> None:
     run.has_threads = True
     run.scheduler.note(
         ("thread", place),
-        f"the thread {thread}, started in {place}, is not in lock-step, because it waits for "
+        f"the thread {thread}, started in {place}, is not in lockstep, because it waits for "
         "something outside the run: its behavior may differ between runs",
     )
 
@@ -471,7 +471,7 @@ def _node_constructor(real: Callable[..., None]) -> Callable[..., None]:
 
 def _plain_node_error(name: str) -> LockstepError:
     return LockstepError(
-        f"the plain rclpy node `{name}` ({user_place()}) cannot run in lock-step, because its "
+        f"the plain rclpy node `{name}` ({user_place()}) cannot run in lockstep, because its "
         "messages and timers would use DDS. Derive its class from `ObeliskNode` or another base "
         "class of the library, or leave the node out and replace it with `stub`"
     )

@@ -1,4 +1,4 @@
-"""Schedule the events of a lock-step run in simulated time and a defined order.
+"""Schedule the events of a lockstep run in simulated time and a defined order.
 
 Each event has a due time. Events due at the same time run in this order: steps of simulators,
 events postponed by busy nodes, faults, messages in the order of publishing, and timers in the order
@@ -53,7 +53,7 @@ Event = tuple[int, int, Any, "ScheduledNode | None", Callable[[], object]]
 
 
 class LockstepError(ObeliskError):
-    """A node did something that is impossible in lock-step; the message names an alternative."""
+    """A node did something that is impossible in lockstep; the message names an alternative."""
 
 
 class Arrival(ABC):
@@ -198,7 +198,7 @@ class Scheduler:
 
         Raises:
             LockstepError: nodes trigger each other endlessly without time advancing, or a node did
-                something that is impossible in lock-step.
+                something that is impossible in lockstep.
         """
         try:
             while True:
@@ -269,7 +269,7 @@ class Scheduler:
         """Raise the error that ends the run, if any.
 
         Raises:
-            LockstepError: a node did something that is impossible in lock-step.
+            LockstepError: a node did something that is impossible in lockstep.
         """
         if self._heap and self._heap[0][1] == _STOP:
             self._heap[0][4]()

@@ -1,4 +1,4 @@
-"""Connect nodes to a lock-step run instead of DDS, clocks and threads, and step its simulators."""
+"""Connect nodes to a lockstep run instead of DDS, clocks and threads, and step its simulators."""
 
 import random
 import threading
@@ -229,7 +229,7 @@ class _GlobalGenerators:
 
 
 class LockstepSurroundings(Surroundings):
-    """A lock-step run instead of DDS, clocks and threads."""
+    """A lockstep run instead of DDS, clocks and threads."""
 
     is_lockstep = True
 
@@ -332,7 +332,7 @@ class LockstepSurroundings(Surroundings):
                 self._scheduler.stop(
                     LockstepError(
                         f"{owner.name} has a callback for the QoS event {name} ({user_place()}), "
-                        "which only DDS raises: it would never be called in lock-step"
+                        "which only DDS raises: it would never be called in lockstep"
                     )
                 )
 

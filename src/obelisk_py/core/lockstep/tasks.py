@@ -1,4 +1,4 @@
-"""Run tasks and coroutines as events: the executor of nodes in lock-step.
+"""Run tasks and coroutines as events: the executor of nodes in lockstep.
 
 rclpy's executors poll a waiting coroutine until its future is done. Here, the coroutine continues
 in the event that completes the future.

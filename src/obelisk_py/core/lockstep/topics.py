@@ -1,4 +1,4 @@
-"""Route messages from publishers to subscriptions in a lock-step run, without DDS.
+"""Route messages from publishers to subscriptions in a lockstep run, without DDS.
 
 Each subscription receives its own copy, as from the network, and keeps a history with the depth of
 its QoS profile, which drops the oldest message. QoS profiles match as in DDS. A late subscription
@@ -211,7 +211,7 @@ class TopicTable:
         """Note that a publisher's lifespan has no effect."""
         self._scheduler.note(
             ("lifespan", name, node.name),
-            f"{node.name} publishes {name} with a lifespan, which has no effect in lock-step",
+            f"{node.name} publishes {name} with a lifespan, which has no effect in lockstep",
         )
 
     def leave(self, node: ScheduledNode) -> None:

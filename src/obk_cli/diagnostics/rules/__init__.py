@@ -19,7 +19,7 @@ from obk_cli.diagnostics.rules.rule import Rule, Severity
 __all__ = ["LOCKSTEP_FAMILY", "RULES", "Rule", "Severity", "rule_of"]
 
 LOCKSTEP_FAMILY = "OBK6"
-"""Rules about lock-step runs, which are only checked on request."""
+"""Rules about lockstep runs, which are only checked on request."""
 _EVERY = chain(
     config_rules.RULES,
     graph_rules.RULES,

@@ -156,7 +156,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a value that is not allowed",
         cause="The key accepts only the values that the finding lists.",
-        fix="Write one of them.",
+        fix="Use one of the values that the message lists.",
     ),
     Rule(
         code="OBK106",

@@ -1,4 +1,4 @@
-"""OBK6xx: differences between lock-step runs, reported on request. Data only."""
+"""OBK6xx: differences between lockstep runs, reported on request. Data only."""
 
 from obk_cli.diagnostics.rules.rule import Rule
 
@@ -9,9 +9,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK601",
         severity="info",
         title="a node starts its own thread, process or event loop",
-        cause="A lock-step run calls all callbacks on one thread, in simulated time. Anything "
+        cause="A lockstep run calls all callbacks on one thread, in simulated time. Anything "
         "else that a node starts runs in real time, so its effects occur at a different "
-        "simulated time in each run. Threads run in lock-step only if they wait with `time.sleep`, "
+        "simulated time in each run. Threads run in lockstep only if they wait with `time.sleep`, "
         "a `queue.Queue`, an event or a condition, as a simulated robot's `run_simulator` does.",
         fix="Do the work in a timer, or in `run_simulator`. If results do not depend on when the "
         "thread runs, silence the finding.",
@@ -28,7 +28,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK603",
         severity="info",
         title="a clock that is not simulated",
-        cause="A lock-step run simulates ROS clocks, `time.time`, `monotonic`, `perf_counter`, "
+        cause="A lockstep run simulates ROS clocks, `time.time`, `monotonic`, `perf_counter`, "
         "`sleep`, `clock_gettime`, `datetime.now` and `date.today`. CPU time, `uuid.uuid1` "
         "and clocks read by compiled code are not simulated.",
         fix="Read `self.t` or one of the simulated clocks. If the value is only logged, silence "
@@ -38,16 +38,16 @@ RULES: tuple[Rule, ...] = (
         code="OBK604",
         severity="info",
         title="a node uses its own executor",
-        cause="A lock-step run delivers messages and calls timers itself. While a callback spins "
+        cause="A lockstep run delivers messages and calls timers itself. While a callback spins "
         "an executor, simulated time stands still, so the message it waits for never arrives.",
         fix="Use `call_async` with a done callback, or `await` it.",
     ),
     Rule(
         code="OBK605",
         severity="info",
-        title="QoS that lock-step runs do not simulate",
+        title="QoS that lockstep runs do not simulate",
         cause="The middleware measures deadlines, lifespans and liveliness in real time. In a "
-        "lock-step run, messages bypass it: no message expires, and QoS event callbacks "
+        "lockstep run, messages bypass it: no message expires, and QoS event callbacks "
         "are rejected because they would never be called.",
         fix="Test code that depends on them in real time with `obk rehearse`; otherwise "
         "silence the finding.",
@@ -83,15 +83,15 @@ RULES: tuple[Rule, ...] = (
         severity="info",
         title="a plain rclpy node",
         cause="A plain rclpy node uses DDS and the system clock for its messages and timers. A "
-        "lock-step run rejects it.",
+        "lockstep run rejects it.",
         fix="Derive its class from `ObeliskNode` or another base class of the library, or omit "
         "the executable in the test.",
     ),
     Rule(
         code="OBK611",
         severity="info",
-        title="an executable that cannot run in lock-step",
-        cause="A lock-step run executes all nodes in one Python process. C++ executables and "
+        title="an executable that cannot run in lockstep",
+        cause="A lockstep run executes all nodes in one Python process. C++ executables and "
         "scripts of another interpreter cannot run there.",
         fix="Omit the node in the test, publish its topics from the test, or test a variant of "
         "the config with a Python node in its place.",
@@ -108,7 +108,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK613",
         severity="info",
         title="a hardware robot",
-        cause="Lock-step runs never access hardware.",
+        cause="Lockstep runs never access hardware.",
         fix="Test a variant of the config with `is_simulated: true`.",
     ),
 )

@@ -48,8 +48,8 @@ RULES: tuple[Rule, ...] = (
         title="different message types on one topic",
         cause="ROS connects a publisher and a subscriber only if their message types are the "
         "same. A process cannot use two types on one topic. The finding is a warning if one of the "
-        "nodes is in C++, where the code determines the type and `msg_type` is only "
-        "informative.",
+        "nodes is in C++, where the code determines the type, and `msg_type` has no "
+        "effect.",
         fix="Use the same type at both ends, or use two topics.",
     ),
     Rule(

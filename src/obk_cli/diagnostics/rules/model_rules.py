@@ -150,7 +150,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a message that no sensor group can publish",
         cause="The simulator can only publish certain message types, which the finding lists.",
-        fix="Write one of them.",
+        fix="Use one of the types that the message lists.",
     ),
     Rule(
         code="OBK320",

@@ -129,8 +129,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK415",
         severity="error",
         title="a parameter outside its declared range",
-        cause="The node's class declares limits or an enum for this `Parameter`. The node does not "
-        "start with a value that they do not allow.",
+        cause="The node's class declares limits or an enum for this `Parameter`. The node fails "
+        "to start if the config sets any other value.",
         fix="Write an allowed value, or change the limits in the code.",
     ),
     Rule(

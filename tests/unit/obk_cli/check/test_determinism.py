@@ -1,4 +1,4 @@
-"""The nodes of a config that run in lock-step, when that is checked, and how to silence it."""
+"""The nodes of a config that run in lockstep, when that is checked, and how to silence it."""
 
 from pathlib import Path
 

@@ -77,7 +77,7 @@ def test_the_usual_packages_of_ros_are_optional(workspace: Path) -> None:
 def test_two_types_of_the_workspace_on_one_topic_differ(workspace: Path) -> None:
     assert reported(compile_with(workspace, "arm_msgs/Reach", "arm_msgs/Grip"))[0][:2] == (
         "OBK205",
-        "`/obelisk_robot_0` subscribes to `/arm/ctrl` as `arm_msgs/Grip`, `/obelisk_control_0` "
+        "`/obelisk_robot_0` subscribes to `/arm/ctrl` as `arm_msgs/Grip`, but `/obelisk_control_0` "
         "publishes it as `arm_msgs/Reach`",
     )
 

@@ -32,10 +32,11 @@ def test_without_mujoco_model_checks_are_reported_as_skipped(
     context = CheckContext(stack=stack, topology=Topology.of(stack), environment=environment)
     faults = check_models(context)
     assert [str(fault) for fault in faults] == [
-        "f.yaml:4:89: info[OBK307]: `ObkImu` has no `accelerometer` sensor, so its values stay "
-        "empty",
+        "f.yaml:4:89: info[OBK307]: `ObkImu` has no `accelerometer` sensor, so the fields for it "
+        "stay empty",
         "f.yaml:4:113: error[OBK306]: `ObkImu` takes 1 `gyro` sensor, but has 2",
-        "f.yaml:4:89: info[OBK307]: `ObkImu` has no `framequat` sensor, so its values stay empty",
+        "f.yaml:4:89: info[OBK307]: `ObkImu` has no `framequat` sensor, so the fields for it stay "
+        "empty",
         "f.yaml:4:25: info[OBK300]: MuJoCo is not installed, so names are not checked against the "
         "model",
     ]

@@ -53,7 +53,7 @@ def errors(config: Path) -> list[str]:
 
 
 def hazards(config: Path) -> set[str]:
-    """The rules about lock-step runs that have findings."""
+    """The rules about lockstep runs that have findings."""
     options = Options(variables={}, working_folder=Path.cwd(), for_test=True)
     return {finding.code for finding in compile_config(str(config), options).hazards}
 

@@ -1,4 +1,4 @@
-"""Differences between two lock-step runs, and what lock-step simulates without a finding."""
+"""Differences between two lockstep runs, and what lockstep simulates without a finding."""
 
 import pytest
 from hypothesis import given

@@ -1,9 +1,9 @@
 """Create the outputs of the stepping thread from the `sim` block.
 
-Each sensor group has one output, and a second one if its messages are delayed. The markers of geoms
-have one output. Without a subscriber nothing is cast, rendered or sent, except for groups with
-noise or dropout: their random numbers must not depend on who subscribes. Groups without noise,
-dropout and delay have no extra cost.
+Each sensor group has one output, and a second one if its messages are delayed. All markers of
+geoms share one output. Without a subscriber, no ray is cast, no image is rendered and nothing is
+sent, except for groups with noise or dropout: their random numbers must not depend on who
+subscribes. Groups without noise, dropout and delay have no extra cost.
 
 `SimulationClock` outputs the simulation time. It writes the time to the launch's clock page after
 each step, for the launch's Python nodes on this host. For all other nodes it publishes `/clock`, at
@@ -97,8 +97,8 @@ def group_outputs(
         sampler: takes the samples.
         publish: sends a message.
         has_subscribers: returns whether the topic has a subscriber.
-        count: called for each sample that is taken, dropped, or has no subscriber. If the sampler
-            delivers its samples later, called only in the last two cases.
+        count: called for each sample that is taken or dropped, or that has no subscriber. If the
+            sampler delivers its samples later, called only in the last two cases.
     """
     times = SampleTimes(period_s=group.period_s, step_s=simulation.step_s)
     settings = group.sensor_noise

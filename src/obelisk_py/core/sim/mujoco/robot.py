@@ -250,7 +250,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             is_paced=factor > 0,
             is_lockstep=self.surroundings.is_lockstep,
             noise_seed=self.surroundings.noise_seed,
-            # In lock-step, samples are on time by definition, and no rate is published.
+            # In lockstep, samples are on time by definition, and no rate is published.
             monitor_rate=self._monitor_samples
             if factor and not self.surroundings.is_lockstep
             else no_rate_monitor,

@@ -31,7 +31,7 @@ class Joint:
 
 
 class RepeatableController(Controller):
-    """Uses all that lock-step runs simulate: clocks, randomness, services, latched topics."""
+    """Uses all that lockstep runs simulate: clocks, randomness, services, latched topics."""
 
     def __init__(self, node_name: str = "repeatable") -> None:
         super().__init__(node_name)

@@ -70,7 +70,7 @@ class _Feed:
                 return
             self._wait_for(self._pending)
         if self._view is None:
-            # Opened for the first image only, because it takes longer than a short lock-step run.
+            # Opened for the first image only, because it takes longer than a short lockstep run.
             self._view = self._open()
         self._view.update(self._source.data)
         self._pending = self._thread.submit(self._draw, self._view)

@@ -1,4 +1,4 @@
-"""Programs that cannot run in lock-step."""
+"""Programs that cannot run in lockstep."""
 
 import rclpy
 
