@@ -344,7 +344,7 @@ def _check_period(
             severity="warning",
             path=(*path, "dt"),
             message=f"sensor period {group['dt']:g} s is shorter than the simulation step "
-            f"{time_step_s:g} s, so it is published every step",
+            f"{time_step_s:g} s, so the sensor is published every step",
             help=f"write `dt: {time_step_s:g}` or a multiple of it",
         )
 

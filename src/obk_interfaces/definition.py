@@ -158,7 +158,7 @@ def _check_section(
         yield from _check_type(line, match, package, messages)
         yield from check(line, name, start)
         if name in first_line_of:
-            yield line.problem(start, f"`{name}` is already defined in line {first_line_of[name]}")
+            yield line.problem(start, f"`{name}` is already defined on line {first_line_of[name]}")
         first_line_of.setdefault(name, line.number)
 
 

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 from std_msgs.msg import Float64
 
@@ -32,10 +33,7 @@ def trial(step: float = 0.1) -> TrialResult:
     model = mujoco.MjModel.from_xml_string(ARM)
     states = StateLog("/robot", model)
     for number in range(3):
-        position = [step * number] * model.nq
-        data = mujoco.MjData(model)
-        data.qpos[:] = position
-        states.add(number * MS, data)
+        states.add(number * MS, np.full(model.nq, step * number), np.zeros(model.nv))
     topic = Topic("/x", Float64, is_watched=False)
     topic.log = [(n * MS, n, topic.codec.pack(Float64(data=float(n)))) for n in range(2)]
     entry = LogEntry(time_ns=MS, severity=40, name="robot", text="no", place="robot.py:7")

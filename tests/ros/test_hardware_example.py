@@ -110,7 +110,7 @@ def test_a_dead_drive_is_reported_and_the_robot_recovers_with_it(watcher: Watche
             process.kill()
             process.wait()
             run.wait_for_line(f"the drive at 127.0.0.1:{port} has sent no new state for ")
-            run.wait_for_line("goes on without robot_0")
+            run.wait_for_line("continues without robot_0")
             others = {node: state for node, state in states().items() if node != ROBOT}
             assert set(others.values()) == {"active"}
             assert states()[ROBOT] == "unconfigured"

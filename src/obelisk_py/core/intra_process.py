@@ -65,7 +65,7 @@ _UNSET: Final = QoSProfile(depth=1)
 
 @functools.cache
 def middleware_is_known() -> bool:
-    """Whether endpoints of a context are matched before the call that creates one returns.
+    """Whether a call that creates an endpoint returns only after it is matched in its context.
 
     This is so in Fast DDS. The QoS profile in Python is also the effective one, unless the process
     loads profiles from XML.
@@ -269,7 +269,7 @@ class IntraProcessPublisher(LifecyclePublisher):
         self._send_bytes: Callable[[bytes], None] | None = self.handle.publish_raw
 
     def attach(self, node: Node) -> None:
-        """Bypass DDS also for subscriptions in other processes of the run.
+        """Also bypass DDS for subscriptions in other processes of the run.
 
         Args:
             node: the publisher's node.

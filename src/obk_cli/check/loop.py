@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import inf
 
 from obelisk_spec.components import CONTROL_SUBSCRIPTION, standard_component
+from obelisk_spec.suggestions import with_number
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import Environment, ModelRead, NodeFacts
 from obk_cli.config.model import Component, Node, Spanned, Stack
@@ -290,9 +291,8 @@ def _check_action(
         if isinstance(read, ModelRead) and read.facts.position_servos:
             yield found(
                 "OBK320",
-                "stale commands are replaced by zero, which is the position 0 for "
-                f"{read.facts.position_servos} of the model's "
-                f"{len(read.facts.actuators)} actuators",
+                "stale commands are replaced by zero, which moves "
+                f"{with_number(read.facts.position_servos, 'position servo')} to position 0",
                 written.entry_span,
                 help="`stale_action: hold` or `damp` keeps the robot where it is",
             )

@@ -28,7 +28,7 @@ _OF_A_CLASS: Final = re.compile(r"::|\.")
 
 
 def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
-    """Check that every type in config or code exists, by the sources of installed packages."""
+    """Check every type in the config and the code against the sources of installed packages."""
     checked: set[tuple[str, str]] = set()
     written = {
         _package(component.msg_type.value)

@@ -84,7 +84,7 @@ def _quote_closed_later(at: ErrorContext) -> _Cause | None:
         return None
     return _quote_from(
         quoted,
-        f"is closed only in line {quoted.end_line}, by a quote that was meant to open a string",
+        f"is closed only on line {quoted.end_line}, by a quote that was meant to open a string",
     )
 
 

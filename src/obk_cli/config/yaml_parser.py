@@ -211,7 +211,7 @@ class _Composer:
         return TreeScalar(value if is_text else core_scalar(value), span)
 
     def _key(self, tree: Tree) -> str:
-        """The text of a key; a number or `true` counts as written."""
+        """The text of a key; a number or `true` is kept as it is spelled."""
         if isinstance(tree, TreeScalar):
             key = tree.value if isinstance(tree.value, str) else tree.span.text
             if not key:

@@ -25,7 +25,7 @@ __all__ = ["ConfigUpdate", "find_update", "write_update"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConfigUpdate:
-    """The changes of running nodes' parameters to their config; nothing is written yet."""
+    """The edits that would save running nodes' parameters in the config; nothing is written yet."""
 
     config: str
     findings: tuple[Diagnostic, ...]

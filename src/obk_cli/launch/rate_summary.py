@@ -106,7 +106,7 @@ def _summary(node: str, interval: _Interval, now: float) -> RateSummary:
 
 
 def _change(interval: _Interval, event: RateBroken | RateKept, now: float) -> str:
-    """`timer_ctrl broke 3 times in 10 s, lowest 150 of 1000 Hz, now 990 Hz`."""
+    """`timer_ctrl missed its rate 3 times in 10 s, lowest 150 of 1000 Hz, now 990 Hz`."""
     rate, breaks = event.rate, interval.breaks.get(event.rate.name, 0)
     if not interval.repeats(rate.name):
         return f"{rate} again"
@@ -114,6 +114,7 @@ def _change(interval: _Interval, event: RateBroken | RateKept, now: float) -> st
         return event.how
     lowest = interval.lowest[rate.name].measured_hz
     return (
-        f"{rate.name} broke {with_number(breaks, 'time')} in {now - interval.begin_s:.0f} s, "
+        f"{rate.name} missed its rate {with_number(breaks, 'time')} "
+        f"in {now - interval.begin_s:.0f} s, "
         f"lowest {lowest:.4g} of {rate.expected_hz:.4g} Hz, now {rate.measured_hz:.4g} Hz"
     )

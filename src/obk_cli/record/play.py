@@ -50,7 +50,7 @@ class Played:
 
 
 def command_topics(run: RecordedRun) -> frozenset[str]:
-    """The recorded topics that command a robot, by the run's config or by their type."""
+    """The recorded topics that command a robot, according to the run's config or to their type."""
     planned = inputs_of(run, lambda section: section == "robot")
     typed = {one.topic for one in run.bag.topics if one.msg_type.startswith(_COMMANDS)}
     return frozenset(planned & set(run.topics) | typed)
@@ -162,7 +162,7 @@ def play(
 
 
 class RecordedClock:
-    """The time base of the nodes of a recorded run when a message was published."""
+    """Tells the time on the clock of a recorded run's nodes when a message was published."""
 
     def __init__(self, run: RecordedRun) -> None:
         """Find out which clock the nodes used; for simulated time, read the stamps of all topics.
@@ -239,7 +239,7 @@ class _Ticker:
 def paced(
     messages: Iterable[RecordedMessage], speed: float
 ) -> Iterator[tuple[float, RecordedMessage]]:
-    """Messages with the time after the first one at which each is due [s]."""
+    """Yield each message with the time when it is due, counted from the first one [s]."""
     first: int | None = None
     for message in messages:
         first = message.published_ns if first is None else first

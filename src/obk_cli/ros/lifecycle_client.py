@@ -46,7 +46,7 @@ class TransitionReply:
 
     success: bool
     fault: str
-    """The fault as the node reported it; otherwise empty."""
+    """The fault that the node reported; empty if there is none."""
 
 
 class NodeClients:

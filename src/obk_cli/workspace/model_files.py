@@ -46,7 +46,7 @@ class ModelCopy:
 
 
 def copy_model(path: Path, stack: str) -> ModelCopy:
-    """Copy a model with its files, add missing sensors, and find a law that holds its pose.
+    """Copy a model with its files, add missing sensors, and find a controller that holds its pose.
 
     Args:
         path: an MJCF or URDF file.

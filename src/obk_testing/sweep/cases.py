@@ -41,7 +41,7 @@ _SEED: Final = re.compile(r"(?<=[\[-])seed0(?=[\]-])")
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE: Final = re.compile(rf"({_NUMBER})\.\.({_NUMBER})(?::(\d+))?")
 _DIGITS: Final = 6
-"""Significant digits of a random value, few enough to type it again."""
+"""Significant digits of a random value, few enough to retype the value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +151,10 @@ class Varied:
         return tuple(dict.fromkeys(drawn))
 
     def sample(self, count: int) -> list[str]:
-        """Draw one value from each of `count` equal parts of the range, in random order by path."""
+        """Draw one value from each of `count` equal parts of the range, in random order.
+
+        The order depends only on the path and the count.
+        """
         draw = random.Random(f"obk sweep {self.path} {count}")  # noqa: S311 - not for security
         parts = list(range(count))
         draw.shuffle(parts)

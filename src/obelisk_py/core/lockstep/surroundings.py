@@ -55,7 +55,7 @@ _UNSUPPORTED_EVENTS: Final = ("DEADLINE", "LIVELINESS", "MATCHED", "MESSAGE_LOST
 
 
 class StepEvents(threading.Thread):
-    """Takes a robot's steps in events, instead of its stepping thread; never runs as a thread."""
+    """Steps a robot from scheduled events; it never runs as a thread."""
 
     def __init__(self, scheduler: Scheduler, node: ScheduledNode, robot: SteppedRobot) -> None:
         """Create it without scheduling a step."""
@@ -183,7 +183,7 @@ class LockstepRun:
         self.kill(node)
 
     def kill(self, node: ScheduledNode) -> None:
-        """Stop a node like SIGKILL stops its process: it does nothing any more."""
+        """Stop a node as SIGKILL would stop its process: none of its code runs after this."""
         node.is_alive = False
         self.topics.leave(node)
         self.services.leave(node)
@@ -302,7 +302,7 @@ class LockstepSurroundings(Surroundings):
         return LockstepRate(self._scheduler, round(NS_PER_S / frequency))
 
     def clock_feed(self, node: Any, callback: Any) -> Any | None:
-        """Return the replacement for the time source's `/clock` subscription; otherwise None."""
+        """Return what replaces the time source's `/clock` subscription; None for any other."""
         del node
         return _NoFeed() if is_of_time_source(callback) else None
 
@@ -366,11 +366,11 @@ class LockstepSurroundings(Surroundings):
     def make_watchdog(
         self, node: Any, deadline_s: Callable[[], float | None], check: Callable[[], None]
     ) -> Watchdog:
-        """Create a watchdog that checks in events."""
+        """Create a watchdog whose checks are scheduled events."""
         return LockstepWatchdog(self._scheduler, self._run.scheduled(node), deadline_s, check)
 
     def drive(self, node: Any, robot: SteppedRobot) -> threading.Thread:
-        """Take the steps of a simulated robot in events."""
+        """Step a simulated robot from scheduled events."""
         owner = self._run.scheduled(node)
         steps = StepEvents(self._scheduler, owner, robot)
         self._run.simulators[owner.name] = steps

@@ -157,9 +157,9 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="zero commands move the robot to position 0",
         cause="When commands stop, `stale_action: zero` (the default) sets the control of every "
-        "actuator to 0. For a position servo this is the position 0, and the robot moves "
+        "actuator to 0. For a position servo this is position 0, and the robot moves "
         "there at full force.",
-        fix="Set `stale_action: hold` or `damp`. If the position 0 is safe, silence the rule.",
+        fix="Set `stale_action: hold` or `damp`. If position 0 is safe, silence the rule.",
     ),
     Rule(
         code="OBK321",

@@ -43,7 +43,7 @@ MISTAKES = [
     ("/ctrl", "'/ctrl  # why", "6:16", "the quote ' opened here is never", "`'/ctrl'`"),
     ("topic: /ctrl", 'qos: {a: "b}', "6:18", "never closed", '`"b"}`'),
     ("/ctrl\n        msg_type: Setpoint", '"/ctrl\n        msg_type: "Setpoint"', "6:16",
-     'the quote " opened here is closed only in line 7', '`"/ctrl"`'),
+     'the quote " opened here is closed only on line 7', '`"/ctrl"`'),
     ("/ctrl", '"/demo"/ctrl', "6:23", '`/ctrl` follows the quote " that', '`"/demo/ctrl"`'),
     ("/ctrl", "'robot's ctrl'", "6:23", "`s ctrl'` follows the quote '", '`"robot\'s ctrl"`'),
     ("/ctrl", '"C:\\demo"', "6:19", "`\\d` is not a YAML escape", "`\\\\`"),

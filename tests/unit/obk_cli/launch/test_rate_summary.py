@@ -78,7 +78,8 @@ def test_breaks_within_ten_seconds_are_one_line_with_count_and_lowest_rate(
     assert launch.screen(6.0, RateMoved(node=CONTROL, rate=rate(150.0))) == []
     assert launch.screen(8.0, kept(), broken(400.0)) == []
     assert launch.screen(10.0) == [
-        "  control: RATE: timer_ctrl broke 3 times in 10 s, lowest 150 of 1000 Hz, now 400 Hz"
+        "  control: RATE: timer_ctrl missed its rate 3 times in 10 s, "
+        "lowest 150 of 1000 Hz, now 400 Hz"
     ]
 
 
@@ -128,7 +129,8 @@ def test_what_is_left_is_shown_before_the_end(launch: Launch, end: OutputEvent) 
     launch.screen(0.0, broken(200.0), kept(), broken(100.0))
     first, *_ = launch.screen(5.0, end)
     assert first == (
-        "  control: RATE: timer_ctrl broke 2 times in 5 s, lowest 100 of 1000 Hz, now 100 Hz"
+        "  control: RATE: timer_ctrl missed its rate 2 times in 5 s, "
+        "lowest 100 of 1000 Hz, now 100 Hz"
     )
 
 

@@ -187,7 +187,7 @@ def test_without_a_drive_configure_fails_with_a_message(
     assert robot.trigger_configure() != SUCCESS
     assert robot.state_label == "unconfigured"
     assert str(robot.last_fault) == (
-        f"on_configure: the drive at 127.0.0.1:{drive.port} does not answer within 1 s: "
+        f"on_configure: the drive at 127.0.0.1:{drive.port} did not answer within 1 s: "
         "is it on, and are `drive_host` and `drive_port` right?"
     )
     drive.is_silent = False
@@ -209,7 +209,7 @@ def test_a_drive_that_became_silent_while_the_robot_was_inactive_fails_activate(
     assert robot.trigger_configure() == SUCCESS
     drive.is_silent = True
     assert robot.trigger_activate() != SUCCESS
-    assert "does not answer within 1 s" in str(robot.last_fault)
+    assert "did not answer within 1 s" in str(robot.last_fault)
     assert robot.state_label == "unconfigured"
 
 

@@ -159,7 +159,7 @@ class UdpMotorRobot(ObeliskRobot):
         if link.ask(ANSWER_S) is None:
             why = f" ({link.error})" if link.error else ""
             raise ObeliskHardwareError(
-                f"the drive at {self.address} does not answer within {ANSWER_S:g} s{why}: "
+                f"the drive at {self.address} did not answer within {ANSWER_S:g} s{why}: "
                 "is it on, and are `drive_host` and `drive_port` right?"
             )
 

@@ -1,7 +1,8 @@
 """The controls of the viewer's page: pause, step, reset, speed, push, and the robot's answers.
 
-The buttons send requests to the robot, which carries them out or answers why not. What the page
-shows follows the robot's reports, so it is also correct if something else paused the simulation.
+The buttons send requests to the robot, which carries them out or replies with the reason. What the
+page shows follows the robot's reports, so it is also correct if something else paused the
+simulation.
 """
 
 import html
@@ -35,7 +36,7 @@ _SPEEDS: Final = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 _PUSH_S: Final = 0.1
 """Default duration of a push [s]."""
 _WEIGHTS: Final = 0.5
-"""Default force of a push, in weights of what moves."""
+"""Default force of a push, relative to the weight of the moving bodies."""
 _NOT_STEPPING: Final = {
     "unconfigured": "is not configured",
     "inactive": "is inactive: the simulation starts when it is activated",
@@ -85,7 +86,7 @@ class SimulationControls:
         self._show()
 
     def take(self, report: Report) -> None:
-        """Show a report of the robot."""
+        """Show a report from the robot."""
         if report.answer:
             color = "inherit" if report.is_done else "#c92a2a"
             self._answer = f'<span style="color:{color}">{html.escape(report.answer)}</span>'
