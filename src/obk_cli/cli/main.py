@@ -3,6 +3,7 @@
 Only `main` imports other modules, so that Ctrl-C during an import is caught too.
 """
 
+import gc
 import sys
 from collections.abc import Sequence
 
@@ -11,6 +12,8 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run `obk` and exit with its exit code."""
+    # With the default of 700, the collector examines everything that is imported several times.
+    gc.set_threshold(50_000)
     try:
         from obk_cli.process.signals import insist_on_interrupt
 
