@@ -30,7 +30,7 @@ define HELP
 make setup       create .venv with everything; ROS=system, PYTHON=python3.12
 make demo        run the dummy stack for 20 s
 make test        run all tests except slow ones, and the closed-loop tests of the examples
-make test-unit   run the tests that start neither ROS nodes nor a simulator
+make test-unit   run the tests that start no ROS nodes, no simulator and no browser
 make test-slow   run the soak, tutorials, colcon builds, all generated packages, many random cases,
                    and the closed-loop tests of the examples with five seeds
 make check       run ruff and mypy, and check the imports between packages
@@ -68,7 +68,7 @@ test: setup
 # These tests are CPU-bound. Work stealing keeps all workers busy when one has a long file.
 test-unit: setup
 	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal --durations 20 \
-		-m "not slow and not ros and not mujoco"
+		-m "not slow and not ros and not mujoco and not browser" --ignore tests/golden
 
 test-slow: setup
 	$(PYTEST) -m slow

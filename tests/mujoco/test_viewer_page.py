@@ -21,7 +21,7 @@ from .viewer_host import Viewable
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-pytestmark = [pytest.mark.mujoco, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.mujoco, pytest.mark.browser, pytest.mark.timeout(600)]
 
 SHORT_S = 0.01
 DRIVES = """

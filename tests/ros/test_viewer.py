@@ -18,7 +18,7 @@ from .stack import DUMMY, Launched, eventually, launched, obk
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-pytestmark = [pytest.mark.ros, pytest.mark.mujoco, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco, pytest.mark.browser, pytest.mark.timeout(600)]
 
 SHOWN = "the simulation is shown at "
 

@@ -22,7 +22,7 @@ from .stack import DUMMY, EXAMPLE, OBK, calm, eventually, launched, obk
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-pytestmark = [pytest.mark.ros, pytest.mark.mujoco, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco, pytest.mark.browser, pytest.mark.timeout(900)]
 
 pytest.importorskip("starlette", reason="starlette is in the `web` extra")
 

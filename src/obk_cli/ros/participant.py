@@ -5,8 +5,8 @@ than the queries themselves. Results are polled, every wait has a limit, and err
 converted to errors of obk here.
 """
 
-import importlib
 import ctypes
+import importlib
 import os
 import sys
 import time

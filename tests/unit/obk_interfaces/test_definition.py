@@ -58,7 +58,7 @@ def test_all_problems_of_a_file_are_reported_together() -> None:
         "msg/Robot.msg:2:7: `Big` cannot be the name of a field",
         "msg/Robot.msg:3:7: `low_value` cannot be the name of a constant",
         "msg/Robot.msg:4:1: `int32` has a type but no name",
-        "msg/Robot.msg:5:9: `x` is already defined in line 1",
+        "msg/Robot.msg:5:9: `x` is already defined on line 1",
     ]
 
 

@@ -234,6 +234,7 @@ SHOWN = """() => obkPlots.map((plot) => ({
 }))"""
 
 
+@pytest.mark.browser
 def test_the_page_draws_the_numbers_without_a_network(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     drawn = parts(two_runs(tmp_path), "t.position[0]", "t.gyro")

@@ -31,6 +31,7 @@ from obk_cli.web.app import PageApi, WebServer, make_app, take_port
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
+pytestmark = pytest.mark.browser
 STEP_NS = 20_000_000
 UP_S = 300.0
 EST, CTRL = "/obelisk/dummy/est q_joints", "/obelisk/dummy/ctrl u_mujoco[0]"
