@@ -26,10 +26,9 @@ ARGUMENTS: Final = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
 )
+WEBGL: Final = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+NO_WEBGL: Final = ("--disable-gpu",)
 
 
 def chromium() -> Path:
@@ -42,14 +41,18 @@ def chromium() -> Path:
 
 
 @contextmanager
-def opened(url: str, *, width: int = 640, height: int = 480) -> Iterator["Page"]:
+def opened(
+    url: str, *, width: int = 640, height: int = 480, needs_webgl: bool = False
+) -> Iterator["Page"]:
     """Open a page at `url`, of this size [pixels], in its own browser."""
     browser_path = chromium()
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=browser_path, args=list(ARGUMENTS), timeout=DEADLINE_MS
+            executable_path=browser_path,
+            args=[*ARGUMENTS, *(WEBGL if needs_webgl else NO_WEBGL)],
+            timeout=DEADLINE_MS,
         )
         try:
             page = browser.new_page(viewport={"width": width, "height": height})

@@ -87,7 +87,7 @@ def test_the_controls_of_the_page_act_and_show_the_result(dummy: mujoco.MjModel)
     simulation, log = viewable.simulation, viewable.log
     with shown(viewable):
         eventually(lambda: viewable.pages, "the link")
-        with opened(viewable.pages[0], width=900, height=900) as page:
+        with opened(viewable.pages[0], width=900, height=900, needs_webgl=True) as page:
 
             def button(name: str) -> object:
                 return page.get_by_role("button", name=name, exact=True)

@@ -63,7 +63,7 @@ def test_the_page_shows_the_model_and_that_it_moves() -> None:
         url = address(run)
         assert urlsplit(url).hostname == "127.0.0.1"
         asked: list[str] = []
-        with opened("about:blank", width=480, height=360) as page:
+        with opened("about:blank", width=480, height=360, needs_webgl=True) as page:
             page.on("request", lambda request: asked.append(request.url))
             page.goto(url)
             page.wait_for_selector("canvas")
