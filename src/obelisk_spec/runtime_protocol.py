@@ -16,16 +16,13 @@ __all__ = [
     "CLOCK_TIME",
     "CLOCK_TOPIC",
     "CLOCK_VARIABLE",
-    "CONTROL_SOCKET",
     "DIAGNOSTICS_TOPIC",
     "FIRST_OUTPUT",
     "GATE_VARIABLE",
     "LOCAL_TRANSPORT_OFF",
     "LOCAL_TRANSPORT_VARIABLE",
-    "PAGE_REQUEST",
     "REJECTION",
     "REPORT_PERIOD_S",
-    "RUN_FOLDER_VARIABLE",
     "SOCKETS_FOLDER",
     "STANDINGS",
     "STEPS",
@@ -35,7 +32,6 @@ __all__ = [
     "Rate",
     "Standing",
     "clock_page_bytes",
-    "page_request",
     "parse_clock",
     "parse_rate",
     "parse_rejection",
@@ -113,29 +109,6 @@ through DDS. Users can set this value for the launcher, too.
 LOCAL_TRANSPORT_OFF: Final = "off"
 SOCKETS_FOLDER: Final = "sockets"
 """The folder of the sockets, in the run's folder."""
-RUN_FOLDER_VARIABLE: Final = "OBK_RUN_FOLDER"
-"""The environment variable with the path of the run's folder, which holds `CONTROL_SOCKET`."""
-CONTROL_SOCKET: Final = "control.sock"
-"""The launcher's socket in the run's folder; it takes one JSON line per connection."""
-PAGE_REQUEST: Final = "page"
-"""The value of `ask` in the request by which a robot reports the URL of its viewer's page.
-
-The URL contains a token, so it is not published: every user of the host can read topics.
-"""
-
-
-def page_request(node: str, url: str) -> bytes:
-    """Encode the request by which a robot reports the URL of its page.
-
-    Args:
-        node: full name of the robot.
-        url: the URL; empty if the page has gone.
-    """
-    import json  # nodes that serve no page start faster without it
-
-    return json.dumps({"ask": PAGE_REQUEST, "node": node, "url": url}).encode() + b"\n"
-
-
 DIAGNOSTICS_TOPIC: Final = "/diagnostics"
 REPORT_PERIOD_S: Final = 1.0
 TOLERANCE: Final = 0.1

@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.control_socket import RUN_FOLDER_VARIABLE
 from obelisk_spec.runtime_protocol import (
     CLOCK_PAGE,
     CLOCK_VARIABLE,
     GATE_VARIABLE,
     LOCAL_TRANSPORT_OFF,
     LOCAL_TRANSPORT_VARIABLE,
-    RUN_FOLDER_VARIABLE,
     SOCKETS_FOLDER,
     ClockDescriptors,
     clock_page_bytes,

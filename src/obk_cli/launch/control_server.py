@@ -17,7 +17,7 @@ from typing import Final
 
 import msgspec
 
-from obelisk_spec.runtime_protocol import CONTROL_SOCKET
+from obelisk_spec.control_socket import CONTROL_SOCKET
 from obk_cli.launch.events import (
     ChangeRequested,
     InputEvent,

@@ -10,20 +10,17 @@ in time. They never raise.
 
 import json
 import math
-import os
-import socket
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar, cast
 
 import msgspec
 
-from obelisk_spec.runtime_protocol import CONTROL_SOCKET, PAGE_REQUEST, Rate
+from obelisk_spec.control_socket import PAGE_REQUEST, ask_launcher
+from obelisk_spec.runtime_protocol import Rate
 
 __all__ = [
     "ANSWER_S",
-    "LONGEST_ANSWER",
     "LONGEST_REQUEST",
     "LONGEST_WAIT_S",
     "ChangeAnswer",
@@ -58,8 +55,6 @@ T = TypeVar("T")
 
 LONGEST_REQUEST: Final = 1 << 16
 """[bytes]"""
-LONGEST_ANSWER: Final = 1 << 24
-"""Enough for a stack of many nodes, each with a traceback [bytes]."""
 LONGEST_WAIT_S: Final = 3600.0
 LONGEST_REASON: Final = 200
 LONGEST_DETAIL: Final = 200
@@ -72,7 +67,6 @@ Result = Literal["reached", "already there", "refused", "timed out", "gone", "ro
 
 ANSWER_S: Final = 3.0
 """Time limit for a status reply [s]; normally milliseconds, but seconds on a busy machine."""
-PIECE: Final = 1 << 16
 
 
 class StatusRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", tag="status"):
@@ -104,7 +98,7 @@ class GraphRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", t
 
 
 class PageRequest(msgspec.Struct, frozen=True, kw_only=True, tag_field="ask", tag=PAGE_REQUEST):
-    """Report the URL of a robot's viewer page; see `runtime_protocol.page_request`."""
+    """Report the URL of a robot's viewer page; see `control_socket.report_page`."""
 
     node: str
     """Full name of the robot."""
@@ -311,34 +305,5 @@ def ask_stop(folder: Path, reason: str, timeout_s: float = ANSWER_S) -> bool:
 
 
 def _ask(folder: Path, request: Request, kind: type[T], timeout_s: float) -> T | Fault | None:
-    end = time.monotonic() + timeout_s
-    try:
-        folder_fd = os.open(folder, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:
-        return None
-    try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
-            link.settimeout(timeout_s)
-            # Through the descriptor: an address is limited to 107 bytes; the path may be longer.
-            link.connect(f"/proc/self/fd/{folder_fd}/{CONTROL_SOCKET}")
-            link.sendall(encode_line(request))
-            line = _line(link, end)
-    except OSError:
-        return None
-    finally:
-        os.close(folder_fd)
+    line = ask_launcher(folder, encode_line(request), timeout_s)
     return None if line is None else decode_answer(line, kind)
-
-
-def _line(link: socket.socket, end: float) -> bytes | None:
-    line = bytearray()
-    while not line.endswith(b"\n") and len(line) < LONGEST_ANSWER:
-        left_s = end - time.monotonic()
-        if left_s <= 0:
-            return None
-        link.settimeout(left_s)
-        piece = link.recv(PIECE)
-        if not piece:
-            return None
-        line += piece
-    return bytes(line)

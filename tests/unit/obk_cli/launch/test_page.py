@@ -7,8 +7,7 @@ from queue import SimpleQueue
 
 import pytest
 
-from obelisk_py.core.sim.mujoco.viewers.page_report import report_page
-from obelisk_spec.runtime_protocol import RUN_FOLDER_VARIABLE
+from obelisk_spec.control_socket import RUN_FOLDER_VARIABLE, report_page
 from obk_cli.cli.ps import _text
 from obk_cli.launch.control_server import serve_control
 from obk_cli.launch.event_lines import LaunchReport

@@ -56,7 +56,6 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
 from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.stepper import SkippedTime, Stepper, StepReport, TimedOutput
-from obelisk_py.core.sim.mujoco.viewers.page_report import report_page
 from obelisk_py.core.sim.mujoco.viewers.processes import (
     PARAMETERS,
     ViewerHost,
@@ -72,6 +71,7 @@ from obelisk_py.core.sim.mujoco.viewers.video import (
 from obelisk_py.core.sim.mujoco.viewers.viewer_controls import ViewerControls
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity
 from obelisk_py.core.sim.mujoco.viewers.viewer_requests import Report
+from obelisk_spec.control_socket import report_page
 from obelisk_spec.page_access import new_token
 from obelisk_spec.runtime_protocol import STEPS, USE_SIM_TIME
 from obelisk_spec.video import VideoStatus
