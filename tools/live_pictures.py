@@ -22,8 +22,10 @@ from playwright.sync_api import sync_playwright
 from obk_cli.cli.options import TIMEOUT_S, with_types
 from obk_cli.introspect.target import target_of
 from obk_cli.monitor.app import MonitorApp
+from obk_cli.monitor.parameters import StackParameters
 from obk_cli.monitor.stack_follower import StackFollower, StackSelector
 from obk_cli.ros.environment import ros_environment
+from obk_cli.runs.folder import runs_folder
 
 __all__ = ["make_live_pictures"]
 
@@ -69,7 +71,11 @@ def _stack() -> Iterator[None]:
 async def _monitor() -> None:
     place = target_of(ros_environment(), None, TIMEOUT_S)
     target = StackSelector(environment=place.environment, domain=None, run=None)
-    app = MonitorApp(StackFollower(target, with_types, 1.0), target.change)
+    app = MonitorApp(
+        StackFollower(target, with_types, 1.0),
+        target.change,
+        StackParameters(runs_folder(os.environ)),
+    )
     async with app.run_test(size=(100, 26)) as pilot:
         await asyncio.sleep(WARM_S)
         await pilot.press("down", "d")

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -313,7 +314,7 @@ def test_a_tap_counts_each_message_once_while_subscribers_join_and_leave(
     with published(sent) as (_made, source, await_bypass), world() as other:
         node = Node("tap", context=other.context)
         tap = RawSubscription(node.handle, "/numbers", "std_msgs/msg/Int64", Int64)
-        drops, got = DropCounter(), [-1]
+        drops, got, times = DropCounter(), [-1], [0]
         inside = peers.listener()
 
         def take(enough: int) -> None:
@@ -321,6 +322,7 @@ def test_a_tap_counts_each_message_once_while_subscribers_join_and_leave(
                 for data, info in tap.take():
                     drops.take(info["publication_sequence_number"], 1)
                     got.append(deserialize_message(data, Int64).data)
+                    times.append(info["received_timestamp"])
 
         for _ in range(2):
             through_dds = -1
@@ -333,6 +335,11 @@ def test_a_tap_counts_each_message_once_while_subscribers_join_and_leave(
                     take(source.count)
             assert is_gapless(listener.result())
         take(source.count)
+        # Messages have the times when they arrived, however late they are taken.
+        before_ns = time.time_ns()
+        time.sleep(0.1)
+        take(got[-1] + 1)
+        assert sum(before_ns < each < before_ns + 50_000_000 for each in times) >= 3
         tap.close()
         await_bypass()  # with `inside` alone
         node.destroy_node()

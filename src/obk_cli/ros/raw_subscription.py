@@ -120,7 +120,9 @@ class Tap:
     def _put(self, packet: bytes) -> None:
         stamp = stamp_of(packet)
         number = self._numbered(stamp.packets + stamp.number)
-        info = _info(stamp.published_ns, time.time_ns(), number)
+        # A packet arrives within the call that publishes it. It is read later, up to a period of
+        # the caller, which must not appear as age and jitter of the topic.
+        info = _info(stamp.published_ns, stamp.published_ns, number)
         self._waiting.append((packet[:-STAMP_BYTES], info))
 
     def _put_sample(self, sample: Sample, packets: int | None) -> None:
