@@ -67,7 +67,7 @@ class InstallSource:
         commit = _git(self.folder, "rev-parse", "HEAD")
         branches = _git(self.folder, "branch", "--remotes", "--contains", "HEAD")
         url = _remote_url(_git(self.folder, "config", "--get", "remote.origin.url") or "")
-        # A folder inside another repository has that one's commit.
+        # For a folder inside another repository, git reports the commit of that repository.
         is_clone = _git(self.folder, "rev-parse", "--show-cdup") == "" and commit
         if not (is_clone and branches and url):
             return unchanged

@@ -2,7 +2,7 @@
 
 Pure: returns the new text and what could not be migrated, or the faults of invalid text. It does
 not follow includes. A component keeps its name if the other syntax would not mean the same to every
-node: because of a different `key` beside it, a name without `_setting`, or an anchor.
+node, because of a different `key` beside it, a name without `_setting`, or an anchor.
 """
 
 import re

@@ -162,7 +162,7 @@ def play(
 
 
 class RecordedClock:
-    """Tells the time on the clock of a recorded run's nodes when a message was published."""
+    """Converts times of publication to the clock that the recorded run's nodes used."""
 
     def __init__(self, run: RecordedRun) -> None:
         """Find out which clock the nodes used; for simulated time, read the stamps of all topics.

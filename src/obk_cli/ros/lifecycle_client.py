@@ -98,7 +98,7 @@ class NodeClients:
         """A future of the result of the node's transition."""
         request = self._types["change_state"].Request()
         # By name: the number of `shutdown` depends on the state, and an unknown number crashes
-        # nodes of plain rclpy.
+        # plain rclpy nodes.
         request.transition.label = transition
         return self._client(node, "change_state").call_async(request)
 
@@ -244,7 +244,7 @@ def open_client(name: str, environment: RosEnvironment, kind: type[C]) -> Iterat
     with open_context(environment) as context, ExitStack() as stack:
         try:
             # The first node of the context creates the participant, which remains for the others.
-            # While this one discovers nodes, what an rclpy node needs is loaded.
+            # While it discovers other nodes, the modules that an rclpy node needs are loaded.
             first = make_bare_node(context)
             begin_s = time.monotonic()
             client = _make_client(f"{name}_{os.getpid()}", context, begin_s, kind)

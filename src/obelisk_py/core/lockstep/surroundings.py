@@ -264,7 +264,7 @@ class LockstepSurroundings(Surroundings):
         return self._create_timer(node, *args, **kwargs)
 
     def start_timer(self, timer: LockstepTimer, stage: LoopStage) -> None:
-        """Start a stopped timer; the timing model of the run has the phases."""
+        """Start a stopped timer; the run's timing model determines its phase."""
         del stage
         timer.reset()
 
