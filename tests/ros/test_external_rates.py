@@ -33,7 +33,8 @@ class Controller(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state):
-        self.timer = self.create_timer(PERIOD, lambda: self.pub.publish(PositionSetpoint()))
+        command = PositionSetpoint(u_mujoco=[0.0])
+        self.timer = self.create_timer(PERIOD, lambda: self.pub.publish(command))
         return super().on_activate(state)
 
 

@@ -173,7 +173,10 @@ def test_digest(stack, seed):
 
 
 @pytest.mark.slow
-def test_a_trial_has_one_digest_under_xdist_in_the_pool_and_alone(config: Path) -> None:
+def test_a_trial_has_one_digest_under_xdist_in_the_pool_and_alone(
+    config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("PYTEST_XDIST_WORKER", raising=False)  # this test's own worker
     tests, folder = config.parent / "tests", config.parent / "out"
     (tests / "test_dummy.py").write_text(KEEPS_DIGESTS)
 

@@ -112,7 +112,7 @@ _INFO: Final = {
     "publication_sequence_number": None,
     "reception_sequence_number": None,
 }
-"""Empty: callbacks that take a `MessageInfo` use DDS, unless the callback has since been replaced."""
+"""Empty: callbacks that take a `MessageInfo` use DDS, unless they have since been replaced."""
 
 
 class MessageBuffer:
@@ -220,7 +220,7 @@ def intra_process_topic(context: Context, name: str) -> IntraProcessTopic:
 def buffer_of(subscription: Subscription) -> MessageBuffer | None:
     """Return the buffer of a subscription; None if it takes everything from DDS.
 
-    It does so if it requests raw bytes, a `MessageInfo`, or QoS that only DDS provides.
+    A subscription does so if it requests raw bytes, a `MessageInfo`, or QoS that only DDS provides.
     """
     message_class: Any = subscription.msg_type
     codec = codec_for(message_class)

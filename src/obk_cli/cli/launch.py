@@ -165,7 +165,7 @@ def command(
         str | None,
         typer.Option(
             metavar="localhost|lan",
-            help="Hosts that can discover the stack: only this one, or the local network.",
+            help="Hosts that can discover the stack: only this one, or all on the local network.",
         ),
     ] = None,
     log_level: Annotated[

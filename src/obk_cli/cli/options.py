@@ -65,7 +65,7 @@ RunArgument = Annotated[
 TopicsOption = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="T", help="Use only this topic, by its name or a suffix of it; may be repeated."
+        metavar="T", help="Use only the topic with this name or suffix; may be repeated."
     ),
 ]
 TimeoutOption = Annotated[

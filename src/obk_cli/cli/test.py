@@ -66,7 +66,7 @@ def command(
     ] = "1",
     again: Annotated[
         str | None,
-        typer.Option(metavar="TESTID", help="Repeat one trial, by its ID in the summary."),
+        typer.Option(metavar="TESTID", help="Repeat the trial with this ID from the summary."),
     ] = None,
     twice: Annotated[
         bool,
@@ -113,8 +113,8 @@ def command(
 
     All nodes run in one process, in lockstep with the simulated robot. TESTS are pytest files
     whose tests use the `stack` fixture; by default those in `tests/` next to the config. Without
-    tests, a smoke test runs the stack for 5 s: no fault, finite values, topics at their rates, and
-    two identical runs.
+    tests, a smoke test runs the stack for 5 s and checks that there are no faults, that values are
+    finite, that topics keep their rates, and that two runs are identical.
 
     A failed test leaves a recording and a plot, and the summary shows the command that repeats the
     test. Hardware is never accessed. Exit code 0: all tests passed; 1: a test failed, or the config

@@ -1,7 +1,7 @@
 """Control lifecycle nodes over ROS: find them, query states, request transitions.
 
-It uses one node of its own and the thread that spins it. Every wait has a limit; errors of rclpy
-are converted here.
+It uses one node of its own and the thread that spins it. Every wait has a limit; errors from
+rclpy are converted here.
 """
 
 import os
@@ -244,7 +244,7 @@ def open_client(name: str, environment: RosEnvironment, kind: type[C]) -> Iterat
     with open_context(environment) as context, ExitStack() as stack:
         try:
             # The first node of the context creates the participant, which remains for the others.
-            # While it discovers other nodes, the modules that an rclpy node needs are loaded.
+            # While it discovers other nodes, load the modules that an rclpy node needs.
             first = make_bare_node(context)
             begin_s = time.monotonic()
             client = _make_client(f"{name}_{os.getpid()}", context, begin_s, kind)
