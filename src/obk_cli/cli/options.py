@@ -64,9 +64,7 @@ RunArgument = Annotated[
 ]
 TopicsOption = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="T", help="Use only the topic with this name or suffix; may be repeated."
-    ),
+    typer.Option(metavar="T", help="Use only the topic with this name or suffix; may be repeated."),
 ]
 TimeoutOption = Annotated[
     float,

@@ -45,8 +45,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK006",
         severity="error",
         title="too many values",
-        cause="All files of a config together may contain at most 150,000 values. An alias counts as all "
-        "values that it stands for, because nested aliases in a small file can expand to "
+        cause="All files of a config together may contain at most 150,000 values. An alias counts "
+        "as all values that it stands for, because nested aliases in a small file can expand to "
         "billions.",
         fix="Use fewer levels of aliases, or write the values out. If the file is data and not "
         "a config, correct its path.",
