@@ -51,6 +51,7 @@ def period_s(messages: list[Any]) -> float:
     return min(b - a for a, b in itertools.pairwise(stamps))
 
 
+@pytest.mark.slow  # the closed-loop tests of the example stand it up in lockstep
 def test_the_quadruped_stands_up() -> None:
     topics = {
         "/quadruped/encoders": ObkJointEncoders,

@@ -65,6 +65,7 @@ def test_the_workspace_is_valid_without_a_finding(here: Path, model: str, messag
     assert (here / "robot/model/given.xml").read_text() == model
 
 
+@pytest.mark.slow
 def test_the_code_of_the_workspace_passes_ruff_and_mypy(here: Path, mypy_cache: Path) -> None:
     (here / "given.xml").write_text(MIXED)
     obk_init("robot", "--model", "given.xml")
