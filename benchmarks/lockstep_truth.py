@@ -166,7 +166,7 @@ def measure(folder: Path, runs: int, seconds: float) -> tuple[dict[str, Any], Ma
             distance(angles, tried[control_s])
             for (_, angles), control_s in zip(real, fitted, strict=True)
         ]
-        names = [node.process.full_name for node in stack.nodes if not node.process.model]
+        names = [node.planned.full_name for node in stack.nodes if not node.planned.model]
         varied = [simulate(stack, Schedule.varied(s, names), seconds, s) for s in SEEDS]
         compared["real, varied by seed"] = [
             distance(angles, one) for _, angles in real for one in varied

@@ -97,7 +97,7 @@ class NodeClients:
     def change_state(self, node: str, transition: str) -> Any:
         """A future of the result of the node's transition."""
         request = self._types["change_state"].Request()
-        # By name: the number of `shutdown` depends on the state, and an unknown number crashes
+        # By name: the ID of `shutdown` depends on the state, and an unknown ID crashes
         # plain rclpy nodes.
         request.transition.label = transition
         return self._client(node, "change_state").call_async(request)
@@ -198,7 +198,7 @@ class LifecycleClient:
         return "" if response is None else str(response.message)
 
     def _answer(self, ask: Callable[[], Any], timeout_s: float) -> Any:
-        """The answer to a query, repeated if the answer is lost; None if not in time."""
+        """Repeat a query until it is answered; None if no answer arrives in time."""
         end, response = time.monotonic() + timeout_s, None
         while response is None and (left_s := end - time.monotonic()) > 0:
             response = self._wait(ask(), min(ASK_AGAIN_S, left_s))

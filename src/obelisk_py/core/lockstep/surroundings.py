@@ -302,7 +302,7 @@ class LockstepSurroundings(Surroundings):
         return LockstepRate(self._scheduler, round(NS_PER_S / frequency))
 
     def clock_feed(self, node: Any, callback: Any) -> Any | None:
-        """Return what replaces the time source's `/clock` subscription; None for others."""
+        """Return what replaces the time source's `/clock` subscription; None for any other."""
         del node
         return _NoFeed() if is_of_time_source(callback) else None
 
