@@ -112,7 +112,7 @@ _INFO: Final = {
     "publication_sequence_number": None,
     "reception_sequence_number": None,
 }
-"""Empty: callbacks that take a `MessageInfo` use DDS, unless they have since been replaced."""
+"""Seen only by callbacks that were replaced later: others that take a `MessageInfo` use DDS."""
 
 
 class MessageBuffer:
@@ -184,8 +184,8 @@ class IntraProcessTopic:
     """The open buffers of a topic.
 
     A buffer is open while an executor's handler takes from it. Then DDS matches the subscription
-    with every compatible publisher of its context: the subscription was created before, and its
-    handle is held until the buffer is closed.
+    with every compatible publisher of its context: the subscription is older than the buffer, and
+    its handle is held until the buffer is closed.
     """
 
     def __init__(self) -> None:

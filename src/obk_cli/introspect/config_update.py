@@ -98,7 +98,7 @@ def write_update(update: ConfigUpdate) -> None:
 def _present_values(
     wanted: Mapping[str, frozenset[str]], target: GraphTarget, timeout_s: float
 ) -> dict[str, dict[str, ParameterValue]]:
-    """Current values of the config's own and tuned parameters in its running nodes."""
+    """Current values, in the running nodes, of the parameters in the config and of tuned ones."""
     found: dict[str, dict[str, ParameterValue]] = {}
     with open_graph(target, None, asks_nodes=True) as source:
         settle(source, target, timeout_s)

@@ -1,4 +1,4 @@
-"""The options of a launch: which part of a plan runs, how far, how long, and failure handling.
+"""The options of a launch: the part of the plan, the final state, the duration, the policies.
 
 Options that change the plan of a simulated robot, such as `--render`, are checked and applied here.
 """
