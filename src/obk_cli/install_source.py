@@ -1,7 +1,7 @@
 """Write the `pip install` command that installs obk from where the running one came from.
 
 Obelisk may be installed from a clone, a git URL, a wheel or an index. A command that names any
-other source than the one in use fails, or installs something else. pip records the source in
+source other than the one in use fails, or installs something else. pip records the source in
 `direct_url.json` (PEP 610).
 """
 

@@ -261,8 +261,8 @@ class IntraProcessPublisher(LifecyclePublisher):
         )
         self._match: tuple[tuple[MessageBuffer, ...], tuple[MessageBuffer, ...]] = ((), ())
         """The open buffers at the last check, and the matching ones among them."""
-        # rclpy's own methods spend a few microseconds on keeping the handle alive. These methods
-        # raise an exception if it was destroyed.
+        # rclpy's own methods spend a few microseconds on keeping the handle alive. The
+        # handle's own methods raise an exception if it was destroyed.
         self._count = self.handle.get_subscription_count
         self._may_bypass_dds = may_bypass_dds
         self._sender: LocalSender | None = None

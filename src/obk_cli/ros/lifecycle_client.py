@@ -79,7 +79,7 @@ class NodeClients:
         return bool(self._client(node, service).service_is_ready())
 
     def ask_state(self, node: str) -> Any:
-        """A future of the node's state; dropped with its callbacks if no answer arrives."""
+        """A future for the node's state; dropped with its callbacks if no answer arrives."""
         client = self._client(node, "get_state")
         now = time.monotonic()
         with self._lock:
@@ -91,11 +91,11 @@ class NodeClients:
         return future
 
     def ask_fault(self, node: str) -> Any:
-        """A future of the node's latest fault."""
+        """A future for the node's latest fault."""
         return self._client(node, "last_error").call_async(self._types["last_error"].Request())
 
     def change_state(self, node: str, transition: str) -> Any:
-        """A future of the result of the node's transition."""
+        """A future for the result of the node's transition."""
         request = self._types["change_state"].Request()
         # By name: the ID of `shutdown` depends on the state, and an unknown ID crashes
         # plain rclpy nodes.

@@ -155,7 +155,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK320",
         severity="warning",
-        title="zero commands move the robot to position 0",
+        title="commands of 0 move the robot to position 0",
         cause="When commands stop, `stale_action: zero` (the default) sets the control of every "
         "actuator to 0. For a position servo this is position 0, and the robot moves "
         "there at full force.",
