@@ -13,7 +13,6 @@ from typing import Final
 
 __all__ = [
     "CONTROL_SOCKET",
-    "LONGEST_ANSWER",
     "PAGE_REQUEST",
     "RUN_FOLDER_VARIABLE",
     "ask_launcher",
@@ -26,8 +25,8 @@ CONTROL_SOCKET: Final = "control.sock"
 """The launcher's socket in the run's folder; it takes one JSON line per connection."""
 PAGE_REQUEST: Final = "page"
 """The value of `ask` in the request by which a robot reports the URL of its viewer's page."""
-LONGEST_ANSWER: Final = 1 << 24
-"""[bytes]"""
+_LONGEST_ANSWER: Final = 1 << 24
+"""Enough for a stack of many nodes, each with a traceback [bytes]."""
 _PIECE: Final = 1 << 16
 _PAGE_ANSWER_S: Final = 2.0
 """Timeout for the launcher to take a report [s]."""
@@ -64,7 +63,7 @@ def ask_launcher(folder: Path, request: bytes, timeout_s: float) -> bytes | None
 
 def _receive_line(link: socket.socket, end: float) -> bytes | None:
     line = bytearray()
-    while not line.endswith(b"\n") and len(line) < LONGEST_ANSWER:
+    while not line.endswith(b"\n") and len(line) < _LONGEST_ANSWER:
         left_s = end - time.monotonic()
         if left_s <= 0:
             return None

@@ -115,8 +115,9 @@ def open_context(environment: RosEnvironment) -> Iterator[Any]:
         CommandFailedError: rclpy is missing, or does not start.
     """
     environment.put_into_effect()
-    # NumPy, which messages load, starts threads for linear algebra, which obk does not use. Each of
-    # them keeps a core busy for 50 ms.
+    # NumPy, which messages load, starts threads for linear algebra, which obk does not use. At its
+    # start, each of them keeps a core busy for 50 ms. Nodes do not inherit the variable, because
+    # `environment` was read before.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from rclpy.context import Context

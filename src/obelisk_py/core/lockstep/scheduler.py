@@ -61,19 +61,21 @@ class Arrival(ABC):
 
     __slots__ = ()
 
-    label: str
-    """The topic."""
+    @property
+    @abstractmethod
+    def label(self) -> str:
+        """The topic."""
 
     @abstractmethod
     def __call__(self) -> bool:
         """Deliver the message; return False if it is dropped."""
 
     @abstractmethod
-    def wait(self) -> Callable[[], bool]:
-        """Put the message into the subscription's history, because the node is busy or frozen.
+    def enqueue(self) -> Callable[[], bool]:
+        """Put the message into the subscription's history.
 
         Returns:
-            The call that delivers it from there.
+            The call that delivers it from there, if newer messages have not displaced it.
         """
 
 
@@ -243,8 +245,8 @@ class Scheduler:
     def _postpone(self, event: Event, node: ScheduledNode) -> None:
         """Keep an event until its node thaws or is no longer busy."""
         due_ns, kind, place, _, call = event
-        if isinstance(call, Arrival):
-            call = call.wait()
+        if isinstance(call, Arrival):  # it arrives although the node cannot take it yet
+            call = call.enqueue()
         if node.is_frozen:
             node.held.append((due_ns, kind, place, node, call))
             return

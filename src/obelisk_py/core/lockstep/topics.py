@@ -100,7 +100,7 @@ class _Subscriber:
         keeps_all = profile.history == HistoryPolicy.KEEP_ALL
         self.depth = _UNLIMITED if keeps_all else max(1, profile.depth)
         self.queue: deque[_Arrival] = deque()
-        """Messages that have arrived while the node was busy."""
+        """Messages that have arrived and were not delivered yet."""
         self.call = self._call()
 
     def _call(self) -> Callable[[Any, int], None]:
@@ -232,7 +232,7 @@ class TopicTable:
         if arrives_ns > scheduler.now_ns:
             call: Callable[[], bool] = arrival
         else:  # it arrives now
-            arrives_ns, call = scheduler.now_ns, arrival.wait()
+            arrives_ns, call = scheduler.now_ns, arrival.enqueue()
         scheduler.push_at_place(arrives_ns, MESSAGE, arrival.place, subscriber.node, call)
 
 
@@ -248,13 +248,14 @@ class _Arrival(Arrival):
         self._message = message
 
     @property
-    def label(self) -> str:  # type: ignore[override]
+    def label(self) -> str:
         return self._subscriber.label
 
     def __call__(self) -> bool:
-        return self.wait()() if self._subscriber.queue else self._deliver()
+        # If others wait, this one may displace the oldest. Otherwise it skips the history.
+        return self.enqueue()() if self._subscriber.queue else self._deliver()
 
-    def wait(self) -> Callable[[], bool]:
+    def enqueue(self) -> Callable[[], bool]:
         queue = self._subscriber.queue
         if len(queue) >= self._subscriber.depth:
             queue.popleft()
