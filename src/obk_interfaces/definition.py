@@ -122,7 +122,8 @@ def check_definition(
     expected = _SECTIONS[interface.kind]
     if len(sections) != expected:
         sentence = (
-            f"{len(sections) - 1} lines `---`, expected {expected - 1} in a .{interface.kind} file"
+            f"the number of lines `---` is {len(sections) - 1}, expected {expected - 1} "
+            f"in a .{interface.kind} file"
         )
         problems.append(DefinitionProblem(path=path, line=1, column=1, sentence=sentence))
     for lines in sections:

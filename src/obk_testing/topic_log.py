@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.lockstep.topics import Topic
 from obelisk_py.core.messages import message_name
-from obelisk_spec.suggestions import did_you_mean
+from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.record.recorder import installed_definition
 from obk_cli.ros.field_path import field_steps
 
@@ -195,7 +195,9 @@ class TopicLog:
         if isinstance(value, str) or not hasattr(value, "__getitem__"):
             raise AttributeError(f"{self.label}: `{_path(steps)}` is not an array")
         if place >= len(value):
-            raise LookupError(f"{self.label}: `{_path(steps)}` has only {len(value)} items")
+            raise LookupError(
+                f"{self.label}: `{_path(steps)}` has only {with_number(len(value), 'item')}"
+            )
         return value[place]
 
     def _require(self, kind: type[Any], name: str | int, before: Steps) -> None:

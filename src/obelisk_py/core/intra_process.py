@@ -12,9 +12,9 @@ The following holds for each publisher and subscription, even while others are a
   messages published after the publisher discovered it, as with DDS alone. A buffer holds as many
   messages as the subscription's history and then drops the oldest. If DDS holds messages too, each
   of the two holds that many.
-- Messages arrive in the order of publishing, provided that DDS delivers within `publish`, as Fast
-  DDS does within a process. A publisher that has sent through DDS continues to do so until the
-  subscription has taken everything that DDS held for it. With
+- Messages arrive in the order in which they were published, provided that DDS delivers within
+  `publish`, as Fast DDS does within a process. A publisher that has sent through DDS continues to
+  do so until the subscription has taken everything that DDS held for it. With
   `RMW_FASTRTPS_PUBLICATION_MODE=ASYNCHRONOUS`, messages may be reordered while a subscription of
   another process is being added or removed. Messages from different publishers have no defined
   order.

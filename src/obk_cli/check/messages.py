@@ -67,7 +67,7 @@ def _of_cpp(fault: Diagnostic) -> Diagnostic:
 
 
 def check_replaced_messages(context: CheckContext) -> Iterator[Diagnostic]:
-    """Check that workspace packages that replace Obelisk's have all that the stack uses."""
+    """Check that workspace packages that replace Obelisk's define all types that the stack uses."""
     replaced = context.environment.replaced_messages()
     uses = list(_uses(context)) if replaced else []
     for one in replaced:

@@ -70,7 +70,7 @@ def migrate_source(source: SourceFile, to: Spelling) -> Migrated:
     text = _verified(source, tree, edits)
     if text is None:
         message = "the file cannot be migrated because of its anchors or its layout"
-        help = "write the anchors out and one key on each line, then migrate"
+        help = "replace the aliases with their values, put each key on its own line, then migrate"
         stays = [_kept(message, tree.span, help)]
     return Migrated(source=source, text=text or source.text, kept=in_order(stays))
 

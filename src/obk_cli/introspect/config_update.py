@@ -63,7 +63,7 @@ def find_update(
         config: the path of the config.
         options: how to compile it.
         target: where its nodes run.
-        timeout_s: limit for each answer of a node [s].
+        timeout_s: limit for each answer from a node [s].
 
     Raises:
         CommandFailedError: none of its nodes is running, one does not answer, or a file cannot be

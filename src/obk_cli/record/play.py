@@ -222,7 +222,7 @@ class _Ticker:
         self._last_s = time.monotonic()
 
     def tick_until(self, due_s: float, message: RecordedMessage) -> None:
-        """Advance to the time of a message, which is due at a time of the monotonic clock [s]."""
+        """Advance to the time of a message; `due_s` is when it is due on the monotonic clock."""
         goal_ns = max(self._clock.time_ns(message), self._last_ns)
         while self._last_ns and (now_s := time.monotonic()) < due_s - _TICK_S:
             passed_ns = round((now_s - self._last_s) * self._speed * _NS_PER_S)

@@ -174,7 +174,7 @@ def _assets(model: Path) -> Iterator[Path]:
 
 
 def _from_urdf(path: Path, root: ElementTree.Element, folder: Path) -> tuple[Files, PurePosixPath]:
-    """Convert a URDF to MJCF, which supports actuators and sensors, with its meshes.
+    """Convert a URDF and its meshes to MJCF, which supports actuators and sensors.
 
     Args:
         path: the URDF.

@@ -14,7 +14,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from obelisk_spec.suggestions import did_you_mean
+from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.config.loader import ConfigFiles, load_config
 from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.config.yaml_parser import decode_source
@@ -276,7 +276,9 @@ def _item(tree: Tree | None, number: int, path: str, done: str) -> Tree | None:
         return tree  # a mapping counts as a list of one
     if not isinstance(tree, TreeList) or number >= len(tree.items):
         count = len(tree.items) if isinstance(tree, TreeList) else 0
-        raise MisuseError(f"`--vary {path}`: `{done}` has {count} items, so no [{number}]")
+        raise MisuseError(
+            f"`--vary {path}`: `{done}` has {with_number(count, 'item')}, so no [{number}]"
+        )
     return tree.items[number]
 
 

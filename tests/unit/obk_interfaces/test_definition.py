@@ -94,7 +94,8 @@ def test_an_invalid_type_has_examples(wrong: str) -> None:
 )
 def test_a_wrong_number_of_sections_is_reported(kind: str, text: str, has: int, wants: int) -> None:
     assert problems_of(text, kind=kind) == [
-        f"{kind}/Robot.{kind}:1:1: {has} lines `---`, expected {wants} in a .{kind} file"
+        f"{kind}/Robot.{kind}:1:1: the number of lines `---` is {has}, expected {wants} "
+        f"in a .{kind} file"
     ]
 
 

@@ -151,7 +151,7 @@ def test_arrays_of_varying_length_are_named() -> None:
     log = result(topic("/x", *messages))["/x"]
     with pytest.raises(LookupError, match="varies"):
         _ = log.data
-    with pytest.raises(LookupError, match="only 1 items"):
+    with pytest.raises(LookupError, match="only 1 item"):
         log["data[1]"]
 
 

@@ -309,7 +309,7 @@ class LockstepSurroundings(Surroundings):
     def adopt(self, node: Any, entity: Any) -> None:
         """Connect an entity of a node to the run.
 
-        A callback for QoS events that only DDS raises ends the run with an error.
+        The run ends with an error if a callback is for QoS events, which only DDS raises.
         """
         owner = self._run.scheduled(node)
         if isinstance(entity, RoutedPublisher):

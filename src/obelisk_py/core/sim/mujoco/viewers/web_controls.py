@@ -1,6 +1,6 @@
 """The controls of the viewer's page: pause, step, reset, speed, push, and the robot's answers.
 
-The buttons send requests to the robot, which carries them out or replies with the reason. What the
+The buttons send requests to the robot, which carries them out or replies why it cannot. What the
 page shows follows the robot's reports, so it is also correct if something else paused the
 simulation.
 """
