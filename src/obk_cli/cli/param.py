@@ -215,9 +215,25 @@ def save(
     """
     target = graph_target(domain, timeout)
 
-    from obk_cli.cli import param_save
+    from obk_cli.cli.config_options import make_options, print_findings, wants_colour
+    from obk_cli.introspect.config_update import find_update, write_update
 
-    param_save.save(config, target, timeout, is_dry=diff)
+    update = find_update(config, make_options(None, None), target, timeout)
+    for node in update.missing_nodes:
+        print(f"warning: {node} is not running; its values are unchanged", file=sys.stderr)
+    if update.findings:
+        print_findings(update.findings)
+        raise CommandFailedError(f"`{config}` has errors; nothing was written")
+    if diff:
+        print(update.diff(colour=wants_colour("auto")), end="")
+    else:
+        write_update(update)
+        for change in update.changes():
+            print(change)
+    if not update.parameters:
+        print(f"{config}: nothing to write, the nodes already use its values", file=sys.stderr)
+    if faults := list(update.faults()):
+        raise CommandFailedError("not written: " + "\n".join(faults), help="edit these by hand")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

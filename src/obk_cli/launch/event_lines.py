@@ -36,7 +36,7 @@ from obk_cli.launch.events import (
     VideoReported,
     WaitingFor,
 )
-from obk_cli.launch.rate_summary import RateSummaries, RateSummary
+from obk_cli.launch.rates import RateSummaries, RateSummary
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE, UNCONFIGURED
 from obk_cli.terminal import only_colour, plain
 

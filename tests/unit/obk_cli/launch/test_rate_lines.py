@@ -15,7 +15,7 @@ from obk_cli.launch.events import (
     RateKept,
     RateMoved,
 )
-from obk_cli.launch.rate_summary import INTERVAL_S
+from obk_cli.launch.rates import INTERVAL_S
 
 CONTROL, ROBOT = "/control", "/robot"
 
