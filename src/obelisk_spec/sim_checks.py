@@ -254,6 +254,7 @@ def _check_one_place(
     placed = [sensor for sensor in found if sensor.type in rule.takes]
     if rule.objects not in ("one site", "one object") or len(placed) < _ONE_PLACE:
         return
+    kind = "site" if rule.objects == "one site" else "object"
     first, *others = placed
     for sensor in others:
         if (sensor.object_type, sensor.object_name) == (first.object_type, first.object_name):
@@ -263,7 +264,7 @@ def _check_one_place(
             severity="error",
             path=(*path, "sensor_names", sensor.name),
             points_at="key",
-            message=f"the sensors of `{written}` must be at {rule.objects}: `{sensor.name}` is on "
+            message=f"the sensors of `{written}` must be on the same {kind}: `{sensor.name}` is on "
             f"the {sensor.object_type} `{sensor.object_name}`, `{first.name}` on the "
             f"{first.object_type} `{first.object_name}`",
             element=("sensor", sensor.name),
@@ -344,7 +345,7 @@ def _check_period(
             severity="warning",
             path=(*path, "dt"),
             message=f"sensor period {group['dt']:g} s is shorter than the simulation step "
-            f"{time_step_s:g} s, so the sensor is published every step",
+            f"{time_step_s:g} s, so it is published at every step",
             help=f"write `dt: {time_step_s:g}` or a multiple of it",
         )
 
@@ -439,4 +440,4 @@ def _published_every_step(block: Mapping[str, Any], step_s: float, own_step_s: f
         for group in groups
         if _is_faster(group, step_s) and not _is_faster(group, own_step_s)
     ]
-    return f"; {list_names(topics, most=3)} would be published every step" if topics else ""
+    return f"; {list_names(topics, most=3)} would be published at every step" if topics else ""

@@ -1,6 +1,6 @@
 """Check which distributions are installed, and require the extras that a command needs.
 
-It reads folder names only: that is much faster than metadata, and imports nothing.
+Only folder names are read: that is much faster than metadata, and imports nothing.
 """
 
 import importlib.util

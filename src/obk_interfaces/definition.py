@@ -110,7 +110,7 @@ def check_definition(
     package: InterfacePackage,
     messages: frozenset[str],
 ) -> tuple[DefinitionProblem, ...]:
-    """Return the problems of a definition, in the order of its lines."""
+    """Return the problems in a definition, in the order of its lines."""
     problems: list[DefinitionProblem] = []
     if not _MESSAGE_NAME.fullmatch(interface.name):
         sentence = f"`{interface.name}` cannot be the name of a message"
@@ -122,7 +122,7 @@ def check_definition(
     expected = _SECTIONS[interface.kind]
     if len(sections) != expected:
         sentence = (
-            f"the number of lines `---` is {len(sections) - 1}, expected {expected - 1} "
+            f"the number of `---` lines is {len(sections) - 1}, expected {expected - 1} "
             f"in a .{interface.kind} file"
         )
         problems.append(DefinitionProblem(path=path, line=1, column=1, sentence=sentence))
@@ -152,7 +152,8 @@ def _check_section(
         if match is None or match["name"] is None:
             token = line.text.strip()
             start = line.text.find(token)
-            yield line.problem(start, f"`{token}` has a type but no name", "write: <type> <name>")
+            sentence = f"`{token}` is not followed by a name"
+            yield line.problem(start, sentence, "write: <type> <name>")
             continue
         name, start = match["name"], match.start("name")
         check = _check_constant if match["equals"] else _check_field
@@ -167,7 +168,7 @@ def _check_field(line: _Line, name: str, start: int) -> Iterator[DefinitionProbl
     if languages := _languages_reserving(name):
         yield line.problem(
             start,
-            f"field `{name}` is a keyword of {' and '.join(languages)}: "
+            f"`{name}` is a keyword in {' and '.join(languages)}: "
             "the generated code would not compile",
             f"choose another name, such as `{name}_value`",
         )
@@ -210,7 +211,7 @@ def _help_for_type(base: str, package: InterfacePackage, messages: frozenset[str
     owner, slash, _ = base.partition("/")
     if slash and owner != package.name and owner not in package.depends:
         return (
-            f"neither package.xml nor CMakeLists.txt depends on `{owner}`: "
+            f"neither package.xml nor CMakeLists.txt declares a dependency on `{owner}`: "
             f"add `<depend>{owner}</depend>` to package.xml"
         )
     names = [*_PRIMITIVES, *messages, *(m.partition("/")[2] for m in messages)]

@@ -1,9 +1,9 @@
 """Run the rosidl generators on one package, in this process.
 
-They write the translated definitions and the C, C++ and Python sources to the package's build tree;
-nothing is compiled. If a definition is invalid, the generators name at most the file. The invalid
-line is then found by parsing each line separately. Each IDL file is parsed once instead of six
-times, which saves a third of the time: the generators' modules get a cache that is removed
+The generators write the translated definitions and the C, C++ and Python sources to the package's
+build tree; nothing is compiled. If a definition is invalid, the generators name at most the file.
+The invalid line is then found by parsing each line separately. Each IDL file is parsed once instead
+of six times, which saves a third of the time: the generators' modules get a cache that is removed
 afterwards.
 """
 

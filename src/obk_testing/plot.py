@@ -1,6 +1,6 @@
 """Plot the arrays that a test read, with faults and interventions marked.
 
-It needs matplotlib; `is_drawable` is False without it.
+Plotting needs matplotlib; `is_drawable` is False without it.
 """
 
 import importlib.util

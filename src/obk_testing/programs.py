@@ -1,8 +1,8 @@
 """Compile a config and load the programs of its nodes, to create nodes for each trial.
 
 The programs are nested, as in a composed process, and each runs up to its call to `spin_obelisk`.
-They stay there, on a separate thread, until the process ends. Every trial creates new nodes from
-their spin requests, so no attribute of a node passes from one trial to the next.
+They stay there, on a separate thread, until the process ends. Every trial creates new nodes
+from their spin requests, so no attribute of a node passes from one trial to the next.
 """
 
 import copy

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from obelisk_spec.names import resolve_msg_type
 from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.config.model import Node
-from obk_cli.config.topology import node_ends
+from obk_cli.config.topology import node_endpoints
 from obk_cli.configedit.add_node import add_node
 from obk_cli.configedit.new_node import NewNode, Rejected, read_new_node
 from obk_cli.diagnostics.source import SourceFile
@@ -68,7 +68,7 @@ def is_subsequence(part: str, whole: str) -> bool:
 
 
 def ends(node: Node) -> list[tuple[str, str]]:
-    return [(end.direction, end.topic) for end in node_ends(node)]
+    return [(end.direction, end.topic) for end in node_endpoints(node)]
 
 
 def serious(outcome: Outcome) -> Counter[tuple[str, str]]:

@@ -125,7 +125,7 @@ def test_invalid_definitions_are_rejected_before_anything_is_generated(
     source: Path, tmp_path: Path
 ) -> None:
     (source / "msg" / "Plan.msg").write_text("int32 short\n")
-    with pytest.raises(DefinitionError, match=r"msg/Plan\.msg:1:7: field `short`"):
+    with pytest.raises(DefinitionError, match=r"msg/Plan\.msg:1:7: `short`"):
         build(
             discover([source]),
             build_dir=tmp_path / "b",

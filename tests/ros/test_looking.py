@@ -154,7 +154,7 @@ def test_a_silent_topic_and_a_missing_one_end_with_a_message(
         ),
         "the report of a silent topic",
     )
-    missing = f"no topic `jionts` in the ROS domain {os.environ['ROS_DOMAIN_ID']}"
+    missing = f"no topic `jionts` in ROS domain {os.environ['ROS_DOMAIN_ID']}"
 
     def is_near() -> bool:
         complaint = error_of("topic", "echo", "jionts")

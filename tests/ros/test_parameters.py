@@ -58,7 +58,7 @@ def assert_works(node: Any) -> None:
     eventually(lambda: node.ticks > before + 2, "the ticks of an active node")
 
 
-PERIOD = "expected seconds above 0, from 1e-09 to 9e+09"
+PERIOD = "expected a number of seconds above 0, from 1e-09 to 9e+09"
 REFUSED = (
     (message("timer_ctrl_setting", 5), "expected 'Type.STRING' got 'Type.INTEGER'"),
     (message("timer_ctrl_setting", "{timer_period_sec: fast}"), f"is 'fast', {PERIOD}"),

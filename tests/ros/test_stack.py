@@ -229,7 +229,7 @@ def test_a_second_launch_in_the_domain_is_rejected_and_the_first_continues() -> 
         assert second.returncode == 1
         domain = os.environ["ROS_DOMAIN_ID"]
         assert second.stderr.startswith(
-            f"error: the stack `dummy` is already running in the ROS domain {domain} "
+            f"error: the stack `dummy` is already running in ROS domain {domain} "
             f"(process {run.process.pid}, /obelisk_control_0, "
         )
         assert "ROS_DOMAIN_ID" in second.stderr

@@ -1,6 +1,6 @@
-"""Watch the age of a robot's commands, and log stopped and rejected commands at a limited rate.
+"""Watch the age of a robot's commands, and log missing and rejected commands at a limited rate.
 
-`CommandAge` only computes with times; it has no clock and no thread. A real robot's
+`CommandAge` is arithmetic on times; it has no clock and no thread. A real robot's
 `WatchdogThread` checks it at each deadline. A simulated robot's stepping thread checks it before
 each step. `SilenceLog` and `RejectionLog` limit the rate of log messages; they do not delay the
 response to stale commands.
@@ -40,7 +40,8 @@ class StalePolicy:
 class CommandAge:
     """The age of the latest command; one thread may accept commands while another one checks.
 
-    No command is stale before the first one: until then, the robot does what it does at activation.
+    Nothing is stale before the first command: until then, the robot does what it does at
+    activation.
     """
 
     def __init__(self, policy: StalePolicy) -> None:
@@ -91,7 +92,7 @@ class CommandAge:
             return now_s - self._newest_s if self.is_stale and self._newest_s is not None else None
 
     def postpone(self, now_s: float) -> None:
-        """Restart the age of the latest command now, because the time before was a pause."""
+        """Reset the age of the latest command to zero, because the robot was paused."""
         with self._lock:
             if self._newest_s is not None and not self.is_stale:
                 self._newest_s = now_s
@@ -128,7 +129,7 @@ class WatchdogThread:
         self._thread.start()
 
     def wake(self) -> None:
-        """Read the deadline again; call this when a deadline is set after there was none."""
+        """Read the deadline again; call this when a deadline is set and there was none before."""
         self._woken.set()
 
     def stop(self, timeout_s: float) -> bool:
@@ -153,14 +154,14 @@ class WatchdogThread:
 
 
 SILENCE_GRACE_S: Final = 0.5
-"""Delay before stopped commands are logged [s]. During a normal shutdown, the controllers stop
+"""Delay before missing commands are logged [s]. During a normal shutdown, the controllers stop
 shortly before the robot."""
 SILENCE_PERIOD_S: Final = 10.0
-"""Minimum time between two reports of stopped commands [s]."""
+"""Minimum time between two reports of missing commands [s]."""
 
 
 class SilenceLog:
-    """Reports stopped commands at most once every 10 s; thread-safe."""
+    """Reports missing commands at most once every 10 s; thread-safe."""
 
     def __init__(self) -> None:
         """Create an empty log."""
@@ -307,7 +308,7 @@ class RejectionLog:
         Returns:
             None if there is nothing to report or the next report is not due.
         """
-        if not self._unreported:  # nearly always, so neither a clock nor a lock
+        if not self._unreported:  # the usual case: read no clock, take no lock
             return None
         now_s = self._monotonic_s()
         with self._lock:
@@ -321,7 +322,7 @@ class RejectionLog:
                 f"{reason} ({count}x)" for reason, count in self._unreported.items()
             )
             if self._others:
-                reasons = f"{reasons}; for further reasons ({self._others}x)"
+                reasons = f"{reasons}; other reasons ({self._others}x)"
             self._unreported.clear()
             self._others = 0
             text = f"{self._what}: {reasons}; {self._total} since the start"

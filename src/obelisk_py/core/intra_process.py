@@ -9,13 +9,13 @@ The following holds for each publisher and subscription, even while others are a
 
 - No message is delivered twice: each goes either to the buffers or to DDS.
 - No message is lost that DDS would not lose. A subscription in another process receives the
-  messages published after the publisher discovered it, as with DDS alone. A buffer holds as many
-  messages as the subscription's history and then drops the oldest. If DDS holds messages too, each
-  of the two holds that many.
+  messages published after the publisher discovered it, as with DDS alone. A buffer holds up to
+  `history_depth` messages and then drops the oldest. While DDS still holds messages for the
+  subscription, the limit applies to each of the two.
 - Messages arrive in the order in which they were published, provided that DDS delivers within
   `publish`, as Fast DDS does within a process. A publisher that has sent through DDS continues to
   do so until the subscription has taken everything that DDS held for it. With
-  `RMW_FASTRTPS_PUBLICATION_MODE=ASYNCHRONOUS`, messages may be reordered while a subscription of
+  `RMW_FASTRTPS_PUBLICATION_MODE=ASYNCHRONOUS`, messages may be reordered while a subscription in
   another process is being added or removed. Messages from different publishers have no defined
   order.
 - When a subscription is destroyed, its waiting messages are dropped, as with DDS. When its node is
@@ -65,10 +65,10 @@ _UNSET: Final = QoSProfile(depth=1)
 
 @functools.cache
 def middleware_is_known() -> bool:
-    """Whether a call that creates an endpoint returns only after it is matched in its context.
+    """Whether a new endpoint is matched within its context before the call that creates it returns.
 
-    This is so in Fast DDS. The QoS profile in Python is also the effective one, unless the process
-    loads profiles from XML.
+    This is the case with Fast DDS. The QoS profile in Python is also the effective one, unless
+    the process loads profiles from XML.
     """
     return (
         get_rmw_implementation_identifier() == "rmw_fastrtps_cpp"
@@ -90,7 +90,7 @@ def is_plain(qos: QoSProfile) -> bool:
         and qos.deadline == _UNSET.deadline
         and qos.lifespan == _UNSET.lifespan
         and qos.liveliness_lease_duration == _UNSET.liveliness_lease_duration
-        # Otherwise it is a different DDS topic.
+        # Without these conventions, the name denotes a different DDS topic.
         and not qos.avoid_ros_namespace_conventions
     )
 
@@ -112,7 +112,8 @@ _INFO: Final = {
     "publication_sequence_number": None,
     "reception_sequence_number": None,
 }
-"""Seen only by callbacks that were replaced later: others that take a `MessageInfo` use DDS."""
+"""Passed only to a callback assigned after its subscription was created; a subscription whose first
+callback takes a `MessageInfo` uses DDS."""
 
 
 class MessageBuffer:
@@ -212,7 +213,7 @@ _making = threading.Lock()
 
 
 def intra_process_topic(context: Context, name: str) -> IntraProcessTopic:
-    """Return the only topic with this full name in a context."""
+    """Return the topic with this full name in a context, which has only one."""
     with _making:
         return _topics.setdefault(context, {}).setdefault(name, IntraProcessTopic())
 
@@ -261,7 +262,7 @@ class IntraProcessPublisher(LifecyclePublisher):
         )
         self._match: tuple[tuple[MessageBuffer, ...], tuple[MessageBuffer, ...]] = ((), ())
         """The open buffers at the last check, and the matching ones among them."""
-        # rclpy's own methods spend a few microseconds on keeping the handle alive. The
+        # rclpy's own methods spend a few microseconds keeping the handle alive. The
         # handle's own methods raise an exception if it was destroyed.
         self._count = self.handle.get_subscription_count
         self._may_bypass_dds = may_bypass_dds

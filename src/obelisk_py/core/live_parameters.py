@@ -25,7 +25,7 @@ __all__ = ["IN_EFFECT", "LiveParameters"]
 IN_EFFECT: Final = "in effect"
 STORED: Final = "stored; takes effect at the next `configure` transition"
 WAITS: Final = "accepted; takes effect when no callback of the node is running"
-"""Reasons that the node returns with a success; tools show them verbatim."""
+"""The `reason` in the reply when a value is accepted; tools show it verbatim."""
 _CONFIGURED: Final = ("inactive", "active")
 
 
@@ -42,7 +42,8 @@ class LiveParameters:
         self._declared: dict[str, Parameter[Any]] = parameters_of(type(node))
         self._running: dict[object, float] = {}
         """The running callbacks and, if measured, their start times [s]. A key is a thread
-        identifier, or an object for a coroutine, because others run while it is suspended."""
+        identifier, or an object for a coroutine, because other callbacks run while it is
+        suspended."""
         self._changing = threading.Condition(threading.RLock())
         # Read without the lock: a callback first records that it is running and then reads this
         # flag. A change first sets the flag and then checks for running callbacks.
@@ -79,12 +80,12 @@ class LiveParameters:
         return parameter.fit(RosParameter.from_parameter_msg(message)).to_parameter_msg()
 
     def fault(self, requested: RosParameter) -> str | None:
-        """Why a requested value is invalid; None if it is valid or not one of these parameters."""
+        """Why a requested value is invalid; None if it is valid or for another parameter."""
         parameter = self._declared.get(requested.name)
         return None if parameter is None else parameter.fault(requested)
 
     def effect(self, name: str) -> str:
-        """Whether the latest value is in use; empty if it is not one of these parameters."""
+        """Whether the latest value is in use; empty for a parameter that is not declared here."""
         if name not in self._declared:
             return ""
         with self._changing:

@@ -275,7 +275,7 @@ def _seconds(component: RegisteredComponent, key: str, value: Any) -> float:
         or not SHORTEST_PERIOD_S <= value < LONGEST_PERIOD_S
     ):
         raise ObeliskConfigError(
-            f"the {component}: `{key}` is {value!r}, expected seconds above 0, "
+            f"the {component}: `{key}` is {value!r}, expected a number of seconds above 0, "
             f"from {SHORTEST_PERIOD_S:g} to {LONGEST_PERIOD_S:g}"
         )
     return float(value)

@@ -28,7 +28,7 @@ from obelisk_py.core.timer_phase import LoopStage, start_in_step
 __all__ = ["SteppedRobot", "Surroundings", "Watchdog", "current_surroundings", "new_nodes_are_in"]
 
 Create = Callable[..., Any]
-"""rclpy's method of the node."""
+"""The method of rclpy's node that creates the entity."""
 
 
 class Watchdog(Protocol):
@@ -38,14 +38,14 @@ class Watchdog(Protocol):
         """Start checking."""
 
     def wake(self) -> None:
-        """Read the deadline again; call this when a deadline is set after there was none."""
+        """Read the deadline again; call this when a deadline is set and there was none before."""
 
     def stop(self, timeout_s: float) -> bool:
         """Stop; false if it is still running after `timeout_s` [s]."""
 
 
 class SteppedRobot(Protocol):
-    """A simulated robot whose steps can be taken one by one."""
+    """A simulated robot that another thread or a scheduler can step."""
 
     def step_once(self) -> None:
         """Take the next step and publish what is due, unless the robot is paused."""
@@ -116,7 +116,7 @@ class Surroundings:
         return WatchdogThread(deadline_s, check)
 
     def drive(self, _node: Any, _robot: SteppedRobot) -> threading.Thread | None:
-        """Take the steps of a simulated robot; None if its own thread takes them."""
+        """Return the thread that steps a simulated robot; None if the robot starts its own."""
         return None
 
 
@@ -134,5 +134,5 @@ def new_nodes_are_in(surroundings: Surroundings) -> Iterator[None]:
 
 
 def current_surroundings() -> Surroundings:
-    """Return the surroundings for a node that is created now."""
+    """Return the surroundings for a node that is being created."""
     return _surroundings.get() or Surroundings()

@@ -1,7 +1,7 @@
 """Take messages from DDS with the GID of their publisher, and look up GIDs of publishers.
 
 rclpy offers neither, so this module calls rcl and Fast DDS, which rclpy has loaded, through ctypes.
-It supports only `rmw_fastrtps_cpp`.
+Only `rmw_fastrtps_cpp` is supported.
 
 Source: rmw/types.h, rcl/subscription.h, rcutils/types/uint8_array.h of ROS 2 Jazzy.
 """

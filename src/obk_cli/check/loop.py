@@ -12,7 +12,13 @@ from obelisk_spec.suggestions import with_number
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import Environment, ModelRead, NodeFacts
 from obk_cli.config.model import Component, Node, Spanned, Stack
-from obk_cli.config.topology import OUTSIDE, TopicEnd, absolute_topic, sending_period_s, timers_of
+from obk_cli.config.topology import (
+    OUTSIDE,
+    TopicEndpoint,
+    absolute_topic,
+    sending_period_s,
+    timers_of,
+)
 from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
@@ -48,9 +54,9 @@ Senders = Mapping[str, list[Spanned[float]]]
 
 def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that the robot's measurements lead back to its control; skipped if a topic dangles."""
-    ends = context.topology.ends
+    endpoints = context.topology.endpoints
     senders: dict[str, set[str]] = defaultdict(set)
-    for end in ends:
+    for end in endpoints:
         if end.direction == "publishes":
             senders[end.topic].add(end.owner)
     # Topics from outside the stack may come from the robot.
@@ -62,7 +68,7 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
         earlier = {node.full_name for name in before for node in context.stack.section(name)}
         has_earlier = bool(earlier)
         earlier.add(OUTSIDE)
-        subscribers = [e for e in ends if e.section == section and e.direction == "subscribes"]
+        subscribers = [e for e in endpoints if e.section == section and e.direction == "subscribes"]
         linked = _reached(subscribers, senders, reached)
         if everyone and has_earlier and not linked and all(e.topic in senders for e in subscribers):
             is_near = bool(_reached(subscribers, senders, earlier))
@@ -78,7 +84,7 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _reached(
-    subscribers: list[TopicEnd], senders: Mapping[str, set[str]], start: set[str]
+    subscribers: list[TopicEndpoint], senders: Mapping[str, set[str]], start: set[str]
 ) -> set[str]:
     """Owners of `subscribers` that receive from one of `start`, directly or through each other."""
     reached: set[str] = set()
@@ -92,10 +98,10 @@ def _reached(
 
 def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that only one controller publishes to each topic that commands the robot."""
-    ends = context.topology.ends
-    commands = {e.topic for e in ends if e.section == "robot" and e.direction == "subscribes"}
-    commanders: dict[str, list[TopicEnd]] = defaultdict(list)
-    for end in ends:
+    endpoints = context.topology.endpoints
+    commands = {e.topic for e in endpoints if e.section == "robot" and e.direction == "subscribes"}
+    commanders: dict[str, list[TopicEndpoint]] = defaultdict(list)
+    for end in endpoints:
         if end.direction == "publishes" and end.section == "control" and end.topic in commands:
             commanders[end.topic].append(end)
     for topic, (first, *others) in commanders.items():
@@ -117,13 +123,13 @@ def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
 def check_timers(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that no timer of a node is faster than all of the node's inputs."""
     rates: dict[str, float | None] = {}
-    for end in context.topology.ends:
+    for end in context.topology.endpoints:
         if end.direction == "publishes":
             rates[end.topic] = end.rate_hz if end.topic not in rates else None
     # A period that `check_outliers` reports would make every timer after it look too fast.
     reported = {1 / outlier.period.value for outlier in _outliers(context)}
-    for node, ends in context.topology.by_node:
-        inputs = [rates.get(end.topic) for end in ends if end.direction == "subscribes"]
+    for node, endpoints in context.topology.by_node:
+        inputs = [rates.get(end.topic) for end in endpoints if end.direction == "subscribes"]
         known = [rate for rate in inputs if rate is not None]
         if known and len(known) == len(inputs) and max(known) not in reported:
             yield from _check_node_timers(node, max(known))
@@ -173,7 +179,7 @@ class _Outlier:
     """Subject and verb of the message, such as "timer `x` runs"."""
     period: Spanned[float]
     others: str
-    """The periods that it is compared with, as the end of the message."""
+    """The periods that it is compared with, as the tail of the message."""
     is_loop: bool
 
 

@@ -15,7 +15,7 @@ from obelisk_spec.suggestions import comparable, list_names, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import Qos, Spanned, Stack
-from obk_cli.config.topology import Direction, TopicEnd, may_be_one
+from obk_cli.config.topology import Direction, TopicEndpoint, may_be_one
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = [
@@ -37,14 +37,14 @@ _MOST_COMPARED = 20_000
 
 def check_unconnected_topics(context: CheckContext) -> Iterator[Diagnostic]:
     """Report topics without a publisher, and topics without a subscriber."""
-    ends = context.topology.ends
+    endpoints = context.topology.endpoints
     published, subscribed = context.topology.published, context.topology.subscribed
     publishers = _publishers_by_type(published)
     compared = 0
-    lost = _types_of_lost_publishers(context.stack, ends)
+    lost = _types_of_lost_publishers(context.stack, endpoints)
     suggested: set[str] = set()
-    unmatched: list[TopicEnd] = []
-    for end in ends:
+    unmatched: list[TopicEndpoint] = []
+    for end in endpoints:
         if end.direction == "publishes" or end.is_optional or end.topic in published:
             continue
         if not lost.isdisjoint((end.msg_type, None)):
@@ -68,14 +68,14 @@ def check_unconnected_topics(context: CheckContext) -> Iterator[Diagnostic]:
             yield found("OBK204", message, first.span, related=first.renamed)
 
 
-def _types_of_lost_publishers(stack: Stack, ends: Iterable[TopicEnd]) -> set[str | None]:
+def _types_of_lost_publishers(stack: Stack, endpoints: Iterable[TopicEndpoint]) -> set[str | None]:
     """Types of publishers with a missing or unresolved topic, which a subscriber may refer to.
 
     For a simulator, they come from its `sim` block.
     """
     lost = {
         end.msg_type
-        for end in ends
+        for end in endpoints
         if end.direction == "publishes"
         and ("${" in end.topic or (end.msg_type and topic_name_fault(end.topic)))
     }
@@ -89,7 +89,7 @@ def _types_of_lost_publishers(stack: Stack, ends: Iterable[TopicEnd]) -> set[str
     return lost
 
 
-def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnostic:
+def _dangling(end: TopicEndpoint, near: list[TopicEndpoint], meant: str | None) -> Diagnostic:
     is_sure = meant in {other.topic for other in near if not _clash(end, other)}
     return found(
         "OBK203",
@@ -105,26 +105,26 @@ def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnos
     )
 
 
-def _not_published(ends: Sequence[TopicEnd]) -> Diagnostic:
+def _not_published(endpoints: Sequence[TopicEndpoint]) -> Diagnostic:
     """One warning for all topics without similar names: they probably come from elsewhere."""
-    topics = list(dict.fromkeys(end.topic for end in ends))
-    owners = list(dict.fromkeys(end.owner for end in ends))
+    topics = list(dict.fromkeys(end.topic for end in endpoints))
+    owners = list(dict.fromkeys(end.owner for end in endpoints))
     subscribe = "subscribe" if len(owners) > 1 else "subscribes"
     return found(
         "OBK203",
         f"no node in the config publishes {list_names(topics, most=_MOST_LISTED)}, to which "
         f"{list_names(owners, most=_MOST_SHOWN)} {subscribe}",
-        ends[0].span,
+        endpoints[0].span,
         severity="warning",
         help="if nodes outside the stack publish "
         + ("it" if len(topics) == 1 else "them")
         + f", add `external_topics: [{', '.join(topics[:_MOST_LISTED])}"
         + (", ...]`" if len(topics) > _MOST_LISTED else "]`"),
         related=(
-            *ends[0].renamed,
+            *endpoints[0].renamed,
             *(
                 place
-                for end in ends[1:_MOST_LISTED]
+                for end in endpoints[1:_MOST_LISTED]
                 for place in (
                     Related(message=f"`{end.topic}` is subscribed to here", span=end.span),
                     *end.renamed,
@@ -134,21 +134,21 @@ def _not_published(ends: Sequence[TopicEnd]) -> Diagnostic:
     )
 
 
-_ByType = Mapping[str | None, Mapping[str, list[TopicEnd]]]
+_ByType = Mapping[str | None, Mapping[str, list[TopicEndpoint]]]
 
 
-def _publishers_by_type(published: Mapping[str, tuple[TopicEnd, ...]]) -> _ByType:
+def _publishers_by_type(published: Mapping[str, tuple[TopicEndpoint, ...]]) -> _ByType:
     """Type -> topic -> its first two publishers, because one may be the subscriber itself."""
-    by_type: dict[str | None, dict[str, list[TopicEnd]]] = defaultdict(dict)
-    for topic, ends in published.items():
-        for end in ends:
+    by_type: dict[str | None, dict[str, list[TopicEndpoint]]] = defaultdict(dict)
+    for topic, endpoints in published.items():
+        for end in endpoints:
             kept = by_type[end.msg_type].setdefault(topic, [])
             if not kept or (len(kept) == 1 and kept[0].owner != end.owner):
                 kept.append(end)
     return by_type
 
 
-def _candidates(end: TopicEnd, publishers: _ByType) -> list[TopicEnd]:
+def _candidates(end: TopicEndpoint, publishers: _ByType) -> list[TopicEndpoint]:
     """Publishers of other nodes to compare with.
 
     Those of the same type if any exist, otherwise those of unknown type, otherwise all.
@@ -159,7 +159,9 @@ def _candidates(end: TopicEnd, publishers: _ByType) -> list[TopicEnd]:
     return next((group for group in groups if group), [])
 
 
-def _of_types(end: TopicEnd, publishers: _ByType, kinds: Iterable[str | None]) -> list[TopicEnd]:
+def _of_types(
+    end: TopicEndpoint, publishers: _ByType, kinds: Iterable[str | None]
+) -> list[TopicEndpoint]:
     return [
         other
         for kind in kinds
@@ -169,7 +171,7 @@ def _of_types(end: TopicEnd, publishers: _ByType, kinds: Iterable[str | None]) -
     ]
 
 
-def _nearest(end: TopicEnd, candidates: Iterable[TopicEnd]) -> list[TopicEnd]:
+def _nearest(end: TopicEndpoint, candidates: Iterable[TopicEndpoint]) -> list[TopicEndpoint]:
     """Publishers that may be meant: those of the same type or with a similar name.
 
     A type of ROS itself is a weak hint: an `Image` may come from any camera.
@@ -187,19 +189,19 @@ def _is_telling(msg_type: str | None) -> bool:
     return msg_type is not None and msg_type.startswith(_OF_OBELISK)
 
 
-def _likeness(one: TopicEnd, other: TopicEnd) -> float:
+def _likeness(one: TopicEndpoint, other: TopicEndpoint) -> float:
     return SequenceMatcher(None, one.topic, other.topic).ratio()
 
 
-def _suggestion(end: TopicEnd, near: list[TopicEnd]) -> str | None:
+def _suggestion(end: TopicEndpoint, near: list[TopicEndpoint]) -> str | None:
     if not near:
         return None
     names = " or ".join(f"`{other.topic}`{_type_of(other, end)}" for other in near)
     return f"did you mean {names}?"
 
 
-def _type_of(other: TopicEnd, end: TopicEnd) -> str:
-    """The other end's type in parentheses, with this end's type if it differs."""
+def _type_of(other: TopicEndpoint, end: TopicEndpoint) -> str:
+    """The other endpoint's type in parentheses, with this endpoint's type if it differs."""
     if other.msg_type is None:
         return ""
     if end.msg_type is None or end.msg_type == other.msg_type:
@@ -210,7 +212,7 @@ def _type_of(other: TopicEnd, end: TopicEnd) -> str:
     return f" ({names[0]}, here it is {names[1]})"
 
 
-def _clash(one: TopicEnd, other: TopicEnd) -> bool:
+def _clash(one: TopicEndpoint, other: TopicEndpoint) -> bool:
     """Whether both types are known and differ."""
     is_known = one.msg_type is not None and other.msg_type is not None
     return is_known and not may_be_one(one.msg_type, other.msg_type)
@@ -218,9 +220,9 @@ def _clash(one: TopicEnd, other: TopicEnd) -> bool:
 
 def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that no node publishes to a topic twice; `check_types` reports different types."""
-    for _, ends in context.topology.by_node:
-        firsts: dict[str, TopicEnd] = {}
-        for end in ends:
+    for _, endpoints in context.topology.by_node:
+        firsts: dict[str, TopicEndpoint] = {}
+        for end in endpoints:
             if end.direction == "subscribes":
                 continue
             first = firsts.setdefault(end.topic, end)
@@ -241,9 +243,9 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
 
 def check_sensor_topics(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that two nodes never publish to one sensor topic; `check_types` checks their types."""
-    shared: dict[tuple[str, str], list[tuple[TopicEnd, TopicEnd]]] = defaultdict(list)
-    for topic, ends in context.topology.published.items():
-        measured = [end for end in ends if end.section in ("robot", "sensing")]
+    shared: dict[tuple[str, str], list[tuple[TopicEndpoint, TopicEndpoint]]] = defaultdict(list)
+    for topic, endpoints in context.topology.published.items():
+        measured = [end for end in endpoints if end.section in ("robot", "sensing")]
         if topic in _OF_MANY or len({end.known_type for end in measured} - {None}) > 1:
             continue
         for end in measured[1:]:
@@ -254,7 +256,7 @@ def check_sensor_topics(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _shared_sensor_topics(
-    one: str, other: str, pairs: Sequence[tuple[TopicEnd, TopicEnd]]
+    one: str, other: str, pairs: Sequence[tuple[TopicEndpoint, TopicEndpoint]]
 ) -> Diagnostic:
     """One finding for two nodes, however many topics both publish to."""
     topics = list(dict.fromkeys(end.topic for _, end in pairs))
@@ -282,15 +284,15 @@ def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
 
     Source: ROS 2 documentation, "Quality of Service settings", QoS compatibilities.
     """
-    ends = context.topology.ends
+    endpoints = context.topology.endpoints
     for policy in _POLICIES:
-        weak: dict[str, list[TopicEnd]] = defaultdict(list)
-        for end in ends:
+        weak: dict[str, list[TopicEndpoint]] = defaultdict(list)
+        for end in endpoints:
             if end.is_external:
                 continue  # its QoS is not known
             if end.direction == "publishes" and policy.of(end, policy.offered) == policy.weak:
                 weak[end.topic].append(end)
-        for end in ends:
+        for end in endpoints:
             wants = policy.of(end, policy.expected)
             if (
                 not end.is_external
@@ -303,7 +305,7 @@ def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Policy:
-    """A QoS policy: the names of its stronger and weaker value, and its value at an end."""
+    """A QoS policy: the names of its stronger and weaker value, and its value at an endpoint."""
 
     written: Callable[[Qos], Spanned[str] | None]
     strong: str
@@ -311,7 +313,7 @@ class _Policy:
     expected: str
     offered: str
 
-    def of(self, end: TopicEnd, default: str) -> str:
+    def of(self, end: TopicEndpoint, default: str) -> str:
         setting = self.written(end.qos)
         return setting.value if setting else default
 
@@ -334,16 +336,16 @@ _POLICIES = (
 )
 
 
-def _qos_differs(end: TopicEnd, others: list[TopicEnd], policy: _Policy) -> Diagnostic:
+def _qos_differs(end: TopicEndpoint, others: list[TopicEndpoint], policy: _Policy) -> Diagnostic:
     expected, first = policy.written(end.qos), others[0]
     rest = len(others) - 1
     who = f"`{first.owner}` and {rest} more offer" if rest else f"`{first.owner}` offers"
     return found(
         "OBK206",
         f"`{end.owner}` requests `{policy.strong}` on `{end.topic}`, but {who} only "
-        f"`{policy.weak}`, so it would receive nothing{' from them' if rest else ''}",
+        f"`{policy.weak}`, so the subscriber would receive nothing{' from them' if rest else ''}",
         expected.span if expected else end.span,
-        help=f"use `{policy.strong}` in the publisher, or `{policy.weak}` in the subscriber",
+        help=f"use `{policy.strong}` for the publisher, or `{policy.weak}` for the subscriber",
         related=(
             *(
                 Related(
@@ -361,23 +363,23 @@ _VERBS: Mapping[Direction, str] = {"publishes": "publishes", "subscribes": "subs
 
 
 def check_types(context: CheckContext) -> Iterator[Diagnostic]:
-    """Report ends whose type differs from that of another end of the topic, if both are known."""
-    by_topic: dict[str, list[TopicEnd]] = defaultdict(list)
-    for end in context.topology.ends:
+    """Report endpoints whose type differs from another one of the topic, if both are known."""
+    by_topic: dict[str, list[TopicEndpoint]] = defaultdict(list)
+    for end in context.topology.endpoints:
         if end.known_type is not None:
             by_topic[end.topic].append(end)
-    for ends in by_topic.values():
-        if len({end.known_type for end in ends}) > 1:
-            yield from _check_topic(ends)
+    for endpoints in by_topic.values():
+        if len({end.known_type for end in endpoints}) > 1:
+            yield from _check_topic(endpoints)
 
 
-def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
-    if _is_old_name(ends) or _is_code_alone(ends):
+def _check_topic(endpoints: Sequence[TopicEndpoint]) -> Iterator[Diagnostic]:
+    if _is_old_name(endpoints) or _is_code_alone(endpoints):
         return
-    known = {end.code_type for end in ends if end.code_type is not None}
-    right = _agreed(known) or _most_common(ends)
-    publishers = [end for end in ends if end.direction == "publishes"]
-    subscribers = [end for end in ends if end.direction == "subscribes"]
+    known = {end.code_type for end in endpoints if end.code_type is not None}
+    right = _agreed(known) or _most_common(endpoints)
+    publishers = [end for end in endpoints if end.direction == "publishes"]
+    subscribers = [end for end in endpoints if end.direction == "subscribes"]
     differing = tuple(_against_other_side(publishers, subscribers, right))
     yield from differing
     if not differing:
@@ -385,23 +387,23 @@ def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
             yield from _against_own_side(side, right)
 
 
-def _is_code_alone(ends: Sequence[TopicEnd]) -> bool:
+def _is_code_alone(endpoints: Sequence[TopicEndpoint]) -> bool:
     """Whether the config has one type and only the code differs, which OBK407 reports."""
-    return len({end.msg_type for end in ends} - {None}) == 1 and any(
+    return len({end.msg_type for end in endpoints} - {None}) == 1 and any(
         end.code_type is not None and end.type_span is not None and end.code_type != end.msg_type
-        for end in ends
+        for end in endpoints
     )
 
 
-def _is_old_name(ends: Sequence[TopicEnd]) -> bool:
-    """Whether the types differ only by a type's original name, at ends that ignore `msg_type`."""
-    binding = {end.known_type for end in ends if not end.ignores_type}
-    first = ends[0].known_type
-    return len(binding) <= 1 and all(may_be_one(first, end.known_type) for end in ends)
+def _is_old_name(endpoints: Sequence[TopicEndpoint]) -> bool:
+    """Whether only a type's original name differs, at endpoints that ignore `msg_type`."""
+    binding = {end.known_type for end in endpoints if not end.ignores_type}
+    first = endpoints[0].known_type
+    return len(binding) <= 1 and all(may_be_one(first, end.known_type) for end in endpoints)
 
 
 def _against_other_side(
-    publishers: Sequence[TopicEnd], subscribers: Sequence[TopicEnd], right: str | None
+    publishers: Sequence[TopicEndpoint], subscribers: Sequence[TopicEndpoint], right: str | None
 ) -> Iterator[Diagnostic]:
     if right is None:
         for end in subscribers:
@@ -415,10 +417,14 @@ def _against_other_side(
             yield from (_differs(end, fitting) for end in own if end.known_type != right)
 
 
-def _against_own_side(ends: Sequence[TopicEnd], right: str | None) -> Iterator[Diagnostic]:
-    """For a topic with types on one side only: report ends that differ from the others."""
-    fitting = [end for end in ends if end.known_type == right] or ends[:1]
-    yield from (_differs(end, fitting) for end in ends if end.known_type != fitting[0].known_type)
+def _against_own_side(
+    endpoints: Sequence[TopicEndpoint], right: str | None
+) -> Iterator[Diagnostic]:
+    """For a topic with types on one side only: report endpoints that differ from the others."""
+    fitting = [end for end in endpoints if end.known_type == right] or endpoints[:1]
+    yield from (
+        _differs(end, fitting) for end in endpoints if end.known_type != fitting[0].known_type
+    )
 
 
 def _agreed(types: Iterable[str]) -> str | None:
@@ -427,13 +433,13 @@ def _agreed(types: Iterable[str]) -> str | None:
     return every[0] if len(every) == 1 else None
 
 
-def _most_common(ends: Iterable[TopicEnd]) -> str | None:
-    """The type of most ends; None if no type has the majority."""
-    (first, count), (_, second) = Counter(end.known_type for end in ends).most_common(2)
+def _most_common(endpoints: Iterable[TopicEndpoint]) -> str | None:
+    """The type of most endpoints; None if no type has the majority."""
+    (first, count), (_, second) = Counter(end.known_type for end in endpoints).most_common(2)
     return first if count > second else None
 
 
-def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
+def _differs(end: TopicEndpoint, others: Sequence[TopicEndpoint]) -> Diagnostic:
     """A finding at `end`, whose type differs from that of the others."""
     own, expected = end.known_type or "", others[0].known_type or ""
     is_alias = may_be_one(own, expected)
@@ -458,14 +464,14 @@ def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
     )
 
 
-def _said_of(other: TopicEnd, end: TopicEnd) -> str:
+def _said_of(other: TopicEndpoint, end: TopicEndpoint) -> str:
     if other.direction == end.direction:
         return "the other one"
     return "the publisher" if other.direction == "publishes" else "the subscriber"
 
 
 def _help(
-    own: str, expected: str, others: Iterable[TopicEnd], *, is_alias: bool, is_note: bool
+    own: str, expected: str, others: Iterable[TopicEndpoint], *, is_alias: bool, is_note: bool
 ) -> str | None:
     by_code = next((other for other in others if other.code_type is not None), None)
     if by_code is not None:

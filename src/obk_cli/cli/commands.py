@@ -85,7 +85,7 @@ GROUPS: Final[Mapping[str, Mapping[str, Verb]]] = MappingProxyType(
         },
         "Record": {
             "record": Verb(
-                "obk_cli.cli.record", "Record topics of a running stack into an MCAP file."
+                "obk_cli.cli.record", "Record topics of a running stack to an MCAP file."
             ),
             "bag": Verb("obk_cli.cli.bag", "Show what a recording contains."),
             "plot": Verb("obk_cli.cli.plot", "Plot fields of a recording."),

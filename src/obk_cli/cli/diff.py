@@ -35,8 +35,8 @@ def command(
 
     The command shows differences in config, versions, code, message definitions and parameters. It
     then compares the rate and jitter of each topic, rejected commands, and each numeric field.
-    Jitter is the p99 of the intervals minus their median. For each numeric field, it shows the RMS
-    and the largest difference over the time since the stack became active. The second run is
+    Jitter is the p99 deviation of intervals from their mean. For each numeric field, it shows the
+    RMS and the largest difference over the time since the stack became active. The second run is
     interpolated at the times of the first. For fields that do not differ, only their count is
     shown.
     """
@@ -94,9 +94,9 @@ def _topic_rows(found: "RunComparison") -> Iterator[_Row]:
         elif not topic.same_definition:
             yield (f"{name} definition", "differs", "differs", "", "", "")
         yield (f"{name} messages", str(counts[0]), str(counts[1]), "", "", "")
-        rates, late = topic.rate_hz, topic.late_p99_ms
+        rates, jitter = topic.rate_hz, topic.jitter_p99_ms
         yield (f"{name} rate [Hz]", f"{rates[0]:.1f}", f"{rates[1]:.1f}", "", "", "")
-        yield (f"{name} jitter p99 [ms]", f"{late[0]:.2f}", f"{late[1]:.2f}", "", "", "")
+        yield (f"{name} jitter p99 [ms]", f"{jitter[0]:.2f}", f"{jitter[1]:.2f}", "", "", "")
 
 
 def _signal_rows(found: "RunComparison") -> Iterator[_Row]:

@@ -103,7 +103,7 @@ def command(
 ) -> None:
     """Check whether this machine can run stacks; report problems and how to fix them.
 
-    The command changes nothing; it tests network, compilers and graphics in separate processes.
+    The command changes nothing; it tests the network, compilers and graphics in separate processes.
     Exit code 0: no errors (there may be warnings); 1: errors; 2: usage error.
     """
     is_json, colour = wants_json(format), wants_colour(color)

@@ -14,7 +14,7 @@ from obk_cli.errors import MisuseError
 __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: obk explain OBK203"
-_NEVER_SILENT = "It cannot be silenced, because no plan can be built despite it."
+_NEVER_SILENT = "It cannot be silenced, because no plan can be built until the error is fixed."
 
 
 def command(
@@ -58,7 +58,8 @@ def _page(rule: Rule) -> str:
 
 def _how_to_silence(code: str) -> str:
     return (
-        f"Silence it for a line with `# obk: ignore[{code}]`, for a command with `--ignore {code}`."
+        f"Silence it on one line with `# obk: ignore[{code}]`, or for a command with "
+        f"`--ignore {code}`."
     )
 
 

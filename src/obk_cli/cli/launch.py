@@ -196,7 +196,7 @@ def command(
     if viewer is not None:
         require_choice("--viewer", viewer, VIEWERS)
     _check_numbers(timeout, hang_after, keep, duration)
-    require_positive("--sim-duration", sim_duration, "seconds")
+    require_positive("--sim-duration", sim_duration, "a number of seconds")
     if sim_duration is not None and until != "active":
         raise MisuseError(f"`--sim-duration`: the simulation does not run with `--until {until}`")
     outcome = compile_config(config, make_options(set_, ignore))
@@ -267,7 +267,7 @@ def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[
 
 def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float | None) -> None:
     for option, number, is_fit, expected in (
-        ("--timeout", timeout, timeout > 0, "seconds above 0"),
+        ("--timeout", timeout, timeout > 0, "a number of seconds above 0"),
         ("--hang-after", hang_after, hang_after >= 0, "seconds of at least 0"),
         ("--keep", keep, keep >= 1, "a number of at least 1"),
         ("--duration", duration, duration is None or duration >= 0, "seconds of at least 0"),

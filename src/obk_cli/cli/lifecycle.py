@@ -65,7 +65,7 @@ def command(
         raise MisuseError(
             f"`obk lifecycle {verb}`: unknown transition", help=did_you_mean(verb, SUBCOMMANDS)
         )
-    require_positive("--timeout", timeout, "seconds")
+    require_positive("--timeout", timeout, "a number of seconds")
     is_json = wants_json(format)
     request = LifecycleRequest(names=tuple(nodes or ()), run=run, timeout_s=timeout)
     environment = ros_environment()

@@ -50,7 +50,7 @@ def command(
     For a stack on another host, expected rates, parameters and log are not available.
     """
     is_json = wants_json(format)
-    require_positive("--period", period, "seconds")
+    require_positive("--period", period, "a number of seconds")
     target = StackSelector(
         environment=graph_target(domain, TIMEOUT_S).environment, domain=domain, run=run
     )

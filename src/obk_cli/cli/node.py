@@ -48,7 +48,7 @@ def list_(
     Nodes that `obk launch` started on this host are listed with their state and process.
     """
     is_json = wants_json(format)
-    require_positive("--wait", wait, "seconds")
+    require_positive("--wait", wait, "a number of seconds")
     target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph

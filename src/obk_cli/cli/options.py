@@ -95,7 +95,7 @@ def require_positive(option: str, number: float | None, what: str = "a number") 
     Args:
         option: its name on the command line.
         number: its value; None if not given.
-        what: unit or noun for the message ("seconds").
+        what: noun for the message ("a number of seconds").
 
     Raises:
         MisuseError: the message gives the limit.
@@ -130,7 +130,7 @@ def graph_target(domain: int | None, timeout_s: float) -> "GraphTarget":
     from obk_cli.introspect.target import NO_NODES_S, target_of
     from obk_cli.ros.environment import ros_environment
 
-    require_positive("--timeout", timeout_s, "seconds")
+    require_positive("--timeout", timeout_s, "a number of seconds")
     environment = ros_environment()
     for note in environment.notes:
         print(f"warning: {note}", file=sys.stderr)

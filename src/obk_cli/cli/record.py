@@ -1,4 +1,4 @@
-"""`obk record [TOPIC...]`: topics of a running stack into an MCAP file."""
+"""`obk record [TOPIC...]`: topics of a running stack to an MCAP file."""
 
 import os
 import sys
@@ -53,14 +53,14 @@ def command(
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Stop after this time [s].")] = None,
 ) -> None:
-    """Record topics of a running stack into an MCAP file that Foxglove and `ros2 bag` read.
+    """Record topics of a running stack to an MCAP file that Foxglove and `ros2 bag` can read.
 
     By default, the command records the topics in the config of the running stack in this ROS
     domain. The file starts with the compiled config, its hash, versions and parameters. Recording
     ends on Ctrl-C, on SIGTERM or after --duration. After a crash, the file is readable except for
     the last 0.25 s.
     """
-    require_positive("--duration", duration, "seconds")
+    require_positive("--duration", duration, "a number of seconds")
 
     from obk_cli.optional_deps import require_extra
 
@@ -91,12 +91,12 @@ def _stack(name: str | None, domain: int, *, is_needed: bool) -> Path | None:
     if len(runs) > 1 and is_needed:
         names = ", ".join(run.name for run in runs.values())
         raise MisuseError(
-            f"several stacks are running in the ROS domain {domain}: {names}",
+            f"several stacks are running in ROS domain {domain}: {names}",
             help="select one with `--run`, or name the topics",
         )
     if not runs and is_needed:
         raise CommandFailedError(
-            f"no stack is running in the ROS domain {domain} on this host",
+            f"no stack is running in ROS domain {domain} on this host",
             help="name the topics, or record all of them with `--all`",
         )
     return next(iter(runs)) if len(runs) == 1 else None

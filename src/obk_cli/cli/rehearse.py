@@ -168,7 +168,7 @@ def _rehearse(
         _progress(f"[{next(numbers)}/{len(cases)}] {case.fault} {short_name(case.unit.name)}")
 
     with nullcontext(domain) if domain is not None else free_domain() as own:
-        print(f"rehearsing {plan.name} in the ROS domain {own}, logs in {home}", file=sys.stderr)
+        print(f"rehearsing {plan.name} in ROS domain {own}, logs in {home}", file=sys.stderr)
         variables = {**os.environ, "OBK_HOME": str(home), "ROS_DOMAIN_ID": str(own)}
         settings = LaunchSettings(
             command=(*OBK, "launch", *arguments), environment=variables, runs=runs_folder(variables)

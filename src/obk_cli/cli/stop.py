@@ -38,7 +38,7 @@ def command(
     """
     if all_ and run is not None:
         raise MisuseError("`obk stop` takes RUN or `--all`, not both")
-    require_positive("--timeout", timeout, "seconds")
+    require_positive("--timeout", timeout, "a number of seconds")
     runs = select_runs(runs_folder(os.environ), run)
     if not all_:
         _require_one(runs)

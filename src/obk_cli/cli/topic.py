@@ -59,7 +59,7 @@ def list_(
 ) -> None:
     """List topics with types and numbers of endpoints."""
     is_json = wants_json(format)
-    require_positive("--wait", wait, "seconds")
+    require_positive("--wait", wait, "a number of seconds")
     target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph

@@ -69,8 +69,8 @@ def hz(
     message is received within --timeout.
     """
     is_json = wants_json(format)
-    require_positive("--window", window, "seconds")
-    require_positive("--duration", duration, "seconds")
+    require_positive("--window", window, "a number of seconds")
+    require_positive("--duration", duration, "a number of seconds")
     target = graph_target(domain, timeout)
     measured = _measure_rates(
         with_types(target), topics, window, duration, timeout, is_json=is_json
@@ -130,7 +130,7 @@ def delay(
     there is no /clock, latency is relative to the fastest message.
     """
     is_json = wants_json(format)
-    require_positive("--duration", duration, "seconds")
+    require_positive("--duration", duration, "a number of seconds")
     target = with_types(graph_target(domain, timeout))
     measured = _measure_delay(target, topic, window, duration, timeout, is_json=is_json)
     if duration is not None:

@@ -1,6 +1,6 @@
 """Load a config and everything that it includes into one tree in which each value has a location.
 
-It reads each file once, replaces variables, merges includes, and applies `--set`.
+The loader reads each file once, replaces variables, merges includes, and applies `--set`.
 """
 
 import re

@@ -1,6 +1,6 @@
-"""The ends of all topics of a stack: who publishes and who subscribes.
+"""The endpoints of all topics of a stack: who publishes and who subscribes.
 
-They include components, the simulator's sensor groups and the joystick. Names are made absolute as
+They include those of the simulator's sensor groups and of the joystick. Names are made absolute as
 in ROS.
 """
 
@@ -30,33 +30,34 @@ from obk_cli.diagnostics.source import Span
 __all__ = [
     "OUTSIDE",
     "Direction",
-    "TopicEnd",
+    "TopicEndpoint",
     "Topology",
     "absolute_topic",
-    "joystick_ends",
+    "joystick_endpoints",
     "may_be_one",
-    "node_ends",
+    "node_endpoints",
     "publisher_of_timer",
     "sending_period_s",
-    "stack_ends",
+    "stack_endpoints",
     "timers_of",
 ]
 
 Direction = Literal["publishes", "subscribes"]
 
 OUTSIDE = "outside the stack"
-"""Owner of the ends of external topics."""
+"""Owner of the endpoints of external topics."""
 _TYPE_OF_STANDARD = {"pub_true_sim_state": "obelisk_sensor_msgs/msg/TrueSimState"}
 _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
     "obelisk_sensor_msgs/msg/ObkJointEncoders",
 }
-"""Original configs use one name for the other; the code of C++ nodes determines the actual type."""
+"""Configs for the original Obelisk may have the first name although the C++ code uses the second,
+which determines the type at run time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TopicEnd:
-    """One end of a topic."""
+class TopicEndpoint:
+    """A publisher or subscriber of a topic."""
 
     direction: Direction
     topic: str
@@ -70,7 +71,7 @@ class TopicEnd:
     """The topic as written."""
     type_span: Span | None = None
     ignores_type: bool = False
-    """Whether `msg_type` is only a note, because the node is in C++."""
+    """Whether `msg_type` is for readers only, because the node is in C++."""
     code_type: str | None = None
     """The type in the node's source, if that can be read; this type is used at run time."""
     qos: Qos = Qos()  # noqa: RUF009  (frozen)
@@ -79,7 +80,7 @@ class TopicEnd:
     remapping: Remapping | None = None
     """The remapping that gave the topic its name, if it differs from the written one."""
     is_optional: bool = False
-    """Whether the end makes sense without another end of the topic."""
+    """Whether the endpoint makes sense without another endpoint of the topic."""
 
     @property
     def renamed(self) -> tuple[Related, ...]:
@@ -91,7 +92,7 @@ class TopicEnd:
 
     @property
     def is_external(self) -> bool:
-        """Whether a node outside the stack has this end."""
+        """Whether a node outside the stack has this endpoint."""
         return self.owner == OUTSIDE
 
     @property
@@ -101,41 +102,43 @@ class TopicEnd:
 
     @property
     def known_type(self) -> str | None:
-        """The type at run time: that of the code if readable, otherwise of the config."""
+        """The type at run time: that of the code if readable, otherwise that of the config."""
         return self.code_type or self.msg_type
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topology:
-    """Every end of every topic of a stack, computed once for all checks."""
+    """Every endpoint of every topic of a stack, computed once for all checks."""
 
-    ends: tuple[TopicEnd, ...]
+    endpoints: tuple[TopicEndpoint, ...]
     """Ends of the nodes, then of joysticks, then of nodes outside the stack."""
-    by_node: tuple[tuple[Node, tuple[TopicEnd, ...]], ...]
-    """Each node with its ends; two nodes may share a name by mistake."""
-    published: Mapping[str, tuple[TopicEnd, ...]]
+    by_node: tuple[tuple[Node, tuple[TopicEndpoint, ...]], ...]
+    """Each node with its endpoints; two nodes may share a name by mistake."""
+    published: Mapping[str, tuple[TopicEndpoint, ...]]
     """Topic -> its publishers."""
-    subscribed: Mapping[str, tuple[TopicEnd, ...]]
+    subscribed: Mapping[str, tuple[TopicEndpoint, ...]]
     """Topic -> its subscribers."""
 
     @classmethod
     def of(cls, stack: Stack) -> "Topology":
         """The topology of a stack."""
-        by_node = tuple((node, tuple(node_ends(node))) for node in stack.nodes)
-        ends = [end for _, of_node in by_node for end in of_node]
-        ends += [end for joystick in stack.joysticks for end in joystick_ends(joystick)]
-        ends += [end for topic in stack.external_topics for end in _external_ends(topic)]
+        by_node = tuple((node, tuple(node_endpoints(node))) for node in stack.nodes)
+        endpoints = [end for _, of_node in by_node for end in of_node]
+        endpoints += [end for joystick in stack.joysticks for end in joystick_endpoints(joystick)]
+        endpoints += [end for topic in stack.external_topics for end in _external_endpoints(topic)]
         return cls(
-            ends=tuple(ends),
+            endpoints=tuple(endpoints),
             by_node=by_node,
-            published=_by_topic(ends, "publishes"),
-            subscribed=_by_topic(ends, "subscribes"),
+            published=_by_topic(endpoints, "publishes"),
+            subscribed=_by_topic(endpoints, "subscribes"),
         )
 
 
-def _by_topic(ends: Iterable[TopicEnd], direction: Direction) -> Mapping[str, tuple[TopicEnd, ...]]:
-    topics: dict[str, list[TopicEnd]] = defaultdict(list)
-    for end in ends:
+def _by_topic(
+    endpoints: Iterable[TopicEndpoint], direction: Direction
+) -> Mapping[str, tuple[TopicEndpoint, ...]]:
+    topics: dict[str, list[TopicEndpoint]] = defaultdict(list)
+    for end in endpoints:
         if end.direction == direction:
             topics[end.topic].append(end)
     return {topic: tuple(of_topic) for topic, of_topic in topics.items()}
@@ -146,25 +149,25 @@ def may_be_one(one: str | None, other: str | None) -> bool:
     return one == other or {one, other} == _ONE_SEED_NAME
 
 
-def stack_ends(stack: Stack) -> Iterator[TopicEnd]:
-    """All ends of the stack, node by node."""
+def stack_endpoints(stack: Stack) -> Iterator[TopicEndpoint]:
+    """All endpoints of the stack, node by node."""
     for node in stack.nodes:
-        yield from node_ends(node)
+        yield from node_endpoints(node)
     for joystick in stack.joysticks:
-        yield from joystick_ends(joystick)
+        yield from joystick_endpoints(joystick)
 
 
-def joystick_ends(joystick: Joystick) -> Iterator[TopicEnd]:
-    """The ends of a joystick's node; by default those of ROS's own node."""
+def joystick_endpoints(joystick: Joystick) -> Iterator[TopicEndpoint]:
+    """The endpoints of a joystick's node; by default those of ROS's joystick node."""
     if not joystick.on:
         return
-    ends: tuple[tuple[Direction, Spanned[str] | None, str, str], ...] = (
+    endpoints: tuple[tuple[Direction, Spanned[str] | None, str, str], ...] = (
         ("publishes", joystick.pub_topic, JOYSTICK_TOPIC, "sensor_msgs/msg/Joy"),
         ("subscribes", joystick.sub_topic, FEEDBACK_TOPIC, "sensor_msgs/msg/JoyFeedback"),
     )
-    for direction, written, usual, msg_type in ends:
+    for direction, written, usual, msg_type in endpoints:
         topic = written or Spanned(usual, joystick.span)
-        yield TopicEnd(
+        yield TopicEndpoint(
             direction=direction,
             topic="/" + topic.value.lstrip("/"),
             msg_type=msg_type,
@@ -175,14 +178,14 @@ def joystick_ends(joystick: Joystick) -> Iterator[TopicEnd]:
         )
 
 
-def _external_ends(topic: ExternalTopic) -> Iterator[TopicEnd]:
-    ends: tuple[tuple[Direction, str], ...] = (
+def _external_endpoints(topic: ExternalTopic) -> Iterator[TopicEndpoint]:
+    endpoints: tuple[tuple[Direction, str], ...] = (
         ("publishes", "published"),
         ("subscribes", "subscribed"),
     )
-    for direction, word in ends:
+    for direction, word in endpoints:
         if topic.may_be(word):
-            yield TopicEnd(
+            yield TopicEndpoint(
                 direction=direction,
                 topic=topic.name,
                 msg_type=resolve_msg_type(topic.msg_type.value) if topic.msg_type else None,
@@ -194,15 +197,15 @@ def _external_ends(topic: ExternalTopic) -> Iterator[TopicEnd]:
             )
 
 
-def node_ends(node: Node) -> Iterator[TopicEnd]:
-    """The ends of a node: those of its components and, if it simulates, its sensor groups."""
+def node_endpoints(node: Node) -> Iterator[TopicEndpoint]:
+    """The endpoints of a node: those of its components and, if it simulates, its sensor groups."""
     timers = timers_of(node)
     for component in node.used_components:
         if component.kind == "timer" or component.topic is None:
             continue
         period = sending_period_s(component, timers)
         publishes = component.kind == "publisher"
-        yield TopicEnd(
+        yield TopicEndpoint(
             direction="publishes" if publishes else "subscribes",
             topic=absolute_topic(component.topic.value, node),
             msg_type=_component_type(component),
@@ -248,9 +251,9 @@ def _component_type(component: Component) -> str | None:
     return written or component.code_type or _TYPE_OF_STANDARD.get(component.identity or "")
 
 
-def _sensor_end(group: SensorGroup, node: Node) -> TopicEnd:
+def _sensor_end(group: SensorGroup, node: Node) -> TopicEndpoint:
     rule = sensor_group(group.msg_type.value) if group.msg_type else None
-    return TopicEnd(
+    return TopicEndpoint(
         direction="publishes",
         topic=absolute_topic(group.topic.value, node),
         msg_type=rule.published if rule else None,

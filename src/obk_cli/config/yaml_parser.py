@@ -1,7 +1,7 @@
 """Parse text into a tree with locations. Any text gives a tree, findings, or both.
 
-It is built on PyYAML's event stream. Scalars follow the YAML 1.2 core schema, only the safe subset
-is accepted, and the expansion of aliases is limited. It does not open files.
+The parser is built on PyYAML's event stream. Scalars follow the YAML 1.2 core schema, only the safe
+subset is accepted, and the expansion of aliases is limited. It does not open files.
 """
 
 import codecs

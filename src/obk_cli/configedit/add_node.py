@@ -1,7 +1,7 @@
 """Add a node to a config: wire it, edit the text, and verify the result by compiling it.
 
-It returns the new text and the wiring, or why the node cannot be added. It does not write files.
-The new text has the old content and the new node, and no new errors.
+The result is the new text and the wiring, or why the node cannot be added; nothing is written
+here. The new text has the old content and the new node, and no new errors.
 """
 
 from collections import Counter

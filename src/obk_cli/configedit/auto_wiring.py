@@ -1,6 +1,6 @@
-"""Wire a new node: choose a topic for each of its ends and a period for each timer.
+"""Wire a new node: choose a topic for each of its endpoints and a period for each timer.
 
-Pure: returns the entry with topics and periods, or the end for which no topic fits.
+Pure: returns the entry with topics and periods, or the endpoint for which no topic fits.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from obelisk_spec.names import bare_name
 from obelisk_spec.suggestions import list_names
 from obk_cli.config.model import Node, Spanned, Stack
-from obk_cli.config.topology import Direction, TopicEnd, node_ends, stack_ends
+from obk_cli.config.topology import Direction, TopicEndpoint, node_endpoints, stack_endpoints
 from obk_cli.configedit.new_node import (
     END_LISTS,
-    NewEnd,
+    NewEndpoint,
     NewNode,
     Rejected,
     components,
@@ -46,15 +46,15 @@ _OTHER_SIDE: Mapping[Direction, Direction] = {"publishes": "subscribes", "subscr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """One end of the new node and its topic."""
+    """One endpoint of the new node and its topic."""
 
-    end: NewEnd
+    end: NewEndpoint
     topic: str
     """Absolute."""
     written: str
     """The topic as written in the config, with its variables."""
     peers: tuple[str, ...] = ()
-    """Full names of the nodes at the other end."""
+    """Full names of the nodes at the other endpoint."""
     qos: Mapping[str, str] | None = None
     notes: tuple[str, ...] = ()
     """Notes for the user about the choice."""
@@ -73,7 +73,7 @@ class Switch:
 
 
 class _Chooser:
-    """The ends of a stack, without those of the node being replaced.
+    """The endpoints of a stack, without those of the node being replaced.
 
     The new node takes over its topics if the types fit.
     """
@@ -83,15 +83,15 @@ class _Chooser:
         """A topic near which to place the node's own topics."""
         self._node = new_node
         self._name = stack.name.value if stack.name else "stack"
-        self._former = tuple(node_ends(replaced)) if replaced else ()
+        self._former = tuple(node_endpoints(replaced)) if replaced else ()
         replaced_name = replaced.full_name if replaced else None
-        self._ends = tuple(end for end in stack_ends(stack) if end.owner != replaced_name)
+        self._ends = tuple(end for end in stack_endpoints(stack) if end.owner != replaced_name)
         self._types: dict[str, str] = {}
         for end in (*self._ends, *self._former):
             if end.known_type is not None:
                 self._types.setdefault(end.topic, end.known_type)
 
-    def subscribe(self, end: NewEnd) -> Link | Rejected:
+    def subscribe(self, end: NewEndpoint) -> Link | Rejected:
         """The first topic of this type that a suitable section publishes."""
         sources = self._others(end, _SOURCES)
         fitting = _first_by_topic(other for other in sources if self._fits(other, end))
@@ -109,7 +109,7 @@ class _Chooser:
             rest=rest,
         )
 
-    def publish(self, end: NewEnd) -> Link | Rejected:
+    def publish(self, end: NewEndpoint) -> Link | Rejected:
         """A topic with subscribers but without a publisher; otherwise a new topic."""
         readers = self._others(end, _READERS)
         fitting = _first_by_topic(other for other in readers if self._fits(other, end))
@@ -135,21 +135,23 @@ class _Chooser:
             rest=rest,
         )
 
-    def _others(self, end: NewEnd, sections: Mapping[str, tuple[str, ...]]) -> list[TopicEnd]:
-        """The ends that may be connected to this one: by section, then in config order."""
+    def _others(
+        self, end: NewEndpoint, sections: Mapping[str, tuple[str, ...]]
+    ) -> list[TopicEndpoint]:
+        """The endpoints that may be connected to this one: by section, then in config order."""
         peer_sections = sections.get(self._node.section, ())
         side = _OTHER_SIDE[end.direction]
         candidates = [e for e in self._ends if e.direction == side and e.section in peer_sections]
         return sorted(candidates, key=lambda other: peer_sections.index(other.section))
 
-    def _fits(self, other: TopicEnd, end: NewEnd) -> bool:
+    def _fits(self, other: TopicEndpoint, end: NewEndpoint) -> bool:
         """Whether the types are equal; if a type is not written, whether the roles match."""
         known = other.known_type or self._types.get(other.topic)
         if known is not None:
             return known == end.msg_type
         return _role(other.component or "") == _role(end.component)
 
-    def _former_topics(self, end: NewEnd) -> list[str]:
+    def _former_topics(self, end: NewEndpoint) -> list[str]:
         return [
             former.topic
             for former in self._former
@@ -157,7 +159,12 @@ class _Chooser:
         ]
 
     def _link(
-        self, end: NewEnd, other: TopicEnd, *, qos: Mapping[str, str] | None, rest: Sequence[str]
+        self,
+        end: NewEndpoint,
+        other: TopicEndpoint,
+        *,
+        qos: Mapping[str, str] | None,
+        rest: Sequence[str],
     ) -> Link:
         side = _OTHER_SIDE[end.direction]
         peers = (e.owner for e in self._ends if e.topic == other.topic and e.direction == side)
@@ -173,7 +180,7 @@ class _Chooser:
             notes=tuple(notes),
         )
 
-    def _own_topic(self, end: NewEnd, rival: TopicEnd | None) -> Link:
+    def _own_topic(self, end: NewEndpoint, rival: TopicEndpoint | None) -> Link:
         """A new topic, with a note on how to switch subscribers to it."""
         real, written = self._parents(rival)
         taken = {other.topic for other in self._ends}
@@ -200,14 +207,14 @@ class _Chooser:
             switch=Switch(place=rival.span, reader=rival.owner, writer=writer),
         )
 
-    def _parents(self, rival: TopicEnd | None) -> tuple[str, str]:
+    def _parents(self, rival: TopicEndpoint | None) -> tuple[str, str]:
         """The prefix of new topics: in the graph, and as written in the config."""
         real, written = self._beside(rival)
         parents = real.rpartition("/")[0], written.rpartition("/")[0]
         is_whole = parents[1].count("${") == parents[1].count("}")
         return parents if is_whole else (parents[0], parents[0])
 
-    def _beside(self, rival: TopicEnd | None) -> tuple[str, str]:
+    def _beside(self, rival: TopicEndpoint | None) -> tuple[str, str]:
         """The topic next to which a new topic is placed."""
         if rival is not None:
             return rival.topic, _written(rival)
@@ -220,7 +227,7 @@ class _Chooser:
         usual = f"/obelisk/{self._name}/"
         return (first.topic, _written(first)) if first else (usual, usual)
 
-    def _no_publisher(self, end: NewEnd, sources: Iterable[TopicEnd]) -> Rejected:
+    def _no_publisher(self, end: NewEndpoint, sources: Iterable[TopicEndpoint]) -> Rejected:
         before = _BEFORE.get(self._node.section, ("control",))
         return Rejected(
             sentence=f"nothing in {' or '.join(f'`{name}`' for name in before)} publishes "
@@ -230,7 +237,7 @@ class _Chooser:
             component=end.component,
         )
 
-    def _no_robot(self, end: NewEnd, readers: Iterable[TopicEnd]) -> Rejected:
+    def _no_robot(self, end: NewEndpoint, readers: Iterable[TopicEndpoint]) -> Rejected:
         robots = (other for other in readers if other.section == "robot")
         return Rejected(
             sentence=f"no robot subscribes to {end.spelling}, which "
@@ -239,9 +246,9 @@ class _Chooser:
             component=end.component,
         )
 
-    def _existing_topics(self, verb: str, ends: Iterable[TopicEnd]) -> str:
+    def _existing_topics(self, verb: str, endpoints: Iterable[TopicEndpoint]) -> str:
         types = {topic: bare_name(known) for topic, known in self._types.items()}
-        topics = _first_by_topic(ends)
+        topics = _first_by_topic(endpoints)
         shown = [f"`{topic}` ({types.get(topic, 'type not specified')})" for topic in topics]
         more = f" and {len(shown) - 6} more" if len(shown) > 6 else ""
         if not shown:
@@ -249,9 +256,9 @@ class _Chooser:
         return f"{verb}: {', '.join(shown[:6])}{more}; make the node for one of these types"
 
 
-def _first_by_topic(ends: Iterable[TopicEnd]) -> dict[str, TopicEnd]:
-    first: dict[str, TopicEnd] = {}
-    for end in ends:
+def _first_by_topic(endpoints: Iterable[TopicEndpoint]) -> dict[str, TopicEndpoint]:
+    first: dict[str, TopicEndpoint] = {}
+    for end in endpoints:
         first.setdefault(end.topic, end)
     return first
 
@@ -265,7 +272,7 @@ def _is_set_to(setting: Spanned[str] | None, word: str) -> bool:
     return setting is not None and setting.value == word
 
 
-def _written(end: TopicEnd) -> str:
+def _written(end: TopicEndpoint) -> str:
     """The topic as written, with the user's variables."""
     raw = end.span.text.strip("\"'")
     is_whole = raw.startswith(("/", "${")) and raw.count("${") == raw.count("}")
@@ -291,13 +298,13 @@ class Wired:
 
 
 def wire_node(new_node: NewNode, stack: Stack, replaced: Node | None = None) -> Wired | Rejected:
-    """Choose a topic for every end and a period for every timer.
+    """Choose a topic for every endpoint and a period for every timer.
 
     The new node takes over the topics of the node that it replaces, if the types fit.
     """
     chooser = _Chooser(new_node, stack, replaced)
     links: list[Link] = []
-    for end in sorted(new_node.ends, key=lambda end: end.direction, reverse=True):
+    for end in sorted(new_node.endpoints, key=lambda end: end.direction, reverse=True):
         link = chooser.subscribe(end) if end.direction == "subscribes" else chooser.publish(end)
         if isinstance(link, Rejected):
             return link
@@ -328,7 +335,7 @@ def _tick(
                 period = component.timer_period_s.value
                 return Tick(component=name, period_s=period, origin=f"as `{node.full_name}`")
     received = {link.topic for link in links if link.end.direction == "subscribes"}
-    for end in stack_ends(stack):
+    for end in stack_endpoints(stack):
         if end.direction == "publishes" and end.topic in received and end.rate_hz:
             origin = f"at the rate of `{end.topic}`"
             return Tick(component=name, period_s=round(1 / end.rate_hz, 9), origin=origin)
@@ -340,7 +347,7 @@ def _tick(
 
 
 def _entry(
-    new_node: NewNode, links: Mapping[NewEnd, Link], ticks: Iterable[Tick], stack: Stack
+    new_node: NewNode, links: Mapping[NewEndpoint, Link], ticks: Iterable[Tick], stack: Stack
 ) -> dict[str, object]:
     """The entry with its keys in the usual order, and a `name` if its neighbors have names."""
     by_component = {(link.end.direction, link.end.component): link for link in links.values()}
@@ -372,14 +379,14 @@ def _with_topic(component: Mapping[str, object], link: Link) -> dict[str, object
 
 
 def matching_types(new_node: NewNode, stack: Stack, replaced: Node | None) -> Mapping[str, str]:
-    """Component -> full type, for ends whose default type does not fit the stack.
+    """Component -> full type, for endpoints whose default type does not fit the stack.
 
     It uses the types of the node being replaced, otherwise those that the preceding section
     publishes and those that command a robot.
     """
     types: dict[str, str] = {}
-    for end in new_node.ends:
-        former = node_ends(replaced) if replaced else ()
+    for end in new_node.endpoints:
+        former = node_endpoints(replaced) if replaced else ()
         known = _known(other for other in former if other.direction == end.direction)
         known = known or _known(_partners(end, new_node.section, stack, replaced))
         if known and end.msg_type not in known:
@@ -387,8 +394,10 @@ def matching_types(new_node: NewNode, stack: Stack, replaced: Node | None) -> Ma
     return types
 
 
-def _partners(end: NewEnd, section: str, stack: Stack, replaced: Node | None) -> Iterable[TopicEnd]:
-    """The ends to which one of the new node's ends must connect."""
+def _partners(
+    end: NewEndpoint, section: str, stack: Stack, replaced: Node | None
+) -> Iterable[TopicEndpoint]:
+    """The endpoints to which one of the new node's endpoints must connect."""
     is_subscriber = end.direction == "subscribes"
     if not is_subscriber and section != "control":
         return ()
@@ -396,12 +405,12 @@ def _partners(end: NewEnd, section: str, stack: Stack, replaced: Node | None) ->
     replaced_name = replaced.full_name if replaced else None
     return (
         other
-        for other in stack_ends(stack)
+        for other in stack_endpoints(stack)
         if other.direction != end.direction
         and other.section in sections
         and other.owner != replaced_name
     )
 
 
-def _known(ends: Iterable[TopicEnd]) -> tuple[str, ...]:
-    return tuple(end.known_type for end in ends if end.known_type is not None)
+def _known(endpoints: Iterable[TopicEndpoint]) -> tuple[str, ...]:
+    return tuple(end.known_type for end in endpoints if end.known_type is not None)

@@ -1,8 +1,8 @@
 """Apply the safe fixes for a config's findings, and verify them by compiling again.
 
-It returns the new contents of the config's files and the findings that were fixed. It does not
-write files. A fix is kept only if the config has no additional errors with it and, for style fixes,
-the same plan.
+The result is the new text of the config's files and the findings that were fixed; nothing is
+written here. A fix is kept only if the config has no additional errors with it and, for style
+fixes, the same plan.
 """
 
 from collections.abc import Callable, Iterator, Sequence

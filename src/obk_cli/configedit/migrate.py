@@ -1,7 +1,7 @@
 """Migrate a config's text from one syntax to the other, and verify that its meaning is unchanged.
 
-Pure: returns the new text and what could not be migrated, or the faults of invalid text. It does
-not follow includes. A component keeps its name if the other syntax would not mean the same to every
+Pure: returns the new text and what could not be migrated, or the faults of invalid text. Includes
+are not followed. A component keeps its name if the other syntax would not mean the same to every
 node, because of a different `key` beside it, a name without `_setting`, or an anchor.
 """
 
@@ -99,7 +99,7 @@ def _not_followed(include: Entry) -> Iterator[Diagnostic]:
 
 
 def _verified(source: SourceFile, tree: TreeMap, edits: list[Edit]) -> str | None:
-    """The new text, if it parses to the same meaning."""
+    """The new text, if its meaning is unchanged."""
     try:
         text = apply_edits(source, edits)
     except ValueError:
@@ -113,7 +113,7 @@ def _verified(source: SourceFile, tree: TreeMap, edits: list[Edit]) -> str | Non
 def _rename_component(
     component: TreeMap, to: Spelling, offsets: Offsets
 ) -> Iterator[Edit | Diagnostic]:
-    """The edits that name a component in that syntax, or why it keeps its name."""
+    """The edits that rename a component for the target syntax, or why it keeps its name."""
     old, new = component.get(_OLD_NAME[to]), component.get(_NEW_NAME[to])
     name = text_of(old)
     if old is None or name is None or (to == "seed" and new is not None):
@@ -140,7 +140,7 @@ def _reason_to_keep(name: str, entry: Entry, to: Spelling, offsets: Offsets) -> 
     value = entry.value.span
     between = offsets.source.text[offsets.end(entry.key_span) : offsets.start(value)]
     if re.fullmatch(r"[ \t]*:\s*", between) is None or value.text[:1] in ("&", "!"):
-        return "an anchor repeats it elsewhere"
+        return "it has an anchor, so aliases may repeat it elsewhere"
     if not respell(value, name, name):
         return "it uses escapes or spans several lines"
     return None
@@ -167,8 +167,8 @@ def _lift_device(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic]
     elif sections:
         yield _kept(f"section `{sections[0].key}` is outside the device", sections[0].key_span)
     elif device.key != ONE_DEVICE:
-        message = f"the device block is kept: the top level is the device `{ONE_DEVICE}`"
-        yield _kept(message, device.key_span)
+        reason = f"sections at the top level belong to the device `{ONE_DEVICE}`"
+        yield _kept(f"the device block is kept: {reason}", device.key_span)
     elif reason is not None:
         help = _BLOCK_STYLE if reason == _IN_BRACES else None
         yield _kept(f"the device block is kept: {reason}", device.key_span, help)
@@ -180,7 +180,7 @@ def _reason_to_keep_level(
     tree: TreeMap, block: TreeMap, offsets: Offsets, device: Entry
 ) -> str | None:
     if tree.get("include") is not None:
-        return "an included file would have to change its level as well"
+        return "the sections of an included file would have to move as well"
     start, end = offsets.end(device.key_span), offsets.start(block.span)
     if end < start or _PLAIN_COLON.fullmatch(offsets.source.text[start:end]) is None:
         return "it is written with an anchor or with `?`"

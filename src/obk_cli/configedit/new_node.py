@@ -1,4 +1,4 @@
-"""The node to add to a config: its section, ends and timers, from the YAML of its entry.
+"""The node to add to a config: its section, endpoints and timers, from the YAML of its entry.
 
 Pure; `obk new` prints such entries.
 """
@@ -16,7 +16,7 @@ from obk_cli.diagnostics.source import SourceFile
 
 __all__ = [
     "END_LISTS",
-    "NewEnd",
+    "NewEndpoint",
     "NewNode",
     "Rejected",
     "components",
@@ -28,11 +28,11 @@ END_LISTS: Mapping[str, Direction] = {
     "publishers": "publishes",
     "subscribers": "subscribes",
 }
-"""Key of a node -> the direction of the ends in its list."""
+"""Key of a node -> the direction of the endpoints in its list."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NewEnd:
+class NewEndpoint:
     """A publisher or subscriber that needs a topic."""
 
     direction: Direction
@@ -64,7 +64,7 @@ class NewNode:
         return str(self.entry["executable"])
 
     @property
-    def ends(self) -> tuple[NewEnd, ...]:
+    def endpoints(self) -> tuple[NewEndpoint, ...]:
         """Its publishers and subscribers, in the order of the entry."""
         return tuple(
             _end(direction, component)
@@ -99,9 +99,9 @@ def identity_of(component: Mapping[str, object]) -> str:
     return component_identity(str(component.get("ros_parameter") or component.get("key")))
 
 
-def _end(direction: Direction, component: Mapping[str, object]) -> NewEnd:
+def _end(direction: Direction, component: Mapping[str, object]) -> NewEndpoint:
     spelling = str(component["msg_type"])
-    return NewEnd(
+    return NewEndpoint(
         direction=direction,
         component=identity_of(component),
         msg_type=resolve_msg_type(spelling) or spelling,

@@ -1,7 +1,7 @@
 """Write parameter values into a config; comments and layout are kept, no other value changes.
 
-It returns the new contents of the config's files. Each edit is verified by compiling the result:
-the plan may differ only in these parameters. It does not write files.
+The result is the new text of the config's files; nothing is written here. Each edit is verified by
+compiling the result: the plan may differ only in these parameters.
 """
 
 from collections.abc import Callable, Container, Iterator, Mapping

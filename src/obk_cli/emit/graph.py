@@ -66,7 +66,7 @@ class GraphNode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphTopic:
-    """A topic, and the full names of the nodes at its ends."""
+    """A topic, and the full names of the nodes at its endpoints."""
 
     name: str
     msg_type: str | None
@@ -111,10 +111,10 @@ class Graph:
     def topics_within(self, device: str | None) -> tuple[GraphTopic, ...]:
         """The topics within one device; None: the topics between devices."""
         devices = {node.name: node.device for node in self.nodes}
-        ends = [{devices[n] for n in (*t.publishers, *t.subscribers)} for t in self.topics]
+        endpoints = [{devices[n] for n in (*t.publishers, *t.subscribers)} for t in self.topics]
         return tuple(
             topic
-            for topic, at in zip(self.topics, ends, strict=True)
+            for topic, at in zip(self.topics, endpoints, strict=True)
             if (len(at) > 1 if device is None else at == {device})
         )
 
@@ -126,7 +126,7 @@ class Graph:
 
 
 @dataclass(frozen=True, slots=True)
-class _End:
+class _Endpoint:
     node: str
     is_published: bool
     endpoint: Endpoint
@@ -135,19 +135,19 @@ class _End:
 def graph_of(plan: Plan) -> Graph:
     """The graph of a plan."""
     nodes = sorted(plan.nodes, key=lambda node: TIERS.index(node.section))
-    ends: dict[str, list[_End]] = {}
+    by_topic: dict[str, list[_Endpoint]] = {}
     for node in nodes:
         for is_published, endpoints in ((True, node.publishes), (False, node.subscribes)):
             for endpoint in endpoints:
-                end = _End(node.full_name, is_published, endpoint)
-                ends.setdefault(endpoint.topic, []).append(end)
+                end = _Endpoint(node.full_name, is_published, endpoint)
+                by_topic.setdefault(endpoint.topic, []).append(end)
     groups: dict[str, list[PlannedSensorGroup]] = {}
     for group in (group for node in nodes for group in node.sensor_groups):
         groups.setdefault(group.topic, []).append(group)
     return Graph(
         name=plan.name,
         nodes=tuple(_node(node) for node in nodes),
-        topics=tuple(_topic(name, own, groups.get(name, [])) for name, own in ends.items()),
+        topics=tuple(_topic(name, own, groups.get(name, [])) for name, own in by_topic.items()),
     )
 
 
@@ -162,15 +162,15 @@ def _node(node: PlannedNode) -> GraphNode:
     )
 
 
-def _topic(name: str, ends: list[_End], groups: list[PlannedSensorGroup]) -> GraphTopic:
-    types = (end.endpoint.msg_type for end in ends)
-    rates = (end.endpoint.rate_hz for end in ends)
+def _topic(name: str, endpoints: list[_Endpoint], groups: list[PlannedSensorGroup]) -> GraphTopic:
+    types = (end.endpoint.msg_type for end in endpoints)
+    rates = (end.endpoint.rate_hz for end in endpoints)
     return GraphTopic(
         name=name,
         msg_type=next((msg_type for msg_type in types if msg_type), None),
         rate_hz=next((rate for rate in rates if rate), None),
-        publishers=tuple(dict.fromkeys(end.node for end in ends if end.is_published)),
-        subscribers=tuple(dict.fromkeys(end.node for end in ends if not end.is_published)),
+        publishers=tuple(dict.fromkeys(end.node for end in endpoints if end.is_published)),
+        subscribers=tuple(dict.fromkeys(end.node for end in endpoints if not end.is_published)),
         sensor_groups=tuple(groups),
     )
 

@@ -1,7 +1,7 @@
 """Run the cases of a rehearsal on launched stacks, with a verdict for each.
 
-It starts a launcher for the cases, and a new one after each case that left the stack incomplete.
-It stops every process that it started.
+The runner starts a launcher for the cases, and a new one after each case that left the stack
+incomplete. It stops every process that it started.
 """
 
 import shutil

@@ -1,6 +1,6 @@
 """Write the parameters of running nodes into their config: find the edit, show it, write it.
 
-It is used by `obk param save` and `obk web`.
+Used by `obk param save` and `obk web`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -29,7 +29,7 @@ class ConfigUpdate:
 
     config: str
     findings: tuple[Diagnostic, ...]
-    """Errors of the current config; nothing can be written then."""
+    """Errors in the current config; if there are any, nothing can be written."""
     parameters: tuple[SavedParameter, ...]
     """Parameters that differ, including those that cannot be written."""
     files: tuple[tuple[EditedFile, str], ...]
@@ -98,7 +98,7 @@ def write_update(update: ConfigUpdate) -> None:
 def _present_values(
     wanted: Mapping[str, frozenset[str]], target: GraphTarget, timeout_s: float
 ) -> dict[str, dict[str, ParameterValue]]:
-    """Current values, in the running nodes, of the parameters in the config and of tuned ones."""
+    """The running nodes' current values of tuned parameters and of those in the config."""
     found: dict[str, dict[str, ParameterValue]] = {}
     with open_graph(target, None, asks_nodes=True) as source:
         settle(source, target, timeout_s)

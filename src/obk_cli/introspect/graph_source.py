@@ -19,7 +19,7 @@ from obk_cli.introspect.protocol import (
     GraphReply,
     KnownGraph,
     NamesReply,
-    NodeEnds,
+    NodeEndpoints,
     ParameterQuestion,
     Question,
     SetReply,
@@ -66,7 +66,7 @@ POLL_S: Final = 0.05
 """Polling period of a wait [s]."""
 MARGIN_S: Final = 3.0
 """Time for communication with the launcher, in addition to the node's own limit [s]."""
-NOTHING: Final = NodeEnds(publishes={}, subscribes={}, services={})
+NOTHING: Final = NodeEndpoints(publishes={}, subscribes={}, services={})
 
 
 def ask_launcher(folders: Collection[Path]) -> "LauncherGraph | None":
@@ -105,8 +105,8 @@ class LauncherGraph:
 
     def topics_of(self, node: str) -> tuple[Mapping[str, tuple[str, ...]], ...]:
         """Topic -> types of a node's publishers, and of its subscriptions."""
-        ends = self._known.nodes.get(node, NOTHING)
-        return ends.publishes, ends.subscribes
+        endpoints = self._known.nodes.get(node, NOTHING)
+        return endpoints.publishes, endpoints.subscribes
 
     def services_of(self, node: str) -> Mapping[str, tuple[str, ...]]:
         """Full name -> types of a node's services."""
@@ -322,7 +322,7 @@ class GraphService:
         nodes = {}
         for node in (*participant.nodes(), participant.name):
             publishes, subscribes = participant.topics_of(node)
-            nodes[node] = NodeEnds(
+            nodes[node] = NodeEndpoints(
                 publishes=publishes, subscribes=subscribes, services=participant.services_of(node)
             )
         return KnownGraph(graph=participant.graph(), nodes=nodes)

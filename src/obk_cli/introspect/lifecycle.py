@@ -120,7 +120,7 @@ def _if_none(environment: RosEnvironment) -> str:
     domains = sorted({run.domain for run in live} - {environment.domain})
     if domains:
         where = " and ".join(map(str, domains))
-        return f"a stack is running in the ROS domain {where}; set ROS_DOMAIN_ID"
+        return f"a stack is running in ROS domain {where}; set ROS_DOMAIN_ID"
     return (
         "start a stack with `obk launch`; a stack on another host needs "
         "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both hosts"
@@ -216,7 +216,7 @@ def _choose(
     found = tuple(dict.fromkeys((*seen, *search.expected)))
     if not found:
         raise CommandFailedError(
-            f"no lifecycle node was found in the ROS domain {environment.domain}",
+            f"no lifecycle node was found in ROS domain {environment.domain}",
             help=search.if_none,
         )
     if not search.names:
@@ -224,7 +224,7 @@ def _choose(
     for name in search.names:
         if not select_nodes(name, found):
             raise CommandFailedError(
-                f"no lifecycle node `{name}` in the ROS domain {environment.domain}",
+                f"no lifecycle node `{name}` in ROS domain {environment.domain}",
                 help=did_you_mean(name, found),
             )
     return in_tier_order({node for name in search.names for node in select_nodes(name, found)})

@@ -9,11 +9,11 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import GraphSource, parameters_of
 from obk_cli.introspect.target import GraphTarget
 from obk_cli.ros.graph import (
-    End,
+    GraphEndpoint,
     GraphSnapshot,
     TopicInfo,
     ends_that_need_dds,
-    incompatible_ends,
+    incompatible_endpoints,
     special_services,
 )
 from obk_cli.runs.protocol import NodeStatus, ask_status
@@ -152,37 +152,40 @@ def services_text(services: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
 
 
 def topic_text(topic: TopicInfo, sockets: Set[str] | None = None) -> Iterator[str]:
-    """The lines about one topic: type, ends with their QoS, incompatible ends.
+    """The lines about one topic: type, endpoints with their QoS, incompatible endpoints.
 
     Args:
         topic: the discovered topic.
         sockets: see `ends_that_need_dds`; None if no run is known: the transport is not shown.
     """
     yield plain(f"{topic.name}: {', '.join(topic.msg_types) or 'no type'}")
-    for title, ends in (("publishers", topic.publishers), ("subscriptions", topic.subscriptions)):
-        yield f"{title}: {len(ends)}"
-        yield from (f"  {line}" for line in _columns([_row(end) for end in ends]))
+    for title, endpoints in (
+        ("publishers", topic.publishers),
+        ("subscriptions", topic.subscriptions),
+    ):
+        yield f"{title}: {len(endpoints)}"
+        yield from (f"  {line}" for line in _columns([_row(end) for end in endpoints]))
     hashes = {end.type_hash for end in topic.publishers + topic.subscriptions if end.type_hash}
     yield from (f"type hash: {one}" for one in sorted(hashes))
     if sockets is not None and topic.publishers and topic.subscriptions:
         reasons = "; ".join(ends_that_need_dds(topic, sockets))
         yield plain(f"transport: {f'DDS, as {reasons}' if reasons else 'local sockets'}")
-    yield from (f"warning: {plain(sentence)}" for sentence in incompatible_ends(topic))
+    yield from (f"warning: {plain(sentence)}" for sentence in incompatible_endpoints(topic))
 
 
 def topic_data(topic: TopicInfo, sockets: Set[str] | None = None) -> dict[str, Any]:
-    """One topic with its ends; arguments as for `topic_text`."""
+    """One topic with its endpoints; arguments as for `topic_text`."""
     return {
         "topic": topic.name,
         "types": list(topic.msg_types),
-        "publishers": [_end_data(end) for end in topic.publishers],
-        "subscriptions": [_end_data(end) for end in topic.subscriptions],
-        "misfits": list(incompatible_ends(topic)),
+        "publishers": [_endpoint_data(end) for end in topic.publishers],
+        "subscriptions": [_endpoint_data(end) for end in topic.subscriptions],
+        "misfits": list(incompatible_endpoints(topic)),
         "needs_dds": None if sockets is None else list(ends_that_need_dds(topic, sockets)),
     }
 
 
-def _row(end: End) -> tuple[str, ...]:
+def _row(end: GraphEndpoint) -> tuple[str, ...]:
     qos = end.qos
     # Queue depths are not announced over the network; they are reported as zero.
     depth = f" {qos.depth}" if qos.depth else ""
@@ -191,14 +194,14 @@ def _row(end: End) -> tuple[str, ...]:
     return (end.node or UNNAMED, end.msg_type, ", ".join(word for word in words if word))
 
 
-def _times(end: End) -> Iterator[str]:
+def _times(end: GraphEndpoint) -> Iterator[str]:
     limits = {"deadline": end.qos.deadline_ns, "lifespan": end.qos.lifespan_ns}
     for name, limit_ns in limits.items():
         if 0 < limit_ns < 2**63 - 1:
             yield f"{name} {limit_ns * 1e-6:g} ms"
 
 
-def _end_data(end: End) -> dict[str, Any]:
+def _endpoint_data(end: GraphEndpoint) -> dict[str, Any]:
     return {
         "node": end.node or None,
         "type": end.msg_type,

@@ -20,7 +20,7 @@ __all__ = [
     "GraphReply",
     "KnownGraph",
     "NamesReply",
-    "NodeEnds",
+    "NodeEndpoints",
     "ParameterQuestion",
     "Question",
     "SetReply",
@@ -44,7 +44,7 @@ Scalar = bool | int | float | str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NodeEnds:
+class NodeEndpoints:
     """The publishers, subscriptions and services of a node."""
 
     publishes: Types
@@ -54,10 +54,10 @@ class NodeEnds:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownGraph:
-    """A graph, and the ends of each of its nodes."""
+    """A graph, and the endpoints of each of its nodes."""
 
     graph: GraphSnapshot
-    nodes: Mapping[str, NodeEnds]
+    nodes: Mapping[str, NodeEndpoints]
     """By full name."""
 
 
@@ -117,7 +117,7 @@ class GraphReply(msgspec.Struct, frozen=True, kw_only=True):
     nodes: tuple[str, ...]
     topics: tuple[TopicInfo, ...]
     services: tuple[_Named, ...]
-    ends: tuple[_Node, ...]
+    endpoints: tuple[_Node, ...]
 
 
 class NamesReply(msgspec.Struct, frozen=True, kw_only=True):
@@ -198,14 +198,14 @@ def graph_reply(known: KnownGraph) -> GraphReply:
         nodes=graph.nodes,
         topics=graph.topics,
         services=_named(graph.services),
-        ends=tuple(
+        endpoints=tuple(
             _Node(
                 node=node,
-                publishes=_named(ends.publishes),
-                subscribes=_named(ends.subscribes),
-                services=_named(ends.services),
+                publishes=_named(endpoints.publishes),
+                subscribes=_named(endpoints.subscribes),
+                services=_named(endpoints.services),
             )
-            for node, ends in known.nodes.items()
+            for node, endpoints in known.nodes.items()
         ),
     )
 
@@ -217,12 +217,12 @@ def graph_of(reply: GraphReply) -> KnownGraph:
             nodes=reply.nodes, topics=reply.topics, services=_types(reply.services)
         ),
         nodes={
-            one.node: NodeEnds(
+            one.node: NodeEndpoints(
                 publishes=_types(one.publishes),
                 subscribes=_types(one.subscribes),
                 services=_types(one.services),
             )
-            for one in reply.ends
+            for one in reply.endpoints
         },
     )
 

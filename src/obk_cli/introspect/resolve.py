@@ -76,7 +76,7 @@ def resolve_one(kind: Kind, name: str, known: Collection[str], domain: int) -> s
         )
     if not fitting:
         raise CommandFailedError(
-            f"no {kind} `{name}` in the ROS domain {domain}",
+            f"no {kind} `{name}` in ROS domain {domain}",
             help=_near(name, sorted(known)),
         )
     return fitting[0]

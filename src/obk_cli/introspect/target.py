@@ -80,13 +80,13 @@ class GraphTarget:
         if self.runs:
             names = ", ".join(sorted({run.name for run in self.runs.values()}))
             return CommandFailedError(
-                f"none of the nodes of {names} was found in the ROS domain {self.domain} in time",
+                f"none of the nodes of {names} was found in ROS domain {self.domain} in time",
                 help="wait longer with `--timeout`; check with `obk ps` whether they are running",
             )
         live = live_folders(runs_folder(self.environment.variables)).values()
         others = [f"{run.name} in {run.domain}" for run in live if run.domain != self.domain]
         return CommandFailedError(
-            f"no stack is running in the ROS domain {self.domain}, and no other node was found",
+            f"no stack is running in ROS domain {self.domain}, and no other node was found",
             help=(
                 f"running in other domains: {', '.join(others)}; select one with `--domain`"
                 if others

@@ -1,6 +1,6 @@
 """Set parameters of running nodes and report the result; list tunable parameters.
 
-It is used by `obk param`, `obk monitor` and `obk web`.
+Used by `obk param`, `obk monitor` and `obk web`.
 """
 
 import time

@@ -1,7 +1,7 @@
 """Build the commands, environments, parameter files and clock page with which processes start.
 
-It starts nothing. Nodes in one process run in the runtime library's host program, of which this
-module knows only the name and file.
+Nothing is started here. Nodes in one process run in the runtime library's host program, of which
+this module knows only the name and file.
 """
 
 import fcntl

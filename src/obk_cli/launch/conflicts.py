@@ -47,7 +47,7 @@ def refuse_taken_names(names: tuple[str, ...], ros: RosNodes, domain: int) -> No
     taken = ros.taken(names, OWN_DISCOVERY_S)
     if taken:
         raise CommandFailedError(
-            f"already in use in the ROS domain {domain}: {', '.join(taken)}",
+            f"already in use in ROS domain {domain}: {', '.join(taken)}",
             help="stop these nodes or use another ROS_DOMAIN_ID; "
             "`obk lifecycle get` shows the nodes",
         )

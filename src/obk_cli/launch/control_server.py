@@ -1,6 +1,6 @@
 """The launcher's end of a run's control socket: answers other terminals on this host.
 
-It takes one request per connection, in the format of `runs.protocol`, and passes it to the
+The server takes one request per connection, in the format of `runs.protocol`, and passes it to the
 supervisor's inbox. It serves in its own thread: a stalled client does not delay the others, and a
 malformed request gets an error. Only this user and root get answers.
 """

@@ -1,6 +1,6 @@
 """React to a crash: restart with back-off within a budget, continue without the node, or stop.
 
-The rule is the `on_crash` of the node's config, otherwise of the launch.
+The policy is the `on_crash` in the node's config or, if unset, that of the launch.
 """
 
 from collections import defaultdict, deque
@@ -78,7 +78,7 @@ class RestartPolicy:
             self._context.run.fail(text, node)
 
     def handle_crashes(self) -> None:
-        """Handle all crashes: each node is restored or given up, or the stack comes down."""
+        """Handle all crashes: restore each node, go on without it, or end the run."""
         state, run = self._context.state, self._context.run
         while state.crashes and run.may_go_on:
             crash = state.crashes.popleft()
@@ -87,7 +87,7 @@ class RestartPolicy:
             if self._is_over(crash):
                 continue
             if crash.kind == "hung":
-                # Nodes of one process hang together.
+                # All nodes in a process hang at the same time.
                 state.forget_crashes(crash.unit, hangs_only=True)
             if state.on_crash(crash.unit) == "ignore":
                 self._go_on_without(crash)
@@ -95,7 +95,7 @@ class RestartPolicy:
                 self._restart(crash)
 
     def _is_over(self, crash: Crash) -> bool:
-        """Whether it has resolved itself, or a later crash replaces it."""
+        """Whether the node has recovered, or a later crash replaces this one."""
         state = self._context.state
         if crash.kind == "hung":
             return state.hung.isdisjoint(state.units[crash.unit].node_names)
@@ -180,7 +180,7 @@ class RestartPolicy:
     def _restore(self, unit: str, nodes: tuple[str, ...]) -> bool:
         """Take nodes to the state last requested for them, tier by tier as in the bring-up.
 
-        False: this failed, which counts as a crash of its own.
+        False: this failed, which counts as another crash.
         """
         state = self._context.state
         if not self._runs(unit):

@@ -1,8 +1,8 @@
 """Run a plan on this machine until it ends by itself, by a signal or by a failure.
 
 The entry point behind `obk launch`: connects the supervisor with processes, ROS and the console.
-It takes a plan and returns how the run ended. It continues without log files if they cannot be
-written, and never waits for a slow reader of the screen.
+A run continues without log files if they cannot be written, and never waits for a slow reader of
+the screen.
 """
 
 import signal

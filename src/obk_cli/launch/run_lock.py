@@ -199,7 +199,7 @@ def _common(run: Run, other: Run) -> list[str]:
 def _refusal(run: Run, other: Run) -> CommandFailedError:
     nodes = ", ".join(_common(run, other) or other.all_nodes)
     return CommandFailedError(
-        f"the stack `{other.name}` is already running in the ROS domain {other.domain} "
+        f"the stack `{other.name}` is already running in ROS domain {other.domain} "
         f"(process {other.pid}, {nodes})",
         help="stop it or use another ROS_DOMAIN_ID",
     )
@@ -209,7 +209,7 @@ def _end_launcher(folder: Path, other: Run) -> None:
     end = end_launcher(folder, other, reason="replaced", timeout_s=STOP_S, may_kill=True)
     if end == "running":
         raise CommandFailedError(
-            f"the stack `{other.name}` in the ROS domain {other.domain} did not stop "
+            f"the stack `{other.name}` in ROS domain {other.domain} did not stop "
             f"(process {other.pid})",
             help="the process cannot be killed; use another ROS_DOMAIN_ID",
         )

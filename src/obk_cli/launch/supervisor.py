@@ -1,7 +1,7 @@
 """Supervises one run of a plan: brings the stack up, watches it, brings it down.
 
-It owns the state of the run. It receives input events through one inbox, acts through two
-interfaces and publishes output events. It does not depend on ROS, the operating system or a
+The supervisor owns the state of the run. It receives input events through one inbox, acts through
+two interfaces and publishes output events. It does not depend on ROS, the operating system or a
 terminal; its clock is passed in.
 """
 
@@ -97,7 +97,7 @@ class Supervisor:
             limits: time limits.
             on_crash: for nodes whose config sets none.
             lead: full name of the state node of the launch that runs the nodes' transitions; None:
-                this launch does, also for other devices.
+                this launch does, including for nodes on other devices.
             strict_rates: whether the stack stops if an expected rate is missed.
         """
         limits = limits or Limits()
@@ -131,7 +131,7 @@ class Supervisor:
         self._rejections: dict[str, RejectionReported] = {}
         """Node -> its last report, for robots that reject all commands."""
         self._changes: deque[ChangeRequested] = deque()
-        """Changes that wait to be made."""
+        """Changes waiting to be made."""
         self._busy_with = ""
         """Why no change can be made now, as words after "the stack is"; empty if one can."""
 
@@ -207,7 +207,7 @@ class Supervisor:
         return self._run.may_go_on
 
     def _wait_for_others(self) -> bool:
-        """Wait, without limit, until the nodes on other devices are ready; users start them."""
+        """Wait, without a limit, until the nodes on other devices are ready; users start them."""
         context, state = self._context, self._state
         others = state.with_lifecycle - state.local_nodes()
         context.lifecycle.watch(others)
@@ -232,7 +232,7 @@ class Supervisor:
             change = Change(transition=transition, nodes=self._state.counted(), limit_s=limit_s)
             answer = self._runner.run(change)
             if answer.success:
-                # A node may have crashed after it got there.
+                # A node may have crashed after the transition.
                 self._restarts.handle_crashes()
                 return self._run.may_go_on
             culprits = [m for m in answer.members if m.is_culprit and m.result != "gone"]
@@ -246,12 +246,12 @@ class Supervisor:
     # --- while the stack is up ---
 
     def _keep_up(self, until: float | None) -> None:
-        """Handle crashes and requested changes until something ends the run, or until a time."""
+        """Handle crashes and requested changes until the run ends, or until a given time."""
         state, lead = self._state, self._state.lead
         self._watch(node for node in state.with_lifecycle if state.is_present(node))
         if lead is not None:
             self._context.lifecycle.watch({lead})
-        idle = "" if lead is None else "controlled by the launch of another device"
+        idle = "" if lead is None else "controlled by the launch on another device"
         while self._run.may_go_on:
             if state.crashes:
                 self._busy_with = "restarting a node that crashed"
@@ -375,7 +375,7 @@ class Supervisor:
         return next((event for event in hung if event is not None), None)
 
     def _hangs(self, node: str, seconds: float) -> Hung | None:
-        """Record a hang; None if it is known already and requires nothing more."""
+        """Record a hang; None if it is already known and requires nothing more."""
         state = self._state
         hung = Hung(node=node, seconds=seconds)
         if node == state.lead:
@@ -389,18 +389,18 @@ class Supervisor:
         return hung
 
     def _give_up_if_overdue(self, hung: Hung) -> bool:
-        """Fail the run if a node that another launch should restart is missing for too long."""
+        """Fail the run if a node has been missing too long that another launch should restart."""
         node, state = hung.node, self._state
         if state.is_local(node) or state.on_crash(node) != "restart":
             return False
         if hung.seconds <= self._context.limits.restart_window_s:
             return False
-        back = "and the launch of its device has not restarted it"
+        back = "and the launch on its device has not restarted it"
         self._run.fail(f"{node} has not answered for {hung.seconds:.0f} s, {back}", node)
         return True
 
     def _publish_rates(self, events: Iterable[OutputEvent]) -> None:
-        """Publish changes of rates; with strict rates, a broken one ends the run."""
+        """Publish changes in rates; with strict rates, a broken rate ends the run."""
         for event in events if not self._run.is_going_down else ():
             self._context.publisher.publish(event)
             if not self._strict_rates:
@@ -497,7 +497,7 @@ class Supervisor:
         names = state.units[unit].node_names
         is_early = state.is_early(unit)
         has_lifecycle = state.with_lifecycle.issuperset(names)
-        # Only Python's exit is left of such a process, which may take long on a busy machine.
+        # Such a process only has to exit Python, which may take a while on a busy machine.
         is_over = has_lifecycle and state.are_all(names, FINALIZED)
         state.process_ended(unit)
         self._context.heartbeat.forget(names)
@@ -538,7 +538,7 @@ class Supervisor:
                 state.states.pop(node, None)
 
     def _answered_late(self, answer: Answered) -> None:
-        """Handle the answer to a timed-out request: undo it if the node is too far up."""
+        """Handle the answer to a timed-out request: undo the transition if nobody wants it now."""
         context, state = self._context, self._state
         node, transition = answer.node, TRANSITIONS[answer.transition]
         requested_s = context.pending.pop_late(answer)
@@ -578,12 +578,12 @@ class Supervisor:
         if event.transition:
             state.requested[event.node] = event.state
         self._context.publisher.publish(event)
-        # Without a transition it is the end of a failure, which has its own event.
+        # Without a transition, the change of state ends a failure, which has its own event.
         if event.transition and state.are_all(state.local_nodes() - state.lost, FINALIZED):
             self._run.stop(FROM_ELSEWHERE)
 
     def _failed(self, event: Failed) -> None:
-        """Handle a failure: a node's own is a crash; a transition's is up to its requester."""
+        """Handle a node's failure as a crash; whoever requested a transition handles that."""
         state = self._state
         if self._context.pending.pop(event) or self._run.is_going_down:
             return

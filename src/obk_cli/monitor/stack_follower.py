@@ -1,7 +1,7 @@
 """Follow a stack: yield views until it ends, then continue with the next stack that starts.
 
-It yields a `StackView` per period, or None while no stack is running. ROS is loaded for the first
-view, in the thread that requests it.
+The follower yields a `StackView` per period, or None while no stack is running. ROS is loaded for
+the first view, in the thread that requests it.
 """
 
 from collections.abc import Callable, Iterator
@@ -62,7 +62,7 @@ class StackSelector:
         if self.run is None or not names:
             return graph_target.no_nodes_error()
         return CommandFailedError(
-            f"no stack `{self.run}` is running in the ROS domain {graph_target.domain}",
+            f"no stack `{self.run}` is running in ROS domain {graph_target.domain}",
             help=did_you_mean(self.run, names),
         )
 
@@ -78,7 +78,7 @@ class StackSelector:
         names = sorted({run.name for _, run in runs})
         if len(names) > 1:
             raise MisuseError(
-                f"several stacks are running in the ROS domain {graph_target.domain}: "
+                f"several stacks are running in ROS domain {graph_target.domain}: "
                 f"{', '.join(names)}",
                 help="choose one with `--run NAME`",
             )

@@ -1,7 +1,7 @@
 """Measure the rates and ages of a stack's topics and compare them with its plan.
 
-It yields a `TopicView` for each topic. No message is deserialized. If the plan does not contain a
-topic's type, the subscription waits for its publisher.
+The watch yields a `TopicView` for each topic. No message is deserialized. If the plan does not
+contain a topic's type, the subscription waits for its publisher.
 """
 
 import struct

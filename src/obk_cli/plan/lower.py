@@ -32,10 +32,10 @@ from obk_cli.config.model import (
 )
 from obk_cli.config.topology import (
     Direction,
-    TopicEnd,
+    TopicEndpoint,
     absolute_topic,
-    joystick_ends,
-    node_ends,
+    joystick_endpoints,
+    node_endpoints,
     publisher_of_timer,
 )
 from obk_cli.config.tree import plain_value
@@ -82,7 +82,7 @@ def _on_simulated_time(node: PlannedNode) -> PlannedNode:
 def _lower_node(node: Node, environment: Environment) -> PlannedNode:
     assert node.pkg is not None  # a required key: without it, the checks fail
     assert node.executable is not None
-    ends = tuple(node_ends(node))
+    endpoints = tuple(node_endpoints(node))
     models = (_path(s.model, s.model.written.value) for s in node.sims if s.model is not None)
     return PlannedNode(
         node=node.node_name,
@@ -96,18 +96,18 @@ def _lower_node(node: Node, environment: Environment) -> PlannedNode:
         remappings=tuple((remapping.old, remapping.new) for remapping in node.remappings),
         env=dict(node.env),
         log_level=node.log_level.value if node.log_level else None,
-        publishes=_endpoints(ends, "publishes"),
-        subscribes=_endpoints(ends, "subscribes"),
+        publishes=_endpoints(endpoints, "publishes"),
+        subscribes=_endpoints(endpoints, "subscribes"),
         model=next(models, None) if node.runs_simulation else None,
         sensor_groups=tuple(_sensor_groups(node)) if node.runs_simulation else (),
         actuators=tuple(_actuators(node, environment)) if node.runs_simulation else (),
-        promises=tuple(_promises(node, ends)),
+        promises=tuple(_promises(node, endpoints)),
         on_crash=_on_crash(node),
     )
 
 
-def _promises(node: Node, ends: tuple[TopicEnd, ...]) -> Iterator[Promise]:
-    sent = {end.component: end.topic for end in ends if end.direction == "publishes"}
+def _promises(node: Node, endpoints: tuple[TopicEndpoint, ...]) -> Iterator[Promise]:
+    sent = {end.component: end.topic for end in endpoints if end.direction == "publishes"}
     for timer in (c for c in node.used_components if c.kind == "timer"):
         if timer.identity and timer.timer_period_s is not None:
             topic = sent.get(publisher_of_timer(timer.identity))
@@ -153,10 +153,10 @@ def _actuators(node: Node, environment: Environment) -> Iterator[PlannedActuator
                 yield PlannedActuator(name=actuator.name, unit=actuator.unit)
 
 
-def _endpoints(ends: tuple[TopicEnd, ...], direction: Direction) -> tuple[Endpoint, ...]:
+def _endpoints(endpoints: tuple[TopicEndpoint, ...], direction: Direction) -> tuple[Endpoint, ...]:
     return tuple(
         Endpoint(topic=end.topic, msg_type=end.msg_type, rate_hz=end.rate_hz)
-        for end in ends
+        for end in endpoints
         if end.direction == direction
     )
 
@@ -273,7 +273,7 @@ def _sim_setting(sim: Sim) -> Mapping[str, object]:
 
 
 def _lower_joystick(joystick: Joystick) -> PlannedNode:
-    ends = tuple(joystick_ends(joystick))
+    endpoints = tuple(joystick_endpoints(joystick))
     topics = ((JOYSTICK_TOPIC, joystick.pub_topic), (FEEDBACK_TOPIC, joystick.sub_topic))
     return PlannedNode(
         node=JOYSTICK_NODE,
@@ -285,7 +285,7 @@ def _lower_joystick(joystick: Joystick) -> PlannedNode:
         origin=_origin(joystick.span),
         parameters={parameter.name: parameter.value for parameter in joystick.params},
         remappings=tuple((name, topic.value) for name, topic in topics if topic is not None),
-        publishes=_endpoints(ends, "publishes"),
-        subscribes=_endpoints(ends, "subscribes"),
+        publishes=_endpoints(endpoints, "publishes"),
+        subscribes=_endpoints(endpoints, "subscribes"),
         has_lifecycle=False,
     )

@@ -1,8 +1,8 @@
 """Fork Python programs from a process that has imported their libraries: the preload server.
 
-It runs as its own program (`python -P preload.py MODULE...`) below the warden; its standard input
-is one end of a Unix socket of packets. It imports the modules, sends `{"ready": true}`, and then
-takes one JSON request at a time: a file passed by descriptor, with a second descriptor for the
+The server runs as its own program (`python -P preload.py MODULE...`) below the warden; its standard
+input is one end of a Unix socket of packets. It imports the modules, sends `{"ready": true}`, and
+then takes one JSON request at a time: a file passed by descriptor, with a second descriptor for the
 output. It answers with the process's `pid`, or `null` if it cannot fork the program without a
 difference; the warden then starts it in the ordinary way. The server ends with the warden.
 

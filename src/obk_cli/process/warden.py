@@ -1,13 +1,13 @@
 """Keep nodes from outliving the launcher: the process between them, and the parent of all nodes.
 
-It runs as its own program (`python -I -S warden.py`); its standard input is one end of a Unix
-socket of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request
-is a file passed by descriptor, because an environment may be larger than a packet: `start`, with a
-second descriptor for the output, `signal`, `preload`, and finally `end`. A process may inherit
-descriptors with which the warden was started. The warden is the parent of the nodes and adopts
-their orphans (child subreaper). When the launcher's end of the socket closes, for any reason, all
-of them receive SIGTERM, then SIGKILL. If the launcher did not send `end`, the warden also clears
-shared memory. It imports the standard library only, so that it starts at once.
+The warden runs as its own program (`python -I -S warden.py`); its standard input is one end of a
+Unix socket of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each
+request is a file passed by descriptor, because an environment may be larger than a packet: `start`,
+with a second descriptor for the output, `signal`, `preload`, and finally `end`. A process may
+inherit descriptors with which the warden was started. The warden is the parent of the nodes and
+adopts their orphans (child subreaper). When the launcher's end of the socket closes, for any
+reason, all of them receive SIGTERM, then SIGKILL. If the launcher did not send `end`, the warden
+also clears shared memory. It imports the standard library only, so that it starts at once.
 
 `preload` starts the preload server (`preload.py`), which forks Python nodes. If there is no server,
 or it does not fork a node, the warden starts that node in the ordinary way.

@@ -59,8 +59,8 @@ class TopicComparison:
     count: tuple[int, int]
     rate_hz: tuple[float, float]
     """From the first message to the last."""
-    late_p99_ms: tuple[float, float]
-    """p99 of the intervals' excess over the median interval [ms]."""
+    jitter_p99_ms: tuple[float, float]
+    """p99 of the intervals' deviations from their mean, as in `obk topic hz` [ms]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -300,7 +300,7 @@ class _Topic:
             same_definition=self.definitions[0] == self.definitions[1] or not all(self.types),
             count=(len(times[0]), len(times[1])),
             rate_hz=(_rate_hz(times[0]), _rate_hz(times[1])),
-            late_p99_ms=(_late_ms(times[0]), _late_ms(times[1])),
+            jitter_p99_ms=(_jitter_ms(times[0]), _jitter_ms(times[1])),
         )
 
     def differences(self) -> Iterator[SignalDifference]:
@@ -331,11 +331,11 @@ def _rate_hz(times: Floats) -> float:
     return (len(times) - 1) / span if span > 0.0 else 0.0
 
 
-def _late_ms(times: Floats) -> float:
+def _jitter_ms(times: Floats) -> float:
     if len(times) < 3:
         return 0.0
     intervals = np.diff(times)
-    return float(np.percentile(intervals, 99.0) - np.median(intervals)) * 1e3
+    return float(np.percentile(np.abs(intervals - intervals.mean()), 99.0)) * 1e3
 
 
 def first_different_message(

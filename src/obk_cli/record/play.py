@@ -1,4 +1,4 @@
-"""Replay recorded messages at the pace of their publication."""
+"""Replay recorded messages at the pace at which they were published."""
 
 import struct
 import time
@@ -85,7 +85,7 @@ def playable_topics(
     commands = frozenset[str]() if may_move else command_topics(run)
     if refused := [topic for topic in named if topic in commands]:
         raise CommandFailedError(
-            f"refusing to publish on {list_names(refused)}, which commands a robot",
+            f"refusing to publish on {list_names(refused)}: this would command a robot",
             help="to publish commands anyway, add `--allow-hardware`",
         )
     wanted = [topic for topic in recorded if not named or topic in named]
@@ -105,7 +105,7 @@ def play(
     wait_s: float,
     sets_clock: bool = False,
 ) -> Played:
-    """Publish the messages of some topics in real time.
+    """Publish the messages of the given topics in real time.
 
     Args:
         run: the recording.
@@ -183,7 +183,7 @@ class RecordedClock:
         self._time_ns = np.maximum.accumulate(stamped[order])
 
     def time_ns(self, message: RecordedMessage) -> int:
-        """The time of a message [ns]: its latest stamp so far, or its publication without stamps.
+        """The time of a message [ns]: the latest stamp so far or, without stamps, its publication.
 
         Messages are in the order of receipt, so the time may go back slightly.
         """

@@ -16,14 +16,14 @@ __all__ = [
     "FOREIGN_DISCOVERY_S",
     "OWN_DISCOVERY_S",
     "UNNAMED",
-    "End",
+    "GraphEndpoint",
     "GraphSnapshot",
     "Role",
     "RosGraph",
     "TopicInfo",
     "ends_that_need_dds",
     "full_name",
-    "incompatible_ends",
+    "incompatible_endpoints",
     "parameter_nodes",
     "special_services",
     "visible",
@@ -118,11 +118,11 @@ class RosGraph:
     def ends_of_type(self, topic: str, msg_type: str) -> tuple[str, ...]:
         """Full names of the nodes that publish or subscribe to a topic with this type."""
         node = self._node
-        ends = (
+        endpoints = (
             *node.get_publishers_info_by_topic(topic),
             *node.get_subscriptions_info_by_topic(topic),
         )
-        return tuple(sorted({_name_of(end) for end in ends if end.topic_type == msg_type}))
+        return tuple(sorted({_name_of(end) for end in endpoints if end.topic_type == msg_type}))
 
     def _publishers(self, topic: str) -> Iterator[str]:
         yield from map(_name_of, self._node.get_publishers_info_by_topic(topic))
@@ -152,7 +152,7 @@ PARAMETER_LIST: Final = "rcl_interfaces/srv/ListParameters"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class End:
+class GraphEndpoint:
     """A publisher or subscription of a topic."""
 
     node: str
@@ -174,8 +174,8 @@ class TopicInfo:
     name: str
     msg_types: tuple[str, ...]
     """More than one only if nodes use different types."""
-    publishers: tuple[End, ...] = ()
-    subscriptions: tuple[End, ...] = ()
+    publishers: tuple[GraphEndpoint, ...] = ()
+    subscriptions: tuple[GraphEndpoint, ...] = ()
 
     @property
     def published_types(self) -> tuple[str, ...]:
@@ -194,7 +194,7 @@ class GraphSnapshot:
     """Full name -> types (`pkg/srv/Name`)."""
 
     def topic(self, name: str) -> TopicInfo:
-        """The topic with this name; without ends if it does not exist."""
+        """The topic with this name; without endpoints if it does not exist."""
         empty = TopicInfo(name=name, msg_types=())
         return next((topic for topic in self.topics if topic.name == name), empty)
 
@@ -241,7 +241,7 @@ def ends_that_need_dds(topic: TopicInfo, sockets: Set[str]) -> Iterator[str]:
             yield f"{end.node or UNNAMED} has no socket in a run"
 
 
-def incompatible_ends(topic: TopicInfo) -> Iterator[str]:
+def incompatible_endpoints(topic: TopicInfo) -> Iterator[str]:
     """Sentences on publishers and subscriptions with incompatible types or QoS."""
     for publisher in topic.publishers:
         for subscription in topic.subscriptions:

@@ -1,7 +1,7 @@
 """Control lifecycle nodes over ROS: find them, query states, request transitions.
 
-It uses one node of its own and the thread that spins it. Every wait has a limit; errors from
-rclpy are converted here.
+The client uses one node of its own and the thread that spins it. Every wait has a limit; errors
+from rclpy are converted here.
 """
 
 import os

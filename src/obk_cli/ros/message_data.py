@@ -1,7 +1,6 @@
 """Check a user's message against its type, and report all faults at once.
 
-It returns data that matches the type, and sentences about what does not. It does not create
-messages.
+The result is data that matches the type, and sentences about what does not; no message is created.
 """
 
 import sys

@@ -20,7 +20,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import no_ros
 from obk_cli.process.shared_memory import require_shared_memory
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.ros.graph import End, GraphSnapshot, Role, TopicInfo, full_name
+from obk_cli.ros.graph import GraphEndpoint, GraphSnapshot, Role, TopicInfo, full_name
 from obk_cli.ros.raw_subscription import RawSubscription, offered_qos
 
 __all__ = [
@@ -238,9 +238,9 @@ class RosParticipant:
         return self._of(self._functions.rclpy_get_service_names_and_types_by_node, node)
 
     def topic(self, name: str) -> TopicInfo:
-        """A topic with the ends discovered so far."""
-        publishers = self._ends(name, "publisher")
-        subscriptions = self._ends(name, "subscription")
+        """A topic with the endpoints discovered so far."""
+        publishers = self._endpoints(name, "publisher")
+        subscriptions = self._endpoints(name, "subscription")
         types = dict.fromkeys(end.msg_type for end in (*publishers, *subscriptions))
         return TopicInfo(
             name=name,
@@ -323,7 +323,7 @@ class RosParticipant:
                 entries = []
         return {name: tuple(types) for name, types in sorted(entries)}
 
-    def _ends(self, name: str, role: Role) -> tuple[End, ...]:
+    def _endpoints(self, name: str, role: Role) -> tuple[GraphEndpoint, ...]:
         ask = (
             self._functions.rclpy_get_publishers_info_by_topic
             if role == "publisher"
@@ -331,14 +331,14 @@ class RosParticipant:
         )
         with self.node:
             entries = ask(self.node, name, False)
-        return tuple(_end(info, role) for info in entries)
+        return tuple(_endpoint(info, role) for info in entries)
 
 
-def _end(info: dict[str, Any], role: Role) -> End:
+def _endpoint(info: dict[str, Any], role: Role) -> GraphEndpoint:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     end = TopicEndpointInfo(**info)  # type: ignore[no-untyped-call]
-    return End(
+    return GraphEndpoint(
         node=full_name(end.node_name, end.node_namespace),
         role=role,
         msg_type=end.topic_type,

@@ -1,8 +1,8 @@
 """The control protocol: one JSON line queries a run's launcher, one JSON line answers.
 
-It converts bytes to values and back, checked against their types; an invalid request is answered
-with an error. Queries about the ROS graph are passed through: `introspect.protocol` has their
-types.
+This module converts bytes to values and back, checked against their types; an invalid request is
+answered with an error. Queries about the ROS graph are passed through: `introspect.protocol` has
+their types.
 
 The `ask_*` functions take a run's folder and return the launcher's answer, or None if none arrives
 in time. They never raise.

@@ -130,7 +130,7 @@ def select_runs(
         folder: run for folder, run in candidates.items() if name in (run.name, folder.name)
     }
     if not selected:
-        where = "on this host" if domain is None else f"in the ROS domain {domain} on this host"
+        where = "on this host" if domain is None else f"in ROS domain {domain} on this host"
         names = sorted({run.name for run in candidates.values()})
         raise CommandFailedError(
             f"no stack `{name}` is running {where}",
@@ -179,7 +179,7 @@ def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelec
     stack_names = sorted({selection.stack.run.name for selection in matching})
     if len(stack_names) > 1:
         raise MisuseError(
-            f"several stacks are running in the ROS domain {matching[0].stack.run.domain}: "
+            f"several stacks are running in ROS domain {matching[0].stack.run.domain}: "
             f"{', '.join(stack_names)}",
             help="choose one with `--run NAME`, or use full node names",
         )

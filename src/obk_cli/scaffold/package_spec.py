@@ -1,7 +1,7 @@
 """Check the user's request for `obk new`, and turn it into a package spec.
 
-It returns a `PackageSpec` for a `PackageRequest`, or all problems with the request. It does not
-read files or import messages.
+The result is a `PackageSpec` for a `PackageRequest`, or all problems with the request. No files
+are read and no messages imported.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """OBK601 to OBK609: code of a node that may behave differently between lockstep runs.
 
-It examines the code that the node's start leads to. A call is recognized by its full name; calls
-through a variable, `getattr` or a package outside the workspace are not found.
+The search covers the code that the node's start leads to. A call is recognized by its full name;
+calls through a variable, `getattr` or a package outside the workspace are not found.
 """
 
 import ast

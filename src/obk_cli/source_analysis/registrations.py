@@ -1,7 +1,7 @@
 """Find what a node's class registers and declares, by following its constructors up its bases.
 
-It follows `super().__init__` with the values of its arguments, and methods of `self` that are used
-on the way. Values computed at run time count as unknown.
+The search follows `super().__init__` with the values of its arguments, and methods of `self` that
+are used on the way. Values computed at run time count as unknown.
 """
 
 import ast

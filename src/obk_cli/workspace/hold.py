@@ -1,6 +1,7 @@
 """Find a control law that holds a model's pose: choose setpoints and gains, then simulate them.
 
-It reads a model file that compiles, and returns a `Hold`. MuJoCo is imported for the first model.
+The input is a model file that compiles, the result a `Hold`. MuJoCo is imported for the first
+model.
 
 Source: https://mujoco.readthedocs.io/en/stable/computation/index.html (actuation model):
 force = gain * ctrl + b0 + b1 * length + b2 * velocity, for a fixed gain and an affine bias.

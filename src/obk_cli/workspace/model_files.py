@@ -1,7 +1,7 @@
 """Collect the files of a robot's model, so that a workspace has a self-contained copy.
 
-It reads an MJCF or URDF file and returns files in memory, with their paths in the workspace's model
-folder. The copy is completed and read again before it is returned.
+The input is an MJCF or URDF file; the output is files in memory, with their paths in the
+workspace's model folder. The copy is completed and read again before it is returned.
 """
 
 import os
@@ -117,11 +117,11 @@ def _read(path: Path, *, shown: str) -> ModelRead:
         place = f"{shown}:{fault.line}" if fault.line else shown
         message = fault.message.replace(f"{path.absolute().parent}{os.sep}", "")
         raise CommandFailedError(
-            f"{place}: MuJoCo cannot read it as a model: {message}",
+            f"{place}: MuJoCo cannot read this file as a model: {message}",
             help=_help_for(fault.message, path),
         )
     assert isinstance(read, ModelRead)
-    _require_files(read.missing_files, shown, f"from {path.parent}")
+    _require_files(read.missing_files, shown, f"in {path.parent}")
     return read
 
 
@@ -203,7 +203,7 @@ def _from_urdf(path: Path, root: ElementTree.Element, folder: Path) -> tuple[Fil
     _require_files(
         [name for name in lost if copies[name] in wanted],
         str(path),
-        f"from {path.parent}, packages around it and on AMENT_PREFIX_PATH",
+        f"in {path.parent}, in the packages around it and in those on AMENT_PREFIX_PATH",
     )
     read = _read(source, shown=str(path))
     used = {PurePosixPath(relative) for relative, _ in read.referenced_files}
@@ -263,7 +263,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _free_name(stack: str, main: PurePosixPath, files: Iterable[PurePosixPath]) -> PurePosixPath:
-    """A free name beside the model's file, relative to which MuJoCo looks for assets."""
+    """An unused file name in the model's folder, where MuJoCo looks for assets."""
     taken = set(files)
     names = (main.with_name(f"{stack}{suffix}.xml") for suffix in ("", "_model", "_robot"))
     return next(name for name in names if name not in taken)

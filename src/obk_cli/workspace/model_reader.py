@@ -1,7 +1,7 @@
 """Read facts about a MuJoCo model with MjSpec. Meshes may be missing; otherwise it is compiled.
 
-It returns the facts, or why they cannot be read. MuJoCo is imported for the first model, and its
-errors are converted here.
+The result is the facts, or why they cannot be read. MuJoCo is imported for the first model, and
+its errors are converted here.
 
 Loading MuJoCo takes longer than the rest of a check, so the facts about unchanged models are kept
 in the user's cache folder. An entry is JSON, named after a hash of MuJoCo's version and the content

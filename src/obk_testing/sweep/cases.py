@@ -1,7 +1,7 @@
 """The cases of a sweep, each a test with a seed and changes to the config, and their results.
 
-Cases depend only on the command line and the tests, so every engine runs the same cases, with any
-number of workers.
+Cases depend only on the command line and the tests, so every engine (local workers or Dask) runs
+the same cases, with any number of workers.
 """
 
 import hashlib
@@ -136,7 +136,7 @@ class Varied:
         """Return all values of a grid.
 
         Raises:
-            MisuseError: a range has no number of values.
+            MisuseError: the number of values in a range is not given.
         """
         if self.values:
             return self.values
@@ -277,7 +277,7 @@ def _item(tree: Tree | None, number: int, path: str, done: str) -> Tree | None:
     if not isinstance(tree, TreeList) or number >= len(tree.items):
         count = len(tree.items) if isinstance(tree, TreeList) else 0
         raise MisuseError(
-            f"`--vary {path}`: `{done}` has {with_number(count, 'item')}, so no [{number}]"
+            f"`--vary {path}`: `{done}` has {with_number(count, 'item')}, so there is no [{number}]"
         )
     return tree.items[number]
 
@@ -309,7 +309,7 @@ def make_cases(
         seeds: number of seeds; with `varied` and no grid, the number of samples, which have one
             seed each.
         varied: the varied values.
-        is_grid: whether to combine all values with every seed, instead of a Latin hypercube.
+        is_grid: whether to combine all values with every seed; otherwise, draws a Latin hypercube.
         overrides: `path=value` for all cases.
     """
     fixed = [(path, value) for path, _, value in (each.partition("=") for each in overrides)]

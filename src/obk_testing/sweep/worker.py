@@ -1,6 +1,6 @@
 """Run cases of a sweep in a process: `python -m obk_testing.sweep.worker`.
 
-It runs pytest with a custom loop, so tests behave as under `obk test`: fixtures, marks,
+The worker runs pytest with a custom loop, so tests behave as under `obk test`: fixtures, marks,
 `conftest.py` and rewritten assertions all work. The config is loaded once. Every case has its own
 fixtures, except those of session scope.
 

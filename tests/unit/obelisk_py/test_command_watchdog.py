@@ -296,6 +296,6 @@ def test_reasons_that_differ_each_time_make_no_endless_line():
         rejections.add(f"`u[0]` is {value}")
     text = rejections.report().text
     assert text.startswith("control rejected: `u[0]` is 0 (1x); `u[0]` is 1 (1x); ")
-    assert text.endswith("`u[0]` is 7 (1x); for further reasons (992x); 1000 since the start")
+    assert text.endswith("`u[0]` is 7 (1x); other reasons (992x); 1000 since the start")
     rejections.add("`u[0]` is 9")
     assert rejections.report() is None

@@ -102,7 +102,7 @@ def test_a_period_is_a_number_above_zero(period: object) -> None:
     timer = RegisteredComponent(
         kind=ComponentKind.TIMER, ros_parameter=None, key="timer_ctrl", callback=lambda: None
     )
-    with pytest.raises(ObeliskConfigError, match="expected seconds above 0"):
+    with pytest.raises(ObeliskConfigError, match="expected a number of seconds above 0"):
         timer_settings(timer, {"timer_period_sec": period})
 
 
@@ -123,11 +123,14 @@ def test_the_maximum_age_of_a_command_is_read(
 @pytest.mark.parametrize(
     ("raw", "fault"),
     [
-        ({"max_age_sec": 0}, "`max_age_sec` is 0, expected seconds above 0"),
-        ({"max_age_sec": -1.0}, "`max_age_sec` is -1.0, expected seconds above 0"),
-        ({"max_age_sec": True}, "`max_age_sec` is True, expected seconds above 0"),
-        ({"max_age_sec": float("nan")}, "`max_age_sec` is nan, expected seconds above 0"),
-        ({"stale_action": "hold"}, "`max_age_sec` is None, expected seconds above 0"),
+        ({"max_age_sec": 0}, "`max_age_sec` is 0, expected a number of seconds above 0"),
+        ({"max_age_sec": -1.0}, "`max_age_sec` is -1.0, expected a number of seconds above 0"),
+        ({"max_age_sec": True}, "`max_age_sec` is True, expected a number of seconds above 0"),
+        (
+            {"max_age_sec": float("nan")},
+            "`max_age_sec` is nan, expected a number of seconds above 0",
+        ),
+        ({"stale_action": "hold"}, "`max_age_sec` is None, expected a number of seconds above 0"),
         (
             {"max_age_sec": 1, "stale_action": "explode"},
             "`stale_action` is `explode`; expected one of: zero, hold, damp",

@@ -45,7 +45,7 @@ def test_definitions_that_rosidl_accepts_are_accepted(text: str) -> None:
 )
 def test_a_keyword_is_rejected_with_its_location_and_languages(word: str, languages: str) -> None:
     assert problems_of(f"float64 x\n  int32 {word}\n") == [
-        f"msg/Robot.msg:2:9: field `{word}` is a keyword of {languages}: "
+        f"msg/Robot.msg:2:9: `{word}` is a keyword in {languages}: "
         "the generated code would not compile\n"
         f"  help: choose another name, such as `{word}_value`"
     ]
@@ -57,7 +57,7 @@ def test_all_problems_of_a_file_are_reported_together() -> None:
         "msg/Robot.msg:1:1: the type `floa64` is not known",
         "msg/Robot.msg:2:7: `Big` cannot be the name of a field",
         "msg/Robot.msg:3:7: `low_value` cannot be the name of a constant",
-        "msg/Robot.msg:4:1: `int32` has a type but no name",
+        "msg/Robot.msg:4:1: `int32` is not followed by a name",
         "msg/Robot.msg:5:9: `x` is already defined on line 1",
     ]
 
@@ -71,7 +71,7 @@ def test_all_problems_of_a_file_are_reported_together() -> None:
         ("geometry_msgs/Vector", "did you mean `geometry_msgs/Vector3`?"),
         (
             "nav_msgs/Odometry",
-            "neither package.xml nor CMakeLists.txt depends on `nav_msgs`: "
+            "neither package.xml nor CMakeLists.txt declares a dependency on `nav_msgs`: "
             "add `<depend>nav_msgs</depend>` to package.xml",
         ),
     ],
@@ -94,7 +94,7 @@ def test_an_invalid_type_has_examples(wrong: str) -> None:
 )
 def test_a_wrong_number_of_sections_is_reported(kind: str, text: str, has: int, wants: int) -> None:
     assert problems_of(text, kind=kind) == [
-        f"{kind}/Robot.{kind}:1:1: the number of lines `---` is {has}, expected {wants} "
+        f"{kind}/Robot.{kind}:1:1: the number of `---` lines is {has}, expected {wants} "
         f"in a .{kind} file"
     ]
 

@@ -55,7 +55,7 @@ _DRAIN_PERIOD_S = 0.002
 
 
 class EventLoopExecutor(Executor):
-    """An rclpy executor for loops at high rates."""
+    """An rclpy executor for high-rate loops."""
 
     def __init__(self, num_threads: int = 1, *, context: Context | None = None) -> None:
         """Create an executor without nodes.
@@ -319,7 +319,7 @@ class _WorkerPool:
         return worker.run_posted()
 
     def sync(self) -> None:
-        """Apply changes to the nodes now, unless another thread spins and will apply them."""
+        """Apply changes to the nodes now, unless another thread is spinning and will apply them."""
         with self._registry.lock:
             if self.worker.thread_id is None and not self.is_stopped:
                 self._update()
@@ -422,7 +422,7 @@ class _WorkerPool:
             self._disown(worker)
 
     def _drain(self, worker: Worker, end_s: float | None) -> None:
-        """After a stop, run what callbacks of other workers may wait for, until none is running.
+        """After a stop, run what callbacks on other workers may be waiting for, until they end.
 
         Otherwise a callback that waits for the response of a service would never return.
         """
@@ -524,7 +524,7 @@ class _HandlerRegistry:
         try:
             handler.enable()
         except RuntimeError:
-            handler.disable()  # clears a listener, which would write to a closed descriptor
+            handler.disable()  # a listener left set would write to a closed descriptor
             handler.close()
             raise
         workers = self._workers_of(handler.group)

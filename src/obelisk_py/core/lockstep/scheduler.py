@@ -1,8 +1,8 @@
 """Schedule the events of a lockstep run in simulated time and a defined order.
 
 Each event has a due time. Events due at the same time run in this order: steps of simulators,
-events postponed by busy nodes, faults, messages in the order of publishing, and timers in the order
-of creation. Nothing waits, and everything runs on one thread.
+events postponed by busy nodes, faults, messages in the order of publication, and timers in the
+order of creation. Nothing waits, and everything runs on one thread.
 
 A callback may take simulated time, because it sleeps or because its computing time is modeled.
 Then only its own node moves ahead: later publications carry the later time, and the node's next
@@ -42,9 +42,9 @@ _STOP: Final = -1
 STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
 """Kinds of events, in the order in which events due at the same time run."""
 MOST_AT_ONE_TIME: Final = 100_000
-"""Maximum number of events without time advancing; more end the run."""
+"""Maximum number of events without time advancing; exceeding it ends the run."""
 _LONGEST_CALLBACK_NS: Final = 1_000 * NS_PER_S
-"""Maximum time that a callback may sleep; a longer sleep waits for something that cannot happen."""
+"""Maximum time that a callback may sleep; one that sleeps longer waits for what cannot happen."""
 _TRACED: Final = 64
 """Number of events to trace when nodes trigger each other endlessly."""
 
@@ -106,7 +106,7 @@ class TimingModel:
     jitter: float = 0.0
     """Maximum random addition to the latency, drawn for each message."""
     random_phases: bool = False
-    """Whether each timer's first tick is delayed by a random part of its period."""
+    """Whether each timer's first tick is delayed by a random fraction of its period."""
 
 
 class Scheduler:
@@ -277,7 +277,7 @@ class Scheduler:
             self._heap[0][4]()
 
     def run_as(self, node: ScheduledNode, call: Callable[[], Any]) -> Any:
-        """Call a function of a node outside its events, such as a transition."""
+        """Call a node's function, such as a transition, outside the node's events."""
         before, self.running = self.running, node
         offset_ns, self.offset_ns = self.offset_ns, 0
         try:

@@ -64,7 +64,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK008",
         severity="error",
         title="an included file cannot be read",
-        cause="Paths of `include:` are relative to the including file.",
+        cause="Paths in `include:` are relative to the including file.",
         fix="Correct the path.",
     ),
     Rule(
@@ -93,7 +93,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK012",
         severity="error",
-        title="`--set` does not fit the config",
+        title="invalid `--set` option",
         cause="The path does not exist in the config, or the option is not `path=value`.",
         fix="Write, for example, `--set robot[0].sim[0].time_step=0.001`.",
     ),
@@ -155,8 +155,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK105",
         severity="error",
         title="a value that is not allowed",
-        cause="The key accepts only the values that the finding lists.",
-        fix="Use one of the values that the message lists.",
+        cause="The key accepts only the values that the message lists.",
+        fix="Use one of these values.",
     ),
     Rule(
         code="OBK106",

@@ -85,7 +85,7 @@ RULES: tuple[Rule, ...] = (
         cause="A plain rclpy node uses DDS and the system clock for its messages and timers. A "
         "lockstep run rejects it.",
         fix="Derive its class from `ObeliskNode` or another base class of the library, or omit "
-        "the executable in the test.",
+        "the executable from the test.",
     ),
     Rule(
         code="OBK611",

@@ -158,7 +158,7 @@ RULES: tuple[Rule, ...] = (
         title="commands of 0 move the robot to position 0",
         cause="When commands stop, `stale_action: zero` (the default) sets the control of every "
         "actuator to 0. For a position servo this is position 0, and the robot moves "
-        "there at full force.",
+        "there with full force.",
         fix="Set `stale_action: hold` or `damp`. If position 0 is safe, silence the rule.",
     ),
     Rule(

@@ -16,7 +16,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK402",
         severity="error",
-        title="an executable is not in its package",
+        title="the package has no such executable",
         cause="The package exists, but it has no such executable, or the executable cannot run. "
         "It may be declared in CMakeLists.txt but not built, or built in a workspace that has not "
         "been sourced, or it may lack the execute bit.",

@@ -157,7 +157,7 @@ def test_a_command_without_the_one_that_it_belongs_to_is_reported_with_it(
 @pytest.mark.parametrize(
     ("option", "value", "expected"),
     [
-        ("--timeout", "0", "seconds above 0"),
+        ("--timeout", "0", "a number of seconds above 0"),
         ("--hang-after", "-0.5", "seconds of at least 0"),
         ("--keep", "0", "a number of at least 1"),
         ("--duration", "-1", "seconds of at least 0"),

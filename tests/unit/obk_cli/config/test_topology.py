@@ -2,7 +2,7 @@ import pytest
 
 from obk_cli.config.model import Stack
 from obk_cli.config.reader import read_stack
-from obk_cli.config.topology import stack_ends
+from obk_cli.config.topology import stack_endpoints
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile
 
@@ -16,7 +16,7 @@ def stack(text: str) -> Stack:
 
 
 def topics(text: str) -> set[str]:
-    return {f"{end.direction} {end.topic}" for end in stack_ends(stack(text))}
+    return {f"{end.direction} {end.topic}" for end in stack_endpoints(stack(text))}
 
 
 @pytest.mark.parametrize(

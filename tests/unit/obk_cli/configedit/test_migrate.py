@@ -180,7 +180,8 @@ def test_unmigrated_parts_are_reported_literally(request: pytest.FixtureRequest)
         (
             "arm: {robot: {}}\n",
             "key",
-            "1:1: info[migrate]: the device block is kept: the top level is the device `onboard`",
+            "1:1: info[migrate]: the device block is kept: sections at the top level belong to the "
+            "device `onboard`",
         ),
         (
             "onboard: {robot: {}}\ncontrol: {}\n",

@@ -83,7 +83,7 @@ def test_stacks_in_several_domains_leave_it_to_the_user(home: Path) -> None:
     graph_target = target_of(environment(home), None)
     assert graph_target.domain == 0
     no_nodes_error = graph_target.no_nodes_error()
-    assert no_nodes_error.message.startswith("no stack is running in the ROS domain 0")
+    assert no_nodes_error.message.startswith("no stack is running in ROS domain 0")
     assert no_nodes_error.help is not None
     assert {"arm in 7", "leg in 8"} <= set(
         no_nodes_error.help.removeprefix("running in other domains: ").partition(";")[0].split(", ")
@@ -94,8 +94,7 @@ def test_stacks_with_undiscovered_nodes_are_not_reported_as_stopped(home: Path) 
     runs_in(home, arm=7, leg=7)
     no_nodes_error = target_of(environment(home), None).no_nodes_error()
     assert (
-        no_nodes_error.message
-        == "none of the nodes of arm, leg was found in the ROS domain 7 in time"
+        no_nodes_error.message == "none of the nodes of arm, leg was found in ROS domain 7 in time"
     )
 
 
@@ -104,10 +103,10 @@ def test_a_stack_to_watch_that_does_not_run_is_reported_with_those_that_do(home:
     no_nodes_error = StackSelector(
         environment=environment(home), domain=7, run="amr"
     ).no_nodes_error()
-    assert no_nodes_error.message == "no stack `amr` is running in the ROS domain 7"
+    assert no_nodes_error.message == "no stack `amr` is running in ROS domain 7"
     assert no_nodes_error.help == "did you mean `arm`?"
     elsewhere = StackSelector(environment=environment(home), domain=8, run="arm").no_nodes_error()
-    assert elsewhere.message.startswith("no stack is running in the ROS domain 8")
+    assert elsewhere.message.startswith("no stack is running in ROS domain 8")
 
 
 def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,11 +123,14 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        ("topic list --timeout 0", "`--timeout 0`: expected seconds above 0"),
-        ("topic list --timeout inf", "`--timeout inf`: expected seconds up to 1000000"),
-        ("topic list --wait -1", "`--wait -1`: expected seconds above 0"),
-        ("node list --wait nan", "`--wait nan`: expected seconds above 0"),
-        ("monitor --once --period 1e300", "`--period 1e+300`: expected seconds up to 1000000"),
+        ("topic list --timeout 0", "`--timeout 0`: expected a number of seconds above 0"),
+        ("topic list --timeout inf", "`--timeout inf`: expected a number of seconds up to 1000000"),
+        ("topic list --wait -1", "`--wait -1`: expected a number of seconds above 0"),
+        ("node list --wait nan", "`--wait nan`: expected a number of seconds above 0"),
+        (
+            "monitor --once --period 1e300",
+            "`--period 1e+300`: expected a number of seconds up to 1000000",
+        ),
         ("topic list --format yaml", "`--format yaml`: expected `text` or `json`"),
         ("topic echo est --format yaml", "expected `text`, `json` or `csv`"),
         ("topic echo est --csv --format json", "`--csv` and `--format json` cannot be combined"),
@@ -137,8 +139,8 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
             "`--type Trigger`: expected a type such as `std_srvs/srv/",
         ),
         ("topic echo est a..b", "`a..b` does not name a field"),
-        ("topic hz est --window 0", "`--window 0`: expected seconds above 0"),
-        ("topic hz est --duration -1", "`--duration -1`: expected seconds above 0"),
+        ("topic hz est --window 0", "`--window 0`: expected a number of seconds above 0"),
+        ("topic hz est --duration -1", "`--duration -1`: expected a number of seconds above 0"),
         ("topic pub est pkg/msg/State {} {}", "unexpected argument `{}`"),
         ("topic pub est PositionSetpiont {}", "did you mean `PositionSetpoint`"),
         ("topic pub est --rate 0", "`--rate 0`: expected a number above 0"),

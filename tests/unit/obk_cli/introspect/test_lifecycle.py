@@ -132,7 +132,7 @@ def test_of_several_stacks_a_change_is_of_the_one_that_is_named(
         ).success
         for names in ((), ("control",)):
             with pytest.raises(
-                MisuseError, match="several stacks are running in the ROS domain 7: d"
+                MisuseError, match="several stacks are running in ROS domain 7: d"
             ) as e:
                 change_states(environment, "deactivate", LifecycleRequest(names=names))
         assert e.value.help == "choose one with `--run NAME`, or use full node names"
@@ -165,7 +165,7 @@ def test_a_missing_run_is_reported_with_similar_names(
     with (
         fake_stack(parent, ACTIVE),
         pytest.raises(
-            CommandFailedError, match="no stack `dumy` is running in the ROS dom"
+            CommandFailedError, match="no stack `dumy` is running in ROS domain"
         ) as raised,
     ):
         node_states(environment, LifecycleRequest(run="dumy"))
@@ -233,13 +233,13 @@ def test_an_empty_domain_is_reported_with_the_domains_in_use(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {})
-    with pytest.raises(CommandFailedError, match="in the ROS domain 7") as none:
+    with pytest.raises(CommandFailedError, match="in ROS domain 7") as none:
         node_states(environment, LifecycleRequest())
     assert none.value.help is not None
     assert none.value.help.startswith("start a stack with `obk launch`")
     with fake_stack(parent, ACTIVE, domain=8), pytest.raises(CommandFailedError) as elsewhere:
         node_states(environment, LifecycleRequest())
-    assert elsewhere.value.help == "a stack is running in the ROS domain 8; set ROS_DOMAIN_ID"
+    assert elsewhere.value.help == "a stack is running in ROS domain 8; set ROS_DOMAIN_ID"
 
 
 def test_the_transitions_that_are_possible_depend_on_the_state() -> None:

@@ -7,12 +7,12 @@ from obk_cli.introspect.publishing import robots_commanded_by
 from obk_cli.introspect.resolve import matching_names, matching_nodes, resolve_one
 from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.ros.graph import (
-    End,
+    GraphEndpoint,
     GraphSnapshot,
     Role,
     TopicInfo,
     ends_that_need_dds,
-    incompatible_ends,
+    incompatible_endpoints,
     parameter_nodes,
     special_services,
     visible,
@@ -32,7 +32,7 @@ def end(
     reliability: str = "reliable",
     durability: str = "volatile",
     msg_type: str = "pkg/msg/State",
-) -> End:
+) -> GraphEndpoint:
     qos = OfferedQos(
         history="keep_last",
         depth=10,
@@ -43,7 +43,7 @@ def end(
         lifespan_ns=0,
         lease_ns=0,
     )
-    return End(node=node, role=role, msg_type=msg_type, qos=qos)
+    return GraphEndpoint(node=node, role=role, msg_type=msg_type, qos=qos)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_an_ambiguous_or_unknown_name_is_reported_with_the_existing_ones() -> No
     assert several.value.help == "choose one of `/a/est`, `/b/est`"
     with pytest.raises(CommandFailedError) as none:
         resolve_one("topic", "/a/esst", TOPICS, 7)
-    assert none.value.message == "no topic `/a/esst` in the ROS domain 7"
+    assert none.value.message == "no topic `/a/esst` in ROS domain 7"
     assert none.value.help is not None
     assert none.value.help.startswith("did you mean `/a/est`")
 
@@ -85,7 +85,7 @@ def test_incompatible_endpoints_are_reported() -> None:
             end("/strong", "subscription", "reliable", "transient_local"),
         ),
     )
-    assert list(incompatible_ends(topic)) == [
+    assert list(incompatible_endpoints(topic)) == [
         "/strong does not receive from /p: it requests `reliable`, but `best_effort` is offered",
         "/strong does not receive from /p: "
         "it requests `transient_local`, but `volatile` is offered",
@@ -141,8 +141,8 @@ def test_received_types_are_the_published_ones() -> None:
 
 
 def test_a_topic_needs_dds_for_a_subscription_without_a_socket_and_for_late_joiners() -> None:
-    def subscription(node: str, gid: str) -> End:
-        return End(
+    def subscription(node: str, gid: str) -> GraphEndpoint:
+        return GraphEndpoint(
             node=node, role="subscription", msg_type="a/msg/B", qos=offer("volatile"), gid=gid
         )
 
@@ -158,8 +158,10 @@ def test_a_topic_needs_dds_for_a_subscription_without_a_socket_and_for_late_join
             lease_ns=0,
         )
 
-    def topic(durability: str, *subscriptions: End) -> TopicInfo:
-        source = End(node="/s", role="publisher", msg_type="a/msg/B", qos=offer(durability))
+    def topic(durability: str, *subscriptions: GraphEndpoint) -> TopicInfo:
+        source = GraphEndpoint(
+            node="/s", role="publisher", msg_type="a/msg/B", qos=offer(durability)
+        )
         return TopicInfo(
             name="/t", msg_types=("a/msg/B",), publishers=(source,), subscriptions=subscriptions
         )

@@ -10,7 +10,7 @@ from obk_cli.introspect.protocol import (
     GraphReply,
     KnownGraph,
     NamesReply,
-    NodeEnds,
+    NodeEndpoints,
     SetReply,
     WireParameter,
     decode_reply,
@@ -19,7 +19,7 @@ from obk_cli.introspect.protocol import (
     parameter_of,
     wire_parameter,
 )
-from obk_cli.ros.graph import End, GraphSnapshot, TopicInfo
+from obk_cli.ros.graph import GraphEndpoint, GraphSnapshot, TopicInfo
 from obk_cli.ros.parameters import NOT_SET, NodeParameter
 from obk_cli.ros.raw_subscription import OfferedQos
 from obk_cli.runs.protocol import decode, encode
@@ -34,7 +34,9 @@ OFFER = OfferedQos(
     lifespan_ns=2**63 - 1,
     lease_ns=2**63 - 1,
 )
-TALKER = End(node="/talker", role="publisher", msg_type="p/msg/M", qos=OFFER, type_hash="RIHS01_0")
+TALKER = GraphEndpoint(
+    node="/talker", role="publisher", msg_type="p/msg/M", qos=OFFER, type_hash="RIHS01_0"
+)
 KNOWN = KnownGraph(
     graph=GraphSnapshot(
         nodes=("/talker", "/talker"),
@@ -42,7 +44,7 @@ KNOWN = KnownGraph(
         services={"/talker/get_state": ("p/srv/S", "p/srv/T")},
     ),
     nodes={
-        "/talker": NodeEnds(
+        "/talker": NodeEndpoints(
             publishes={"/q": ("p/msg/M",)},
             subscribes={},
             services={"/talker/get_state": ("p/srv/S",)},
@@ -55,7 +57,7 @@ def test_a_graph_is_read_back() -> None:
     assert graph_of(decode_reply(encode(graph_reply(KNOWN)), GraphReply)) == KNOWN
 
 
-@pytest.mark.parametrize("key", ["nodes", "topics", "services", "ends"])
+@pytest.mark.parametrize("key", ["nodes", "topics", "services", "endpoints"])
 def test_a_graph_of_another_shape_is_an_error(key: str) -> None:
     data = json.loads(encode(graph_reply(KNOWN)))
     with pytest.raises(CommandFailedError, match=rf"\$\.{key}"):

@@ -16,7 +16,7 @@ from obk_cli.introspect.publishing import (
 )
 from obk_cli.introspect.target import GraphTarget
 from obk_cli.plan.plan import Endpoint, Plan
-from obk_cli.ros.graph import End, TopicInfo
+from obk_cli.ros.graph import GraphEndpoint, TopicInfo
 from obk_cli.ros.raw_subscription import OfferedQos
 from obk_cli.runs.folder import Run
 
@@ -62,7 +62,7 @@ class Look:
     def topic(self, name: str) -> TopicInfo:
         qos = cast(OfferedQos, None)
         ends = tuple(
-            End(node=node, role="subscription", msg_type=kind, qos=qos)
+            GraphEndpoint(node=node, role="subscription", msg_type=kind, qos=qos)
             for node, kind in self._listeners[: self.looks]
         )
         return TopicInfo(name=name, msg_types=("pkg/msg/State",), subscriptions=ends)

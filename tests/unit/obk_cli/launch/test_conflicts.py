@@ -1,4 +1,4 @@
-"""Nodes with the same names, unknown publishers and other message types in the ROS domain."""
+"""Nodes with the same names, unknown publishers and other message types in ROS domain."""
 
 import math
 import os
@@ -71,7 +71,7 @@ def look_twice(graph: Graph) -> None:
 
 def test_a_name_of_another_node_is_rejected() -> None:
     with pytest.raises(
-        CommandFailedError, match="already in use in the ROS domain 7: /obelisk_robot_0"
+        CommandFailedError, match="already in use in ROS domain 7: /obelisk_robot_0"
     ):
         refuse_taken_names(("/obelisk_robot_0",), Graph(("/x", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
 

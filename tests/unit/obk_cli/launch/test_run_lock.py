@@ -56,7 +56,7 @@ def test_a_claim_is_visible_to_other_terminals(tmp_path: Path) -> None:
 )
 def test_the_same_name_or_a_common_node_is_rejected(tmp_path: Path, second: Run) -> None:
     claim_run(tmp_path, RUN, NOW)
-    message = rf"the stack `s` is already running in the ROS domain 80 \(process {PID}, .*/b\)"
+    message = rf"the stack `s` is already running in ROS domain 80 \(process {PID}, .*/b\)"
     with pytest.raises(CommandFailedError, match=message) as raised:
         claim_run(tmp_path, second, NOW)
     assert raised.value.help == "stop it or use another ROS_DOMAIN_ID"
@@ -152,7 +152,7 @@ def test_two_simultaneous_claims_do_not_both_succeed(tmp_path: Path) -> None:
     for racer in racers:
         racer.communicate("\n")
     assert output.count("claimed") == 1
-    assert sum("is already running in the ROS domain 1" in line for line in output) == 2
+    assert sum("is already running in ROS domain 1" in line for line in output) == 2
 
 
 def test_the_oldest_runs_are_removed_but_never_live_ones(tmp_path: Path) -> None:
@@ -221,7 +221,7 @@ def test_a_replacing_launch_ends_the_other_launcher_first(tmp_path: Path) -> Non
     [
         (
             "running",
-            rf"the stack `s` in the ROS domain 80 did not stop \(process {PID}\)",
+            rf"the stack `s` in ROS domain 80 did not stop \(process {PID}\)",
         ),
         ("ended", "another process keeps restarting the stack `s`"),
     ],

@@ -329,7 +329,7 @@ def test_a_node_of_another_device_is_not_waited_for_longer_than_its_restarts_may
     ended = world.run(duration_s=None)
     assert ended.exit_code == 1
     assert ended.cause.startswith(f"{ROBOT} has not answered for 3")
-    assert ended.cause.endswith(" s, and the launch of its device has not restarted it")
+    assert ended.cause.endswith(" s, and the launch on its device has not restarted it")
     assert world.now < 45.0
 
 

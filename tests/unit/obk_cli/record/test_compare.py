@@ -132,7 +132,7 @@ def test_rates_lateness_and_rejected_commands(tmp_path: Path) -> None:
     second = written(tmp_path / "b.mcap", np.sin, step_ns=5 * MS)
     found = compared(first, second)
     assert found.topics[0].rate_hz == pytest.approx((100.0, 200.0))
-    assert found.topics[0].late_p99_ms == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert found.topics[0].jitter_p99_ms == pytest.approx((0.0, 0.0), abs=1e-6)
     assert found.rejected_commands == (7, None)
 
 

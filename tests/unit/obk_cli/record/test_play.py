@@ -47,7 +47,7 @@ def test_commands_by_the_config_or_by_the_type_are_left_out(run: RecordedRun) ->
 
 @pytest.mark.parametrize("name", ["/arm/ctrl", "/legs/torques"])
 def test_a_named_command_is_rejected_unless_allowed(run: RecordedRun, name: str) -> None:
-    with pytest.raises(CommandFailedError, match=f"`{name}`, which commands a robot"):
+    with pytest.raises(CommandFailedError, match=f"`{name}`: this would command a robot"):
         playable_topics(run, [name], may_move=False)
     assert playable_topics(run, [name], may_move=True) == ([name], [])
 

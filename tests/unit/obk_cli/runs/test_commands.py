@@ -106,10 +106,13 @@ def test_the_cause_comes_first(parent: Path, capsys: pytest.CaptureFixture[str])
     [
         (("lifecycle", "activte"), "did you mean `activate`"),
         (("lifecycle", "get", "--format", "xml"), "expected `text` or `json`"),
-        (("lifecycle", "get", "--timeout", "0"), "`--timeout 0`: expected seconds above 0"),
+        (
+            ("lifecycle", "get", "--timeout", "0"),
+            "`--timeout 0`: expected a number of seconds above 0",
+        ),
         (("ps", "--format", "xml"), "expected `text` or `json`"),
         (("stop", "dummy", "--all"), "not both"),
-        (("stop", "--timeout", "-1"), "`--timeout -1`: expected seconds above 0"),
+        (("stop", "--timeout", "-1"), "`--timeout -1`: expected a number of seconds above 0"),
         (("logs", "--lines", "-1"), "at least 0"),
     ],
 )

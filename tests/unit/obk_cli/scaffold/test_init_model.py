@@ -186,9 +186,9 @@ UNSTABLE = MIXED.replace('kv="0.2"', 'kv="1e6"')
 @pytest.mark.parametrize(
     ("text", "part"),
     [
-        ("[project]\n", "MuJoCo cannot read it as a model"),
+        ("[project]\n", "MuJoCo cannot read this file as a model"),
         ("<mujoco>\n<worldbody>\n</mujoco>", "given.xml:"),
-        ("<html/>", "MuJoCo cannot read it as a model"),
+        ("<html/>", "MuJoCo cannot read this file as a model"),
         ("<mujoco/>", "neither actuators nor a hinge or slide joint with a name"),
         (BOX, "a file of the model is missing: `../meshes/box.stl`"),
         (BOX.replace("../meshes", "/meshes"), "missing: `/meshes/box.stl`"),

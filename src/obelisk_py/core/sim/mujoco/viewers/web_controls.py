@@ -1,8 +1,8 @@
 """The controls of the viewer's page: pause, step, reset, speed, push, and the robot's answers.
 
-The buttons send requests to the robot, which carries them out or replies why it cannot. What the
-page shows follows the robot's reports, so it is also correct if something else paused the
-simulation.
+The buttons send requests to the robot, which carries them out or replies with the reason why it
+cannot. What the page shows follows the robot's reports, so it is also correct if something else
+paused the simulation.
 """
 
 import html
@@ -70,7 +70,7 @@ class SimulationControls:
             "Speed",
             _speeds(1.0),
             initial_value=_speed_label(1.0),
-            hint="Simulated time per wall time.",
+            hint="Simulated time relative to wall-clock time.",
         )
         self._keyframe = gui.add_dropdown("Keyframe", (*keyframes_of(model), _START))
         self._reset = gui.add_button("Reset", icon=viser.Icon.REFRESH)
@@ -108,7 +108,7 @@ class SimulationControls:
     ) -> tuple[Any, ...]:
         self._body = gui.add_dropdown("Body", bodies)
         self._direction = gui.add_vector3(
-            "Direction", (1.0, 0.0, 0.0), step=0.1, hint="In the world frame; of any length."
+            "Direction", (1.0, 0.0, 0.0), step=0.1, hint="In the world frame; length is ignored."
         )
         self._force = gui.add_number(
             "Force (N)", _default_force(model), min=0.0, max=LARGEST_FORCE_N
