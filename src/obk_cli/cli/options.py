@@ -69,7 +69,8 @@ TopicsOption = Annotated[
 TimeoutOption = Annotated[
     float,
     typer.Option(
-        help="Seconds to wait for a reply.", show_default="5, or 1 if no node at all is found"
+        help="Seconds to wait for a node, a reply or a message.",
+        show_default="5, or 1 if no node at all is found",
     ),
 ]
 MOST: Final = 1e6

@@ -66,7 +66,7 @@ def command(
     ] = "1",
     again: Annotated[
         str | None,
-        typer.Option(metavar="TESTID", help="Repeat the trial with this ID from the summary."),
+        typer.Option(metavar="TESTID", help="Repeat the test with this ID from the summary."),
     ] = None,
     twice: Annotated[
         bool,
@@ -84,7 +84,7 @@ def command(
     time_limit: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME", help="Start no more trials after this time, such as 90s, 10m or 1h."
+            metavar="TIME", help="Start no more tests after this time, such as 90s, 10m or 1h."
         ),
     ] = None,
     junitxml: Annotated[
