@@ -345,7 +345,7 @@ def _check_period(
             severity="warning",
             path=(*path, "dt"),
             message=f"sensor period {group['dt']:g} s is shorter than the simulation step "
-            f"{time_step_s:g} s, so it is published at every step",
+            f"{time_step_s:g} s, so the sensor publishes at every step",
             help=f"write `dt: {time_step_s:g}` or a multiple of it",
         )
 

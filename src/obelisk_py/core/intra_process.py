@@ -2,8 +2,9 @@
 
 Each subscription that runs in the library's executor has a buffer, registered by context and topic.
 A publisher puts its messages into the buffers of the subscriptions that DDS would match, and sends
-nothing while DDS counts no other subscription. Once another process subscribes, all subscriptions
-receive the messages through DDS.
+nothing through DDS while DDS counts no other subscription. A `LocalSender` serves the subscriptions
+in other processes of the run. Once there is any other subscription, all of them receive the
+messages through DDS.
 
 The following holds for each publisher and subscription, even while others are added and removed:
 
@@ -213,7 +214,7 @@ _making = threading.Lock()
 
 
 def intra_process_topic(context: Context, name: str) -> IntraProcessTopic:
-    """Return the topic with this full name in a context, which has only one."""
+    """Return a context's topic with this full name; there is one for each name."""
     with _making:
         return _topics.setdefault(context, {}).setdefault(name, IntraProcessTopic())
 

@@ -14,7 +14,7 @@ from obk_cli.errors import MisuseError
 __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: obk explain OBK203"
-_NEVER_SILENT = "It cannot be silenced, because no plan can be built until the error is fixed."
+_NEVER_SILENT = "This rule cannot be silenced, because a config with this error cannot be compiled."
 
 
 def command(

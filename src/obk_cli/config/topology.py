@@ -51,8 +51,8 @@ _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
     "obelisk_sensor_msgs/msg/ObkJointEncoders",
 }
-"""Configs for the original Obelisk may have the first name although the C++ code uses the second,
-which determines the type at run time."""
+"""Configs for the original Obelisk may have the first name although the C++ code, which determines
+the type at run time, uses the second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +111,7 @@ class Topology:
     """Every endpoint of every topic of a stack, computed once for all checks."""
 
     endpoints: tuple[TopicEndpoint, ...]
-    """Ends of the nodes, then of joysticks, then of nodes outside the stack."""
+    """Endpoints of the nodes, then of joysticks, then of nodes outside the stack."""
     by_node: tuple[tuple[Node, tuple[TopicEndpoint, ...]], ...]
     """Each node with its endpoints; two nodes may share a name by mistake."""
     published: Mapping[str, tuple[TopicEndpoint, ...]]

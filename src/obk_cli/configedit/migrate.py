@@ -34,7 +34,7 @@ _OLD_NAME = {"key": "ros_parameter", "seed": "key"}
 _PLAIN_COLON = re.compile(r"[ \t]*:\s*(?:#[^\r\n]*\s*)*")
 _BEHIND_COLON = re.compile(r"[ \t]*:[ \t]*(?=(#)|[\r\n])")
 _USUAL_INDENT = 2
-_IN_BRACES = "it is written in braces"
+_IN_BRACES = "the file is written in braces"
 _BLOCK_STYLE = "write it in block style, one key on each line, then migrate"
 
 
@@ -222,8 +222,8 @@ def _nest_sections(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnosti
     if devices := devices_of(tree):
         yield _kept(f"the sections are outside the device `{devices[0].key}`", devices[0].key_span)
     elif include is not None:
-        message = "the sections are kept at the top level: an included file would have to change "
-        yield _kept(f"{message}as well", include.key_span)
+        message = "the sections are kept at the top level: those of an included file would have to "
+        yield _kept(f"{message}move as well", include.key_span)
     elif between:
         message = f"the sections are kept at the top level: `{between[0].key}` is between them"
         yield _kept(message, between[0].key_span, "move it above the sections")

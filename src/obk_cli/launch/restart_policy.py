@@ -18,7 +18,6 @@ from obk_cli.runs.lifecycle import ACTIVE, UNCONFIGURED, Transition
 __all__ = ["RestartPolicy"]
 
 FIRST_BACKOFF_S: Final = 0.1
-LONGEST_BACKOFF_S: Final = 5.0
 
 
 class _Budget:
@@ -52,7 +51,7 @@ class _Budget:
             return None
         self._times.append(now)
         self.count += 1
-        return float(min(LONGEST_BACKOFF_S, FIRST_BACKOFF_S * 2 ** (len(self._times) - 1)))
+        return float(FIRST_BACKOFF_S * 2 ** (len(self._times) - 1))
 
 
 class RestartPolicy:

@@ -389,7 +389,7 @@ class Supervisor:
         return hung
 
     def _give_up_if_overdue(self, hung: Hung) -> bool:
-        """Fail the run if a node has been missing too long that another launch should restart."""
+        """Fail the run if a node on another device has been missing for too long."""
         node, state = hung.node, self._state
         if state.is_local(node) or state.on_crash(node) != "restart":
             return False
@@ -497,7 +497,7 @@ class Supervisor:
         names = state.units[unit].node_names
         is_early = state.is_early(unit)
         has_lifecycle = state.with_lifecycle.issuperset(names)
-        # Such a process only has to exit Python, which may take a while on a busy machine.
+        # A process without nodes only has to exit Python, which takes a while on a busy machine.
         is_over = has_lifecycle and state.are_all(names, FINALIZED)
         state.process_ended(unit)
         self._context.heartbeat.forget(names)
@@ -574,7 +574,7 @@ class Supervisor:
         if state.is_present(event.node):
             state.states[event.node] = event.state
         if lead is not None and not self._context.heartbeat.watches(lead):
-            self._watch({lead})  # the lead moved the node, so it is running
+            self._watch({lead})  # the lead changed the state, so the lead is running
         if event.transition:
             state.requested[event.node] = event.state
         self._context.publisher.publish(event)
@@ -583,7 +583,7 @@ class Supervisor:
             self._run.stop(FROM_ELSEWHERE)
 
     def _failed(self, event: Failed) -> None:
-        """Handle a node's failure as a crash; whoever requested a transition handles that."""
+        """Handle a failure as a crash, unless it is that of a requested transition."""
         state = self._state
         if self._context.pending.pop(event) or self._run.is_going_down:
             return

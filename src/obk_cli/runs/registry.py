@@ -261,7 +261,7 @@ def end_launcher(
 ) -> LauncherEnd:
     """Ask a launcher to shut down its stack, and wait until it has exited.
 
-    It uses the control socket, otherwise SIGINT; a suspended launcher is resumed first.
+    The request uses the control socket, otherwise SIGINT; a suspended launcher is resumed first.
 
     Args:
         folder: the folder of the run.

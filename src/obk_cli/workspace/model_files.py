@@ -29,7 +29,7 @@ from obk_cli.workspace.package_index import PackageIndex
 __all__ = ["ModelCopy", "copy_model"]
 
 _FOLDER = PurePosixPath("model")
-"""Folder of the workspace."""
+"""The model's folder in the workspace."""
 _ASSETS = "assets"
 """Folder for the meshes of a URDF, within the model's folder."""
 _USUAL_PERIOD_S = 0.002
@@ -247,7 +247,7 @@ def _mesh_file(name: str, path: Path, folder: str, packages: PackageIndex) -> Pa
 
 
 def _is_package(folder: Path, name: str) -> bool:
-    """Whether it is the folder of a ROS package with this name."""
+    """Whether this is the folder of a ROS package with this name."""
     if folder.name == name:
         return True
     manifest = folder / "package.xml"

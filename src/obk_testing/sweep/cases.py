@@ -309,7 +309,7 @@ def make_cases(
         seeds: number of seeds; with `varied` and no grid, the number of samples, which have one
             seed each.
         varied: the varied values.
-        is_grid: whether to combine all values with every seed; otherwise, draws a Latin hypercube.
+        is_grid: whether to combine all values with every seed; if not, they form a Latin hypercube.
         overrides: `path=value` for all cases.
     """
     fixed = [(path, value) for path, _, value in (each.partition("=") for each in overrides)]

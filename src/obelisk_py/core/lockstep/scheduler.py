@@ -44,7 +44,7 @@ STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
 MOST_AT_ONE_TIME: Final = 100_000
 """Maximum number of events without time advancing; exceeding it ends the run."""
 _LONGEST_CALLBACK_NS: Final = 1_000 * NS_PER_S
-"""Maximum time that a callback may sleep; one that sleeps longer waits for what cannot happen."""
+"""Maximum time that a callback may sleep; longer sleeps wait for something that cannot happen."""
 _TRACED: Final = 64
 """Number of events to trace when nodes trigger each other endlessly."""
 

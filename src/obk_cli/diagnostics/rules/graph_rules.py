@@ -152,10 +152,11 @@ RULES: tuple[Rule, ...] = (
         code="OBK220",
         severity="warning",
         title="a period about 1000 times longer than the others",
-        cause="`2` is often written instead of `0.002`. The rule reports a timer or sensor of "
-        "the control loop slower than 1 Hz if the fastest one in the loop is about 1000 times "
-        "faster. It also reports the longest period of all if the others are about 1000 times "
-        "shorter. For a custom timer, which may be slow on purpose, the finding is info-level.",
+        cause="`2` is often written instead of `0.002`. The rule reports a timer or sensor in "
+        "the control loop that is slower than 1 Hz if the fastest one in the loop is about 1000 "
+        "times faster. It also reports the longest period of all if the others are about 1000 "
+        "times shorter. For a custom timer, which may be slow on purpose, the finding is "
+        "info-level.",
         fix="Correct the period. If the period is intended, silence the rule.",
     ),
 )
