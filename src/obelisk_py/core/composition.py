@@ -29,11 +29,11 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode, node_arguments
 from obelisk_py.core.spinning import (
     ShutdownSignals,
     SpinRequest,
+    past_gate,
     ros_process,
     simulated_time_from,
     spin_nodes,
     spin_requests_served_by,
-    wait_at_gate,
 )
 
 __all__ = [
@@ -190,9 +190,9 @@ class _Host:
             self._fail(program, fault)
 
     def _spin(self) -> None:
-        wait_at_gate()
-        executor = EventLoopExecutor()
-        with ExitStack() as stack:
+        with ExitStack() as stack, ExitStack() as gate:
+            gate.enter_context(past_gate([]))
+            executor = EventLoopExecutor()
             page = stack.enter_context(open_clock_page())
             stack.callback(executor.shutdown)
             stack.enter_context(simulated_time_from(page, executor))
@@ -204,6 +204,7 @@ class _Host:
                         created.destroy_node()
                     return
                 nodes[node] = program
+            gate.close()
             try:
                 died = spin_nodes(executor, list(nodes), self._signals)
             except BaseException as error:
