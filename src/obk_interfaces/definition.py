@@ -114,7 +114,7 @@ def check_definition(
     problems: list[DefinitionProblem] = []
     if not _MESSAGE_NAME.fullmatch(interface.name):
         sentence = f"`{interface.name}` cannot be the name of a message"
-        help = "name the file in CamelCase, such as JointState.msg"
+        help = "use CamelCase for the name, for example JointState.msg"
         problems.append(
             DefinitionProblem(path=path, line=1, column=1, sentence=sentence, help=help)
         )
@@ -185,7 +185,7 @@ def _check_constant(line: _Line, name: str, start: int) -> Iterator[DefinitionPr
         yield line.problem(
             start,
             f"`{name}` cannot be the name of a constant",
-            "use uppercase letters, digits and single underscores, such as MAX_SPEED",
+            "use uppercase letters, digits and single underscores, for example MAX_SPEED",
         )
 
 

@@ -107,7 +107,7 @@ class CommandAge:
 class WatchdogThread:
     """A thread that wakes when a robot's latest command becomes stale.
 
-    It runs the callback itself, so a busy executor cannot delay it. It sleeps from one deadline to
+    It calls `check` itself, so a busy executor does not delay it. It sleeps from one deadline to
     the next, so commands that arrive in time cost nothing.
     """
 

@@ -12,7 +12,7 @@ The following holds for each publisher and subscription, even while others are a
 - No message is lost that DDS would not lose. A subscription in another process receives the
   messages published after the publisher discovered it, as with DDS alone. A buffer holds up to
   `history_depth` messages and then drops the oldest. While DDS still holds messages for the
-  subscription, the limit applies to each of the two.
+  subscription, the limit applies to the buffer and to DDS separately.
 - Messages arrive in the order in which they were published, provided that DDS delivers within
   `publish`, as Fast DDS does within a process. A publisher that has sent through DDS continues to
   do so until the subscription has taken everything that DDS held for it. With

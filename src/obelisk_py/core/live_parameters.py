@@ -1,6 +1,6 @@
 """Apply new values of a node's `Parameter`s between two callbacks.
 
-Each callback records that it is running, and a change waits until no callback is. Then all waiting
+Each callback records that it is running, and a change waits until none is running. Then all waiting
 values are set together, and `on_parameters` is called before the next callback. On an executor with
 several threads, there may never be a moment without a running callback. A callback that starts
 while a change is waiting therefore waits too, but at most as long as its own last run took. A slow

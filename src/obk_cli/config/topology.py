@@ -71,7 +71,7 @@ class TopicEndpoint:
     """The topic as written."""
     type_span: Span | None = None
     ignores_type: bool = False
-    """Whether `msg_type` is for readers only, because the node is in C++."""
+    """Whether `msg_type` is informational only, because the node is in C++."""
     code_type: str | None = None
     """The type in the node's source, if that can be read; this type is used at run time."""
     qos: Qos = Qos()  # noqa: RUF009  (frozen)
@@ -145,7 +145,7 @@ def _by_topic(
 
 
 def may_be_one(one: str | None, other: str | None) -> bool:
-    """Whether two types are equal, or possibly mean the same type."""
+    """Whether two names of types are equal, or may denote the same type."""
     return one == other or {one, other} == _ONE_SEED_NAME
 
 

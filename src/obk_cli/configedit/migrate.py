@@ -34,7 +34,7 @@ _OLD_NAME = {"key": "ros_parameter", "seed": "key"}
 _PLAIN_COLON = re.compile(r"[ \t]*:\s*(?:#[^\r\n]*\s*)*")
 _BEHIND_COLON = re.compile(r"[ \t]*:[ \t]*(?=(#)|[\r\n])")
 _USUAL_INDENT = 2
-_IN_BRACES = "the file is written in braces"
+_IN_BRACES = "the file uses flow style (braces)"
 _BLOCK_STYLE = "write it in block style, one key on each line, then migrate"
 
 

@@ -36,7 +36,7 @@ class _Budget:
         return len(self._times)
 
     def spend(self, now: float) -> float | None:
-        """Take one restart.
+        """Use up one restart.
 
         Args:
             now: monotonic time [s].

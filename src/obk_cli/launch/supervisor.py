@@ -497,7 +497,7 @@ class Supervisor:
         names = state.units[unit].node_names
         is_early = state.is_early(unit)
         has_lifecycle = state.with_lifecycle.issuperset(names)
-        # A process without nodes only has to exit Python, which takes a while on a busy machine.
+        # A process whose nodes are finalized only has to exit Python, which may take a while.
         is_over = has_lifecycle and state.are_all(names, FINALIZED)
         state.process_ended(unit)
         self._context.heartbeat.forget(names)

@@ -183,7 +183,7 @@ class RecordedClock:
         self._time_ns = np.maximum.accumulate(stamped[order])
 
     def time_ns(self, message: RecordedMessage) -> int:
-        """The time of a message [ns]: the latest stamp so far or, without stamps, its publication.
+        """The time of a message [ns]: the latest stamp so far or, without stamps, when it was sent.
 
         Messages are in the order of receipt, so the time may go back slightly.
         """

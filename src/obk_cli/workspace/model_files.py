@@ -203,7 +203,7 @@ def _from_urdf(path: Path, root: ElementTree.Element, folder: Path) -> tuple[Fil
     _require_files(
         [name for name in lost if copies[name] in wanted],
         str(path),
-        f"in {path.parent}, in the packages around it and in those on AMENT_PREFIX_PATH",
+        f"in {path.parent}, in the packages of its workspace and in those on AMENT_PREFIX_PATH",
     )
     read = _read(source, shown=str(path))
     used = {PurePosixPath(relative) for relative, _ in read.referenced_files}

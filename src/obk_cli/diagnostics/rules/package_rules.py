@@ -130,7 +130,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a parameter outside its declared range",
         cause="The node's class declares limits or an enum for this `Parameter`. The node fails "
-        "to start if the config sets any other value.",
+        "to start if the config sets a value that they do not allow.",
         fix="Write an allowed value, or change the limits in the code.",
     ),
     Rule(
