@@ -66,7 +66,7 @@ def run(seconds: float, settings: VideoSettings | None) -> dict[str, Any]:
                 TimedOutput(times=SampleTimes(period_s=1.0, step_s=1.0), publish=note),
                 *films,
             ),
-            stamp=lambda: None,
+            stamp=lambda: 0,
             warn=reported.append,
             report=lambda _: None,
         )

@@ -26,6 +26,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -91,7 +92,7 @@ def factors(arguments: argparse.Namespace) -> dict[str, Any]:
         rounds = []
         for seed in range(arguments.rounds):
             with StackTrial(stack, seed=seed) as trial:
-                rounds.append(duration_s / used_s(lambda t=trial, d=duration_s: t.run(d)))
+                rounds.append(duration_s / used_s(partial(trial.run, duration_s)))
         stack.close()
         found[name] = {"best": round(max(rounds), 2), "rounds": [round(each, 2) for each in rounds]}
     return found
@@ -103,7 +104,7 @@ def trials(arguments: argparse.Namespace) -> dict[str, Any]:
     for name, config in EXAMPLES.items():
         stack = load_stack(config)
         seconds = [
-            used_s(lambda s=stack: whole_trial(s, TRIAL_S)) for _ in range(arguments.rounds + 1)
+            used_s(partial(whole_trial, stack, TRIAL_S)) for _ in range(arguments.rounds + 1)
         ]
         stack.close()
         found[name] = {"per_minute": round(60 / min(seconds[1:]), 1)}

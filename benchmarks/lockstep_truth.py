@@ -111,7 +111,7 @@ def launch(folder: Path, seconds: float) -> tuple[Path, Angles]:
     environment = {**os.environ, "OBK_HOME": str(home), "ROS_DOMAIN_ID": "98"}
     environment.pop("ROS_AUTOMATIC_DISCOVERY_RANGE", None)
     duration = f"{seconds + LAUNCH_MORE_S:g}"
-    words = [OBK, "launch", CONFIG, "--duration", duration, "--record-topic", TOPIC]
+    words = [str(OBK), "launch", str(CONFIG), "--duration", duration, "--record-topic", TOPIC]
     subprocess.run(words, env=environment, check=True, stdout=subprocess.DEVNULL, timeout=120)
     (run,) = set(home.glob("runs/quadruped_*")) - before
     codec = codec_for(ObkJointEncoders)

@@ -22,6 +22,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import psutil
 
@@ -125,7 +126,9 @@ def seconds_of(words: list[str], runs: int, variables: dict[str, str]) -> dict[s
     }
 
 
-def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, str]) -> dict:
+def counting(
+    topics: int, rate_hz: float, seconds: float, variables: dict[str, str]
+) -> dict[str, Any]:
     """Run `obk topic hz` on many topics with a high rate."""
     words = (str(topics), str(rate_hz), str(seconds))
     publisher = subprocess.Popen(

@@ -50,10 +50,11 @@ def write(path: Path, seconds: int, seed: int) -> None:
     with BagWriter(path) as writer:
         topics = []
         for name, message in messages.items():
-            kind = message_name(type(message))
+            message_class: Any = type(message)
+            kind = message_name(message_class)
             text = schema_text(kind, installed_definition) or ""
             channel = writer.add_topic(f"/big/{name}", kind, text, {})
-            codec: Any = codec_for(type(message))
+            codec: Any = codec_for(message_class)
             topics.append((channel, message, codec))
         for number in range(seconds * RATE_HZ):
             joints = numbers.normal(size=len(NAMES))

@@ -31,6 +31,7 @@ import time
 from array import array
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -177,7 +178,8 @@ class Rig:
 
 def dummy_block() -> dict[str, Any]:
     """The `sim` block of the dummy example."""
-    block: dict[str, Any] = load_yaml_core(DUMMY.read_text(encoding="utf-8"))["robot"]["sim"]
+    config: Any = load_yaml_core(DUMMY.read_text(encoding="utf-8"))
+    block: dict[str, Any] = config["robot"]["sim"]
     return block
 
 
@@ -320,9 +322,9 @@ def cost(node: GuardedLifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
         "mj_step_us": step_bare,
         "no_sensors_us": lambda: silent.run(steps),
         "three_groups_sent_to_nobody_us": lambda: sent.run(steps),
-        **{f"three_groups_{name}_us": lambda rig=rig: rig.run(steps) for name, rig in rigs.items()},
+        **{f"three_groups_{name}_us": partial(rig.run, steps) for name, rig in rigs.items()},
         **{
-            f"encoders_of_{JOINTS}_joints_{name}_us": lambda publish=publish: publish(steps)
+            f"encoders_of_{JOINTS}_joints_{name}_us": partial(publish, steps)
             for name, publish in messages.items()
         },
     }

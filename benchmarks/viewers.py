@@ -69,9 +69,11 @@ def print_factors(seconds: float) -> None:
     rclpy.init()
     node = rclpy.create_node("factors")
     factors: list[float] = []
-    node.create_subscription(
-        Float64, "/obelisk_robot_0/rtf", lambda message: factors.append(message.data), 10
-    )
+
+    def note(message: Any) -> None:
+        factors.append(message.data)
+
+    node.create_subscription(Float64, "/obelisk_robot_0/rtf", note, 10)
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.1)
@@ -136,7 +138,7 @@ def lateness(
             pace=Pace(simulation.step_s),
             clock=clock,
             outputs=outputs,
-            stamp=lambda: None,
+            stamp=lambda: 0,
             warn=print,
             report=lambda _: None,
         )

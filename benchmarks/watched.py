@@ -73,7 +73,7 @@ class Counts:
 @contextmanager
 def stack(options: Sequence[str]) -> Iterator[psutil.Process]:
     """Run the dummy stack; it is active when entered."""
-    command = [OBK, "launch", DUMMY, "--format", "json", *options]
+    command = [str(OBK), "launch", str(DUMMY), "--format", "json", *options]
     launch = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,

@@ -57,7 +57,7 @@ def make_live_pictures() -> None:
 @contextmanager
 def _stack() -> Iterator[None]:
     """Run the dummy stack; it is active inside the `with` block."""
-    command = [OBK, "launch", DUMMY, "--color", "never"]
+    command = [str(OBK), "launch", str(DUMMY), "--color", "never"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as launch:
         assert launch.stdout is not None
         next(line for line in launch.stdout if line.endswith("] active\n"))
@@ -87,7 +87,7 @@ async def _monitor() -> None:
 
 
 def _page() -> None:
-    command = [OBK, "web", "--port", "0"]
+    command = [str(OBK), "web", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as serving:
         assert serving.stdout is not None
         address = serving.stdout.readline().split()[-1]

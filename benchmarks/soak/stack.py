@@ -132,7 +132,7 @@ class Stack:
         for process in self.observers:
             code = self._end(process)
             if code is None or code < 0:
-                self.blame(f"`obk {' '.join(map(str, process.args[1:]))}` exited with {code}")
+                self.blame(f"{process.args!r} exited with {code}")
         self.observers.clear()
 
     def change_period(self) -> float:
