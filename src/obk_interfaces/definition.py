@@ -36,6 +36,11 @@ _CPP_KEYWORDS = frozenset(
 )
 
 
+def _series(words: Sequence[str]) -> str:
+    """`C, C++ and Python`."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
 def _languages_reserving(word: str) -> tuple[str, ...]:
     """Return the languages in which the word is a keyword."""
     languages = (("C", _C_KEYWORDS), ("C++", _CPP_KEYWORDS), ("Python", frozenset(keyword.kwlist)))
@@ -168,8 +173,7 @@ def _check_field(line: _Line, name: str, start: int) -> Iterator[DefinitionProbl
     if languages := _languages_reserving(name):
         yield line.problem(
             start,
-            f"`{name}` is a keyword in {' and '.join(languages)}: "
-            "the generated code would not compile",
+            f"`{name}` is a keyword in {_series(languages)}: the generated code would not compile",
             f"choose another name, such as `{name}_value`",
         )
     elif not _FIELD_NAME.fullmatch(name):

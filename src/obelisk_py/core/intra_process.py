@@ -3,8 +3,8 @@
 Each subscription that runs in the library's executor has a buffer, registered by context and topic.
 A publisher puts its messages into the buffers of the subscriptions that DDS would match, and sends
 nothing through DDS while DDS counts no other subscription. A `LocalSender` serves the subscriptions
-in other processes of the run. Once there is any other subscription, all of them receive the
-messages through DDS.
+in other processes of the run. Once there is any other subscription, all subscriptions
+receive the messages through DDS.
 
 The following holds for each publisher and subscription, even while others are added and removed:
 

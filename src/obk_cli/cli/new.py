@@ -123,7 +123,7 @@ Format = Annotated[Literal["text", "json"], typer.Option("--format", help="Outpu
 def new(
     context: typer.Context,
     list_kinds: Annotated[
-        bool, typer.Option("--list", help="List the kinds with their languages and templates.")
+        bool, typer.Option("--list", help="List what can be created, with languages and templates.")
     ] = False,
     templates: Templates = None,
     format: Format = "text",
@@ -236,7 +236,7 @@ def new_robot(
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Create a robot driver: control messages in, sensors out."""
+    """Create a robot driver: control messages in, sensor messages out."""
     request = PackageRequest(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
     run_new(
         request,

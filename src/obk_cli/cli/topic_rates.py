@@ -39,7 +39,7 @@ POLL_S: Final = 0.001
 """Polling period; short compared with the measured latencies [s]."""
 
 DurationOption = Annotated[
-    float | None, typer.Option(help="Measure for this time [s] and print one report.")
+    float | None, typer.Option(help="Measure for this long [s] and print one report.")
 ]
 
 
@@ -53,7 +53,7 @@ def hz(
         ),
     ],
     window: Annotated[
-        float, typer.Option(help="Compute statistics over the last N seconds.")
+        float, typer.Option(help="Compute statistics over this many seconds.")
     ] = 10.0,
     duration: DurationOption = None,
     domain: DomainOption = None,
@@ -116,7 +116,7 @@ def _measure_rates(
 def delay(
     topic: TopicArgument,
     window: Annotated[
-        int, typer.Option(min=1, help="Compute statistics over the last N messages.")
+        int, typer.Option(min=1, help="Compute statistics over this many messages.")
     ] = 10_000,
     duration: DurationOption = None,
     domain: DomainOption = None,

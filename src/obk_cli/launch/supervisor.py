@@ -235,7 +235,13 @@ class Supervisor:
                 # A node may have crashed after the transition.
                 self._restarts.handle_crashes()
                 return self._run.may_go_on
-            culprits = [m for m in answer.members if m.is_culprit and m.result != "gone"]
+            # A node that failed by itself rejects the transition: that is a crash like any other.
+            crashed = {crash.node for crash in self._state.crashes}
+            culprits = [
+                member
+                for member in answer.members
+                if member.is_culprit and member.result != "gone" and member.node not in crashed
+            ]
             for member in culprits:
                 self._run.fail(reason(member, transition, limit_s), member.node)
             if not culprits and not self._state.crashes and self._run.may_go_on:

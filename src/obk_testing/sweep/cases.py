@@ -178,7 +178,7 @@ def parse_varied(text: str) -> Varied:
     if not equals or not path or not values:
         raise MisuseError(
             f"`--vary {text}`: expected PATH=RANGE",
-            help="such as `control.params.gain=50..200` or `control.params.mode=soft,stiff`",
+            help="for example `control.params.gain=50..200` or `control.params.mode=soft,stiff`",
         )
     if found is None:
         listed = tuple(value.strip() for value in values.split(","))

@@ -41,7 +41,13 @@ def test_definitions_that_rosidl_accepts_are_accepted(text: str) -> None:
 
 @pytest.mark.parametrize(
     ("word", "languages"),
-    [("short", "C and C++"), ("class", "C++ and Python"), ("from", "Python"), ("xor", "C++")],
+    [
+        ("short", "C and C++"),
+        ("for", "C, C++ and Python"),
+        ("class", "C++ and Python"),
+        ("from", "Python"),
+        ("xor", "C++"),
+    ],
 )
 def test_a_keyword_is_rejected_with_its_location_and_languages(word: str, languages: str) -> None:
     assert problems_of(f"float64 x\n  int32 {word}\n") == [

@@ -165,8 +165,8 @@ class EventLoopExecutor(Executor):
         self._is_shutdown = True
         ended = self._pool.stop(timeout_s)
         if ended:
-            # Does not call the base class, which destroys a guard condition. A signal thread of
-            # rclpy may be about to trigger it, which would crash.
+            # Does not call the base class, which destroys a guard condition. rclpy's
+            # signal thread may be about to trigger it, which would crash the process.
             with self._nodes_lock:
                 self._nodes = set()
         return ended
@@ -179,7 +179,7 @@ class EventLoopExecutor(Executor):
                 if not self._should_continue():
                     return
                 self._pool.run_posted(worker)
-                # A future that is done has interrupted the worker, see `_woken_by`.
+                # A future that is done has interrupted the worker; see `_woken_by`.
                 if future is not None and _is_done(future):
                     return
             if end_s is not None:

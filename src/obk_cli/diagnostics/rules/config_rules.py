@@ -253,14 +253,14 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK503",
         severity="warning",
-        title="`n_u` differs from the model",
+        title="`n_u` differs from the model's",
         cause="`n_u` is a legacy key; the number of controls comes from the model.",
         fix="Remove `n_u`.",
     ),
     Rule(
         code="OBK504",
         severity="warning",
-        title="`time_step` differs from the model",
+        title="`time_step` differs from the model's",
         cause="The simulator uses the config's `time_step` instead of the step for which the "
         "model was tuned. The original Obelisk (the one for full ROS 2 installations) ignores "
         "`time_step` and uses the model's.",

@@ -128,7 +128,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK415",
         severity="error",
-        title="a parameter outside its declared range",
+        title="a parameter value that its declaration does not allow",
         cause="The node's class declares limits or an enum for this `Parameter`. The node fails "
         "to start if the config sets a value that they do not allow.",
         fix="Write an allowed value, or change the limits in the code.",

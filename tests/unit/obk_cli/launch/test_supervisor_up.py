@@ -7,6 +7,7 @@ from functools import partial
 import pytest
 
 from obk_cli.launch.events import (
+    Answered,
     AnswersAgain,
     ChangeRequested,
     Evidence,
@@ -88,6 +89,46 @@ def test_a_crash_during_the_bring_up_is_recovered() -> None:
     assert ended.exit_code == 0
     assert world.started.count(ESTIMATOR) == 3
     assert "active" in world.phases
+
+
+class FaultyWorld(World):
+    """The controller, which is inactive, fails when the robot is activated for the first time."""
+
+    def request(self, node: str, transition: str) -> None:
+        is_first = (ROBOT, "activate") not in self.done
+        if (node, transition) == (ROBOT, "activate") and is_first:
+            self.states[CONTROLLER] = "unconfigured"
+            self.inbox.append(Failed(node=CONTROLLER, fault="on_state: boom"))
+        if (node, transition) == (CONTROLLER, "activate") and self.states[node] == "unconfigured":
+            self.done.append((node, transition))
+            self.inbox.append(Answered(node=node, transition=transition, success=False, fault=""))
+        else:
+            super().request(node, transition)
+
+
+def test_a_fault_of_an_inactive_node_during_the_bring_up_is_recovered() -> None:
+    world = FaultyWorld(on_crash="restart")
+    assert world.run().exit_code == 0
+    assert world.started.count(CONTROLLER) == 1
+    assert world.transitions_of(CONTROLLER)[:4] == [
+        "configure",
+        "activate",
+        "configure",
+        "activate",
+    ]
+    assert "active" in world.phases
+
+
+def test_a_node_that_fails_during_the_bring_up_may_be_ignored() -> None:
+    world = FaultyWorld(on_crash="ignore")
+    assert world.run().exit_code == 0
+    assert world.of(GoesOnWithout) == [GoesOnWithout(nodes=(CONTROLLER,))]
+
+
+def test_a_node_that_fails_during_the_bring_up_stops_the_stack_by_default() -> None:
+    ended = FaultyWorld().run()
+    assert ended.exit_code == 1
+    assert ended.cause == f"{CONTROLLER} failed: on_state: boom"
 
 
 def test_a_node_that_fails_again_after_its_restart_uses_up_its_budget() -> None:

@@ -39,7 +39,7 @@ _WEIGHTS: Final = 0.5
 """Default force of a push, relative to the weight of the moving bodies."""
 _NOT_STEPPING: Final = {
     "unconfigured": "is not configured",
-    "inactive": "is inactive: the simulation starts when it is activated",
+    "inactive": "is inactive: the simulation starts when the robot is activated",
     "finalized": "has been shut down",
 }
 
