@@ -204,7 +204,7 @@ class SilenceLog:
             longest_s, self._longest_s = self._longest_s, 0.0
             self._is_reported = silent_s is not None
         if silent_s is None:
-            return f"commands stopped {count}x, the longest time for {longest_s:.3f} s"
+            return f"commands stopped {count}x, for up to {longest_s:.3f} s"
         if count > 1:
             return f"commands stopped {count}x, most recently for {silent_s:.3f} s"
         return f"no command for {silent_s:.3f} s"

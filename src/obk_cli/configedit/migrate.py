@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from obelisk_spec.components import SETTING_SUFFIX, component_identity
 from obk_cli.config.fixes import is_flow, remove_entry, respell
 from obk_cli.config.model import ONE_DEVICE
-from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, kind_of
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.configedit.spelling import (
     Spelling,
@@ -29,6 +29,7 @@ from obk_cli.diagnostics.source import SourceFile, Span, indent_of, line_end_of
 
 __all__ = ["Migrated", "migrate_source"]
 
+# `seed` is the syntax of the original Obelisk.
 _NEW_NAME = {"key": "key", "seed": "ros_parameter"}
 _OLD_NAME = {"key": "ros_parameter", "seed": "key"}
 _PLAIN_COLON = re.compile(r"[ \t]*:\s*(?:#[^\r\n]*\s*)*")
@@ -76,8 +77,9 @@ def migrate_source(source: SourceFile, to: Spelling) -> Migrated:
 
 
 def _not_a_config(tree: Tree | None, source: SourceFile) -> Diagnostic:
-    if tree is None:
-        return found("OBK114", "the file is empty, not a config", Span.at(source, 1, 1))
+    if tree is None or (isinstance(tree, TreeScalar) and tree.value in (None, "")):
+        span = tree.span if tree else Span.at(source, 1, 1)
+        return found("OBK114", "the file is empty, not a config", span)
     is_map = isinstance(tree, TreeMap)
     what = "no section of a config" if is_map else f"{kind_of(tree)}, not a config"
     return found("OBK114", f"the file contains {what}", tree.span)

@@ -156,7 +156,7 @@ class Supervisor:
 
     def _judge_rejections(self) -> None:
         for node, rejection in sorted(self._rejections.items()):
-            how = f"rejected every command in its last {rejection.seconds:.1f} s"
+            how = f"rejected every command for the last {rejection.seconds:.1f} s of the run"
             self._run.fail(f"{node} {how}: {rejection.reason}", node)
 
     def _ended(self) -> Ended:
@@ -584,7 +584,7 @@ class Supervisor:
         if event.transition:
             state.requested[event.node] = event.state
         self._context.publisher.publish(event)
-        # Without a transition, the change of state ends a failure, which has its own event.
+        # A state change without a transition results from a failure, which has its own event.
         if event.transition and state.are_all(state.local_nodes() - state.lost, FINALIZED):
             self._run.stop(FROM_ELSEWHERE)
 

@@ -41,7 +41,7 @@ NO_ANSWER: Final = "no answer"
 """Replaces a node's state if there is no answer."""
 LauncherEnd = Literal["ended", "killed", "running"]
 STOP_S: Final = 15.0
-"""Time for a shutdown after which a stack counts as stuck [s]."""
+"""Duration of a shutdown after which a stack counts as stuck [s]."""
 KILL_S: Final = 5.0
 """Limit for a killed process to exit [s]."""
 EXIT_S: Final = 2.0

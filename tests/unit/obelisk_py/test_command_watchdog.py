@@ -183,7 +183,7 @@ def test_a_silence_is_reported_once_a_grace_is_over(silences):
 def test_the_return_of_commands_is_reported_only_after_their_absence_was(silences):
     silences.begin(100.0)
     assert not silences.end(0.2)
-    assert silences.report(100.5, None) == "commands stopped 1x, the longest time for 0.200 s"
+    assert silences.report(100.5, None) == "commands stopped 1x, for up to 0.200 s"
     silences.begin(200.0)
     silences.report(200.5, 0.55)
     assert silences.end(3.0)
@@ -200,7 +200,7 @@ def test_silences_now_and_then_are_counted_and_reported_each_ten_seconds(silence
         silences.begin(now_s)
         silences.end(0.1)
     assert [now_s for now_s, _ in reported] == pytest.approx([100.6, 110.6, 120.6])
-    assert reported[1][1] == "commands stopped 50x, the longest time for 0.100 s"
+    assert reported[1][1] == "commands stopped 50x, for up to 0.100 s"
 
 
 def test_a_lasting_silence_is_reported_as_such_among_others(silences):

@@ -246,6 +246,7 @@ def test_aliases_that_tie_places_together_leave_the_file_alone() -> None:
     [
         ("", "OBK114"),
         ("# nothing\n", "OBK114"),
+        ("~\n", "OBK114"),
         ("- a\n", "OBK114"),
         ("site_name: a\n", "OBK114"),
         ("a: [", "OBK003"),
