@@ -1,6 +1,6 @@
 """Migrate a config's text from one syntax to the other, and verify that its meaning is unchanged.
 
-Pure: returns the new text and what could not be migrated, or the faults of invalid text. Includes
+Pure: returns the new text and what could not be migrated, or the errors in invalid text. Includes
 are not followed. A component keeps its name if the other syntax would not mean the same to every
 node, because of a different `key` beside it, a name without `_setting`, or an anchor.
 """
@@ -81,7 +81,7 @@ def _not_a_config(tree: Tree | None, source: SourceFile) -> Diagnostic:
         span = tree.span if tree else Span.at(source, 1, 1)
         return found("OBK114", "the file is empty, not a config", span)
     is_map = isinstance(tree, TreeMap)
-    what = "no section of a config" if is_map else f"{kind_of(tree)}, not a config"
+    what = "no config sections" if is_map else f"{kind_of(tree)}, not a config"
     return found("OBK114", f"the file contains {what}", tree.span)
 
 

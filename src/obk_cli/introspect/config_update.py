@@ -118,7 +118,7 @@ def _present_values(
             found[node] = {name: one.value for name, one in values.items() if one.value is not None}
     if not found:
         raise CommandFailedError(
-            "no node of the config is running", help="start the stack with `obk launch`"
+            "no node in the config is running", help="start the stack with `obk launch`"
         )
     return found
 

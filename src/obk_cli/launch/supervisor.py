@@ -406,7 +406,7 @@ class Supervisor:
         return True
 
     def _publish_rates(self, events: Iterable[OutputEvent]) -> None:
-        """Publish changes in rates; with strict rates, a broken rate ends the run."""
+        """Publish changes in rates; with strict rates, a missed rate ends the run."""
         for event in events if not self._run.is_going_down else ():
             self._context.publisher.publish(event)
             if not self._strict_rates:

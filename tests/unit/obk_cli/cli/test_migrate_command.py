@@ -127,7 +127,7 @@ def test_unmigrated_parts_are_reported_on_stderr(
     [
         (b"a: [", "c.yaml:1:4: error[OBK003]: the `[` opened here"),
         (b"\xff", "c.yaml:1:1: error[OBK002]: byte 0xff is not UTF-8"),
-        (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file contains no section of a config"),
+        (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file contains no config sections"),
     ],
 )
 def test_a_file_that_is_no_config_is_ignored(
