@@ -38,7 +38,7 @@ __all__ = [
 NS_PER_S: Final = 1_000_000_000
 _LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.", "queue.", "asyncio.")
 _STOP: Final = -1
-"""Kind of the event that ends a run with an error; it precedes all others with the same due time."""
+"""Kind of the event that ends a run with an error; it runs before others with its due time."""
 STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
 """Kinds of events, in the order in which events due at the same time run."""
 MOST_AT_ONE_TIME: Final = 100_000
