@@ -180,7 +180,7 @@ class Noted(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", tag="
 class GraphAnswer(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", tag="look"):
     """The launcher's answer to a query about the ROS graph."""
 
-    value: msgspec.Raw = msgspec.field(name="told")
+    value: msgspec.Raw
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True):

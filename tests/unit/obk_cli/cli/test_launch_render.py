@@ -64,8 +64,8 @@ def test_options_without_a_video(capsys) -> None:
 
 def test_a_stack_whose_robot_is_not_simulated(capsys) -> None:
     real = ("--set", "onboard.robot[0].is_simulated=False", "--ignore", "OBK")
-    said = refused(capsys, "--render", "out.mp4", *real)
-    assert "error: `--render out.mp4`: no simulated robot in `dummy`\n" in said
+    message = refused(capsys, "--render", "out.mp4", *real)
+    assert "error: `--render out.mp4`: no simulated robot in `dummy`\n" in message
 
 
 def test_a_missing_folder(capsys, folder) -> None:

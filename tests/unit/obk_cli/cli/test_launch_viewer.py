@@ -26,5 +26,5 @@ def test_an_unknown_viewer(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_stack_whose_robot_is_not_simulated(capsys: pytest.CaptureFixture[str]) -> None:
     real = ("--set", "onboard.robot[0].is_simulated=False", "--ignore", "OBK")
-    said = refused(capsys, "--viewer", "web", *real)
-    assert "error: `--viewer web`: no simulated robot in `dummy`\n" in said
+    message = refused(capsys, "--viewer", "web", *real)
+    assert "error: `--viewer web`: no simulated robot in `dummy`\n" in message

@@ -97,9 +97,9 @@ def test_a_change_is_forwarded_with_all_its_options(tmp_path: Path) -> None:
 
 
 def test_a_stop_is_heard_without_waiting_for_the_end(tmp_path: Path) -> None:
-    with served(tmp_path, leave_open) as heard:
+    with served(tmp_path, leave_open) as received:
         assert ask_stop(tmp_path, "requested by `obk stop`")
-    assert heard.get() == StopRequested(reason="requested by `obk stop`")
+    assert received.get() == StopRequested(reason="requested by `obk stop`")
 
 
 def test_the_socket_belongs_to_its_owner_and_is_removed_at_the_end(tmp_path: Path) -> None:
@@ -191,9 +191,9 @@ def test_requests_of_another_user_are_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control_server, "_user", lambda _: 4711)
-    with served(tmp_path) as heard:
+    with served(tmp_path) as received:
         assert raw(tmp_path, b'{"ask": "stop"}\n') == {"error": "the stack belongs to another user"}
-        assert heard.empty()
+        assert received.empty()
 
 
 def test_a_supervisor_that_hangs_is_reported(

@@ -69,9 +69,9 @@ def test_other_urls_are_rejected(url: str) -> None:
 def test_a_page_is_an_event_and_part_of_the_status_until_its_process_ends() -> None:
     answers: list[StackStatus] = []
     ask = StatusRequested(reply=answers.append)
-    stranger = PageReported(node="/stranger", url=URL)
+    unknown = PageReported(node="/unknown", url=URL)
     ended = ProcessEnded(process=ROBOT, code=-9)
-    later = deque([1.0, SHOWN, SHOWN, stranger, ask, ended, 1.0, ask])
+    later = deque([1.0, SHOWN, SHOWN, unknown, ask, ended, 1.0, ask])
     world = World(later=later, on_crash="ignore")
     world.run(duration_s=20)
     pages = [{node.node: node.page for node in answer.nodes}[ROBOT] for answer in answers]

@@ -107,6 +107,6 @@ def test_two_simultaneous_requests_get_two_domains() -> None:
 
 def test_if_every_domain_is_in_use_it_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("obk_cli.ros.environment._is_bound", lambda *_: False)
-    said = "every ROS domain from 1 to 100 is in use on this host"
-    with pytest.raises(CommandFailedError, match=said), free_domain():
+    message = "every ROS domain from 1 to 100 is in use on this host"
+    with pytest.raises(CommandFailedError, match=message), free_domain():
         pytest.fail("a domain was found")
