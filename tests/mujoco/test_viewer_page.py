@@ -77,7 +77,7 @@ def status(page: "Page") -> str:
 
 
 def time_s(page: "Page") -> float:
-    return float(re.findall(r"at ([\d.]+) s", status(page))[0])
+    return float(re.findall(r"time ([\d.]+) s", status(page))[0])
 
 
 def test_the_controls_of_the_page_act_and_show_the_result(dummy: mujoco.MjModel) -> None:

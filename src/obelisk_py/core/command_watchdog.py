@@ -40,7 +40,7 @@ class StalePolicy:
 class CommandAge:
     """The age of the latest command; one thread may accept commands while another one checks.
 
-    Nothing is stale before the first command: until then, the robot does what it does at
+    Nothing is stale before the first command: until then, the robot keeps doing whatever it did on
     activation.
     """
 

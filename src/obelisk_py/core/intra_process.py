@@ -185,9 +185,9 @@ class MessageBuffer:
 class IntraProcessTopic:
     """The open buffers of a topic.
 
-    A buffer is open while an executor's handler takes from it. Then DDS matches the subscription
-    with every compatible publisher of its context: the subscription is older than the buffer, and
-    its handle is held until the buffer is closed.
+    A buffer is open while an executor's handler takes messages from it. As long as it is open, DDS
+    matches the subscription with every compatible publisher of its context: the subscription is
+    older than the buffer, and its handle is held until the buffer is closed.
     """
 
     def __init__(self) -> None:

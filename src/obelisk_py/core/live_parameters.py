@@ -85,7 +85,7 @@ class LiveParameters:
         return None if parameter is None else parameter.fault(requested)
 
     def effect(self, name: str) -> str:
-        """Whether the latest value is in use; empty for a parameter that is not declared here."""
+        """When the latest value takes effect; empty for a parameter that is not declared here."""
         if name not in self._declared:
             return ""
         with self._changing:

@@ -141,7 +141,7 @@ def graph_target(domain: int | None, timeout_s: float) -> "GraphTarget":
 
 def with_types(target: "GraphTarget") -> "GraphTarget":
     """The target, after making the message types of its stacks known to this process."""
-    from obk_cli.introspect.target import find_message_types  # slow, and `--help` needs none
+    from obk_cli.introspect.target import find_message_types  # slow to import
 
     return find_message_types(target)
 

@@ -540,7 +540,7 @@ class Supervisor:
             state.hung.discard(node)
             self._context.publisher.publish(AnswersAgain(node=node))
             if node not in state.in_transition:
-                # It may run in a new process started by another launch.
+                # It may now be running in a new process that another launch started.
                 state.states.pop(node, None)
 
     def _answered_late(self, answer: Answered) -> None:

@@ -45,7 +45,7 @@ class MonotonicClock:
         while (left_ns := deadline_ns - now_ns) > 0 and (
             left_ns <= LONGEST_SLEEP_NS or not stopped()
         ):
-            # Python's sleep is clock_nanosleep to an absolute time of CLOCK_MONOTONIC.
+            # `time.sleep` calls clock_nanosleep with an absolute deadline on CLOCK_MONOTONIC.
             time.sleep(min(left_ns, LONGEST_SLEEP_NS) / NS_PER_S)
             now_ns = time.monotonic_ns()
         return now_ns

@@ -156,7 +156,7 @@ class SimulationControls:
         _set(self._speed, "disabled", report is None or report.realtime_factor == 0)
         self._status.content = (
             '<div style="padding:0 1em 0.5em 1em;font-size:0.9em">'
-            f"<strong>{_standing(report)}</strong> at "
+            f"<strong>{_standing(report)}</strong>, simulated time "
             f'<span style="font-variant-numeric:tabular-nums">{self._time_s:.3f}</span> s<br/>'
             f"{_reason(report) or self._answer or '&nbsp;'}</div>"
         )
