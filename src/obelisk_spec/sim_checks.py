@@ -128,7 +128,7 @@ def _check_counts(
             + (
                 "which it needs"
                 if use.presence == "required"
-                else "so the fields for it stay empty"
+                else "so the fields for it are not filled in"
             ),
         )
 

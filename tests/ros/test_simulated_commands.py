@@ -255,7 +255,9 @@ def test_a_simulator_that_gets_only_rejected_commands_reports_it(
     with simulator(tmp_path, PositionSetpoint) as node:
         active(node, PositionSetpoint)
         node._take_control(setpoint(NAN, 0.0))
-        assert output(node, "no valid message was received for 0.0 s, so the robot has no commands")
+        assert output(
+            node, "no valid message has been received for 0.0 s, so the robot has no commands"
+        )
 
 
 def test_no_command_grows_old_while_the_simulation_is_paused(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from obelisk_spec.suggestions import with_number
+
 __all__ = [
     "ONLY_REJECTIONS",
     "SILENCE_GRACE_S",
@@ -204,9 +206,11 @@ class SilenceLog:
             longest_s, self._longest_s = self._longest_s, 0.0
             self._is_reported = silent_s is not None
         if silent_s is None:
-            return f"commands stopped {count}x, for up to {longest_s:.3f} s"
+            return f"commands stopped {with_number(count, 'time')}, for up to {longest_s:.3f} s"
         if count > 1:
-            return f"commands stopped {count}x, most recently for {silent_s:.3f} s"
+            return (
+                f"commands stopped {with_number(count, 'time')}, most recently for {silent_s:.3f} s"
+            )
         return f"no command for {silent_s:.3f} s"
 
     def forget(self) -> None:
@@ -225,7 +229,7 @@ MOST_REASONS: Final = 8
 """Maximum number of reasons in a report. Further reasons are only counted: a reason that contains a
 changing number would fill the report."""
 ONLY_REJECTIONS: Final = (
-    "no valid message was received for {lasting_s:.1f} s, so the robot has no commands; "
+    "no valid message has been received for {lasting_s:.1f} s, so the robot has no commands; "
     "`obk topic echo` shows what the controller sends"
 )
 """Appended to a report when every control message is rejected."""

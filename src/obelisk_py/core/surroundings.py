@@ -58,7 +58,7 @@ class Surroundings:
     """DDS, and the clocks and threads of the system."""
 
     is_lockstep: bool = False
-    """Whether the whole process runs in simulated time, so that every rate is kept exactly."""
+    """Whether the whole process runs in simulated time, so that every rate is exact."""
     noise_seed: int = 0
     """Changes the noise of simulated sensors; 0 keeps the noise as configured."""
 

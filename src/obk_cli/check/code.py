@@ -194,7 +194,7 @@ def _not_registered(
         f"class `{code.class_name}` does not register the {component.kind} `{name.value}`",
         name.span,
         help=help,
-        related=(Related(message="registered here", span=shown.span),)
+        related=(_registration_of(shown),)
         if shown
         else (Related(message="the class", span=code.span),),
     )
@@ -217,7 +217,7 @@ def _not_configured(
             executable.span,
             severity="warning" if goes_on else None,
             help=f"add `{line}` to its `{registered.kind}s`",
-            related=(Related(message="registered here", span=registered.span),),
+            related=(_registration_of(registered),),
         )
     elif registered.is_optional and not registered.is_of_library:
         yield found(
@@ -227,7 +227,7 @@ def _not_configured(
             executable.span,
             severity="info",
             help=f"to use it, add `{line}` to its `{registered.kind}s`",
-            related=(Related(message="registered here", span=registered.span),),
+            related=(_registration_of(registered),),
         )
 
 
@@ -246,7 +246,7 @@ def _check_type(
             f"`{code.class_name}`",
             component.msg_type.span,
             help=f"write `{_shortest(registered.msg_type)}`, or remove `msg_type`",
-            related=(Related(message="registered here", span=registered.span),),
+            related=(_registration_of(registered),),
         )
 
 
@@ -263,7 +263,7 @@ def _check_has_type(
         f"`{code.class_name}`",
         component.name.span if component.name else component.span,
         help="add `msg_type: ...`",
-        related=(Related(message="registered here", span=registered.span),),
+        related=(_registration_of(registered),),
     )
 
 
@@ -396,3 +396,8 @@ def _undeclared(parameter: ConfigParameter, code: NodeFacts) -> Diagnostic:
         help=near or there_is(own) or "it does not declare any parameters",
         related=(Related(message="the class", span=code.span),),
     )
+
+
+def _registration_of(component: CodeComponent) -> Related:
+    name = f"`{component.name}`" if component.name else f"the {component.kind}"
+    return Related(message=f"{name} is registered here", span=component.span)

@@ -181,7 +181,7 @@ def _check_code(
 def _place(component: CodeComponent, code: NodeFacts) -> Related:
     if component.is_of_library:
         return Related(message="the class", span=code.span)
-    return Related(message="registered here", span=component.span)
+    return Related(message=f"the {component.kind} is registered here", span=component.span)
 
 
 def _unknown(written: Spanned[str], environment: Environment) -> Diagnostic:

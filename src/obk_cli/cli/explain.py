@@ -58,8 +58,8 @@ def _page(rule: Rule) -> str:
 
 def _how_to_silence(code: str) -> str:
     return (
-        f"Silence it on one line with `# obk: ignore[{code}]`, or for a command with "
-        f"`--ignore {code}`."
+        f"Silence this rule on one line with `# obk: ignore[{code}]`, or for one run of a command "
+        f"with `--ignore {code}`."
     )
 
 

@@ -87,7 +87,7 @@ class TopicEndpoint:
         """The location of the remapping, for findings about the topic."""
         if self.remapping is None:
             return ()
-        message = f"here `{self.remapping.old}` is remapped to `{self.remapping.new}`"
+        message = f"`{self.remapping.old}` is remapped to `{self.remapping.new}` here"
         return (Related(message=message, span=self.remapping.span),)
 
     @property

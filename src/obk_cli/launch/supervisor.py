@@ -368,7 +368,7 @@ class Supervisor:
     # --- between two events: hangs and rates ---
 
     def _watch(self, nodes: Iterable[str]) -> None:
-        """Expect heartbeats of these nodes from now on."""
+        """From now on, expect heartbeats from these nodes."""
         self._context.heartbeat.watch(nodes, self._context.loop.now())
 
     def _check_nodes(self, now: float) -> Hung | None:

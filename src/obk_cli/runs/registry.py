@@ -261,7 +261,8 @@ def end_launcher(
 ) -> LauncherEnd:
     """Ask a launcher to shut down its stack, and wait until it has exited.
 
-    The request uses the control socket, otherwise SIGINT; a suspended launcher is resumed first.
+    The request goes over the control socket or, if that fails, is sent as SIGINT; a suspended
+    launcher is resumed first.
 
     Args:
         folder: the folder of the run.

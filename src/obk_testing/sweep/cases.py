@@ -41,7 +41,7 @@ _SEED: Final = re.compile(r"(?<=[\[-])seed0(?=[\]-])")
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE: Final = re.compile(rf"({_NUMBER})\.\.({_NUMBER})(?::(\d+))?")
 _DIGITS: Final = 6
-"""Significant digits of a random value, so few that it is easy to retype."""
+"""Significant digits of a random value, few enough that the value is easy to retype."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -183,7 +183,7 @@ def test_a_silence_is_reported_once_a_grace_is_over(silences):
 def test_the_return_of_commands_is_reported_only_after_their_absence_was(silences):
     silences.begin(100.0)
     assert not silences.end(0.2)
-    assert silences.report(100.5, None) == "commands stopped 1x, for up to 0.200 s"
+    assert silences.report(100.5, None) == "commands stopped 1 time, for up to 0.200 s"
     silences.begin(200.0)
     silences.report(200.5, 0.55)
     assert silences.end(3.0)
@@ -200,7 +200,7 @@ def test_silences_now_and_then_are_counted_and_reported_each_ten_seconds(silence
         silences.begin(now_s)
         silences.end(0.1)
     assert [now_s for now_s, _ in reported] == pytest.approx([100.6, 110.6, 120.6])
-    assert reported[1][1] == "commands stopped 50x, for up to 0.100 s"
+    assert reported[1][1] == "commands stopped 50 times, for up to 0.100 s"
 
 
 def test_a_lasting_silence_is_reported_as_such_among_others(silences):
@@ -211,7 +211,7 @@ def test_a_lasting_silence_is_reported_as_such_among_others(silences):
         silences.begin(second)
     assert silences.due_s == 100.5 + SILENCE_PERIOD_S
     text = silences.report(110.5, 8.55)
-    assert text == "commands stopped 2x, most recently for 8.550 s"
+    assert text == "commands stopped 2 times, most recently for 8.550 s"
 
 
 def test_forgotten_entries_are_not_reported(silences):
@@ -256,7 +256,7 @@ def test_only_rejections_are_an_error_after_a_second_and_then_reported_rarely(wo
     assert [time_s for time_s, _ in errors] == pytest.approx([51.0, 61.0, 71.0], abs=0.11)
     assert all(report.is_lasting for _, report in errors)
     assert errors[0][1].text.startswith("control rejected: `u[0]` is nan (1")
-    assert "since the start; no valid message was received for 1." in errors[0][1].text
+    assert "since the start; no valid message has been received for 1." in errors[0][1].text
     assert errors[0][1].text.endswith("`obk topic echo` shows what the controller sends")
 
 

@@ -300,8 +300,8 @@ class Scheduler:
             raise self.stop(
                 LockstepError(
                     f"{name} has slept for {self.offset_ns / NS_PER_S:,.0f} s in one callback, "
-                    f"most recently at {where}: it waits for something that cannot happen while it "
-                    "waits. Use `await`, a done callback or a timer"
+                    f"most recently at {where}: it is waiting for something that cannot happen "
+                    "while it waits. Use `await`, a done callback or a timer"
                 )
             )
 
