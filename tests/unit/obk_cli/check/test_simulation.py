@@ -33,10 +33,10 @@ def test_without_mujoco_model_checks_are_reported_as_skipped(
     faults = check_models(context)
     assert [str(fault) for fault in faults] == [
         "f.yaml:4:89: info[OBK307]: `ObkImu` has no `accelerometer` sensor, so the fields for it "
-        "stay empty",
+        "are not filled in",
         "f.yaml:4:113: error[OBK306]: `ObkImu` takes 1 `gyro` sensor, but has 2",
-        "f.yaml:4:89: info[OBK307]: `ObkImu` has no `framequat` sensor, so the fields for it stay "
-        "empty",
+        "f.yaml:4:89: info[OBK307]: `ObkImu` has no `framequat` sensor, so the fields for it are "
+        "not filled in",
         "f.yaml:4:25: info[OBK300]: MuJoCo is not installed, so names are not checked against the "
         "model",
     ]
