@@ -253,7 +253,7 @@ def test_waiting_for_a_service_without_end_ends_the_run(world: World) -> None:
             pass
 
     world.at(node, 0.1, wait_for_ever)
-    with pytest.raises(LockstepError, match=r"test_awaiting\.py:\d+: it waits for"):
+    with pytest.raises(LockstepError, match=r"test_awaiting\.py:\d+: it is waiting for"):
         world.run(0.2)
     other = world.node("other")
     client = other.create_client(Trigger, "/missing")
