@@ -198,7 +198,7 @@ def _external_endpoints(topic: ExternalTopic) -> Iterator[TopicEndpoint]:
 
 
 def node_endpoints(node: Node) -> Iterator[TopicEndpoint]:
-    """The endpoints of a node: those of its components and, if it simulates, its sensor groups."""
+    """The endpoints of a node's components and, for a simulated robot, of its sensor groups."""
     timers = timers_of(node)
     for component in node.used_components:
         if component.kind == "timer" or component.topic is None:

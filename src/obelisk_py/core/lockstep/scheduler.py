@@ -38,13 +38,14 @@ __all__ = [
 NS_PER_S: Final = 1_000_000_000
 _LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.", "queue.", "asyncio.")
 _STOP: Final = -1
-"""Kind of the event that ends a run with an error; it runs before others with its due time."""
+"""Kind of the event that ends a run with an error; it runs before other events with the same due
+time."""
 STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
 """Kinds of events, in the order in which events due at the same time run."""
 MOST_AT_ONE_TIME: Final = 100_000
 """Maximum number of events without time advancing; exceeding it ends the run."""
 _LONGEST_CALLBACK_NS: Final = 1_000 * NS_PER_S
-"""Maximum time that a callback may sleep; longer sleeps wait for something that cannot happen."""
+"""Maximum time that a callback may sleep; after that, what it is waiting for cannot happen."""
 _TRACED: Final = 64
 """Number of events to trace when nodes trigger each other endlessly."""
 
@@ -104,7 +105,7 @@ class TimingModel:
     latency: float = 0.0
     """Time from publishing a message to its arrival."""
     jitter: float = 0.0
-    """Maximum random addition to the latency, drawn for each message."""
+    """Maximum of the random addition to the latency; a new one is drawn for each message."""
     random_phases: bool = False
     """Whether each timer's first tick is delayed by a random fraction of its period."""
 

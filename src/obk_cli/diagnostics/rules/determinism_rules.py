@@ -49,8 +49,8 @@ RULES: tuple[Rule, ...] = (
         cause="The middleware measures deadlines, lifespans and liveliness in real time. In a "
         "lockstep run, messages bypass it: no message expires, and QoS event callbacks "
         "are rejected because they would never be called.",
-        fix="If the code depends on them, test it in real time with `obk rehearse`; otherwise "
-        "silence the finding.",
+        fix="If the code depends on these policies, test it in real time with `obk rehearse`; "
+        "otherwise silence the finding.",
     ),
     Rule(
         code="OBK606",
