@@ -456,7 +456,7 @@ def _differs(end: TopicEndpoint, others: Sequence[TopicEndpoint]) -> Diagnostic:
         help=_help(own, expected, others, is_alias=is_alias, is_note=is_note),
         related=(
             *(
-                Related(message=_said_of(other, end), span=other.type_span or other.span)
+                Related(message=_role_of(other, end), span=other.type_span or other.span)
                 for other in others[:_MOST_SHOWN]
             ),
             *(place for e in (end, *others[:_MOST_SHOWN]) for place in e.renamed),
@@ -464,7 +464,7 @@ def _differs(end: TopicEndpoint, others: Sequence[TopicEndpoint]) -> Diagnostic:
     )
 
 
-def _said_of(other: TopicEndpoint, end: TopicEndpoint) -> str:
+def _role_of(other: TopicEndpoint, end: TopicEndpoint) -> str:
     if other.direction == end.direction:
         return "the other one"
     return "the publisher" if other.direction == "publishes" else "the subscriber"

@@ -544,7 +544,7 @@ class Supervisor:
                 state.states.pop(node, None)
 
     def _answered_late(self, answer: Answered) -> None:
-        """Handle the answer to a timed-out request: undo the transition if nobody wants it now."""
+        """Handle a late answer: undo the transition if it is no longer requested."""
         context, state = self._context, self._state
         node, transition = answer.node, TRANSITIONS[answer.transition]
         requested_s = context.pending.pop_late(answer)
