@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ import mujoco
 import psutil
 import pytest
 
+from obelisk_py.core.sim.mujoco.viewers.priority import lower_priority
 from obelisk_py.core.sim.mujoco.viewers.processes import ViewerProcess
 from obelisk_py.core.sim.mujoco.viewers.program import VIEWER_KINDS
 
@@ -92,6 +94,22 @@ def the_port_is_free(port: int) -> bool:
 def listens_on(pid: int) -> set[str]:
     connections = psutil.Process(pid).net_connections("inet")
     return {c.laddr.ip for c in connections if c.status == psutil.CONN_LISTEN}
+
+
+def test_a_thread_with_lower_priority_is_an_ordinary_one() -> None:
+    found: list[tuple[int, int]] = []
+
+    def draw() -> None:
+        # Unlike a real-time policy, this one is available to every user.
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        lower_priority()
+        found.append((os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)))
+
+    thread = threading.Thread(target=draw)
+    thread.start()
+    thread.join()
+    niceness = min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
+    assert found == [(os.SCHED_OTHER, niceness)]
 
 
 def test_a_page_is_local_has_low_priority_and_ends_when_closed(

@@ -1,6 +1,8 @@
 """A simulated robot of a running stack, viewed in a browser."""
 
 import io
+import os
+from collections.abc import Iterator
 from http import HTTPStatus
 from typing import TYPE_CHECKING
 from urllib.error import HTTPError
@@ -72,6 +74,27 @@ def test_the_page_shows_the_model_and_that_it_moves() -> None:
             seen(lambda: np.abs(picture(page) - first).max() > 60, "that the rod moves")
         hosts = {urlsplit(url.removeprefix("blob:")).hostname for url in asked}
         assert hosts == {"127.0.0.1"}
+    assert run.left_over() == []
+
+
+@pytest.fixture
+def _batch_policy() -> Iterator[None]:
+    """Start processes with a policy that, unlike real-time policies, every user may choose."""
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    yield
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+@pytest.mark.usefixtures("_batch_policy")
+def test_every_process_inherits_the_scheduling_policy_except_viewers() -> None:
+    pytest.importorskip("mjviser")
+    with launched(DUMMY, "--viewer", "web") as run:
+        run.wait_for_line(SHOWN)
+        run.wait_for("active")
+        viewers = {p for p in run.descendants if "web" in p.cmdline()}
+        assert {os.sched_getscheduler(p.pid) for p in viewers} == {os.SCHED_OTHER}
+        others = run.descendants - viewers
+        assert {os.sched_getscheduler(p.pid) for p in others} == {os.SCHED_BATCH}
     assert run.left_over() == []
 
 

@@ -16,9 +16,9 @@ from typing import Final, Protocol, cast
 import mujoco
 
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.sim.mujoco.viewers.priority import lower_priority
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
     EXIT_REPORTED,
-    NICENESS,
     MessageKind,
     Send,
     States,
@@ -77,7 +77,7 @@ class ViewerModule(Protocol):
 def run_viewer(kind: str, link_fd: int, model_fd: int, arguments: Sequence[str]) -> int:
     """Run a viewer, and return the exit code of the process."""
     if not VIEWER_KINDS[kind].is_awaited:
-        os.nice(NICENESS)
+        lower_priority()
     # By default, MuJoCo writes its warnings to a file in the working directory.
     mujoco.set_mju_user_warning(_drop)
     with socket.socket(fileno=link_fd) as link:

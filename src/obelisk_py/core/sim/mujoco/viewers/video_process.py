@@ -26,13 +26,14 @@ from numpy.typing import NDArray
 
 from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
+from obelisk_py.core.sim.mujoco.viewers.priority import lower_priority
 from obelisk_py.core.sim.mujoco.viewers.video_files import (
     VIDEO_FILES,
     PngFile,
     VideoFile,
     unfinished,
 )
-from obelisk_py.core.sim.mujoco.viewers.viewer_messages import NICENESS, Send, States, VideoJob
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Send, States, VideoJob
 
 __all__ = ["FrameCounter", "VideoRecording", "run"]
 
@@ -242,4 +243,4 @@ def _make_way() -> None:
     """
     for thread in Path("/proc/self/task").iterdir():
         if int(thread.name) != threading.main_thread().native_id:
-            os.setpriority(os.PRIO_PROCESS, int(thread.name), NICENESS)
+            lower_priority(int(thread.name))

@@ -25,7 +25,6 @@ import numpy as np
 
 __all__ = [
     "EXIT_REPORTED",
-    "NICENESS",
     "SIGNATURE",
     "TOKEN_VARIABLE",
     "MessageKind",
@@ -50,8 +49,6 @@ Send = Callable[[MessageKind, str], None]
 
 EXIT_REPORTED: Final = 3
 """Exit code of a viewer that has reported why it ends."""
-NICENESS: Final = 10
-"""Niceness of a viewer process, so that the robot has priority."""
 TOKEN_VARIABLE: Final = "OBK_VIEWER_TOKEN"  # noqa: S105 - the name of a variable, no secret
 """The environment variable with the token of the page; command lines are readable by all users."""
 _LARGEST: Final = 8192
