@@ -102,7 +102,8 @@ def _ignore(_number: int, _frame: FrameType | None) -> None:
 
 
 LONGEST_SPIN_S = 3e8
-"""Ten years [s]; without a timeout, rclpy's EventsExecutor overflows and runs no callbacks."""
+"""Ten years [s]: without a timeout, rclpy's EventsExecutor overflows and runs no callbacks. The
+library's own executor spins without one, because a timeout takes time in every round."""
 NODE_LOGGER = "obelisk"
 """The logger of a process whose node could not be created."""
 STDERR_FD = 2
@@ -192,8 +193,9 @@ def spin_nodes(
         executor.add_node(node)
         node.ended.add_done_callback(lambda _, node=node: note(node))
     signals.call_back(shut_down)
+    timeout_s = None if isinstance(executor, EventLoopExecutor) else LONGEST_SPIN_S
     try:
-        executor.spin_until_future_complete(over, timeout_sec=LONGEST_SPIN_S)
+        executor.spin_until_future_complete(over, timeout_sec=timeout_s)
     except BaseException:
         # Callbacks of nodes are guarded, so this is another one; the nodes are shut down as well.
         _shut_down_all(nodes)
