@@ -137,7 +137,7 @@ def _summary(found: "RunComparison") -> Iterator[str]:
     if found.is_same:
         yield f"only times differ: {with_number(equal, 'signal')} compared"
     else:
-        yield f"{with_number(differing, 'signal')} of {differing + equal} differ"
+        yield f"{differing} of {with_number(differing + equal, 'signal')} differ"
     if None in found.rejected_commands:
         yield (
             "note: the number of rejected commands is available only for recordings in the folder "

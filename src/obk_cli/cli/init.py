@@ -16,7 +16,7 @@ from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import resource_folder
 from obk_cli.install_source import read_install_source
 from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
-from obk_cli.scaffold.describe import file_lines, unified_diff
+from obk_cli.scaffold.describe import file_lines, opening_line, unified_diff
 from obk_cli.scaffold.kinds import Problem, check_name
 from obk_cli.scaffold.package_spec import PackageSpec
 from obk_cli.scaffold.robot_model import describe_robot
@@ -156,9 +156,9 @@ def _describe_text(
     *,
     dry_run: bool,
 ) -> str:
-    verb = "would create" if dry_run else "created"
+    what = f"the workspace `{stack}` in {short(root)}/"
     lines = [
-        f"{verb} the workspace `{stack}` in {short(root)}/",
+        opening_line(what, decisions, dry_run=dry_run),
         *file_lines(decisions),
         *(("", *notes) if notes else ()),
         "",

@@ -91,7 +91,8 @@ class GraphTarget:
                 f"running in other domains: {', '.join(others)}; select one with `--domain`"
                 if others
                 else "start a stack with `obk launch`; to find nodes not started by obk, add "
-                "`--timeout 5`; for another host, set ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both"
+                "`--timeout 5`; for a stack on another host, set "
+                "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both hosts"
             ),
         )
 

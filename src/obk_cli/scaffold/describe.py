@@ -15,7 +15,15 @@ from obk_cli.scaffold.package_spec import PackageSpec
 from obk_cli.scaffold.variables import TOPICS_TO_FILL_IN, config_snippet
 from obk_cli.scaffold.write import Action, Decision
 
-__all__ = ["Added", "NewFiles", "describe_json", "describe_text", "file_lines", "unified_diff"]
+__all__ = [
+    "Added",
+    "NewFiles",
+    "describe_json",
+    "describe_text",
+    "file_lines",
+    "opening_line",
+    "unified_diff",
+]
 
 _UNCHANGED = frozenset({Action.IDENTICAL, Action.KEEP})
 
@@ -91,10 +99,10 @@ def describe_text(outcome: NewFiles) -> str:
 
     For a dry run, also the diff.
     """
-    verb = "would create" if outcome.dry_run else "created"
+    what = f"{_subject(outcome.spec)} in {outcome.folder}/"
     return "\n".join(
         [
-            f"{verb} {_subject(outcome.spec)} in {outcome.folder}/",
+            opening_line(what, outcome.decisions, dry_run=outcome.dry_run),
             *file_lines(outcome.decisions),
             *(("", *outcome.added.lines) if outcome.added else _config_lines(outcome.spec)),
             "",
@@ -128,6 +136,13 @@ def describe_json(outcome: NewFiles) -> str:
     if outcome.dry_run:
         result["diff"] = _diff(outcome)
     return json.dumps(result, indent=2)
+
+
+def opening_line(what: str, decisions: Iterable[Decision], *, dry_run: bool) -> str:
+    """Whether something was or would be created, or is unchanged."""
+    if all(decision.action in _UNCHANGED for decision in decisions):
+        return f"unchanged: {what}"
+    return f"would create {what}" if dry_run else f"created {what}"
 
 
 def file_lines(decisions: Iterable[Decision]) -> tuple[str, ...]:

@@ -187,7 +187,7 @@ def _checked(config: Path, varied: Sequence[Varied], overrides: Sequence[str]) -
                 compile_stack(config, changes, environment=compiled.environment)
             except CommandFailedError as error:
                 raise MisuseError(
-                    f"`--vary {each.path}`: with the value {value} {error.message}",
+                    f"`--vary {each.path}`: with the value {value}, {error.message}",
                     help="vary it over values that the config allows",
                 ) from error
     return compiled
