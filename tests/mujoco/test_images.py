@@ -189,7 +189,7 @@ def test_at_a_pace_a_picture_is_left_out_while_the_last_one_is_drawn(feed):
     feed.closing.pop()()
     assert _greys(camera) == [1]
     assert camera.warnings == [
-        "camera `above` cannot keep up with its `dt`: 1 image skipped since the start"
+        "camera `above` cannot keep up with its `dt`: 1 image skipped in total"
     ]
 
 

@@ -154,7 +154,7 @@ def test_a_call_that_does_not_return_blocks_the_action_and_is_reported() -> None
         (PDFeedForward(kp=[1.0]), []),
         (
             PDFeedForward(kp=[1.0, float("nan")]),
-            ["control rejected: `kp[1]` is nan (1x); 1 since the start"],
+            ["control rejected: `kp[1]` is nan (1x); 1 in total"],
         ),
     ],
 )

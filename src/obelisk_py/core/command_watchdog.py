@@ -329,7 +329,7 @@ class RejectionLog:
                 reasons = f"{reasons}; other reasons ({self._others}x)"
             self._unreported.clear()
             self._others = 0
-            text = f"{self._what}: {reasons}; {self._total} since the start"
+            text = f"{self._what}: {reasons}; {self._total} in total"
             if self._on_end is not None and is_lasting:
                 text = f"{text}; {self._on_end.format(lasting_s=lasting_s)}"
             return RejectionReport(text, is_lasting)

@@ -113,7 +113,11 @@ def command(
         ),
     ] = None,
     replace_: Annotated[
-        bool, typer.Option("--replace", help="Stop a running launch of this stack first.")
+        bool,
+        typer.Option(
+            "--replace",
+            help="First stop running stacks that have the same name or share a node name.",
+        ),
     ] = False,
     allow_foreign: Annotated[
         bool,

@@ -31,7 +31,7 @@ _STAMP: Final = re.compile(r"(?:^|\.)(?:sec|nanosec)$")
 """Time fields, which differ between any two runs."""
 _ROUNDING: Final = 1e-9
 """Tolerance for a constant number."""
-_REJECTED: Final = re.compile(r"control rejected: .*?; (\d+) since the start")
+_REJECTED: Final = re.compile(r"control rejected: .*?; (\d+) in total")
 """Log message of a robot, at most once per second."""
 _LOG: Final = "launch.log"
 _ROSOUT: Final = "/rosout"

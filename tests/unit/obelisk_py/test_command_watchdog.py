@@ -251,12 +251,12 @@ def world():
 def test_only_rejections_are_an_error_after_a_second_and_then_reported_rarely(world):
     first, *errors = world.reject_for(25.0)
     assert first[0] == 50.0
-    assert first[1].text == "control rejected: `u[0]` is nan (1x); 1 since the start"
+    assert first[1].text == "control rejected: `u[0]` is nan (1x); 1 in total"
     assert not first[1].is_lasting
     assert [time_s for time_s, _ in errors] == pytest.approx([51.0, 61.0, 71.0], abs=0.11)
     assert all(report.is_lasting for _, report in errors)
     assert errors[0][1].text.startswith("control rejected: `u[0]` is nan (1")
-    assert "since the start; no valid message has been received for 1." in errors[0][1].text
+    assert "in total; no valid message has been received for 1." in errors[0][1].text
     assert errors[0][1].text.endswith("`obk topic echo` shows what the controller sends")
 
 
@@ -296,6 +296,6 @@ def test_reasons_that_differ_each_time_make_no_endless_line():
         rejections.add(f"`u[0]` is {value}")
     text = rejections.report().text
     assert text.startswith("control rejected: `u[0]` is 0 (1x); `u[0]` is 1 (1x); ")
-    assert text.endswith("`u[0]` is 7 (1x); other reasons (992x); 1000 since the start")
+    assert text.endswith("`u[0]` is 7 (1x); other reasons (992x); 1000 in total")
     rejections.add("`u[0]` is 9")
     assert rejections.report() is None

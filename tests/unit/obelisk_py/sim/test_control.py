@@ -59,7 +59,7 @@ def test_a_control_of_the_wrong_length_is_rejected(inbox):
     assert not inbox.offer(_message(5.0))
     (text,) = reported(inbox)
     assert text.startswith("control rejected: `u_mujoco` has the length 1, ")
-    assert text.endswith(" (1x); 1 since the start")
+    assert text.endswith(" (1x); 1 in total")
     assert inbox.newest.tolist() == [1.0, 2.0]
 
 
@@ -91,7 +91,7 @@ def test_rejections_are_reported_once_per_second_with_their_counts(inbox, time):
     time.now_s += 1.0
     (text,) = reported(inbox)
     assert " (500x); " in text
-    assert text.endswith("`u_mujoco[0]` is nan (1x); 502 since the start")
+    assert text.endswith("`u_mujoco[0]` is nan (1x); 502 in total")
     time.now_s += 1.0
     assert reported(inbox) == []
 

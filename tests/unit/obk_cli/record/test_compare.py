@@ -126,8 +126,8 @@ def test_rates_lateness_and_rejected_commands(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     first = written(tmp_path / "a" / "recording.mcap", np.sin)
     first.with_name("launch.log").write_text(
-        "[robot_0] control rejected: NaN in `u_mujoco[0]` (3 times); 3 since the start\n"
-        "[robot_0] control rejected: NaN in `u_mujoco[0]` (4 times); 7 since the start\n"
+        "[robot_0] control rejected: NaN in `u_mujoco[0]` (3 times); 3 in total\n"
+        "[robot_0] control rejected: NaN in `u_mujoco[0]` (4 times); 7 in total\n"
     )
     second = written(tmp_path / "b.mcap", np.sin, step_ns=5 * MS)
     found = compared(first, second)

@@ -103,7 +103,7 @@ class _Feed:
             self._last_report_s = now_s
             self._source.warn(
                 f"camera `{self._name}` cannot keep up with its `dt`: "
-                f"{with_number(self._left_out, 'image')} skipped since the start"
+                f"{with_number(self._left_out, 'image')} skipped in total"
             )
 
 
