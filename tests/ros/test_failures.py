@@ -43,6 +43,17 @@ setup(
 """
 
 
+FAILS_ONCE = """\
+        self.attempts = getattr(self, "attempts", 0) + 1
+        self.create_timer(0.001, self.look)
+        return super().on_configure(state)
+
+    def look(self):
+        # Runs as soon as the robot is active, and still runs when `activate` is requested.
+        if self.attempts == 1 and self.state_label == "inactive":
+            time.sleep(1.0)
+            raise ValueError("no gain")
+""".lstrip()
 STUCK_S = 6.0
 """Timeout of a transition, long enough for the other nodes on a busy machine."""
 
@@ -109,6 +120,19 @@ def test_a_raise_in_a_transition_is_shown_with_its_traceback_and_taken_back(
     undone = {"configure": "cleanup", "activate": "deactivate"}[name]
     assert f"robot_0: {undone} ok" in shown.partition("rolling back")[2].partition("stopping")[0]
     assert "failed: /obelisk_control_0: " in shown
+
+
+def test_a_node_that_fails_before_its_activation_is_restarted(tmp_path: Path) -> None:
+    config = with_faulty_controller(tmp_path, "on_configure", FAILS_ONCE)
+    text = config.read_text()
+    rule = "executable: faulty\n      on_crash: restart"
+    config.write_text(text.replace("executable: faulty", rule))
+    result = obk("launch", config, "--quiet", "--duration", "0", "--ignore", "OBK")
+    assert result.returncode == 0, result.stdout
+    assert "control_0: restart 1 of 5" in result.stdout
+    shown = result.stdout.partition("restart 1 of 5")[2]
+    assert "control_0: activate ok" in shown.partition("stopping")[0]
+    assert not marked()
 
 
 def test_a_launcher_started_with_sigint_ignored_still_ends_at_sigint() -> None:

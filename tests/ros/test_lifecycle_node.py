@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from obelisk_control_msgs.msg import PositionSetpoint
 from rclpy.callback_groups import CallbackGroup
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -253,6 +254,24 @@ def test_a_fault_while_nothing_runs_is_reported_and_fails_no_later_transition() 
         eventually(lambda: answers, "the end")
         assert (node.state_label, answers) == ("finalized", [SUCCESS])
         assert str(node.last_fault) == "a callback of its own: late"
+
+
+def test_a_requested_transition_does_not_fail_for_an_earlier_fault() -> None:
+    answers = []
+
+    def fail_and_request(node: Controller) -> None:
+        node.fail("no gain", "a callback of its own")
+        call = ChangeState.Request(transition=Transition(label="shutdown"))
+        change = node._service_change_state.callback
+        answers.append(change(call, ChangeState.Response()).success)
+
+    with spinning(Controller) as node:
+        request(node, "configure")
+        assert node.executor is not None
+        node.executor.create_task(fail_and_request, node)
+        eventually(lambda: answers, "the answer")
+        assert (node.state_label, answers) == ("finalized", [True])
+        assert str(node.last_fault) == "a callback of its own: no gain"
 
 
 def test_missing_settings_are_named_together() -> None:

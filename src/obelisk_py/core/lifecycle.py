@@ -382,6 +382,9 @@ class GuardedLifecycleNode(LifecycleNode):
     ) -> ChangeState.Response:
         requested = request.transition
         with self._transition_lock:
+            # Otherwise the requested transition would fail for a fault that is not its own, and a
+            # launcher would take that for a rejection.
+            self._enter_error_processing()
             allowed = {
                 edge[0]: edge[1]
                 for edge in self._state_machine.available_transitions
