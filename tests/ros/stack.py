@@ -207,7 +207,7 @@ class Launched:
     def node(self, name: str) -> psutil.Process:
         """The process of a node."""
         argument = f"__node:={name}"
-        return next(p for p in self.descendants if argument in p.cmdline())
+        return next(p for p in self.descendants if argument in arguments_of(p))
 
     def left_over(self) -> list[psutil.Process]:
         """Processes of the stack that are still running, except zombies."""
@@ -226,6 +226,14 @@ class Launched:
 def marked() -> list[psutil.Process]:
     """Processes other than this one that have this test's mark in their environment."""
     return [p for p in psutil.process_iter() if p.pid != os.getpid() and _is_marked(p)]
+
+
+def arguments_of(process: psutil.Process) -> list[str]:
+    """The command line of a process; empty if it has ended, as a short-lived child may have."""
+    try:
+        return process.cmdline()
+    except psutil.Error:
+        return []
 
 
 def _is_marked(process: psutil.Process) -> bool:

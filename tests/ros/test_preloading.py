@@ -8,7 +8,7 @@ import pytest
 
 from obk_cli.process import preload
 
-from .stack import DUMMY, Launched, eventually, launched, marked, started
+from .stack import DUMMY, Launched, arguments_of, eventually, launched, marked, started
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("unmeasured")]
 
@@ -22,14 +22,7 @@ def _own_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def processes_with(argument: str) -> list[psutil.Process]:
     """The processes of this test with an argument."""
-    return [process for process in marked() if argument in _arguments(process)]
-
-
-def _arguments(process: psutil.Process) -> list[str]:
-    try:
-        return process.cmdline()
-    except psutil.Error:  # has ended
-        return []
+    return [process for process in marked() if argument in arguments_of(process)]
 
 
 def the_one_with(argument: str, run: Launched) -> psutil.Process:

@@ -22,7 +22,7 @@ from std_msgs.msg import Int32
 
 from obk_cli.record.recorder_job import RecorderJob, RecordRequest, job_to_json
 
-from .stack import DEADLINE_S, DUMMY, EXAMPLE, OBK, eventually, launched, obk
+from .stack import DEADLINE_S, DUMMY, EXAMPLE, OBK, arguments_of, eventually, launched, obk
 
 pytestmark = pytest.mark.ros
 
@@ -146,7 +146,7 @@ def test_a_killed_recorder_leaves_its_messages_and_the_stack_continues() -> None
     with launched(DUMMY, "--record", "--quiet") as run:
         recording = only_run() / "recording.mcap"
         eventually(lambda: sum(counts(recording).values()) > 20, "messages in the file")
-        (recorder,) = (p for p in run.descendants if "obk_cli.record.recorder" in p.cmdline())
+        (recorder,) = (p for p in run.descendants if "obk_cli.record.recorder" in arguments_of(p))
         assert recorder.environ()["OBK_RUN"] == only_run().name
         states = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
         assert len(states) == 3  # it is not a node of the stack

@@ -22,6 +22,7 @@ from .stack import (
     EXAMPLE,
     OBK,
     Launched,
+    arguments_of,
     eventually,
     launched,
     marked,
@@ -147,7 +148,7 @@ def test_a_launcher_killed_during_the_bring_up_leaves_no_process(moment: str) ->
 
 
 def warden_of(run: Launched) -> psutil.Process:
-    return next(p for p in run.descendants if any(a.endswith("warden.py") for a in p.cmdline()))
+    return next(p for p in run.descendants if any(a.endswith("warden.py") for a in arguments_of(p)))
 
 
 @pytest.mark.usefixtures("preload")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..browser import chromium, opened, seen  # noqa: TID252 - shared by folders of tests
 from ..waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
-from .stack import DUMMY, Launched, eventually, launched, obk
+from .stack import DUMMY, Launched, arguments_of, eventually, launched, obk
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -86,15 +86,15 @@ def _batch_policy() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("_batch_policy")
-def test_every_process_inherits_the_scheduling_policy_except_viewers() -> None:
+def test_nodes_inherit_the_scheduling_policy_and_viewers_do_not() -> None:
     pytest.importorskip("mjviser")
     with launched(DUMMY, "--viewer", "web") as run:
         run.wait_for_line(SHOWN)
         run.wait_for("active")
-        viewers = {p for p in run.descendants if "web" in p.cmdline()}
-        assert {os.sched_getscheduler(p.pid) for p in viewers} == {os.SCHED_OTHER}
-        others = run.descendants - viewers
-        assert {os.sched_getscheduler(p.pid) for p in others} == {os.SCHED_BATCH}
+        viewer = next(p for p in run.descendants if "web" in arguments_of(p))
+        assert os.sched_getscheduler(viewer.pid) == os.SCHED_OTHER
+        nodes = [run.node(f"obelisk_{name}_0") for name in ("control", "estimation", "robot")]
+        assert [os.sched_getscheduler(p.pid) for p in nodes] == [os.SCHED_BATCH] * 3
     assert run.left_over() == []
 
 
@@ -107,8 +107,8 @@ def test_a_killed_viewer_is_reported_and_the_stack_continues() -> None:
         assert not opens(url.partition("?")[0])
         assert url in obk("ps").stdout
         token = url.partition("?token=")[2]
-        assert not any(token in word for p in run.descendants for word in p.cmdline())
-        viewer = next(p for p in run.descendants if "web" in p.cmdline())
+        assert not any(token in word for p in run.descendants for word in arguments_of(p))
+        viewer = next(p for p in run.descendants if "web" in arguments_of(p))
         viewer.kill()
         run.wait_for_line(
             "the web viewer has exited (signal 9); the simulation continues without it"
