@@ -291,7 +291,7 @@ class IntraProcessPublisher(LifecyclePublisher):
         """Send a message, or the bytes of a serialized one, if the publisher is enabled.
 
         Raises:
-            TypeError: `msg` is neither of the two.
+            TypeError: `msg` is neither a message of the publisher's type nor `bytes`.
             ObeliskMsgError: a field has a value that its type cannot hold.
         """
         if not self._enabled:

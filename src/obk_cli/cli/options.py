@@ -70,7 +70,7 @@ TimeoutOption = Annotated[
     float,
     typer.Option(
         help="Seconds to wait for a node, a reply or a message.",
-        show_default="5, or 1 if no node at all is found",
+        show_default="5, or 1 if there are no nodes",
     ),
 ]
 MOST: Final = 1e6

@@ -291,7 +291,7 @@ class _WorkerPool:
         self._threads: tuple[threading.Thread, ...] = ()
         self._drain_lock = threading.Lock()
         self._idle: set[Worker] = set()
-        """Workers that run no callback after a stop."""
+        """Workers that have stopped and are not running a callback."""
 
     def follow(self, page: ClockPage) -> None:
         """Run timers on the simulated time of a clock page."""
@@ -524,7 +524,7 @@ class _HandlerRegistry:
         try:
             handler.enable()
         except RuntimeError:
-            handler.disable()  # a listener left set would write to a closed descriptor
+            handler.disable()  # otherwise its listener would write to a closed descriptor
             handler.close()
             raise
         workers = self._workers_of(handler.group)

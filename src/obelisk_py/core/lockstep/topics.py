@@ -324,7 +324,7 @@ class RoutedPublisher(Publisher):
         """Publish a message, or the bytes of a serialized one.
 
         Raises:
-            TypeError: `message` is neither of the two.
+            TypeError: `message` is neither a message of the topic's type nor `bytes`.
             ObeliskMsgError: a field has a value that its type cannot hold.
         """
         topic, scheduler = self._topic, self._scheduler
