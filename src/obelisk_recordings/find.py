@@ -100,7 +100,9 @@ def find_recording(parent: Path | None, name: str | None) -> Path:
     if recorded:
         count = with_number(len(recorded), "run")
         raise RecordingError(f"only {count} of `{name}` recorded")
-    how = "record one with `obk launch --record`, or `obk record` while it runs"
+    how = (
+        "make a recording with `obk launch --record`, or with `obk record` while a stack is running"
+    )
     if name is None:
         raise RecordingError(f"no run in {parent} was recorded", help=how)
     if fitting:

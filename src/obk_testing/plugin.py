@@ -282,7 +282,9 @@ def _seeds(config: pytest.Config) -> Sequence[int]:
     given = str(config.getoption("--seeds"))
     match = re.fullmatch(r"(?P<one>=)?(?P<number>\d+)", given)
     if match is None or not (match["one"] or int(match["number"])):
-        raise pytest.UsageError(f"`--seeds {given}`: expected a number of at least 1, or =SEED")
+        raise pytest.UsageError(
+            f"`--seeds {given}`: expected a number of seeds, or `=SEED` for one"
+        )
     number = int(match["number"])
     return (number,) if match["one"] else range(number)
 

@@ -103,7 +103,7 @@ def summary_lines(
     for name, trials in tests.items():
         failed = sorted((t for t in trials if t.outcome != "passed"), key=_badness)
         passed = len(trials) - len(failed)
-        yield f"{plain(name):<{width}}  {passed} of {len(trials)}{_worst(failed)}"
+        yield f"{plain(name):<{width}}  {passed} of {len(trials)} passed{_worst(failed)}"
         yield from (f"  {plain(record.checked)}" for record in trials if record.checked)
         for record in failed[:_MOST_SHOWN]:
             again = rerun_command(config, overrides, record.node_id, twice=twice)

@@ -56,7 +56,7 @@ class CommandAge:
 
     @property
     def deadline_s(self) -> float | None:
-        """When the latest command becomes stale [s]; None without a command or if it is stale."""
+        """When the latest command becomes stale [s]; None if there is none, or if it is stale."""
         newest_s = self._newest_s
         return None if newest_s is None or self.is_stale else newest_s + self.policy.max_age_s
 

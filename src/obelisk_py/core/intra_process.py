@@ -9,7 +9,7 @@ receive the messages through DDS.
 The following holds for each publisher and subscription, even while others are added and removed:
 
 - No message is delivered twice: each goes either to the buffers or to DDS.
-- No message is lost that DDS would not lose. A subscription in another process receives the
+- Every message that DDS would deliver is delivered. A subscription in another process receives the
   messages published after the publisher discovered it, as with DDS alone. A buffer holds up to
   `history_depth` messages and then drops the oldest. While DDS still holds messages for the
   subscription, the limit applies to the buffer and to DDS separately.
@@ -66,10 +66,10 @@ _UNSET: Final = QoSProfile(depth=1)
 
 @functools.cache
 def middleware_is_known() -> bool:
-    """Whether a new endpoint is matched within its context before the call that creates it returns.
+    """Whether this module can predict which subscriptions the middleware would match.
 
-    This is the case with Fast DDS. The QoS profile in Python is also the effective one, unless
-    the process loads profiles from XML.
+    Fast DDS matches the endpoints of a context before it returns from the call that creates one.
+    It uses the QoS profiles that the node sets, unless the process loads profiles from XML.
     """
     return (
         get_rmw_implementation_identifier() == "rmw_fastrtps_cpp"

@@ -140,6 +140,6 @@ def _summary(found: "RunComparison") -> Iterator[str]:
         yield f"{differing} of {with_number(differing + equal, 'signal')} differ"
     if None in found.rejected_commands:
         yield (
-            "note: the number of rejected commands is available only for recordings in the folder "
-            "of their run"
+            "note: rejected commands are counted only for recordings that are still in their run's "
+            "folder"
         )

@@ -122,7 +122,8 @@ def _check(stack: str, root: Path, *, is_torque: bool = False) -> tuple[PackageS
     packages = fault or check_stack(stack, owner_of=owner_of, is_torque=is_torque)
     if isinstance(packages, Problem):
         raise MisuseError(
-            f"the folder's name becomes the stack's name: {packages.sentence}", help=packages.help
+            f"the folder's name would become the stack's name, but {packages.sentence}",
+            help=packages.help,
         )
     return packages
 

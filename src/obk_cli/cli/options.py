@@ -74,7 +74,7 @@ TimeoutOption = Annotated[
     ),
 ]
 MOST: Final = 1e6
-"""Largest value of any numeric option: 11 days in seconds; the system's limit is 24 days."""
+"""Largest value of any numeric option: 11 days in seconds; a wait may take at most 24 days."""
 
 
 def require_choice(option: str, value: str, choices: Collection[str]) -> None:
@@ -84,8 +84,9 @@ def require_choice(option: str, value: str, choices: Collection[str]) -> None:
         MisuseError: the help suggests similar values.
     """
     if value not in choices:
+        expected = f"{'one of ' if len(choices) > 1 else ''}{list_names(choices)}"
         raise MisuseError(
-            f"`{option} {value}`: expected one of {list_names(choices)}",
+            f"`{option} {value}`: expected {expected}",
             help=ask_for(near_names(value, choices)),
         )
 

@@ -64,7 +64,7 @@ def _data(stack: LiveStack) -> dict[str, Any]:
 def _text(stack: LiveStack) -> Iterator[str]:
     run, status = stack.run, stack.status
     state = status.state if status else "launcher does not answer"
-    device = f" on {', '.join(run.devices)}" if run.devices else ""
+    device = f" (device {', '.join(run.devices)})" if run.devices else ""
     yield (
         f"{run.name}{device}: {state}, ROS domain {run.domain}, launcher {run.pid}, "
         f"up {_clock(_uptime_s(stack))}, {run.config}"

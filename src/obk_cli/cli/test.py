@@ -123,7 +123,7 @@ def command(
     if config == STANDARD_INPUT:
         raise MisuseError("`obk test` needs the path of a config, not `-`")
     if _SEEDS.fullmatch(seeds) is None or seeds.lstrip("0") == "":
-        raise MisuseError(f"`--seeds {seeds}`: expected a number of at least 1, or =SEED")
+        raise MisuseError(f"`--seeds {seeds}`: expected a number of seeds, or `=SEED` for one")
     if jobs is not None and jobs < 1:
         raise MisuseError(f"`-j {jobs}`: expected a number of at least 1")
     limit_s = None if time_limit is None else _seconds_of(time_limit)

@@ -80,7 +80,7 @@ class TopicEndpoint:
     remapping: Remapping | None = None
     """The remapping that gave the topic its name, if it differs from the written one."""
     is_optional: bool = False
-    """Whether the endpoint makes sense without another endpoint of the topic."""
+    """Whether it is no mistake if the topic has no other endpoint."""
 
     @property
     def renamed(self) -> tuple[Related, ...]:
@@ -145,7 +145,7 @@ def _by_topic(
 
 
 def may_be_one(one: str | None, other: str | None) -> bool:
-    """Whether two names of types are equal, or may denote the same type."""
+    """Whether two type names are equal or may denote the same type."""
     return one == other or {one, other} == _ONE_SEED_NAME
 
 

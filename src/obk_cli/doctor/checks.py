@@ -186,7 +186,7 @@ def checks_of(environment: Mapping[str, str], working_folder: Path) -> tuple[Che
         ),
         _check(
             "paths",
-            "several installations of obk, ROS or Python",
+            "conflicting installations of obk, ROS or Python",
             lambda: probe_paths(environment),
             judge_paths,
         ),

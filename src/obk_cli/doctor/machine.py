@@ -206,7 +206,7 @@ def probe_folders(environment: Mapping[str, str]) -> tuple[FolderFacts, ...]:
     """Measure each folder, or its nearest existing parent."""
     return (
         _folder_facts("runs and their logs", runs_folder(environment), "OBK_HOME"),
-        _folder_facts("the cache of models", cache_folder(environment), "XDG_CACHE_HOME"),
+        _folder_facts("the model cache", cache_folder(environment), "XDG_CACHE_HOME"),
         _folder_facts("temporary files", Path(tempfile.gettempdir()), "TMPDIR"),
     )
 

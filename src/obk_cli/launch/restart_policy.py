@@ -21,7 +21,7 @@ FIRST_BACKOFF_S: Final = 0.1
 
 
 class _Budget:
-    """The restarts of one process, limited within any window of a given length [s]."""
+    """Counts the restarts of a process, and limits how many are allowed within `window_s`."""
 
     def __init__(self, *, attempts: int, window_s: float) -> None:
         self._attempts = attempts

@@ -88,7 +88,7 @@ class Supervisor:
 
         Args:
             plan: the whole stack.
-            units: the processes that run here; nodes in none of them run on other devices.
+            units: the processes that run here. The plan's other nodes run on other devices.
             processes: starts and signals processes.
             lifecycle: requests transitions of nodes.
             inbox: receives events: from both interfaces, from signals and from other terminals.
@@ -133,7 +133,7 @@ class Supervisor:
         self._changes: deque[ChangeRequested] = deque()
         """Changes waiting to be made."""
         self._busy_with = ""
-        """Why no change can be made now, as words after "the stack is"; empty if one can."""
+        """Completes "the stack is" if no change can be made now, otherwise empty."""
 
     def run(self, until: Until = "active", duration_s: float | None = None) -> Ended:
         """Bring the stack up, watch it, bring it down.
@@ -235,7 +235,7 @@ class Supervisor:
                 # A node may have crashed after the transition.
                 self._restarts.handle_crashes()
                 return self._run.may_go_on
-            # A node that failed by itself rejects the transition: that is a crash like any other.
+            # A node whose code failed before rejects the transition. It has crashed like any other.
             crashed = {crash.node for crash in self._state.crashes}
             culprits = [
                 member
@@ -299,7 +299,7 @@ class Supervisor:
     # --- shutdown ---
 
     def _bring_down(self) -> None:
-        """Deactivate, clean up, shut down, controllers before the robot; then signals."""
+        """Shut down the nodes, controllers before the robot, then end the processes by signals."""
         context, state = self._context, self._state
         busy = frozenset(state.in_transition)
         self._go_down()
@@ -503,7 +503,7 @@ class Supervisor:
         names = state.units[unit].node_names
         is_early = state.is_early(unit)
         has_lifecycle = state.with_lifecycle.issuperset(names)
-        # A process whose nodes are finalized only has to exit Python, which may take a while.
+        # Once its nodes are finalized, a process has nothing left to do but to exit.
         is_over = has_lifecycle and state.are_all(names, FINALIZED)
         state.process_ended(unit)
         self._context.heartbeat.forget(names)
@@ -589,7 +589,7 @@ class Supervisor:
             self._run.stop(FROM_ELSEWHERE)
 
     def _failed(self, event: Failed) -> None:
-        """Handle a failure as a crash, unless it is that of a requested transition."""
+        """Handle a failure as a crash, unless it happened in a requested transition."""
         state = self._state
         if self._context.pending.pop(event) or self._run.is_going_down:
             return

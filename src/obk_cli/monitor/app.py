@@ -67,7 +67,7 @@ HELP: Final = (
     "q           quit; the stack keeps running",
     "!           a topic more than 10 % off the rate in the config",
     "+           shared process: CPU and RSS include all its nodes",
-    "last ms     since the last message;   age ms   median age by stamps",
+    "last ms     since the last message;   age ms, age p99   by stamps: median, p99",
 )
 
 

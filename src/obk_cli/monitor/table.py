@@ -83,7 +83,7 @@ def head_line(view: StackView, width: int) -> TableLine:
         f"{with_number(off, 'topic')} off" if off else "",
         "simulation too slow" if is_slow else "",
         "" if rtf is None else f"real time x{rtf:.2f}",
-        f"monitor {view.cost_percent:.1f} %",
+        f"monitor {view.cost_percent:.1f} % CPU",
         f"domain {view.domain}",
     ]
     is_wrong = bool(off or is_slow or view.has_ended or (view.run and not view.state))
@@ -295,7 +295,7 @@ _TOPIC_COLUMNS: Final[tuple[_Column[TopicView], ...]] = (
         cell=lambda topic: _ms(topic.age.p50_s if topic.age else None),
     ),
     _Column(
-        title="p99 ms",
+        title="age p99",
         width=8,
         rank=7,
         cell=lambda topic: _ms(topic.age.p99_s if topic.age else None),

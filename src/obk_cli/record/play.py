@@ -162,7 +162,7 @@ def play(
 
 
 class RecordedClock:
-    """Converts times of publication to the clock that the recorded run's nodes used."""
+    """Converts publication times to the clock that the recorded run's nodes used."""
 
     def __init__(self, run: RecordedRun) -> None:
         """Find out which clock the nodes used; for simulated time, read the stamps of all topics.
@@ -194,7 +194,7 @@ class RecordedClock:
 
 
 def _stamps(run: RecordedRun) -> "Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]":
-    """Times of publication and stamps [ns] of the topics that have any."""
+    """Publication times and stamps [ns] of all topics with stamped messages."""
     definitions = run.definitions(run.topics)
     topics = {name for name, one in definitions.items() if _begins_with_header(one)}
     for part in run.parts(topics):

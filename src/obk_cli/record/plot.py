@@ -255,8 +255,8 @@ def check_time_range(parts: Sequence[PlotPart], xlim: tuple[float, float]) -> No
     times_s = np.concatenate([line.times_s for part in parts for line in part.lines])
     first, last = (round(time_s, 3) + 0.0 for time_s in (times_s.min(), times_s.max()))
     raise MisuseError(
-        f"`--xlim {xlim[0]:g} {xlim[1]:g}`: no message was published in this time",
-        help=f"the messages are from {first:g} s to {last:g} s",
+        f"`--xlim {xlim[0]:g} {xlim[1]:g}`: no message was published in this interval",
+        help=f"the recorded messages span {first:g} s to {last:g} s",
     )
 
 

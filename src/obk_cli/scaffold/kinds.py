@@ -218,8 +218,8 @@ def _shape_fault(name: str) -> str | None:
         return f"has {len(name)} characters; expected at most {LONGEST_NAME}"
     if not _SNAKE_CASE.fullmatch(name):
         return (
-            "is not lower snake case: expected a letter, then lowercase letters, digits and "
-            "single `_`"
+            "is not lower snake case: expected a lowercase letter, then lowercase letters, digits "
+            "and single underscores"
         )
     fault = package_name_fault(name) or node_name_fault(name)
     return f"is not valid in ROS: {fault}" if fault else None

@@ -75,8 +75,8 @@ def take_port(port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         raise CommandFailedError(
-            f"port {port} of {HOST} cannot be used: {error.strerror}",
-            help="another `obk web` may have it; choose one with `--port`, 0 for any",
+            f"port {port} on {HOST} cannot be used: {error.strerror}",
+            help="another `obk web` may be using it; choose another port with `--port` (0: any)",
         ) from error
     return listener
 

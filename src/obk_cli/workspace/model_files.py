@@ -1,7 +1,7 @@
 """Collect the files of a robot's model, so that a workspace has a self-contained copy.
 
 The input is an MJCF or URDF file; the output is files in memory, with their paths in the
-workspace's model folder. The copy is completed and read again before it is returned.
+workspace's model folder. Missing sensors and actuators are added to the copy.
 """
 
 import os
@@ -167,7 +167,7 @@ def _from_mjcf(path: Path) -> tuple[Files, PurePosixPath]:
 
 
 def _assets(model: Path) -> Iterator[Path]:
-    """The existing files of a model; those of an attached model have their own folder."""
+    """The files that a model refers to and that exist, relative to its own folder."""
     read = read_model_bounded(model)
     for names in read.referenced_files if isinstance(read, ModelRead) else ():
         yield from (place for name in names if (place := model.parent / name).is_file())
@@ -179,7 +179,7 @@ def _from_urdf(path: Path, root: ElementTree.Element, folder: Path) -> tuple[Fil
     Args:
         path: the URDF.
         root: its XML tree, which is modified.
-        folder: where to write it with its meshes for MuJoCo.
+        folder: where MuJoCo reads the modified URDF and the meshes.
     """
     compiler = root.find("mujoco/compiler")
     if compiler is None:

@@ -27,7 +27,7 @@ def lines(*records: TrialRecord, config: str | None = "arm.yaml", set: Sequence[
 
 def test_trials_of_one_test_are_one_line() -> None:
     text = lines(*(record(seed) for seed in range(4)))
-    assert text.splitlines()[0] == "tests/test_arm.py::test_push  4 of 4"
+    assert text.splitlines()[0] == "tests/test_arm.py::test_push  4 of 4 passed"
 
 
 def test_parameters_other_than_the_seed_stay_apart() -> None:
@@ -43,7 +43,7 @@ def test_the_worst_failure_comes_first_with_its_command() -> None:
         record(3, "assert 0.02 < 0.01", files=("a.mcap",)),
         record(4, "assert np.float64(0.05) < 0.01", files=("b.mcap", "b.png")),
     )
-    assert "1 of 3   worst 0.05 (limit 0.01), seed 4" in text
+    assert "1 of 3 passed   worst 0.05 (limit 0.01), seed 4" in text
     assert text.index("b.mcap") < text.index("a.mcap")
     assert "again: obk test arm.yaml --again 'tests/test_arm.py::test_push[seed4]'" in text
 

@@ -422,9 +422,9 @@ class _WorkerPool:
             self._disown(worker)
 
     def _drain(self, worker: Worker, end_s: float | None) -> None:
-        """After a stop, run what callbacks on other workers may be waiting for, until they end.
+        """After a stop, handle events until the callbacks on other workers have ended.
 
-        Otherwise a callback that waits for the response of a service would never return.
+        They may be waiting for these events, such as the response of a service.
         """
         worker.ignore_unawaited()
         try:

@@ -45,7 +45,8 @@ STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
 MOST_AT_ONE_TIME: Final = 100_000
 """Maximum number of events without time advancing; exceeding it ends the run."""
 _LONGEST_CALLBACK_NS: Final = 1_000 * NS_PER_S
-"""Maximum time that a callback may sleep; after that, what it is waiting for cannot happen."""
+"""Maximum time that a callback may sleep. Beyond it, the callback is probably waiting for another
+event, and no event happens while it runs."""
 _TRACED: Final = 64
 """Number of events to trace when nodes trigger each other endlessly."""
 
@@ -105,7 +106,7 @@ class TimingModel:
     latency: float = 0.0
     """Time from publishing a message to its arrival."""
     jitter: float = 0.0
-    """Maximum of the random addition to the latency; a new one is drawn for each message."""
+    """Each message has an additional latency, which is random between 0 and this."""
     random_phases: bool = False
     """Whether each timer's first tick is delayed by a random fraction of its period."""
 

@@ -29,7 +29,7 @@ RULES: tuple[Rule, ...] = (
         title="a subscriber without a publisher",
         cause="Nothing in the config publishes the topic, so the subscriber would wait forever. "
         "The finding is an error if the config publishes a topic with a similar name or the same "
-        "Obelisk message. Other topics are probably published outside the stack, and are "
+        "Obelisk message type. Other topics are probably published outside the stack, and are "
         "listed in one warning.",
         fix="Correct the topic, or add it to `external_topics` if a node outside the stack "
         "publishes it.",
@@ -47,9 +47,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="different message types on one topic",
         cause="ROS connects a publisher and a subscriber only if their message types are the "
-        "same. A process cannot use two types on one topic. The finding is a warning if one of the "
-        "nodes is in C++, where the code determines the type, and `msg_type` has no "
-        "effect.",
+        "same. A process cannot use two types on one topic. The finding is only a warning if one "
+        "of the nodes is in C++: its code determines the type, and `msg_type` has no effect.",
         fix="Use the same type at both ends, or use two topics.",
     ),
     Rule(

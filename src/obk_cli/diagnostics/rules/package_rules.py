@@ -45,8 +45,8 @@ RULES: tuple[Rule, ...] = (
         title="a component is missing from the config",
         cause="The node's class registers the component, and the node cannot be configured "
         "without its settings. The finding is a warning if the node only logs the missing "
-        "component, as nodes with the Python API since May 2026 (G3) do, and info-level if the "
-        "component is optional.",
+        "component, as with the Python API of May 2026, and info-level if the component is "
+        "optional.",
         fix="Add the component to the config, or register it with `required=False`.",
     ),
     Rule(
@@ -87,7 +87,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK410",
         severity="error",
         title="the node's source cannot be run",
-        cause="The file is not valid Python, or does not define what the entry point names.",
+        cause="The file is not valid Python, or does not define the function of the entry point.",
         fix="Fix the source at the reported location, or the entry point in `setup.py`.",
     ),
     Rule(

@@ -175,7 +175,9 @@ def test_a_folder_with_a_name_that_is_invalid_for_stacks_is_misuse(
 ) -> None:
     fault = refused(name)
     assert isinstance(fault, MisuseError)
-    assert fault.message.startswith("the folder's name becomes the stack's name: the name `")
+    assert fault.message.startswith(
+        "the folder's name would become the stack's name, but the name `"
+    )
     assert tree(here) == {}
 
 

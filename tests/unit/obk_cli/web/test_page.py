@@ -80,7 +80,7 @@ def test_a_port_that_is_taken_is_reported() -> None:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(CommandFailedError, match=f"port {port} of 127.0.0.1 cannot be used"):
+        with pytest.raises(CommandFailedError, match=f"port {port} on 127.0.0.1 cannot be used"):
             take_port(port)
     with take_port(0) as taken:
         assert taken.getsockname()[0] == "127.0.0.1"
