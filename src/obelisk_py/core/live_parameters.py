@@ -138,7 +138,7 @@ class LiveParameters:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Change no value inside the `with` block; waiting values change together afterwards."""
+        """Postpone changes until the end of the `with` block, then apply them together."""
         key = threading.get_ident()
         if not self._declared or key in self._running:
             yield

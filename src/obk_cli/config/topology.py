@@ -51,7 +51,7 @@ _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
     "obelisk_sensor_msgs/msg/ObkJointEncoders",
 }
-"""Configs for the original Obelisk may have the first name although the C++ code, which determines
+"""Configs for the original Obelisk may use the first name even though the C++ code, which determines
 the type at run time, uses the second."""
 
 

@@ -333,7 +333,7 @@ def _tick(
         for component in node.components:
             if component.identity == name and component.timer_period_s is not None:
                 period = component.timer_period_s.value
-                return Tick(component=name, period_s=period, origin=f"as `{node.full_name}`")
+                return Tick(component=name, period_s=period, origin=f"like `{node.full_name}`")
     received = {link.topic for link in links if link.end.direction == "subscribes"}
     for end in stack_endpoints(stack):
         if end.direction == "publishes" and end.topic in received and end.rate_hz:

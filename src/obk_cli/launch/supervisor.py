@@ -96,8 +96,8 @@ class Supervisor:
             publish: receives the output events.
             limits: time limits.
             on_crash: for nodes whose config sets none.
-            lead: full name of the state node of the launch that runs the nodes' transitions; None:
-                this launch does, including for nodes on other devices.
+            lead: full name of the state node of the leading launch, which runs the transitions of
+                all nodes on all devices; None if this launch leads.
             strict_rates: whether the stack stops if an expected rate is missed.
         """
         limits = limits or Limits()
@@ -226,7 +226,7 @@ class Supervisor:
         return self._run.may_go_on
 
     def _take_all_through(self, transition: Transition) -> bool:
-        """Take every node through a transition; nodes that crash meanwhile are restored."""
+        """Take every node through a transition; nodes that crash in the meantime are restored."""
         limit_s = self._context.limits.transition_s
         while self._run.may_go_on:
             change = Change(transition=transition, nodes=self._state.counted(), limit_s=limit_s)

@@ -15,8 +15,8 @@ __all__ = ["Clock", "MonotonicClock", "Pace", "SampleTimes", "StepTime", "whole_
 NS_PER_S: Final = 1_000_000_000
 _LARGEST_DENOMINATOR: Final = 1_000_000_000
 CATCH_UP_S: Final = 0.05
-"""Maximum lateness that the simulation makes up for with steps in quick succession [s].
-Scheduling delays are shorter; a machine that is too slow soon exceeds it."""
+"""Maximum lateness for which steps catch up, by running in quick succession [s]. Scheduling
+delays are shorter; a machine that is too slow soon exceeds it."""
 LONGEST_SLEEP_NS: Final = 50_000_000
 """Maximum duration of an uninterruptible sleep, and thus the maximum delay of a stop [ns]."""
 
@@ -54,8 +54,8 @@ class MonotonicClock:
 class Pace:
     """The absolute schedule of steps: step n is due n periods after the start of the schedule.
 
-    Lateness of up to `CATCH_UP_S` is made up for, so there is no drift. Beyond that, the schedule
-    restarts at the current time and the lost time is counted, so steps never race to catch up.
+    Steps catch up if they are up to `CATCH_UP_S` late, so there is no drift. Beyond that, the
+    schedule restarts at the current time and the lost time is counted.
     """
 
     def __init__(self, period_s: float) -> None:
