@@ -51,8 +51,8 @@ _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
     "obelisk_sensor_msgs/msg/ObkJointEncoders",
 }
-"""Configs for the original Obelisk may use the first name even though the C++ code, which determines
-the type at run time, uses the second."""
+"""Configs for the original Obelisk may use the first name even though the C++ code, which
+determines the type at run time, uses the second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
