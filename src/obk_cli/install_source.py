@@ -54,7 +54,7 @@ class InstallSource:
             if has_ros and self.messages:
                 return (tool, f"{MESSAGES} @ {self.messages}")
             local = _local_path(self.archive)
-            # The messages are released with the tool, and need it to build.
+            # The messages are released with the tool, which is required to build them.
             find = ["--find-links", str(local.parent)] if local and has_ros else []
             return (*find, tool)
         return (f"{TOOL}{options}",)

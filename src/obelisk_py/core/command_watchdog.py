@@ -226,8 +226,8 @@ LASTING_S: Final = 1.0
 LASTING_PERIOD_S: Final = 10.0
 """Time between two such errors [s]."""
 MOST_REASONS: Final = 8
-"""Maximum number of reasons in a report. Further reasons are only counted: a reason that contains a
-changing number would fill the report."""
+"""Maximum number of reasons in a report. Further reasons are only counted; otherwise, a reason that
+contains a changing number would fill the report."""
 ONLY_REJECTIONS: Final = (
     "no valid message has been received for {lasting_s:.1f} s, so the robot has no commands; "
     "`obk topic echo` shows what the controller sends"

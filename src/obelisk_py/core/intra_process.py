@@ -3,8 +3,8 @@
 Each subscription that runs in the library's executor has a buffer, registered by context and topic.
 A publisher puts its messages into the buffers of the subscriptions that DDS would match, and sends
 nothing through DDS while DDS counts no other subscription. A `LocalSender` serves the subscriptions
-in other processes of the run. Once there is any other subscription, all subscriptions
-receive the messages through DDS.
+in other processes of the run. Once there is a subscription that neither can serve,
+all subscriptions receive the messages through DDS.
 
 The following holds for each publisher and subscription, even while others are added and removed:
 
@@ -139,8 +139,8 @@ class MessageBuffer:
         """Replaced whenever this process may have sent the subscription a message through DDS."""
         self._empty_mark: object = None
         self.signal_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        # Publishers may signal after the handler was closed, so the buffer owns the eventfd. When
-        # the process exits, workers may still be watching it.
+        # The buffer owns the eventfd, because publishers may signal after the handler has been
+        # closed. When the process exits, workers may still be watching it.
         weakref.finalize(self, os.close, self.signal_fd).atexit = False
         self.signal: Callable[[], object] = partial(os.eventfd_write, self.signal_fd, 1)
         """Writes to the eventfd."""

@@ -3,8 +3,9 @@
 Each callback records that it is running, and a change waits until none is running. Then all waiting
 values are set together, and `on_parameters` is called before the next callback. On an executor with
 several threads, there may never be a moment without a running callback. A callback that starts
-while a change is waiting therefore waits too, but at most as long as its own last run took. A slow
-callback thus never blocks a fast loop for long.
+while a change is waiting therefore waits too, but at most as long as its own last measured run
+took. Thus a slow callback never blocks a fast loop for long. Runs are measured only while a change
+is waiting.
 """
 
 import functools
@@ -41,9 +42,9 @@ class LiveParameters:
         self._node = node
         self._declared: dict[str, Parameter[Any]] = parameters_of(type(node))
         self._running: dict[object, float] = {}
-        """The running callbacks and, if measured, their start times [s]. A key is a thread
-        identifier, or an object for a coroutine, because other callbacks run while it is
-        suspended."""
+        """The running callbacks and, if measured, their start times [s]. The key is the thread's
+        identifier or, for a coroutine, a new object, because other callbacks can run on the thread
+        while the coroutine is suspended."""
         self._changing = threading.Condition(threading.RLock())
         # Read without the lock: a callback first records that it is running and then reads this
         # flag. A change first sets the flag and then checks for running callbacks.
@@ -80,7 +81,7 @@ class LiveParameters:
         return parameter.fit(RosParameter.from_parameter_msg(message)).to_parameter_msg()
 
     def fault(self, requested: RosParameter) -> str | None:
-        """Why a requested value is invalid; None if it is valid or for another parameter."""
+        """Why a requested value is invalid; None if it is valid, or for a parameter of rclpy."""
         parameter = self._declared.get(requested.name)
         return None if parameter is None else parameter.fault(requested)
 
@@ -170,7 +171,7 @@ class LiveParameters:
                     self._for_configure.pop(given.name, None)
 
     def _give_way(self, key: object, longest_s: float) -> None:
-        """Apply a waiting change before a callback that has recorded that it is running.
+        """Apply a waiting change before a callback runs; it is already recorded as running.
 
         Args:
             key: the callback's key in `_running`.

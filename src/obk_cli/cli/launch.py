@@ -169,7 +169,8 @@ def command(
         str | None,
         typer.Option(
             metavar="localhost|lan",
-            help="Hosts that can discover the stack: only this one, or all on the local network.",
+            help="Hosts that can discover the stack: only this one, or all on the local network. "
+            "Default: localhost, or lan if some nodes run on other hosts.",
         ),
     ] = None,
     log_level: Annotated[

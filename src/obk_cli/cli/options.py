@@ -74,7 +74,7 @@ TimeoutOption = Annotated[
     ),
 ]
 MOST: Final = 1e6
-"""Largest value of any numeric option: 11 days in seconds; a wait may take at most 24 days."""
+"""Upper limit for numeric options. In seconds, it is 11 days; the system limits a wait to 24."""
 
 
 def require_choice(option: str, value: str, choices: Collection[str]) -> None:

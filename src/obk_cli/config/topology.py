@@ -80,7 +80,7 @@ class TopicEndpoint:
     remapping: Remapping | None = None
     """The remapping that gave the topic its name, if it differs from the written one."""
     is_optional: bool = False
-    """Whether it is no mistake if the topic has no other endpoint."""
+    """Whether the topic may have no other endpoint."""
 
     @property
     def renamed(self) -> tuple[Related, ...]:

@@ -98,7 +98,7 @@ def write_update(update: ConfigUpdate) -> None:
 def _present_values(
     wanted: Mapping[str, frozenset[str]], target: GraphTarget, timeout_s: float
 ) -> dict[str, dict[str, ParameterValue]]:
-    """The values that parameters in the config, and tuned ones, have in the running nodes."""
+    """The running nodes' values of all parameters that are in the config or have been tuned."""
     found: dict[str, dict[str, ParameterValue]] = {}
     with open_graph(target, None, asks_nodes=True) as source:
         settle(source, target, timeout_s)

@@ -235,7 +235,8 @@ class Supervisor:
                 # A node may have crashed after the transition.
                 self._restarts.handle_crashes()
                 return self._run.may_go_on
-            # A node whose code failed before rejects the transition. It has crashed like any other.
+            # A node whose code has already failed rejects the transition; treat it like any other
+            # crashed node.
             crashed = {crash.node for crash in self._state.crashes}
             culprits = [
                 member
@@ -299,7 +300,7 @@ class Supervisor:
     # --- shutdown ---
 
     def _bring_down(self) -> None:
-        """Shut down the nodes, controllers before the robot, then end the processes by signals."""
+        """Shut down the nodes, controllers before the robot, then signal the processes to end."""
         context, state = self._context, self._state
         busy = frozenset(state.in_transition)
         self._go_down()
@@ -503,7 +504,7 @@ class Supervisor:
         names = state.units[unit].node_names
         is_early = state.is_early(unit)
         has_lifecycle = state.with_lifecycle.issuperset(names)
-        # Once its nodes are finalized, a process has nothing left to do but to exit.
+        # Once its nodes are finalized, a process has nothing left to do but exit.
         is_over = has_lifecycle and state.are_all(names, FINALIZED)
         state.process_ended(unit)
         self._context.heartbeat.forget(names)

@@ -221,7 +221,8 @@ def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
 def stack_nodes(found: Iterable[str]) -> tuple[str, ...]:
     """The nodes of a stack among the lifecycle nodes in the ROS graph, in tier order.
 
-    A stack's nodes are named after their sections. If no node is, all nodes are returned.
+    A stack's nodes are named after their sections. If no node has such a name, all nodes are
+    returned.
     """
     every = in_tier_order(found)
     return tuple(node for node in every if section_of(node)) or every
@@ -278,7 +279,7 @@ def end_launcher(
     # A suspended launcher (Ctrl-Z) could not shut anything down.
     signal_process(run.pid, run.started, signal.SIGCONT)
     end = time.monotonic() + timeout_s
-    # Not sooner: a launcher that answers slowly would treat the signal as a forced quit.
+    # Send SIGINT no sooner: a launcher that is slow to answer would treat it as a forced quit.
     if not ask_stop(folder, reason, timeout_s / 2):
         signal_process(run.pid, run.started, signal.SIGINT)
     if _wait_until(lambda: not is_running(), end - time.monotonic()):

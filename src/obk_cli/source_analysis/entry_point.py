@@ -135,7 +135,7 @@ def _no_function(entry: Module, function: str) -> CodeFault:
         for name, node in entry.names.items()
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     ]
-    message = f"has no function `{function}`, which the entry point names"
+    message = f"does not define `{function}`, the function that the entry point refers to"
     help = did_you_mean(function, functions)
     return CodeFault(message=message, place=entry.source.path, span=first, help=help)
 

@@ -127,7 +127,7 @@ def _read(path: Path, *, shown: str) -> ModelRead:
 
 def _help_for(message: str, path: Path) -> str | None:
     if "decoder" in message:
-        return "MuJoCo reads meshes in STL, OBJ and MSH, and textures in PNG: convert the file"
+        return "MuJoCo reads STL, OBJ and MSH meshes and PNG textures: convert the file"
     root = _parsed(path)
     if root is not None and root.tag in ("mujoco", "robot"):
         return None

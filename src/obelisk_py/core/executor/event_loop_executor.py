@@ -179,7 +179,7 @@ class EventLoopExecutor(Executor):
                 if not self._should_continue():
                     return
                 self._pool.run_posted(worker)
-                # A future that is done has interrupted the worker; see `_woken_by`.
+                # When the future completes, it interrupts the worker; see `_woken_by`.
                 if future is not None and _is_done(future):
                     return
             if end_s is not None:

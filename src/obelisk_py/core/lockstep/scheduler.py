@@ -89,7 +89,7 @@ class ScheduledNode:
     """Full name."""
     node: Any
     others: list[Any] = field(default_factory=list)
-    """Nodes created by its code; they share its turns, as in one process."""
+    """Nodes that its code has created; they are scheduled together with it."""
     compute_ns: int = 0
     """Computing time of each of its callbacks [ns]."""
     is_alive: bool = True
@@ -106,7 +106,7 @@ class TimingModel:
     latency: float = 0.0
     """Time from publishing a message to its arrival."""
     jitter: float = 0.0
-    """Each message has an additional latency, which is random between 0 and this."""
+    """Upper limit of a random latency that is added to each message's."""
     random_phases: bool = False
     """Whether each timer's first tick is delayed by a random fraction of its period."""
 

@@ -1,8 +1,8 @@
 """The controls of the viewer's page: pause, step, reset, speed, push, and the robot's answers.
 
 The buttons send requests to the robot, which carries them out or replies with the reason why it
-cannot. What the page shows follows the robot's reports, so it is also correct if something else
-paused the simulation.
+cannot. The page shows what the robot reports, so it stays correct even if something else pauses the
+simulation.
 """
 
 import html
