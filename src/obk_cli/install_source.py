@@ -54,7 +54,7 @@ class InstallSource:
             if has_ros and self.messages:
                 return (tool, f"{MESSAGES} @ {self.messages}")
             local = _local_path(self.archive)
-            # The messages are released with the tool, which is required to build them.
+            # This folder may also contain the messages; to build them, pip needs the tool from it.
             find = ["--find-links", str(local.parent)] if local and has_ros else []
             return (*find, tool)
         return (f"{TOOL}{options}",)

@@ -171,7 +171,7 @@ class LiveParameters:
                     self._for_configure.pop(given.name, None)
 
     def _give_way(self, key: object, longest_s: float) -> None:
-        """Apply a waiting change before a callback runs; it is already recorded as running.
+        """Apply a waiting change before a callback, which has already been recorded as running.
 
         Args:
             key: the callback's key in `_running`.

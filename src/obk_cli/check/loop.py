@@ -297,8 +297,8 @@ def _check_action(
         if isinstance(read, ModelRead) and read.facts.position_servos:
             yield found(
                 "OBK320",
-                "stale commands are replaced by zero, the new target of "
-                f"{with_number(read.facts.position_servos, 'position servo')}",
+                "stale commands are replaced by zero, which moves "
+                f"{with_number(read.facts.position_servos, 'position servo')} to position zero",
                 written.entry_span,
                 help="`stale_action: hold` or `damp` keeps the robot where it is",
             )

@@ -74,7 +74,8 @@ TimeoutOption = Annotated[
     ),
 ]
 MOST: Final = 1e6
-"""Upper limit for numeric options. In seconds, it is 11 days; the system limits a wait to 24."""
+"""Upper limit for numeric options. As a number of seconds, this is about 11 days; the system
+limits a wait to 24 days."""
 
 
 def require_choice(option: str, value: str, choices: Collection[str]) -> None:

@@ -78,9 +78,9 @@ class TopicEndpoint:
     rate_hz: float | None = None
     component: str | None = None
     remapping: Remapping | None = None
-    """The remapping that gave the topic its name, if it differs from the written one."""
+    """The remapping that gave the topic its name; None if that is the name in the config."""
     is_optional: bool = False
-    """Whether the topic may have no other endpoint."""
+    """Whether the topic is valid without another endpoint."""
 
     @property
     def renamed(self) -> tuple[Related, ...]:

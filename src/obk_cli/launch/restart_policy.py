@@ -168,7 +168,7 @@ class RestartPolicy:
         return True
 
     def _wait_for_end(self, unit: str) -> bool:
-        """Wait for a killed process to end; False: the stack comes down first."""
+        """Wait for a killed process to end; False if the stack begins to shut down first."""
         context = self._context
         until = context.loop.now() + context.limits.grace_s
         while context.run.may_go_on and self._runs(unit):

@@ -91,7 +91,7 @@ class Supervisor:
             units: the processes that run here. The plan's other nodes run on other devices.
             processes: starts and signals processes.
             lifecycle: requests transitions of nodes.
-            inbox: receives events: from both interfaces, from signals and from other terminals.
+            inbox: receives events from both interfaces, from signals and from other terminals.
             clock: monotonic time [s].
             publish: receives the output events.
             limits: time limits.

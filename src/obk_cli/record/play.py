@@ -57,7 +57,7 @@ def command_topics(run: RecordedRun) -> frozenset[str]:
 
 
 def inputs_of(run: RecordedRun, is_wanted: Callable[[object], bool]) -> set[str]:
-    """The topics to which nodes of some sections of the recorded config subscribe."""
+    """The topics with a subscriber in the sections that `is_wanted` selects."""
     processes = run.plan.get("processes")
     return {
         str(end.get("topic"))

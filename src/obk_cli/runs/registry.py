@@ -279,7 +279,8 @@ def end_launcher(
     # A suspended launcher (Ctrl-Z) could not shut anything down.
     signal_process(run.pid, run.started, signal.SIGCONT)
     end = time.monotonic() + timeout_s
-    # Send SIGINT no sooner: a launcher that is slow to answer would treat it as a forced quit.
+    # Do not send SIGINT before the request has failed: a launcher that is slow to answer would
+    # treat it as a forced quit.
     if not ask_stop(folder, reason, timeout_s / 2):
         signal_process(run.pid, run.started, signal.SIGINT)
     if _wait_until(lambda: not is_running(), end - time.monotonic()):

@@ -1,4 +1,4 @@
-"""The cases of a sweep, each a test with a seed and changes to the config, and their results.
+"""The cases of a sweep and their results. A case is a test with a seed and changes to the config.
 
 Cases depend only on the command line and the tests, so every engine (local workers or Dask) runs
 the same cases, with any number of workers.

@@ -106,7 +106,7 @@ class TimingModel:
     latency: float = 0.0
     """Time from publishing a message to its arrival."""
     jitter: float = 0.0
-    """Upper limit of a random latency that is added to each message's."""
+    """Upper limit of the random delay that is added to the latency of each message."""
     random_phases: bool = False
     """Whether each timer's first tick is delayed by a random fraction of its period."""
 
