@@ -29,7 +29,7 @@ setup: $(VENV)/.interfaces
 define HELP
 make setup       create .venv with everything; ROS=system, PYTHON=python3.12
 make demo        run the dummy stack for 20 s
-make test        run all tests except slow ones, and the closed-loop tests of the examples
+make test        run all tests except slow ones, then the closed-loop tests of the examples
 make test-unit   run the tests that start no ROS nodes, no simulator and no browser
 make test-slow   run the soak, tutorials, colcon builds, all generated packages, many random cases,
                    and the closed-loop tests of the examples with five seeds

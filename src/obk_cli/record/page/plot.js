@@ -76,7 +76,7 @@ const thinned = data.parts.some((part) => part.lines.some(
   (line) => atob(line.times).length / 8 < line.points));
 if (thinned) {
   document.getElementById("note").textContent =
-    "Long lines are drawn by the least and the greatest value of each span of points.";
+    "Long lines show only the minimum and maximum of each group of points.";
 }
 window.addEventListener("resize", () => {
   for (const plot of plots) plot.setSize({ width: width(), height: HEIGHT });

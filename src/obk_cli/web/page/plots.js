@@ -78,7 +78,7 @@ export function takeSamples(samples) {
   if (!still && !document.hidden) drawAll();
 }
 
-// Another run has other times, so its picture is live.
+// A new run has a different time range, so its plots start live.
 export function showRun(run, started) {
   if (run === shownRun) return;
   shownRun = run;
@@ -104,7 +104,7 @@ export function showPlots(remove) {
   drawAll();
 }
 
-// Also read a signal that is added to a picture of the whole run.
+// If the whole run is shown, read it again to include new signals.
 export function refreshStill() {
   if (still?.isWhole) showWholeRun();
 }
@@ -363,7 +363,7 @@ function showLegend(chart) {
     });
 }
 
-// At most cursor times, lines of other topics have no value; use the last one before.
+// Lines of other topics rarely have a value at exactly the cursor's time; use the previous one.
 function newestAt(chart, place, at) {
   const values = chart.data[place];
   let found = at;
