@@ -186,7 +186,7 @@ def messages_in_parts(
 def messages_in_order(path: Path, topics: Collection[str]) -> Iterator[RecordedMessage]:
     """Read the messages of some topics one by one, in the order of receipt within each chunk.
 
-    Recorders write chunks one after another; chunks can only overlap in files of another origin.
+    Recorders write chunks one after another; chunks overlap only in files from elsewhere.
 
     Args:
         path: path of the file.
@@ -312,7 +312,7 @@ def _chunk(
 
 
 def _indexed_messages(data: bytes, indexes: Sequence[_RawIndex]) -> tuple[Times, Times] | None:
-    """Return starts and ends of a chunk's messages from its indexes; faster than to walk it.
+    """Return starts and ends of a chunk's messages from its indexes; faster than walking it.
 
     None if the chunk contains anything that the indexes do not list, such as channels.
     """

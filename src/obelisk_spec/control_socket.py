@@ -1,8 +1,8 @@
 """Ask the launcher of a run over its control socket: one JSON line each way.
 
-The requests and answers of the tool are in `obk_cli.runs.protocol`. The one of the runtime library
-is here: a robot reports the URL of its viewer's page. The URL contains the token that opens the
-page, so it must not reach ROS topics or log files, which other users can read.
+The requests and answers of the tool are in `obk_cli.runs.protocol`. The runtime library's only
+request is here: a robot reports the URL of its viewer's page. The URL contains the token that opens
+the page, so it must not reach ROS topics or log files, which other users can read.
 """
 
 import os
@@ -80,7 +80,7 @@ def report_page(node: str, url: str) -> None:
 
     Args:
         node: full name of the robot.
-        url: the URL; empty if the page has gone.
+        url: the URL; empty if the page is gone.
     """
     import json  # nodes that serve no page start faster without it
 

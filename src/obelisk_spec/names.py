@@ -6,8 +6,8 @@ Each `*_fault` function returns why a name is invalid, or None if it is valid. A
 
 `JointEncoders` is the original sensor message; its only field `y` holds joint positions, then
 velocities. The language page also calls it an alias of the sensor group `ObkJointEncoders`. As a
-sensor group it reads the same MuJoCo sensors, but publishes the message with the written name. So
-an original estimator, which subscribes to JointEncoders, receives it.
+sensor group it reads the same MuJoCo sensors, but publishes `JointEncoders`, the message to which
+an original estimator subscribes.
 
 Source: ROS 2 design, "Topic and Service name mapping"; rmw/validate_*.h; REP 144.
 """

@@ -165,7 +165,7 @@ def _with_name(
             raise RegistrationArgumentError("`ros_parameter` is given twice")
         return {**bound, "key": name}
     text = describe(name)
-    # In G3 nothing else is called `key`, so a call with a `key` is older, even if it is None.
+    # In G3, this argument is the key, so a call that also has a `key` is older, even if None.
     names_parameter = "key" in bound or (isinstance(text, str) and text.endswith(SETTING_SUFFIX))
     return {**bound, "ros_parameter" if names_parameter else "key": name}
 

@@ -43,7 +43,7 @@ class SensorUse:
     at_most: int | None = None
     """Maximum number of sensors; None for any number."""
     presence: Literal["optional", "expected", "required"] = "optional"
-    """Whether a group without it is complete, leaves a part of its message empty, or is invalid."""
+    """Without it, a group is complete, leaves a part of its message empty, or is invalid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,7 +191,7 @@ def check_noise(
 ) -> Iterator[SimFault]:
     """Yield findings about `noise` and `delay` of a group whose keys have the right types.
 
-    `is_incomplete`: whether a sensor may only appear to be missing because its type is wrong.
+    `is_incomplete`: whether a sensor that seems to be missing may just have the wrong type.
     """
     written = str(group["msg_type"])
     fields = NOISY_FIELDS.get(bare_name(written), {})

@@ -163,7 +163,7 @@ def check_group_against_model(
             reported += 1
             yield fault
     if rule is not None:
-        # If a type is given too often, which is reported, only its first sensor counts.
+        # If a type has too many sensors, which is reported elsewhere, only the first one counts.
         firsts = {kind: name for name, kind in reversed(list(names.items()))}
         found = [
             facts.sensors[name]
@@ -433,7 +433,7 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
 
 
 def _published_every_step(block: Mapping[str, Any], step_s: float, own_step_s: float) -> str:
-    """Name the sensor groups that are faster than the step, but not than the model's own step."""
+    """Name the sensor groups that are faster than the step, but not faster than the model's own."""
     groups = block.get("sensor_settings") or ()
     topics = [
         group["topic"]

@@ -63,7 +63,7 @@ def no_ros(why: object) -> CommandFailedError:
 
 
 def _install(extra: str) -> str:
-    # Only needed for an error: importing the metadata of distributions takes long.
+    # Only needed for an error: importing the metadata of distributions takes a long time.
     from obk_cli.install_source import install_command
 
     return f"`{install_command(extra)}`"

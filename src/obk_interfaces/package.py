@@ -149,7 +149,7 @@ def load_package(root: Path) -> InterfacePackage:
 
 
 def _depends_elsewhere(root: Path, interfaces: Iterable[Interface]) -> frozenset[str]:
-    """Return dependencies that may be missing in the manifest: CMake's, used standard packages.
+    """Return dependencies that the manifest may lack: CMake's, and the standard packages in use.
 
     A `find_package` counts if a definition uses a type of that package.
     """

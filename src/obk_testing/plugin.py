@@ -234,7 +234,7 @@ def _seed_of(item: pytest.Item) -> int:
 
 
 class _TimeLimit:
-    """Skips the remaining tests when the time is over, so that finished ones are reported."""
+    """Skips the remaining tests when time is up, so that finished ones are reported."""
 
     def __init__(self, end_s: float) -> None:
         self._end_s = end_s

@@ -74,7 +74,7 @@ class RegisteredComponent:
     msg_type: type[Any] | None = None
     default: str | Mapping[str, Any] | None = None
     required: bool | None = None
-    """None if the default of the API generation that made the call applies."""
+    """None for the default of the API generation that the call belongs to."""
     is_of_configure: bool = False
     """Whether `on_configure` registered it, so that `cleanup` unregisters it."""
     configuration: int = 0

@@ -2,10 +2,10 @@
 
 The launcher writes FILE as JSON, `{"nodes": [{"node", "module", "function", "arguments"}, ...]}`.
 The programs are nested: each one runs until it calls `spin_obelisk`, and the next one runs within
-that call. The last call creates all nodes and spins them until shutdown. Then the programs
-continue, the last one first. A program's `with open_robot(): spin_obelisk(...)` therefore works as
-in its own process, and a failure can be attributed to its program or node. No node is created
-before every program has called `spin_obelisk`.
+that call. The last call creates all nodes and spins them until shutdown. Then the programs continue
+in reverse order. A program's `with open_robot(): spin_obelisk(...)` therefore works as in its own
+process, and a failure can be attributed to its program or node. No node is created before every
+program has called `spin_obelisk`.
 """
 
 import json
@@ -55,8 +55,9 @@ SWITCH_INTERVAL_S = 1e-4
 
 The simulator's thread must step on time while the callbacks of all nodes run. With Python's default
 of 5 ms and a controller that occasionally computes for 4 ms, 1 % of the steps were 4 ms late.
-Processes with a single node keep the default. A program may use rclpy's MultiThreadedExecutor
-there, which destroys entities that it is waiting for: with 0.1 ms, one shutdown in seven failed.
+Processes with a single node keep the default. There, a program may use rclpy's
+MultiThreadedExecutor, which destroys entities while waiting for them: with 0.1 ms, one shutdown in
+seven failed.
 """
 OWN_CONTEXT = "; in a composed process, spin_obelisk creates the ROS context and spins the nodes"
 

@@ -331,7 +331,7 @@ class GuardedLifecycleNode(LifecycleNode):
                 self._forget_fault_at_rest()
 
     def _forget_fault_at_rest(self) -> None:
-        """Clear a fault in a state without running callbacks; no error processing follows."""
+        """Clear a fault in a state in which no callbacks run; no error processing follows."""
         if self.state_label in ("unconfigured", "finalized"):
             self._is_failing = False
 

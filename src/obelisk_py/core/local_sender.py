@@ -5,8 +5,8 @@ folder. The socket is named after the subscription's GID; see `executor.local_re
 sockets, which the tools also use, are defined in `obelisk_spec.local_transport`.
 
 A publisher bypasses DDS only while it can reach every subscription that DDS has matched with it,
-either by a buffer in its own process or by a connection. It checks this by GIDs each time that the
-match count of DDS or a connection changes. Between these checks, comparing the count is enough,
+either by a buffer in its own process or by a connection. It checks this by GID whenever a
+connection or DDS's count of matches changes. Between these checks, comparing the count is enough,
 because a subscription closes its socket before it leaves DDS.
 
 If a socket is full, a thread sends the waiting packets once the subscription reads again. The
@@ -384,7 +384,7 @@ class LocalSender:
         without_peer = remote - peers.keys()
         if not all(map(self._has_ended, without_peer)):
             return False
-        # DDS matches the publisher before the subscription, which receives nothing until then.
+        # The publisher is matched first; until the subscription is too, it receives nothing.
         if not all(peer.is_confirmed for peer in self.peers):
             self._next_check_s = time.monotonic() + _READY_PERIOD_S
             return False

@@ -404,7 +404,7 @@ class RateReporter:
             time_ns = clock.synced_ns if self._timers else clock.page.time_ns
             self.add_value(ACTIVATION, max(0, time_ns) / NS_PER_S)
         if self._publisher is None:
-            # Even without rates: the launcher then knows that there are no rates to measure itself.
+            # Even without rates, so that the launcher knows that it need not measure any itself.
             self._publisher = self._node.create_publisher(
                 DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH
             )
@@ -539,7 +539,7 @@ class RateMonitoredNode(GuardedLifecycleNode):
             self.rates.clear()
 
     def _note_first_output(self) -> None:
-        """Report the simulated time of the next message, with which a test can start a trial."""
+        """Report the simulated time of the next message; a test can start a trial at that time."""
         clock = self.get_clock()
         publishers = [each for each in self._managed_entities if isinstance(each, Publisher)]
         if not isinstance(clock, SharedClock) or not publishers:

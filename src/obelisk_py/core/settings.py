@@ -122,7 +122,7 @@ def find_settings(
     """Return a component's settings from the first source that has them, or None.
 
     The order is: its own ROS parameter, its entry in `obelisk_settings`, the default in the code.
-    If only the config knows a key, it comes from the entry.
+    Settings from the ROS parameter that have no `key` get the one of the entry.
 
     Raises:
         ObeliskConfigError: a source cannot be parsed, or a name in it is not a string.

@@ -167,7 +167,7 @@ def _init_ros(args: Sequence[str]) -> None:
 def spin_nodes(
     executor: Executor, nodes: Sequence[GuardedLifecycleNode], signals: ShutdownSignals
 ) -> NodeDied | None:
-    """Spin until a signal or until a node cannot continue; then shut down all, the last one first.
+    """Spin until a signal or until a node cannot continue; then shut down in reverse order.
 
     Raises:
         BaseException: raised by a callback that belongs to no node; the nodes are shut down.
@@ -197,7 +197,7 @@ def spin_nodes(
     try:
         executor.spin_until_future_complete(over, timeout_sec=timeout_s)
     except BaseException:
-        # Callbacks of nodes are guarded, so this is another one; the nodes are shut down as well.
+        # Callbacks of nodes are guarded, so this is from another callback; shut the nodes down too.
         _shut_down_all(nodes)
         raise
     for node in nodes:
@@ -207,7 +207,7 @@ def spin_nodes(
 
 
 class _End(Future):
-    """A future that keeps one callback, which wakes the executor that spins until it is done.
+    """A future that keeps one callback: the one that wakes the executor spinning for the future.
 
     rclpy's executors add another callback each time that they run one, and remove none.
     """
@@ -287,8 +287,8 @@ def past_gate(args: Sequence[str]) -> Iterator[None]:
     """If the launcher started this process early, wait until it permits creating nodes.
 
     A process that waits joins the ROS domain first, because DDS takes 0.1 to 0.3 s to connect it
-    with the other processes. A hidden node without endpoints keeps it there until the `with` block
-    ends, in which the nodes are created.
+    with the other processes. A hidden node without endpoints keeps it there until the end of the
+    `with` block that creates the nodes.
 
     Args:
         args: the command line, for the ROS context.

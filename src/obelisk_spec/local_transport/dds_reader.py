@@ -110,7 +110,7 @@ class Sample:
     number: int
     """Its number among the messages of the publisher, from 1."""
     published_ns: int
-    """Time of publication [ns since 1970], as is `received_ns`."""
+    """Time of publication [ns since 1970]; `received_ns` has the same unit."""
     received_ns: int
 
 

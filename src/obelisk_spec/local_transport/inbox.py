@@ -50,7 +50,7 @@ class Connection:
         self.packets_before = 0
         """Number of messages that it sent as packets before it connected."""
         self.ending = b""
-        """The end of a packet that need not wait: a packed number, at most `taken`."""
+        """A packed number, at most `taken`; packets that end with it need not wait."""
         self.held: deque[bytes] = deque(maxlen=depth)
         """Packets that wait for messages from DDS."""
         self.skipped: set[int] = set()
@@ -67,7 +67,7 @@ class Connection:
 
     @property
     def packets(self) -> int:
-        """Number of messages that it had sent as packets by the last delivered one."""
+        """Number of messages that the publisher sent as packets, up to the last delivered one."""
         return stamp_of(self.last).packets if self.last else self.packets_before
 
     @property
@@ -139,8 +139,8 @@ class PublisherInbox:
     def read(self, connection: Connection) -> bool:
         """Read all packets; true if the publisher has closed the connection.
 
-        A closed connection is noticed only when no packets are left. So watch the socket until this
-        returns true, and level-triggered.
+        A closed connection is noticed only when no packets are left. So watch the socket,
+        level-triggered, until this returns true.
         """
         peer, buffer, put, ending = connection.socket, self._buffer, self._put, connection.ending
         descriptor = peer.fileno()
@@ -200,7 +200,7 @@ class PublisherInbox:
         self._remove_done()
 
     def release(self) -> None:
-        """Deliver all packets that wait for messages from DDS, and give up these messages."""
+        """Deliver all packets that wait for messages from DDS, and skip these messages."""
         for connection in self.connections:
             self._release_all(connection)
         self._remove_done()

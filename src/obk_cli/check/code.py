@@ -208,7 +208,7 @@ def _not_configured(
     rest = "timer_period_sec: ..." if registered.kind == "timer" else "topic: ..."
     line = f"{{{': '.join(registered.written)}, {rest}}}"
     if registered.is_required:
-        # Nodes of API generation 3 run without it; only their configs use keys alone.
+        # Nodes of API generation 3 run without it; only their configs omit all `ros_parameter`s.
         goes_on = registered.has_typed_base and not any(c.ros_parameter for c in node.components)
         yield found(
             "OBK405",

@@ -51,7 +51,7 @@ def check_node_names(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _named(stack: Stack) -> Iterator[tuple[str, Span, str]]:
-    """Each node's full name, its location, and a hint how to change the name."""
+    """Each node's full name, its location, and a hint on how to change the name."""
     for node in stack.nodes:
         named = node.name or node.pkg
         place = named.span if named else node.span

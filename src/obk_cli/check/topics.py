@@ -396,7 +396,7 @@ def _is_code_alone(endpoints: Sequence[TopicEndpoint]) -> bool:
 
 
 def _is_old_name(endpoints: Sequence[TopicEndpoint]) -> bool:
-    """Whether only a type's original name differs, at endpoints that ignore `msg_type`."""
+    """Whether types differ only by a type's original name, at endpoints that ignore `msg_type`."""
     binding = {end.known_type for end in endpoints if not end.ignores_type}
     first = endpoints[0].known_type
     return len(binding) <= 1 and all(may_be_one(first, end.known_type) for end in endpoints)

@@ -12,7 +12,7 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run `obk` and exit with its exit code."""
-    # With the default of 700, the collector examines everything that is imported several times.
+    # With the default of 700, the collector examines all imported objects many times over.
     gc.set_threshold(50_000)
     try:
         from obk_cli.process.signals import insist_on_interrupt

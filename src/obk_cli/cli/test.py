@@ -179,7 +179,7 @@ def lockstep_environment(
     environment = ros_environment("localhost")
     _, environment = on_overlays(folder, environment, plan, may_build=may_build, color=color)
     variables = {
-        # Both disable shared memory; only the first one enables discovery.
+        # Both disable shared memory, but the localhost profile would enable discovery.
         name: LAN_PROFILE if value == LOCALHOST_PROFILE else value
         for name, value in environment.variables.items()
     }

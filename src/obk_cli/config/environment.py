@@ -1,6 +1,7 @@
 """Types for what the stages look up outside a config: packages, models, their lines.
 
-`workspace.environment` looks things up on this machine, tests in tables. This module reads nothing.
+`workspace.environment` looks things up on this machine; tests use tables. This module reads
+nothing.
 """
 
 import sys
@@ -58,7 +59,7 @@ class Command:
 
     @property
     def is_of_this_python(self) -> bool:
-        """Whether it is Python that this interpreter runs, or installed in its environment."""
+        """Whether it is Python, run by this interpreter or installed in its environment."""
         if self.module is None:
             return False
         program = Path(self.arguments[0])

@@ -442,7 +442,7 @@ def _kind(at: ErrorContext) -> str:
 
 
 def _line_between(at: ErrorContext, kind: str) -> tuple[tuple[int, int], tuple[int, int]] | None:
-    """A line too far left, below one that matches the location; and that one."""
+    """A line too far left that follows a line matching the location, and the matching line."""
     odd: tuple[int, int] | None = None
     for number in range(at.line - 1, max(at.line - 1 - _MOST_LINES, 0), -1):
         text = at.source.line(number)

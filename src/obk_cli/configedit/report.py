@@ -109,7 +109,7 @@ def notes_of(
 
 
 def moved(link: Link, source: SourceFile, edits: Iterable[Edit]) -> Link:
-    """The link, with the location for switching over updated to the new text."""
+    """The link, with the location of its `switch` adjusted to the new text."""
     if link.switch is None or link.switch.place.path != source.path:
         return link
     old = link.switch.place

@@ -28,7 +28,7 @@ Spelling = Literal["key", "seed"]
 
 
 def is_config(tree: TreeMap) -> bool:
-    """Whether a mapping contains anything of a config."""
+    """Whether a mapping contains any part of a config."""
     return bool(devices_of(tree)) or any(entry.key in RESERVED_KEYS for entry in tree)
 
 

@@ -129,7 +129,7 @@ class LauncherGraph:
         """Return at once, because the launcher has already discovered the other nodes."""
 
     def wait_for(self, probe: Callable[[], T | None], timeout_s: float) -> T | None:
-        """Poll a probe until it returns a result; None if it does not in time."""
+        """Poll a probe until it returns a result; None if it returns none in time."""
         end = time.monotonic() + timeout_s
         while (found := probe()) is None and time.monotonic() < end:
             time.sleep(POLL_S)

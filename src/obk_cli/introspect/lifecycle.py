@@ -1,6 +1,6 @@
 """States and transitions of nodes: from the launchers on this host, otherwise over ROS.
 
-ROS is loaded only if no launcher on this host can answer, because loading it takes long.
+ROS is loaded only if no launcher on this host can answer, because loading it takes a long time.
 """
 
 from collections.abc import Mapping
@@ -178,7 +178,8 @@ def _change_in_graph(
 ) -> ChangeAnswer:
     """Take nodes to a transition's goal one after another; stop at the first that fails.
 
-    Upwards the robot goes first, downwards the controllers. Nodes in the goal state are skipped.
+    On the way up, the robot goes first; on the way down, the controllers. Nodes in the goal state
+    are skipped.
 
     Args:
         environment: the ROS environment.

@@ -311,7 +311,7 @@ def early_units(
 def held_at_gate(
     folder: Path | None, units: Iterable[Unit], processes: WardenProcesses
 ) -> Iterator[None]:
-    """Start processes that create no node inside the `with` block; never if the run is rejected.
+    """Start processes that create nodes only after the `with` block; none if the run is rejected.
 
     If the run's folder cannot hold a gate, nothing is started early.
     """

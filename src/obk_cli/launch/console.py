@@ -201,14 +201,14 @@ class Screen:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Write the waiting lines, as far as they are read soon, and remove the footer."""
+        """Write the waiting lines if they are read soon enough, and remove the footer."""
         with self._changed:
             self._ending.set()
             self._changed.notify()
         self._writer.join(END_S)
 
     def when_closed(self, call: Callable[[], None]) -> None:
-        """Call this, from a thread, once the output turns out to be closed."""
+        """Have `call` called, from a thread, once the output turns out to be closed."""
         with self._changed:
             self._on_closed = call
             if not self._is_closed:
@@ -298,7 +298,7 @@ class Formatter(Protocol):
         """The lines for an event, as in the log."""
 
     def on_screen(self, event: OutputEvent, lines: Iterable[str], /) -> Iterable[str]:
-        """The lines that the screen shows when an event happens, of the event's lines."""
+        """Those of an event's lines that the screen shows when the event happens."""
 
     def due(self) -> Iterable[str]:
         """The lines that sum up what the screen has not shown; called once a second."""

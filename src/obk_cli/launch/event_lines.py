@@ -183,7 +183,7 @@ class LaunchReport:
         yield plain(text)
 
     def on_screen(self, event: OutputEvent, lines: Iterable[str], /) -> Iterable[str]:
-        """Choose what the screen shows now of an event, given the event's lines."""
+        """Choose which of an event's lines the screen shows now."""
         match event:
             case RateBroken() | RateKept() | RateMoved():
                 return lines if self._rates.is_shown(event, self._clock()) else ()
@@ -200,7 +200,7 @@ class LaunchReport:
         """Format an event."""
         match event:
             case Phase():
-                if event.name != "rolling back":  # the phase afterwards is the one before
+                if event.name != "rolling back":  # the phase does not change
                     self._known_state = STEADY.get(event.name)
                 detail = f" ({plain(event.detail)})" if event.detail else ""
                 yield self._paint(_BOLD, f"[{event.seconds:6.2f} s] {event.name}{detail}")
@@ -227,7 +227,7 @@ class LaunchReport:
                 yield from self._node(event)
 
     def _page(self, event: PageReported) -> Iterator[str]:
-        """Report where a simulation is shown; not that the page has gone."""
+        """Report where a simulation is shown, but not when the page goes away."""
         if event.url:
             yield f"  {short_name(event.node)}: the simulation is shown at {plain(event.url)}"
 

@@ -203,7 +203,7 @@ class VideoReported:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageReported:
-    """A simulated robot is shown on a page, or no longer."""
+    """A simulated robot is shown on a page, or no longer is."""
 
     node: str
     url: str

@@ -57,7 +57,8 @@ class NodeCommand:
     arguments: tuple[str, ...]
     environment: Mapping[str, str]
     in_python: tuple[str, ...] = ()
-    """The same program as arguments of this Python, `python -P -m ...`; empty if it is another."""
+    """The same program, run by this Python: `python -P -m ...`; empty if it cannot run the
+    program."""
     inherited: tuple[int, ...] = ()
     """Descriptors of the launcher that the process inherits, under the same numbers."""
 

@@ -1,7 +1,7 @@
 """Turn the rates that nodes report into events, and limit how many are shown. Pure.
 
 Each node reports once per second. An event follows when a rate breaks, when it recovers, and when
-it moves in between. The screen shows one line per node in 10 s, with counts.
+it moves in between. The screen shows at most one line per node every 10 s, with counts.
 """
 
 from collections.abc import Callable, Iterator
@@ -94,7 +94,7 @@ class RateWatch:
                 and node not in self._unreported
             ):
                 if self._publishes_diagnostics(node):
-                    # Its report is late, or it has no rates, as a simulator without a fixed pace.
+                    # Its report is late, or it has no rates, like a simulator without a fixed pace.
                     self._waiting_since[node] = now
                     continue
                 self._unreported.add(node)

@@ -38,7 +38,7 @@ class SimulatedDuration:
         Args:
             clock: the page, with a slot and a wake descriptor used only by this counter.
             duration_s: how long to count [simulated s].
-            on_over: called once when the time is over, in a separate thread.
+            on_over: called once when time is up, in a separate thread.
         """
         size = clock_page_bytes(len(clock.wakes))
         self._words = memoryview(mmap.mmap(clock.page, size)).cast("q")

@@ -197,7 +197,7 @@ class StackState:
         """The nodes with a lifecycle that determine the stack's state."""
         present = {n for n in self.with_lifecycle - self.lost if not self._hangs_ignored(n)}
         failed = {n for n in self.failed & present if self.states.get(n) == UNCONFIGURED}
-        # If no other node is further, nothing keeps it from coming along.
+        # Unless another node is further along, a failed node can still come up with the rest.
         is_behind = any(self.states.get(n) != UNCONFIGURED for n in present - failed)
         return frozenset(present - failed if is_behind else present)
 

@@ -74,7 +74,7 @@ def with_event(status: StackStatus, event: OutputEvent) -> StackStatus:
     """The status after an event."""
     match event:
         case Phase(name="rolling back"):
-            return status  # an episode: the phase afterwards is the one before
+            return status  # an episode, after which the phase is the same as before
         case Phase():
             status = structs.replace(status, phase=event.name, seconds=event.seconds)
         case StackStateChanged():
@@ -240,7 +240,7 @@ def _head(status: StackStatus) -> Text:
 
 
 def _progress(status: StackStatus) -> tuple[int, int, str] | None:
-    """Steps done and in total during bring-up, and the current one as text; None otherwise."""
+    """During bring-up: steps done, steps in total, the current one as text; otherwise None."""
     count = len(status.nodes)
     started = sum(node.pid is not None or node.state in RESTING for node in status.nodes)
     if status.phase == "starting":

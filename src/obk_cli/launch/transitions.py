@@ -163,7 +163,7 @@ class PendingRequests:
         self._timed_out.pop((node, transition), None)
 
     def time_out(self, node: str, transition: str, requested_s: float) -> None:
-        """Stop waiting for the response to a request of that time; it may still arrive."""
+        """Stop waiting for the response to the request sent at that time; it may still arrive."""
         self._timed_out[node, transition] = requested_s
 
     def pop_late(self, answer: "Answered") -> float | None:

@@ -72,7 +72,7 @@ NO_FACTORS: Final[Mapping[str, float]] = {}
 KEEPS_UP: Final = 0.98
 """Minimum fraction of its factor at which a simulation counts as fast enough."""
 _MEASURING: Final = ("robot", "sensing")
-"""Sections at the start of the data flow; what a robot is commanded is not its source."""
+"""Sections at the start of the data flow; a robot's commands do not count as its sources."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,8 +100,8 @@ def planned_topics(
     Args:
         plan: the whole stack.
         factors: full name -> real-time factor of simulated robots, as far as known.
-        measured: the measured factors. A simulation that is too slow slows down all that follows
-            its time; this is one fault, that of its `steps` rate.
+        measured: the measured factors. A simulation that is too slow also slows everything on its
+            time; only its `steps` rate is at fault.
     """
     factors = {
         name: _reached(_factor_of(node, 0.0, factors), measured.get(name))

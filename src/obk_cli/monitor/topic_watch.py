@@ -98,7 +98,7 @@ class MessageAgeMeter:
         )
 
     def _are_carried(self, upstream: Sequence[Collection[int]]) -> bool:
-        """Whether the stamps come from upstream, as far back as all upstream stamps are kept."""
+        """Whether the stamps come from upstream, as far back as every upstream topic has stamps."""
         since = max(map(min, upstream), default=0)
         known = frozenset(chain.from_iterable(upstream))
         judged = [stamp for stamp in self._stamps if stamp >= since]
@@ -121,7 +121,7 @@ FOUND_S: Final = 0.5
 """Time for a publisher to discover a new subscription [s]."""
 PERIODS_TO_JUDGE: Final = 3
 FACTOR_WINDOW_S: Final = 3.0
-"""Window of real-time factors: that of rates, and 1 s before each factor [s]."""
+"""Window of real-time factors: that of rates plus the 1 s before each factor [s]."""
 FACTORS_KEPT: Final = 5
 RTF_TYPE: Final = "std_msgs/msg/Float64"
 EVENTS: Final = "/parameter_events"

@@ -188,7 +188,7 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
 
 
 def _component_parameters(node: Node) -> Mapping[str, Component]:
-    """The ROS parameter of each component, omitting those that share a key without one."""
+    """The components by ROS parameter, without those that have none and share their key."""
     taken = {c.ros_parameter.value for c in node.used_components if c.ros_parameter}
     names = [(_parameter_name(component), component) for component in node.used_components]
     by_key = Counter(name for name, component in names if component.ros_parameter is None)

@@ -25,7 +25,7 @@ __all__ = ["BoundChild", "run_in_foreground"]
 KILL_S: Final = 5.0
 """Limit for a killed process to exit [s]."""
 _REPEATED_S: Final = 0.5
-"""Signals within this time are one, because a process and its group often receive the same [s]."""
+"""Signals this close together are one: a process and its group often receive the same one [s]."""
 
 
 class BoundChild:

@@ -3,8 +3,8 @@
 The server runs as its own program (`python -P preload.py MODULE...`) below the warden; its standard
 input is one end of a Unix socket of packets. It imports the modules, sends `{"ready": true}`, and
 then takes one JSON request at a time: a file passed by descriptor, with a second descriptor for the
-output. It answers with the process's `pid`, or `null` if it cannot fork the program without a
-difference; the warden then starts it in the ordinary way. The server ends with the warden.
+output. It answers with the process's `pid`, or `null` if forking would make a difference to the
+program; the warden then starts it in the ordinary way. The server ends with the warden.
 
 A forked program is a separate process in every respect: its parent is the warden, and it has its
 own session, output, environment, arguments and working folder, also in /proc. It shares the hash
@@ -321,7 +321,7 @@ class Server:
             return False
 
     def _begin_below_warden(self, first_parent: int, server: socket.socket) -> None:
-        """Wait until the warden is this process's parent and knows it; then bind to it."""
+        """Bind to the warden once it is the parent, then wait until it knows this process's PID."""
         os.setsid()
         while os.getppid() == first_parent:
             time.sleep(POLL_S)

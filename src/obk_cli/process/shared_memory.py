@@ -9,8 +9,8 @@ A port, `fastrtps_port<number>`, belongs to all processes that read from it or w
 of them keeps it mapped. Next to it are the lock of its readers (`_el` or `_sl`) and the semaphore
 that a process holds while it opens or removes the port, `sem.fastrtps_port<number>_mutex`. The
 kernel refuses a write lease on a file that any process, of any user or container, has open or
-mapped. While a lease is held, a process that opens the file waits, so it stays unused until its
-removal.
+mapped. While a lease is held, a process that opens the file waits, so the file stays unused until
+it is removed.
 
 The warden runs this module as a program with the standard library only.
 
@@ -88,7 +88,7 @@ def _remove_segment(lock: Path) -> bool:
 
 
 def _remove_port(port: Path) -> bool:
-    # The semaphore first and last: while its lease is held, no process can start to open the port.
+    # Lease the semaphore first, remove it last: meanwhile no process can start to open the port.
     semaphore = port.with_name(f"sem.{port.name}_mutex")
     locks = (port.with_name(f"{port.name}_el"), port.with_name(f"{port.name}_sl"))
     return _remove(leased=(semaphore, port), flocked=locks)

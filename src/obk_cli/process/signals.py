@@ -34,7 +34,7 @@ def insist_on_interrupt() -> Iterator[None]:
     being handled, so cleanup is never interrupted.
 
     Raises:
-        KeyboardInterrupt: also instead of an error into which a library turned it.
+        KeyboardInterrupt: also in place of an error that a library turned it into.
     """
     report = sys.unraisablehook
 

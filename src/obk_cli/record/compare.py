@@ -259,7 +259,7 @@ class _Topic:
         self._trim()
 
     def _compare(self, start: float, end: float) -> None:
-        """Compare the messages of the first run after `start` (for the first: from it) to `end`."""
+        """Compare the first run's messages after `start` (the first time: from it) up to `end`."""
         firsts, seconds = self.waiting
         times = [_joined([part.t for part in parts]) for parts in (firsts, seconds)]
         is_first = not self.sums
@@ -341,7 +341,7 @@ def _jitter_ms(times: Floats) -> float:
 def first_different_message(
     first: RecordedRun, second: RecordedRun, topic: str
 ) -> tuple[int, float | None]:
-    """The number of bit-identical messages of a topic, and the time of the first other one.
+    """The number of bit-identical messages of a topic, and the time of the first one that differs.
 
     Returns:
         The number, and the time [s since activation]; None if all are bit-identical.

@@ -214,7 +214,7 @@ class _File:
 
 
 def _texts_of(leaves: tuple[_Leaf, ...]) -> list[str]:
-    """The columns of strings, which repeat; a dictionary for numbers would only take time."""
+    """The string columns, whose values repeat; for numbers, a dictionary would only take time."""
     return [
         _free(leaf.path) if leaf.longest is None else f"{leaf.path}.list.element"
         for leaf in leaves

@@ -21,7 +21,7 @@ from obk_cli.ros.raw_subscription import OfferedQos
 __all__ = ["FLUSH_S", "BagWriter", "offers_text"]
 
 FLUSH_S: Final = 0.25
-"""Maximum time whose messages are lost if the process is killed [s]."""
+"""Maximum time span of messages lost if the process is killed [s]."""
 CHUNK_BYTES: Final = 1 << 20
 _NS: Final = 1_000_000_000
 _MEDIA: Final = {".json": "application/json", ".yaml": "application/yaml"}

@@ -138,10 +138,10 @@ def open_context(environment: RosEnvironment) -> Iterator[Any]:
 
 
 def _exit_before_destructors() -> None:
-    """End this process after the interpreter, but before the destructors of Fast DDS.
+    """End this process once the interpreter is done, before Fast DDS's destructors run.
 
-    That of its global factory sleeps for 0.1 s. The last handler to be registered is called first,
-    so this must be called after a participant was created. Source: on_exit(3).
+    The destructor of its global factory sleeps for 0.1 s. The last handler to be registered is
+    called first, so this must be called after a participant was created. Source: on_exit(3).
     """
     libc = ctypes.CDLL(None)
     libc.on_exit(libc._exit, None)
@@ -165,9 +165,9 @@ def make_bare_node(context: Any, name: str = OBSERVER_NODE) -> Any:
 def remove_participant(remove: Callable[[], object]) -> None:
     """Remove a participant with all threads of this process on one core.
 
-    Fast DDS waits for its discovery threads then, while it repeatedly takes the lock that they
-    need. On another core, a thread may not get the lock for minutes, if another participant leaves
-    at the same time.
+    Meanwhile, Fast DDS waits for its discovery threads and repeatedly takes the lock they need. On
+    another core, a thread may not get the lock for minutes, if another participant leaves at the
+    same time.
 
     Args:
         remove: the function that removes it.
@@ -287,7 +287,7 @@ class RosParticipant:
         time.sleep(max(0.0, self._begin + seconds - time.monotonic()))
 
     def wait_for(self, probe: Callable[[], T | None], timeout_s: float) -> T | None:
-        """Poll a probe until it returns a result; None if it does not in time."""
+        """Poll a probe until it returns a result; None if it returns none in time."""
         end = time.monotonic() + timeout_s
         while (found := probe()) is None and time.monotonic() < end:
             time.sleep(POLL_S)

@@ -120,8 +120,8 @@ class Tap:
     def _put(self, packet: bytes) -> None:
         stamp = stamp_of(packet)
         number = self._numbered(stamp.packets + stamp.number)
-        # A packet arrives within the call that publishes it. It is read later, up to a period of
-        # the caller, which must not appear as age and jitter of the topic.
+        # A packet arrives within the call that publishes it. It is read up to one period of the
+        # caller later; this delay must not appear as the topic's age or jitter.
         info = _info(stamp.published_ns, stamp.published_ns, number)
         self._waiting.append((packet[:-STAMP_BYTES], info))
 

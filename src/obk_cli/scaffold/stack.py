@@ -45,7 +45,7 @@ class Model:
     actuators: int = 0
 
     def sensors_of(self, types: Collection[str], *, joints: bool) -> tuple[ModelSensor, ...]:
-        """Sensors of these types: of all joints, otherwise one per type, of the best object."""
+        """Sensors of these types: for joints all, otherwise one per type on the best object."""
         fitting = [sensor for sensor in self.sensors if sensor.type in types]
         if joints:
             return tuple(fitting)

@@ -118,7 +118,7 @@ def write_decisions(
 
     Everything is written to a hidden folder first: beside a new `root`, otherwise inside it, so
     that it is on the same disk. `finish` runs when all files are in place. If anything fails later,
-    even `finish` or by an interrupt, the old state is restored.
+    even `finish`, or is interrupted, the old state is restored.
 
     Raises:
         OSError: the folder cannot be written, or a file has changed since it was read.
@@ -171,7 +171,7 @@ def _write_files(folder: Path, files: Iterable[RenderedFile]) -> None:
 def _merge(
     fresh: Path, root: Path, decisions: Iterable[Decision], backup: Path, undo: ExitStack
 ) -> None:
-    """Move files into an existing folder; each step can be undone before it is done."""
+    """Move files into an existing folder; each step's undo is registered before the step."""
     for decision in decisions:
         path = decision.file.path
         target, saved = root / path, backup / path

@@ -1,4 +1,4 @@
-"""Find imports that fail: of a module that does not exist, or a name that it does not define.
+"""Find imports that fail: of a missing module, or of a name that its module does not define.
 
 Only imports that always run when the node starts are checked. Those in `try`, `if`, `with` and in
 functions other than the entry point are optional or conditional.

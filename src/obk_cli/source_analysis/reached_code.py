@@ -42,7 +42,7 @@ class CodeBlock:
 
     @cached_property
     def nodes(self) -> tuple[ast.AST, ...]:
-        """Its syntax, without annotations, and without functions and classes of their own block."""
+        """Its syntax, without annotations, and without functions and classes that are blocks."""
         return tuple(node for root in self.roots for node in _walk(root, self.has_scope))
 
     def name_of(self, expression: ast.AST) -> str | None:

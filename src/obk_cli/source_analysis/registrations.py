@@ -392,7 +392,7 @@ class _Walk:
                 self.found.without_base = (function, source)
 
     def _runs_no_base(self, function: Function) -> bool:
-        """Whether a constructor that does not mention `__init__` cannot call one otherwise."""
+        """Whether a constructor without any `__init__` has no other way to run its base's."""
         if function.decorator_list:
             return False
         self_name = next((a.arg for a in (*function.args.posonlyargs, *function.args.args)), "")

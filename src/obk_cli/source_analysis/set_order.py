@@ -16,7 +16,7 @@ __all__ = ["ordered_by_hash"]
 _SETS = ("set", "frozenset")
 _TAKE_IN_ORDER = ("list", "tuple", "enumerate", "iter", "zip", "map", "filter")
 _IGNORE_ORDER = ("sorted", "set", "frozenset", "min", "max", "any", "all", "len", "sum")
-"""Calls whose result does not depend on the order; a sum only in its last bits."""
+"""Calls whose result does not depend on the order, or only in the last bits (a sum)."""
 _GIVE_SETS = ("union", "intersection", "difference", "symmetric_difference", "copy")
 _GIVE_NUMBERS = ("int", "float", "bool", "round", "abs", "len", "ord", "range")
 _NUMBERS = frozenset(("int", "float", "bool", "complex"))

@@ -1,6 +1,6 @@
 """Find names that a module uses but never binds, and attributes that a node never gets.
 
-Constructs that may bind unknown names, such as `import *`, `exec` or `setattr`, give no finding.
+Where `import *`, `exec`, `setattr` or the like may bind unknown names, nothing is reported.
 """
 
 import ast

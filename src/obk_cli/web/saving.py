@@ -34,8 +34,8 @@ def update_of_stack(
         variables: values for `${VAR}` in the config.
 
     Raises:
-        CommandFailedError: the stack is not running on this host, its config is not a file, or see
-            `find_update`.
+        CommandFailedError: the stack is not running on this host, its config is not a file, or as
+            in `find_update`.
     """
     run = read_run(runs / view.run) if view.run else None
     folder = working_folder(run.pid) if run else None

@@ -232,7 +232,7 @@ def _referenced_files(spec: Any, path: Path) -> tuple[tuple[str, str], ...]:
 
 
 def missing_files(referenced: Iterable[tuple[str, str]], path: Path) -> tuple[str, ...]:
-    """The files in neither location, of those to which the model at `path` refers."""
+    """The files that the model at `path` refers to but that are in neither location."""
     folder = path.parent
     return tuple(
         dict.fromkeys(

@@ -96,7 +96,7 @@ class Summary:
         return {name: tuple(values) for name, values in found.items()}
 
     def worst(self) -> tuple[tuple[Result, str], ...]:
-        """Return bad cases, then those with an extreme of a metric; each with what is special."""
+        """Return bad cases, then those with an extreme of a metric; each with why it is listed."""
         found = {result.case.key: (result, str(result.row.outcome)) for result in self.bad}
         found = dict(islice(found.items(), _MOST_WORST))
         for test in self.tests:

@@ -46,7 +46,7 @@ class WorkerSettings:
     tests: tuple[str, ...]
     """Files, folders or tests for pytest, absolute paths; empty for the smoke test."""
     parent: int
-    """Id of the process with which it ends."""
+    """Id of the process whose end also ends the worker."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

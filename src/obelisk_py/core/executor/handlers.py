@@ -434,7 +434,7 @@ class TimerHandler(TimerCallbackHandler):
                 # Simulated time: run now if due, otherwise check again when the time changes.
                 first_ns, period_ns = (_IMMEDIATELY_NS if left_ns <= 0 else 0), 0
             else:
-                # Read the clock after the remaining time, so that the timer expires when due.
+                # Read the clock after `left_ns`, so that the timer is due when it expires.
                 now_ns = time.clock_gettime_ns(self._kernel_clock)
                 first_ns, period_ns = max(now_ns + left_ns, _IMMEDIATELY_NS), self._period_ns
             arm_timer(self._timer_fd, first_ns, period_ns)

@@ -21,14 +21,14 @@ from obelisk_py.core.lockstep.scheduler import (
 __all__ = ["Guest", "GuestThread", "guest_of", "take_time", "wait_in_callback"]
 
 LONGEST_TURN_S: Final = 5.0
-"""Maximum wall time of a turn without a sleep [s]. After this, the thread is waiting for something
-that no other node can do in the meantime, or does not end."""
+"""Maximum wall time of a turn without a sleep [s]. After this, the run fails: the thread never ends
+its turn, or waits for something that cannot happen during it."""
 _POLL_S: Final = 0.001
 """Simulated time between two checks of a condition that a thread waits for [s]."""
 _WALL_POLL_S: Final = 0.01
 """Wall time between two checks of a thread that has the turn [s]."""
 _BLOCKED_POLLS: Final = 20
-"""Consecutive checks in which a sleeping thread counts as blocked by something outside the run."""
+"""Consecutive checks after which a sleeping thread counts as blocked from outside the run."""
 
 
 class Guest:
@@ -209,7 +209,7 @@ class Guest:
 
 
 def _wait_ns(seconds: float) -> int:
-    """Convert to ns, at least 1 ns, so that a wait for the rest of a time reaches its end."""
+    """Convert to ns, but at least 1 ns for times above 0, so that a loop of waits ends."""
     return max(1, round(seconds * NS_PER_S)) if seconds > 0 else 0
 
 

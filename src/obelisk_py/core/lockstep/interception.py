@@ -357,7 +357,7 @@ def _is_of(modules: tuple[str, ...], frame: FrameType) -> bool:
 
 def _datetime_class(real: type[datetime.datetime]) -> type[datetime.datetime]:
     class IsDatetime(type):
-        """Makes real instances, as C code creates them, instances of the replacement too."""
+        """Makes `isinstance` accept the real class's instances, which C code creates."""
 
         def __instancecheck__(cls, instance: object) -> bool:
             return isinstance(instance, real)

@@ -40,7 +40,7 @@ _UNLIMITED: Final = 1 << 31
 
 
 class _RclpyCodec:
-    """Serializes messages that the library's codecs do not support with rclpy."""
+    """Uses rclpy to serialize messages that the library's codecs do not support."""
 
     def __init__(self, message_class: type[Any]) -> None:
         self._class = message_class

@@ -1,8 +1,8 @@
 """Generate the functions that write, read and copy a message, as Python source.
 
-Calling a function for each field takes twice as long. So each CDR type consists of source lines, a
-function of a message class is the lines of its fields one after the other, and it is compiled when
-it is first used. To see the source, print `codec_for(message_class).source`.
+Calling a function for each field takes twice as long. So each CDR type consists of source lines.
+The function of a message class joins the lines of its fields, and is compiled when it is first
+used. To see the source, print `codec_for(message_class).source`.
 
 In these lines, `$value` and `$target` are the fields that are read from and assigned to, separated
 by commas if a type covers several. Every other `$name` is a value in the type's `names`. `out`,
@@ -55,7 +55,7 @@ class CdrType:
     read: str
     """Lines that assign the value at the position `at` to `$target`, and advance `at`."""
     copy: str
-    """Lines that assign to `$target` what reading the written `$value` would return."""
+    """Lines that assign to `$target` what writing `$value` and reading it back would return."""
     names: Mapping[str, Any]
     locate: Locate
 
@@ -68,7 +68,7 @@ class Functions(NamedTuple):
     read: Callable[[bytes, int], tuple[Any, int]]
     """Returns the value at a position, and the position after it."""
     copy: Callable[[Any], Any]
-    """Returns the value that reading the written value would return."""
+    """Returns what writing the value and reading it back would return."""
 
 
 class Source:

@@ -64,8 +64,8 @@ def multiarray_to_np(message: FloatMultiArray | UInt8MultiArray) -> NDArray[Any]
 
     A message without dimensions yields a flat array of all its data. The comment in
     std_msgs/MultiArrayLayout defines other strides, 12 and 4 for the shape (3, 4). They are
-    accepted if they are unambiguous: each is at least its size times the next one (the last one:
-    its size), and with the usual definition the last element would be outside the data.
+    accepted if they are unambiguous: each is at least the size of its dimension times the next
+    stride (1 after the last), and the usual strides would exceed the data.
 
     Returns:
         Array of shape `(dim[0].size, dim[1].size, ...)`.

@@ -206,7 +206,7 @@ class JointTorques:
         return TorqueLaw(**read)
 
     def control(self, law: TorqueLaw, data: mujoco.MjData) -> Numbers:
-        """Compute the controls with which each joint has the torque of the law in this state."""
+        """Compute the controls that produce the law's torque at each joint in this state."""
         torque = (
             law.kp * (law.pos_target - data.qpos[self._positions])
             + law.kd * (law.vel_target - data.qvel[self._velocities])

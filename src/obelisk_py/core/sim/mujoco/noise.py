@@ -133,7 +133,7 @@ class Dropout:
 
 
 class DelayLine:
-    """Delays messages; as the sample times of an output, it returns the step of the next one."""
+    """Delays messages; also serves as an output's sample times: `next_step` is when one is due."""
 
     def __init__(self, *, delay_s: float, step_s: float) -> None:
         """Create an empty delay line.

@@ -97,8 +97,8 @@ def group_outputs(
         sampler: takes the samples.
         publish: sends a message.
         has_subscribers: returns whether the topic has a subscriber.
-        count: called for each sample that is taken or dropped, or that has no subscriber. If the
-            sampler delivers its samples later, called only in the last two cases.
+        count: called for each sample that is taken or dropped, or that has no subscriber. Not
+            called for a taken sample that the sampler delivers later.
     """
     times = SampleTimes(period_s=group.period_s, step_s=simulation.step_s)
     settings = group.sensor_noise

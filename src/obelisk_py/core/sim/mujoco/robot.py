@@ -194,7 +194,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._video_diagnostics: VideoDiagnostics | None = None
         self._viewers: tuple[TimedOutput, ...] = ()
         self._page_token = ""
-        """Opens each page of this process, so that an open page finds the next one."""
+        """The token of all pages of this process, so that an open page can connect to the next."""
         self._requests = StepQueue(
             is_stepping=lambda: self.state_label == "active",
             is_immediate=self.surroundings.is_lockstep,
@@ -484,7 +484,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return StepResult(is_done=result.successful, text=result.reason)
 
     def _check_factor(self, value: Getter) -> None:
-        """Check the real-time factor; outputs are created for a paced or an unpaced simulation."""
+        """Check the real-time factor; a configured node cannot switch between paced and unpaced."""
         factor = realtime_factor_of(value(REALTIME_FACTOR))
         if self._stepper is not None and self._stepper.is_paced != (factor > 0):
             raise ObeliskConfigError(

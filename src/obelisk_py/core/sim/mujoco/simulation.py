@@ -94,12 +94,12 @@ class Simulation:
 
     @property
     def step_s(self) -> float:
-        """Simulation time of a step [s]."""
+        """Simulation time per step [s]."""
         return float(self.model.opt.timestep)
 
     @property
     def next_step_ns(self) -> int:
-        """Simulation time of the next step [ns], such that steps add up without drift."""
+        """Length of the next step in simulation time [ns]; the lengths add up without drift."""
         return self._step_time.ns(self.steps + 1) - self._step_time.ns(self.steps)
 
     def reset(self, keyframe: str | None) -> None:

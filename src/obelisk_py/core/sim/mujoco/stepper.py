@@ -83,7 +83,7 @@ class StepReport:
 
 
 class SkippedTime:
-    """Sums up the steps that a simulation skips: one warning at once, then one in ten seconds."""
+    """Sums up the steps that a simulation skips: one warning at once, then one every 10 s."""
 
     def __init__(self) -> None:
         self._unreported: list[StepReport] | None = None

@@ -208,7 +208,7 @@ class OnnxPolicy(ObeliskController):
             self._check_lists(value)
 
     def _check_lists(self, value: Getter) -> None:
-        """Check the lengths of the lists whose values a function returns by name."""
+        """Check the lengths of the lists in the parameters; `value` returns a parameter by name."""
         for name in _LISTS:
             values, of = value(name), self.joints if name == "default_pose" else self.action_joints
             if len(values) not in (1, len(of)):

@@ -45,7 +45,7 @@ ObkFramePose: Any = optional_message("ObkFramePose")
 
 
 def pose_reference(source: SensorSource, position: str, orientation: str) -> str:
-    """Return the frame of a pose, which is the position's; warn if the orientation's differs."""
+    """Return the frame of a pose: that of its position; warn if the orientation has another."""
     of_position, of_orientation = source.reference(position), source.reference(orientation)
     if of_position != of_orientation:
         source.warn(

@@ -188,4 +188,4 @@ POINT_CLOUD = SensorKind(message_type=PointCloud2, build=_build_cloud)
 """sensor_msgs/PointCloud2: x, y, z, intensity of the hits, in the order of the rays."""
 
 DEPTH_IMAGE = SensorKind(message_type=Image, build=_build_image)
-"""sensor_msgs/Image 32FC1: a depth camera's distances along its axis, or along a lidar's rays."""
+"""sensor_msgs/Image 32FC1: distances along a depth camera's axis, or along a lidar's rays."""

@@ -71,7 +71,7 @@ class ViewerHost:
     notify: Notify
     """Called with the viewers' messages, on separate threads."""
     show_page: Callable[[str], None]
-    """Called with the URL of a page, and with an empty text when the page has gone."""
+    """Called with the URL of a page, and with an empty string when the page is gone."""
 
 
 class ViewerProcess:
@@ -120,8 +120,8 @@ class ViewerProcess:
                 pass_fds=inherited,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                # Keeps signals for the robot's process group away. A separate session would go too
-                # far: the kernel applies niceness only within a session (autogroups).
+                # Shields it from signals to the robot's process group. A separate session would go
+                # too far: the kernel applies niceness only within a session (autogroups).
                 process_group=0,
             )
         self.states = StateSender(model, data, self._link, notify)
@@ -195,7 +195,7 @@ def _saved(model: mujoco.MjModel) -> Iterator[int]:
     try:
         size = mujoco.mj_sizeModel(model)
         os.ftruncate(descriptor, size)
-        # Written in place: MuJoCo's own buffer for a file fragments the robot's heap each time.
+        # In place: for a file, MuJoCo would allocate a buffer that fragments the robot's heap.
         with mmap.mmap(descriptor, size) as memory:
             mujoco.mj_saveModel(model, None, np.frombuffer(memory, np.uint8))
         yield descriptor

@@ -62,7 +62,7 @@ class ViewerModule(Protocol):
     """The interface of a viewer's module."""
 
     def run(self, states: States, send: Send, arguments: Sequence[str]) -> None:
-        """Show a simulation until its states are over.
+        """Show a simulation until no more states arrive.
 
         Args:
             states: the model, and its states as they arrive.

@@ -153,7 +153,7 @@ class VideoRecording:
 
 
 def run(states: States, send: Send, arguments: Sequence[str]) -> None:
-    """Record until the states are over; report the start, and the written file at the end.
+    """Record until no more states arrive; report the start, and the written file at the end.
 
     Raises:
         ObeliskError: rendering fails, or the file cannot be written.
@@ -238,8 +238,8 @@ def _picture(
 def _make_way() -> None:
     """Lower the priority of every thread except the one that finishes the video.
 
-    A lowered priority cannot be raised again, and a busy machine would keep the video from being
-    finished.
+    A lowered priority cannot be raised again, so on a busy machine that thread might never finish
+    the video.
     """
     for thread in Path("/proc/self/task").iterdir():
         if int(thread.name) != threading.main_thread().native_id:

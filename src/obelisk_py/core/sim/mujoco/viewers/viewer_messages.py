@@ -1,4 +1,4 @@
-"""The link between a simulation and a viewer: states and reports there, messages and requests back.
+"""The link from a simulation to a viewer (states, reports) and back (messages, requests).
 
 On the robot's side, each `send` sends one packet with MuJoCo's flat state vector. It never blocks:
 if there is no space, the state is dropped and counted. On the viewer's side, `data` of the same
@@ -55,9 +55,9 @@ _LARGEST: Final = 8192
 """Maximum size of a message packet; longer messages are truncated [bytes]."""
 _SEPARATOR: Final = b":"
 _STATE_MARK: Final = 0.0
-"""First number of a packet with a state; its bytes are zero, which no report begins with."""
+"""First number of a packet with a state; no report begins with its bytes, which are zero."""
 _REPORT_S: Final = 1.0
-"""How long a report waits for space [s]; a viewer takes states out of the link all the time."""
+"""How long a report waits for space [s]; a working viewer reads from the link continuously."""
 SIGNATURE: Final = int(
     mujoco.mjtState.mjSTATE_FULLPHYSICS
     | mujoco.mjtState.mjSTATE_USER

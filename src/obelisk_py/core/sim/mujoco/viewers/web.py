@@ -65,7 +65,7 @@ def run(states: States, send: Send, arguments: Sequence[str]) -> None:
         server = _Server(host=_HOST, port=port or _PORT, verbose=False)
 
     def ask(request: Request) -> None:
-        # A robot that has ended, or takes no messages, answers nothing.
+        # A robot that has ended, or takes no messages, cannot answer.
         with suppress(OSError):
             send("request", request_text(request))
 

@@ -1,8 +1,8 @@
 """Restrict the viewer's page to those who have its link, and give it its title.
 
 Viser responds to any client and any host name, and browsers let any page open a WebSocket to this
-host. So every request, also for a WebSocket, is checked first, as `obk web` does: the name of the
-host, the origin, and the token, which is in the page's link and afterwards in a cookie.
+host. So every request, including one for a WebSocket, is checked first, as in `obk web`: the name
+of the host, the origin, and the token, which is in the page's link and afterwards in a cookie.
 """
 
 import html
@@ -30,7 +30,7 @@ _HEADERS: Final = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-"""Headers of every response; no other page may frame this one, to have its buttons clicked."""
+"""Headers of every response; no other page may frame this one and hijack its clicks."""
 _TITLE: Final = b"<title>Viser</title>"
 _FORGET: Final = "<script>history.replaceState(null, '', location.pathname)</script>"
 """The token is a cookie by now, so remove it from the URL and the history."""
@@ -38,7 +38,7 @@ _FORGET: Final = "<script>history.replaceState(null, '', location.pathname)</scr
 
 @contextmanager
 def only_with_token(token: str, title: str) -> Iterator[None]:
-    """Make a server that viser starts while this is entered respond only with the token.
+    """Make servers that viser starts in the `with` block require the token in each request.
 
     Args:
         token: the token in the page's link.

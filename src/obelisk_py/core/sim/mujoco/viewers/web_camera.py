@@ -95,7 +95,7 @@ def moving_box(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Point, Point
 
 
 def _direction(model: mujoco.MjModel) -> Point:
-    """From what the camera looks at to the camera, by the model's settings, a unit vector."""
+    """Unit vector from the point that the camera looks at to the camera, as set in the model."""
     azimuth = math.radians(model.vis.global_.azimuth)
     elevation = math.radians(model.vis.global_.elevation)
     return np.array(
@@ -108,6 +108,6 @@ def _direction(model: mujoco.MjModel) -> Point:
 
 
 def _distance(low: Point, high: Point) -> float:
-    """Distance of the camera from the center of a box so that all of the box is in view [m]."""
+    """Distance from the center of a box at which the camera sees all of it [m]."""
     size = float(np.linalg.norm(high - low))
     return size / 2 / math.sin(math.radians(_FIELD_OF_VIEW_DEG) / 2)
