@@ -24,7 +24,7 @@ MESSAGES: Final = "obelisk-interfaces"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InstallSource:
-    """Where an installed obk came from; all fields empty: from an index."""
+    """Where an installed obk came from. If all fields are empty, it came from an index."""
 
     folder: Path | None = None
     """A clone or an unpacked source distribution."""
@@ -34,7 +34,7 @@ class InstallSource:
     archive: str = ""
     """URL of a wheel or source distribution; for a local file `file:///...`."""
     messages: str = ""
-    """URL of the archive with the compiled messages; empty if they have none of their own."""
+    """URL of the archive with the compiled messages; empty if they have no own archive."""
 
     def pip_install(self, *extras: str) -> str:
         """Return a command for a POSIX shell that installs obk with these extras."""
@@ -54,7 +54,8 @@ class InstallSource:
             if has_ros and self.messages:
                 return (tool, f"{MESSAGES} @ {self.messages}")
             local = _local_path(self.archive)
-            # This folder may also contain the messages; to build them, pip needs the tool from it.
+            # The archive's folder may also contain the messages; to build them, pip must find the
+            # tool there.
             find = ["--find-links", str(local.parent)] if local and has_ros else []
             return (*find, tool)
         return (f"{TOOL}{options}",)

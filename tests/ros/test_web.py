@@ -186,7 +186,7 @@ def test_a_port_that_is_taken_is_reported() -> None:
             assert answer.status == 200
         refused = obk("web", "--port", port)
         assert refused.returncode == 1
-        assert f"port {port} of 127.0.0.1" in refused.stderr
+        assert f"port {port} on 127.0.0.1" in refused.stderr
 
 
 BROWSER = """\

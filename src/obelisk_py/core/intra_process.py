@@ -3,8 +3,8 @@
 Each subscription that runs in the library's executor has a buffer, registered by context and topic.
 A publisher puts its messages into the buffers of the subscriptions that DDS would match, and sends
 nothing through DDS while DDS counts no other subscription. A `LocalSender` serves the subscriptions
-in other processes of the run. Once there is a subscription that neither can serve,
-all subscriptions receive the messages through DDS.
+in other processes of the run. Once there is a subscription that neither a buffer nor a
+`LocalSender` can serve, all subscriptions receive the messages through DDS.
 
 The following holds for each publisher and subscription, even while others are added and removed:
 
@@ -20,8 +20,8 @@ The following holds for each publisher and subscription, even while others are a
   another process is being added or removed. Messages from different publishers have no defined
   order.
 - When a subscription is destroyed, its waiting messages are dropped, as with DDS. When its node is
-  removed from an `EventLoopExecutor`, waiting messages are delivered once such an executor runs the
-  node again. Other executors do not see them.
+  removed from an `EventLoopExecutor`, waiting messages are delivered as soon as such an executor
+  runs the node again. Other executors do not see them.
 """
 
 import functools

@@ -81,7 +81,7 @@ class LiveParameters:
         return parameter.fit(RosParameter.from_parameter_msg(message)).to_parameter_msg()
 
     def fault(self, requested: RosParameter) -> str | None:
-        """Why a requested value is invalid; None if it is valid, or for a parameter of rclpy."""
+        """Why a requested value is invalid; None if it is valid or not that of a `Parameter`."""
         parameter = self._declared.get(requested.name)
         return None if parameter is None else parameter.fault(requested)
 

@@ -1,7 +1,7 @@
 """Provide a node's environment: DDS and the system's clocks and threads, or a lockstep run.
 
-A node has its surroundings create its timers, publishers and threads, and registers what rclpy has
-created. There are no calls per message or tick, so a normal run has no
+A node asks its surroundings to create its timers, publishers and threads, and registers with them
+the entities that rclpy has created. There are no calls per message or tick, so a normal run has no
 overhead.
 """
 

@@ -116,7 +116,7 @@ def command(
         bool,
         typer.Option(
             "--replace",
-            help="First stop running stacks that have the same name or share a node name.",
+            help="First shut down any running stack that has the same name or shares a node name.",
         ),
     ] = False,
     allow_foreign: Annotated[

@@ -149,7 +149,7 @@ def with_types(target: "GraphTarget") -> "GraphTarget":
 
 
 def print_json(value: object) -> None:
-    """Print a result for a program."""
+    """Print a result as JSON, for other programs to read."""
     print(json.dumps(value, indent=1))
 
 

@@ -114,7 +114,7 @@ def command(
     All nodes run in one process, in lockstep with the simulated robot. TESTS are pytest files
     whose tests use the `stack` fixture; by default those in `tests/` next to the config. Without
     tests, a smoke test runs the stack for 5 s and checks that there are no faults, that values are
-    finite, that topics keep their rates, and that two runs are identical.
+    finite, that topics meet their rates, and that two runs are identical.
 
     A failed test leaves a recording and a plot, and the summary shows the command that repeats the
     test. Hardware is never accessed. Exit code 0: all tests passed; 1: a test failed, or the config

@@ -42,8 +42,8 @@ class _Budget:
             now: monotonic time [s].
 
         Returns:
-            the back-off before it [s], doubled by each restart in the window; None if the budget
-            is spent.
+            the back-off before the restart [s], which doubles with each restart in the window; None
+            if the budget is spent.
         """
         while self._times and now - self._times[0] > self._window_s:
             self._times.popleft()
@@ -179,7 +179,8 @@ class RestartPolicy:
     def _restore(self, unit: str, nodes: tuple[str, ...]) -> bool:
         """Take nodes to the state last requested for them, tier by tier as in the bring-up.
 
-        False: this failed, which counts as another crash.
+        Returns:
+            whether all nodes are in that state; a failure counts as another crash.
         """
         state = self._context.state
         if not self._runs(unit):

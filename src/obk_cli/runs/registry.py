@@ -153,7 +153,7 @@ def node_statuses(
     known: dict[str, NodeStatus] = {}
     for stack in stacks:
         for node in stack.life_cycle_nodes:
-            # If two launchers run one stack, the one that runs the node knows it best.
+            # If two launchers run one stack, the one that runs the node is up to date.
             if node.node not in known or node.pid is not None:
                 known[node.node] = node
     selected = [select_nodes(name, known) for name in names] if names else [tuple(known)]

@@ -49,7 +49,7 @@ class FoundTest:
     """A test that uses the `stack` fixture."""
 
     node_id: str
-    """Its pytest id, relative to the config's folder; for seed 0 if it uses `seed`."""
+    """The test's pytest id, relative to the config's folder; if it uses `seed`, that of seed 0."""
     takes_seed: bool
 
     @property
@@ -123,7 +123,7 @@ class Varied:
     low: float = 0.0
     high: float = 0.0
     steps: int | None = None
-    """Number of values of a range in a grid."""
+    """Number of grid points in the range; None if not given."""
     values: tuple[str, ...] = ()
     """The values of a list; empty for a range."""
     is_integer: bool = False

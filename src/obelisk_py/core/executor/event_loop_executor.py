@@ -1,4 +1,4 @@
-"""`EventLoopExecutor`: run the callbacks of nodes, driven by events instead of wait sets.
+"""`EventLoopExecutor`: run nodes' callbacks in response to events, without wait sets.
 
 Callbacks run on the thread that spins, and on further threads if `num_threads` is above 1. The spin
 function re-raises an exception from a callback. With one thread, the executor behaves like rclpy's

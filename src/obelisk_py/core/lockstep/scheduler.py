@@ -4,9 +4,10 @@ Each event has a due time. Events due at the same time run in this order: steps 
 events postponed by busy nodes, faults, messages in the order of publication, and timers in the
 order of creation. Nothing waits, and everything runs on one thread.
 
-A callback may take simulated time, because it sleeps or because its computing time is modeled.
-Then only its own node moves ahead: later publications carry the later time, and the node's next
-events are postponed. Nodes share nothing but messages, so no other node can observe the difference.
+A callback may take simulated time, because it sleeps or because its computing time is modeled. Then
+only its own node moves ahead: what it publishes from then on is stamped with the advanced time, and
+the node's next events are postponed. Nodes share nothing but messages, so no other node can observe
+the difference.
 """
 
 import heapq
@@ -247,7 +248,7 @@ class Scheduler:
     def _postpone(self, event: Event, node: ScheduledNode) -> None:
         """Keep an event until its node thaws or is no longer busy."""
         due_ns, kind, place, _, call = event
-        if isinstance(call, Arrival):  # it arrives although the node cannot take it yet
+        if isinstance(call, Arrival):  # it arrives even though the node cannot take it yet
             call = call.enqueue()
         if node.is_frozen:
             node.held.append((due_ns, kind, place, node, call))

@@ -20,8 +20,8 @@ RULES: tuple[Rule, ...] = (
         title="two nodes with the same name",
         cause="ROS runs both, and a request by name may reach either one. Joystick nodes all "
         "have the same name.",
-        fix="Give one of them another `name` or `namespace`. Set `on: false` for all joysticks but "
-        "one.",
+        fix="Give one of them a different `name` or `namespace`. Set `on: false` for all joysticks "
+        "but one.",
     ),
     Rule(
         code="OBK203",
@@ -153,8 +153,8 @@ RULES: tuple[Rule, ...] = (
         title="a period about 1000 times longer than the others",
         cause="`2` is often written instead of `0.002`. The rule reports a timer or sensor in "
         "the control loop that is slower than 1 Hz if the fastest one in the loop is about 1000 "
-        "times faster. It also reports the longest period of all if the others are about 1000 "
-        "times shorter. For a custom timer, which may be slow on purpose, the finding is "
+        "times faster. It also reports the longest period in the config if all others are "
+        "about 1000 times shorter. For a custom timer, which may be slow on purpose, the finding is "
         "info-level.",
         fix="Correct the period. If the period is intended, silence the rule.",
     ),

@@ -87,7 +87,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK410",
         severity="error",
         title="the node's source cannot be run",
-        cause="The file is not valid Python, or does not define the function of the entry point.",
+        cause="The file is not valid Python, or does not define the function that the entry point "
+        "refers to.",
         fix="Fix the source at the reported location, or the entry point in `setup.py`.",
     ),
     Rule(

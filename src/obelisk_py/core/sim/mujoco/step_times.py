@@ -15,7 +15,7 @@ __all__ = ["Clock", "MonotonicClock", "Pace", "SampleTimes", "StepTime", "whole_
 NS_PER_S: Final = 1_000_000_000
 _LARGEST_DENOMINATOR: Final = 1_000_000_000
 CATCH_UP_S: Final = 0.05
-"""Maximum lateness up to which late steps run in quick succession to catch up [s]. Scheduling
+"""Maximum lateness at which steps still run in quick succession to catch up [s]. Scheduling
 delays are shorter; a machine that is too slow soon exceeds it."""
 LONGEST_SLEEP_NS: Final = 50_000_000
 """Maximum duration of an uninterruptible sleep, and thus the maximum delay of a stop [ns]."""
