@@ -284,7 +284,7 @@ def end_launcher(
     if not ask_stop(folder, reason, timeout_s / 2):
         signal_process(run.pid, run.started, signal.SIGINT)
     if _wait_until(lambda: not is_running(), end - time.monotonic()):
-        # The run is over; a launcher that is a separate program exits as well.
+        # The run is over; the process of its launcher is about to exit.
         wait_for_ends([(run.pid, run.started)], EXIT_S)
         return "ended"
     if not may_kill:

@@ -154,8 +154,8 @@ RULES: tuple[Rule, ...] = (
         cause="`2` is often written instead of `0.002`. The rule reports a timer or sensor in "
         "the control loop that is slower than 1 Hz if the fastest one in the loop is about 1000 "
         "times faster. It also reports the longest period in the config if all others are "
-        "about 1000 times shorter. For a custom timer, which may be slow on purpose, the finding is "
-        "info-level.",
+        "about 1000 times shorter. For a custom timer, which may be slow on purpose, the finding "
+        "is info-level.",
         fix="Correct the period. If the period is intended, silence the rule.",
     ),
 )
