@@ -34,7 +34,7 @@ class InstallSource:
     archive: str = ""
     """URL of a wheel or source distribution; for a local file `file:///...`."""
     messages: str = ""
-    """URL of the archive with the compiled messages; empty if they have no own archive."""
+    """URL of the archive with the compiled messages; empty if they have no archive of their own."""
 
     def pip_install(self, *extras: str) -> str:
         """Return a command for a POSIX shell that installs obk with these extras."""
@@ -61,7 +61,7 @@ class InstallSource:
         return (f"{TOOL}{options}",)
 
     def for_other_machines(self) -> "InstallSource":
-        """Return the git URL of a clone whose commit is published; otherwise the source itself."""
+        """Return the git URL if this is a clone with a published commit, otherwise this source."""
         if self.folder is None:
             return self
         unchanged = replace(self, is_editable=False)

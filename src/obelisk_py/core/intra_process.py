@@ -1,10 +1,10 @@
 """Deliver messages within a process with a single copy, bypassing DDS.
 
 Each subscription that runs in the library's executor has a buffer, registered by context and topic.
-A publisher puts its messages into the buffers of the subscriptions that DDS would match, and sends
-nothing through DDS while DDS counts no other subscription. A `LocalSender` serves the subscriptions
-in other processes of the run. Once there is a subscription that neither a buffer nor a
-`LocalSender` can serve, all subscriptions receive the messages through DDS.
+A publisher puts its messages into the buffers of the subscriptions that DDS would match, and
+bypasses DDS as long as DDS reports no further subscriptions. A `LocalSender` serves the
+subscriptions in other processes of the run. Once there is a subscription that neither a buffer nor
+a `LocalSender` can serve, all subscriptions receive the messages through DDS.
 
 The following holds for each publisher and subscription, even while others are added and removed:
 
@@ -140,7 +140,8 @@ class MessageBuffer:
         self._empty_mark: object = None
         self.signal_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         # The buffer owns the eventfd, because publishers may signal after the handler has been
-        # closed. When the process exits, workers may still be watching it.
+        # closed. When the process exits, workers may still be watching the eventfd, so it is not
+        # closed then.
         weakref.finalize(self, os.close, self.signal_fd).atexit = False
         self.signal: Callable[[], object] = partial(os.eventfd_write, self.signal_fd, 1)
         """Writes to the eventfd."""

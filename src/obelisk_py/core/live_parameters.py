@@ -3,7 +3,7 @@
 Each callback records that it is running, and a change waits until none is running. Then all waiting
 values are set together, and `on_parameters` is called before the next callback. On an executor with
 several threads, there may never be a moment without a running callback. A callback that starts
-while a change is waiting therefore waits too, but at most as long as its own last measured run
+while a change is waiting therefore waits too, but for no longer than its own last measured run
 took. Thus a slow callback never blocks a fast loop for long. Runs are measured only while a change
 is waiting.
 """
@@ -81,7 +81,11 @@ class LiveParameters:
         return parameter.fit(RosParameter.from_parameter_msg(message)).to_parameter_msg()
 
     def fault(self, requested: RosParameter) -> str | None:
-        """Why a requested value is invalid; None if it is valid or not that of a `Parameter`."""
+        """Why a requested value is invalid.
+
+        Returns:
+            None if it is valid, or if the parameter was not declared with `Parameter`.
+        """
         parameter = self._declared.get(requested.name)
         return None if parameter is None else parameter.fault(requested)
 

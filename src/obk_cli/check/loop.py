@@ -164,12 +164,13 @@ def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
 def check_outliers(context: CheckContext) -> Iterator[Diagnostic]:
     """Check that no period is 1000 times longer than the others, as if decimals were missing."""
     for outlier in _outliers(context):
+        period_s = outlier.period.value
         yield found(
             "OBK220",
-            f"{outlier.name} every {outlier.period.value:g} s, {outlier.others}",
+            f"{outlier.name} every {period_s:g} s, {outlier.others}",
             outlier.period.span,
             severity=None if outlier.is_loop else "info",
-            help=f"write {outlier.period.value / _OUTLIER:g} if a decimal point was forgotten",
+            help=f"write {period_s / _OUTLIER:g} if {period_s:g} ms was meant",
         )
 
 
@@ -195,9 +196,9 @@ def _outliers(context: CheckContext) -> Iterator[_Outlier]:
     for one in periods:
         name, period, is_loop = one
         if one is longest and period.value >= _OUTLIER * rest:
-            others = f"all others every {rest:g} s or faster"
+            others = f"but all others at least every {rest:g} s"
         elif is_loop and period.value > _SLOWEST_SENSOR and period.value >= _OUTLIER * fastest:
-            others = f"the fastest in the loop every {fastest:g} s"
+            others = f"but the fastest in the loop every {fastest:g} s"
         else:
             continue
         if period.value < _LEAST_RATE:

@@ -36,7 +36,7 @@ def command(
     The command shows differences in config, versions, code, message definitions and parameters. It
     then compares the rate and jitter of each topic, rejected commands, and each numeric field.
     Jitter is the p99 deviation of intervals from their mean. For each numeric field, the command
-    shows the RMS and the largest difference over the time since the stack became active. The second
+    shows the RMS difference and the largest difference since the stack became active. The second
     run is interpolated at the times of the first. For fields that do not differ, only their count
     is shown.
     """

@@ -191,7 +191,7 @@ def command(
 
     Out-of-date message packages in the workspace are compiled first.
     The command ends on Ctrl-C, on SIGTERM, after --duration or --sim-duration, or when a node
-    fails. All processes of the stack end with this command. Exit code 0: shut down cleanly; 1: the
+    fails. When it ends, so do all processes of the stack. Exit code 0: shut down cleanly; 1: the
     config has errors, a node failed, a node missed its rate (with --strict-rates), or the robot was
     still rejecting every command when the stack stopped.
     """

@@ -44,7 +44,8 @@ DomainOption = Annotated[
     typer.Option(
         min=0,
         max=232,
-        help="ROS domain. Default: ROS_DOMAIN_ID, otherwise that of a stack on this host.",
+        help="ROS domain. Default: ROS_DOMAIN_ID if set, otherwise the domain of a stack on this "
+        "host.",
     ),
 ]
 TopicArgument = Annotated[

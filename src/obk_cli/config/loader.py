@@ -368,7 +368,7 @@ def load_config(
     """
     tree, faults = files.parse(source)
     if tree is None:
-        empty = found("OBK114", "the file is empty, not a config", Span.at(source, 1, 1))
+        empty = found("OBK114", "the file is empty", Span.at(source, 1, 1))
         return None, faults or (empty,)
     if not isinstance(tree, TreeMap):
         return tree, faults

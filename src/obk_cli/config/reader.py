@@ -96,7 +96,7 @@ def _is_config(tree: TreeMap) -> bool:
 
 def _not_a_config(tree: Tree) -> Diagnostic:
     if isinstance(tree, TreeScalar) and tree.value in (None, ""):
-        return found("OBK114", "the file is empty, not a config", tree.span)
+        return found("OBK114", "the file is empty", tree.span)
     if not isinstance(tree, TreeMap):
         return found("OBK114", f"the file contains {kind_of(tree)}, not a config", tree.span)
     span = tree.entries[0].key_span

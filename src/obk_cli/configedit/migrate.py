@@ -79,7 +79,7 @@ def migrate_source(source: SourceFile, to: Spelling) -> Migrated:
 def _not_a_config(tree: Tree | None, source: SourceFile) -> Diagnostic:
     if tree is None or (isinstance(tree, TreeScalar) and tree.value in (None, "")):
         span = tree.span if tree else Span.at(source, 1, 1)
-        return found("OBK114", "the file is empty, not a config", span)
+        return found("OBK114", "the file is empty", span)
     is_map = isinstance(tree, TreeMap)
     what = "no config sections" if is_map else f"{kind_of(tree)}, not a config"
     return found("OBK114", f"the file contains {what}", tree.span)
@@ -251,13 +251,13 @@ def _nest_lines(tree: TreeMap, sections: tuple[Entry, ...], offsets: Offsets) ->
 
 
 def _depth(sections: tuple[Entry, ...]) -> int:
-    """Indentation of this file: its own smallest step, otherwise the usual one."""
+    """The file's smallest indentation step, or the usual step if there is none."""
     steps = (section.value.span.column - section.key_span.column for section in sections)
     return min((step for step in steps if step > 0), default=_USUAL_INDENT)
 
 
 def _end_line(tree: TreeMap, entry: Entry, offsets: Offsets) -> int:
-    """The line after the last one of a top-level entry, including comments after it."""
+    """The first line after a top-level entry and the comments that follow it."""
     line = entry.key_span.line
     later = [other.key_span.line for other in tree if other.key_span.line > line]
     end = min(later, default=len(offsets.source.lines) + 1)

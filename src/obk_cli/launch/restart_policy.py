@@ -32,7 +32,7 @@ class _Budget:
 
     @property
     def attempt(self) -> int:
-        """The number of the latest restart within its window, from 1."""
+        """The number of the latest restart within the window, counting from 1."""
         return len(self._times)
 
     def spend(self, now: float) -> float | None:

@@ -57,7 +57,7 @@ __all__ = ["Supervisor"]
 EXIT_DONE: Final = 0
 EXIT_FAILED: Final = 1
 REMINDER_S: Final = 5.0
-"""Time between two messages about the nodes for which the bring-up waits [s]."""
+"""Time between two messages about the nodes that the bring-up is waiting for [s]."""
 REACHED: Final[dict[Until, str]] = {
     "none": "started",
     "configured": "configured",
@@ -90,7 +90,7 @@ class Supervisor:
             plan: the whole stack.
             units: the processes that run here. The plan's other nodes run on other devices.
             processes: starts and signals processes.
-            lifecycle: requests transitions of nodes.
+            lifecycle: requests transitions from nodes.
             inbox: receives events from both interfaces, from signals and from other terminals.
             clock: monotonic time [s].
             publish: receives the output events.

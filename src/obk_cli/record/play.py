@@ -239,7 +239,7 @@ class _Ticker:
 def paced(
     messages: Iterable[RecordedMessage], speed: float
 ) -> Iterator[tuple[float, RecordedMessage]]:
-    """Yield each message with the time when it is due, counted from the first one [s]."""
+    """Yield each message with the time at which it is due, measured from the first message [s]."""
     first: int | None = None
     for message in messages:
         first = message.published_ns if first is None else first

@@ -41,13 +41,13 @@ NO_ANSWER: Final = "no answer"
 """Replaces a node's state if there is no answer."""
 LauncherEnd = Literal["ended", "killed", "running"]
 STOP_S: Final = 15.0
-"""Duration of a shutdown after which a stack counts as stuck [s]."""
+"""How long a shutdown may take before the stack counts as stuck [s]."""
 KILL_S: Final = 5.0
-"""Limit for a killed process to exit [s]."""
+"""Maximum time to wait for a killed process to exit [s]."""
 EXIT_S: Final = 2.0
-"""Limit for a launcher's process to exit once its run is over [s]."""
+"""Maximum time to wait for a launcher's process to exit once its run is over [s]."""
 WARDEN_S: Final = 2.0
-"""Limit for the nodes of a killed launcher to exit [s]."""
+"""Maximum time to wait for the nodes of a killed launcher to exit [s]."""
 POLL_S: Final = 0.02
 
 

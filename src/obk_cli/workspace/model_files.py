@@ -167,7 +167,7 @@ def _from_mjcf(path: Path) -> tuple[Files, PurePosixPath]:
 
 
 def _assets(model: Path) -> Iterator[Path]:
-    """The files that a model refers to and that exist, relative to its own folder."""
+    """The existing files that a model refers to, resolved against the model's folder."""
     read = read_model_bounded(model)
     for names in read.referenced_files if isinstance(read, ModelRead) else ():
         yield from (place for name in names if (place := model.parent / name).is_file())

@@ -49,7 +49,8 @@ class FoundTest:
     """A test that uses the `stack` fixture."""
 
     node_id: str
-    """The test's pytest id, relative to the config's folder; if it uses `seed`, that of seed 0."""
+    """The test's pytest id, relative to the config's folder. For a test that uses `seed`, the id
+    for seed 0."""
     takes_seed: bool
 
     @property

@@ -170,7 +170,7 @@ def test_one_cause_is_reported_once(text: str, code: str) -> None:
 
 def test_a_file_with_null_is_empty() -> None:
     (fault,) = compile_text("~\n").diagnostics
-    assert fault.message == "the file is empty, not a config"
+    assert fault.message == "the file is empty"
 
 
 def compile_files(files: dict[str, str]) -> list[str]:

@@ -69,7 +69,7 @@ class EventLoopExecutor(Executor):
             ValueError: `num_threads` below 1.
         """
         context = get_default_context() if context is None else context
-        # Before the base class, whose constructor may call `wake`.
+        # Created before the base class is initialized, because its constructor may call `wake`.
         self._pool = _WorkerPool(num_threads, context, weakref.ref(self))
         super().__init__(context=context)
         if num_threads < 1:

@@ -46,8 +46,8 @@ STEP, _PUT_OFF, FAULT, MESSAGE, TIMER = range(5)
 MOST_AT_ONE_TIME: Final = 100_000
 """Maximum number of events without time advancing; exceeding it ends the run."""
 _LONGEST_CALLBACK_NS: Final = 1_000 * NS_PER_S
-"""Maximum time that a callback may sleep. Beyond it, the callback is probably waiting for another
-event, and no event happens while it runs."""
+"""Maximum time that a callback may sleep. A callback that sleeps longer is probably waiting for
+another event, which cannot occur while the callback runs."""
 _TRACED: Final = 64
 """Number of events to trace when nodes trigger each other endlessly."""
 
@@ -60,7 +60,7 @@ class LockstepError(ObeliskError):
 
 
 class Arrival(ABC):
-    """An event's call that delivers a message to a subscription."""
+    """The callable of an event that delivers a message to a subscription."""
 
     __slots__ = ()
 
