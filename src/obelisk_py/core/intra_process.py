@@ -166,7 +166,7 @@ class MessageBuffer:
         self._empty_mark = mark
 
     def put(self, message: Any) -> None:
-        """Add a message to which no other code has a reference, or its serialized bytes."""
+        """Add a message, to which no other code may have a reference, or its serialized bytes."""
         self._waiting.append(message)
         self.wake()
 

@@ -196,9 +196,9 @@ def _outliers(context: CheckContext) -> Iterator[_Outlier]:
     for one in periods:
         name, period, is_loop = one
         if one is longest and period.value >= _OUTLIER * rest:
-            others = f"but all others at least every {rest:g} s"
+            others = f"but all other periods are {rest:g} s or less"
         elif is_loop and period.value > _SLOWEST_SENSOR and period.value >= _OUTLIER * fastest:
-            others = f"but the fastest in the loop every {fastest:g} s"
+            others = f"but the shortest period in the loop is {fastest:g} s"
         else:
             continue
         if period.value < _LEAST_RATE:

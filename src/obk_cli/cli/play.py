@@ -94,8 +94,8 @@ def command(
     With --into, nodes of a config run on the recorded inputs instead, in lockstep and in simulated
     time. Repeating the replay gives bit-identical results. The nodes are isolated: no other process
     receives their messages, and no robot moves. Their output is recorded and compared with the
-    recording. Unchanged code gives bit-identical output if the recording was made in lockstep, by
-    `obk test --keep-all`.
+    original recording. Unchanged code gives bit-identical output if the recording was made in
+    lockstep, by `obk test --keep-all`.
 
     With --real-time, the nodes run as processes and follow the recorded time, which is published on
     /clock. They run in a ROS domain of their own unless --domain is given. Their output is compared

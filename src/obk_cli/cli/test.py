@@ -61,7 +61,7 @@ def command(
         str,
         typer.Option(
             metavar="N|=K",
-            help="Run each test that takes `seed` for N seeds; `--seeds =17` runs seed 17 only.",
+            help="Run each test that takes `seed` with N seeds; `--seeds =17` runs seed 17 only.",
         ),
     ] = "1",
     again: Annotated[

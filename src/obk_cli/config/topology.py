@@ -78,7 +78,7 @@ class TopicEndpoint:
     rate_hz: float | None = None
     component: str | None = None
     remapping: Remapping | None = None
-    """The remapping that gave the topic its name; None if that is the name in the config."""
+    """The remapping that gave the topic its name; None if it keeps its name from the config."""
     is_optional: bool = False
     """Whether the topic is valid without another endpoint."""
 

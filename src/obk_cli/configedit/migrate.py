@@ -1,8 +1,8 @@
 """Migrate a config's text from one syntax to the other, and verify that its meaning is unchanged.
 
 Pure: returns the new text and what could not be migrated, or the errors in invalid text. Includes
-are not followed. A component keeps its name if it also has a different `key`, if the name lacks
-`_setting`, or if it has an anchor.
+are not followed. A component keeps its name if it also has a different `key`, or if the name lacks
+`_setting` or has an anchor.
 """
 
 import re

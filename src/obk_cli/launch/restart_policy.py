@@ -151,7 +151,11 @@ class RestartPolicy:
             pass
 
     def _start(self, unit: str, nodes: Iterable[str]) -> bool:
-        """Restart a process and wait until its nodes are ready or it ends; False: it failed."""
+        """Restart a process and wait until its nodes are ready, or the process or the run ends.
+
+        Returns:
+            False if the old process did not end, or the nodes were not ready in time.
+        """
         context, state = self._context, self._context.state
         if not self._wait_for_end(unit):
             return False

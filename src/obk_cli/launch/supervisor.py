@@ -133,7 +133,8 @@ class Supervisor:
         self._changes: deque[ChangeRequested] = deque()
         """Changes waiting to be made."""
         self._busy_with = ""
-        """Completes "the stack is" if no change can be made now, otherwise empty."""
+        """Why no change can be made now, phrased to follow "the stack is"; empty if changes are
+        possible."""
 
     def run(self, until: Until = "active", duration_s: float | None = None) -> Ended:
         """Bring the stack up, watch it, bring it down.

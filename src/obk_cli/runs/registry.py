@@ -100,7 +100,7 @@ def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[
     """The stacks of live runs with the status that their launchers report.
 
     Args:
-        runs: by their folders.
+        runs: folder -> live run.
         timeout_s: limit for each launcher's answer [s].
     """
     return tuple(
@@ -112,7 +112,7 @@ def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[
 def select_runs(
     parent: Path, name: str | None = None, *, domain: int | None = None
 ) -> Mapping[Path, Run]:
-    """The live runs on this host by name and ROS domain, newest first.
+    """The live runs on this host with this name and ROS domain, newest first.
 
     Args:
         parent: the folder of all runs.

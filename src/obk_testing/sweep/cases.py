@@ -199,7 +199,7 @@ def parse_varied(text: str) -> Varied:
 def with_types_of_config(
     varied: Sequence[Varied], config: Path, variables: Mapping[str, str]
 ) -> tuple[Varied, ...]:
-    """Check that the config has the varied values; integer ranges yield integers.
+    """Check that the config contains the values to vary; a range for an integer yields integers.
 
     Raises:
         MisuseError: a path does not exist, or its value has another type.
@@ -307,8 +307,8 @@ def make_cases(
 
     Args:
         tests: the tests to run at every point.
-        seeds: number of seeds; with `varied` and no grid, the number of samples, which have one
-            seed each.
+        seeds: number of seeds; with `varied` and no grid, also the number of samples, because each
+            sample has its own seed.
         varied: the varied values.
         is_grid: whether to combine all values with every seed; if not, they form a Latin hypercube.
         overrides: `path=value` for all cases.

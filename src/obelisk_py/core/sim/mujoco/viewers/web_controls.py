@@ -125,7 +125,7 @@ class SimulationControls:
             self._send(PauseRequest(is_paused=not self._report.is_paused))
 
     def _on_speed(self, event: Any) -> None:
-        # An event without a client means that `take` has set the value, not the user.
+        # An event without a client means that `take`, not the user, has set the value.
         if event.client is not None:
             self._send(SpeedRequest(realtime_factor=float(self._speed.value.removesuffix("x"))))
 
