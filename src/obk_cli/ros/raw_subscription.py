@@ -71,6 +71,8 @@ class Tap:
         )
         self._reader = DdsReader(handle)
         self._is_without_connection = False
+        self._dds_received_ns = 0
+        """Time of receipt of the message from DDS for which the next packets have waited."""
         self._release_s = float("inf")
         self._connections: dict[int, Connection] = {}
         self._epoll = select.epoll()
@@ -86,6 +88,7 @@ class Tap:
             self._read()
         if not self._waiting and (sample := self._reader.take()) is not None:
             put = partial(self._put_sample, sample)
+            self._dds_received_ns = 0
             self._inbox.merge(sample.publisher, sample.number, put)
         elif not self._waiting and time.monotonic() > self._release_s:
             self._release_s = float("inf")
@@ -103,6 +106,7 @@ class Tap:
         for fd, _ in self._epoll.poll(0):
             if fd in self._connections:
                 connection = self._connections[fd]
+                self._dds_received_ns = 0
                 if self._inbox.read(connection):
                     del self._connections[fd]
                     self._epoll.unregister(fd)
@@ -121,8 +125,11 @@ class Tap:
         stamp = stamp_of(packet)
         number = self._numbered(stamp.packets + stamp.number)
         # A packet arrives within the call that publishes it. It is read up to one period of the
-        # caller later; this delay must not appear as the topic's age or jitter.
-        info = _info(stamp.published_ns, stamp.published_ns, number)
+        # caller later; this delay must not appear as the topic's age or jitter. If the packet had
+        # to wait for an earlier message from DDS, it counts as received with that message, because
+        # recordings are sorted by the time of receipt.
+        received_ns = max(stamp.published_ns, self._dds_received_ns)
+        info = _info(stamp.published_ns, received_ns, number)
         self._waiting.append((packet[:-STAMP_BYTES], info))
 
     def _put_sample(self, sample: Sample, packets: int | None) -> None:
@@ -133,6 +140,7 @@ class Tap:
             number = self._numbered(packets + sample.number)
         info = _info(sample.published_ns, sample.received_ns, number)
         self._waiting.append((sample.data, info))
+        self._dds_received_ns = sample.received_ns
 
     def _numbered(self, number: int) -> int:
         """The number of a message of a connected publisher; 0 if the last one omitted packets."""

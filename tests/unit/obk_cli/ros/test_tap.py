@@ -1,4 +1,4 @@
-"""Sequence numbers of a tap: a gap is a lost message."""
+"""The numbers of messages from a tap, in which a gap is a loss, and their times of receipt."""
 
 from collections import deque
 from pathlib import Path
@@ -16,14 +16,29 @@ PUBLISHER = bytes(range(16))
 DEPTH = 10
 
 
-def test_packets_from_before_the_connection_are_no_gap(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    dds = deque(Sample(b"", PUBLISHER, number, 0, 0) for number in (1, 2))
+@pytest.fixture
+def dds() -> deque[Sample]:
+    """Messages that wait in DDS."""
+    return deque()
+
+
+@pytest.fixture
+def reader(dds: deque[Sample], monkeypatch: pytest.MonkeyPatch) -> MagicMock:
     reader = MagicMock(take=lambda: dds.popleft() if dds else None)
     monkeypatch.setattr(raw_subscription, "DdsReader", lambda _handle: reader)
+    return reader
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> SocketFolder:
     tmp_path.chmod(0o700)
-    folder = SocketFolder(str(tmp_path))
+    return SocketFolder(str(tmp_path))
+
+
+def test_packets_from_before_the_connection_are_no_gap(
+    folder: SocketFolder, dds: deque[Sample], reader: MagicMock
+) -> None:
+    dds += (Sample(b"", PUBLISHER, number, 0, 0) for number in (1, 2))
     tap, drops = Tap(folder, GID, None, DEPTH), DropCounter()
 
     def count_all() -> None:
@@ -45,3 +60,25 @@ def test_packets_from_before_the_connection_are_no_gap(
         assert (drops.count, drops.dropped) == (5, 2)
     tap.close()
     reader.close.assert_called_once_with()
+
+
+@pytest.mark.usefixtures("reader")
+def test_messages_are_received_in_the_order_in_which_they_were_published(
+    folder: SocketFolder, dds: deque[Sample]
+) -> None:
+    tap = Tap(folder, GID, None, DEPTH)
+    connection = folder.connect(GID, DEPTH)
+    assert connection is not None
+    with connection:
+        connection.send(bytes(Greeting(publisher=PUBLISHER, packets=0)))
+        connection.send(packed_stamp(20, 1, 1))
+        tap.take()  # accepts the connection
+        tap.take()  # the packet waits for the message from DDS
+        dds.append(Sample(b"", PUBLISHER, 1, published_ns=10, received_ns=30))
+        taken = [tap.take(), tap.take()]
+        connection.send(packed_stamp(40, 2, 1))
+        taken.append(tap.take())
+    infos = [one[1] for one in taken if one is not None]
+    assert [info["source_timestamp"] for info in infos] == [10, 20, 40]
+    assert [info["received_timestamp"] for info in infos] == [30, 30, 40]
+    tap.close()
