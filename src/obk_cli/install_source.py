@@ -1,4 +1,4 @@
-"""Write the `pip install` command that installs obk from the same source as the running copy.
+"""Build the `pip install` command that installs obk from the same source as the running copy.
 
 Obelisk may be installed from a clone, a git URL, a wheel or an index. A command that names any
 source other than the one in use fails, or installs something else. pip records the source in

@@ -113,16 +113,16 @@ _INFO: Final = {
     "publication_sequence_number": None,
     "reception_sequence_number": None,
 }
-"""Passed only to a callback assigned after its subscription was created; a subscription whose first
-callback takes a `MessageInfo` uses DDS."""
+"""A placeholder. A subscription whose original callback takes a `MessageInfo` uses DDS, so only a
+callback that was assigned later can receive this."""
 
 
 class MessageBuffer:
     """A subscription's messages that bypassed DDS, and an eventfd that signals them.
 
     Any thread may put messages in; the threads that run the subscription take them out. The buffer
-    also tracks whether DDS may hold messages of the same publishers, so that later messages do not
-    overtake them.
+    also tracks whether DDS may hold messages from the same publishers, so that later messages do
+    not overtake them.
     """
 
     def __init__(self, message_class: type[Any], qos: QoSProfile, codec: Codec) -> None:
@@ -166,7 +166,10 @@ class MessageBuffer:
         self._empty_mark = mark
 
     def put(self, message: Any) -> None:
-        """Add a message, to which no other code may have a reference, or its serialized bytes."""
+        """Add a message or its serialized bytes.
+
+        No other code may hold a reference to the message.
+        """
         self._waiting.append(message)
         self.wake()
 

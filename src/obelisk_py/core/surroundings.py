@@ -84,7 +84,7 @@ class Surroundings:
         return timer
 
     def start_timer(self, timer: Any, stage: LoopStage) -> None:
-        """Start a stopped timer of a node that is at `stage` of the control loop."""
+        """Start a stopped timer; `stage` is its node's stage in the control loop."""
         start_in_step(timer, stage)
 
     def create_rate(self, _node: Any, create: Create, *args: Any, **kwargs: Any) -> Any:

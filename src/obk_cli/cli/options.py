@@ -59,8 +59,8 @@ RunArgument = Annotated[
     str,
     typer.Argument(
         metavar="FILE|RUN",
-        help="File, or the name of a run's folder or config. A "
-        "config stands for its latest recorded run, and `NAME~1` for the one before.",
+        help="File, or the name of a run's folder or config. The "
+        "name of a config selects its latest recorded run; `NAME~1` selects the one before that.",
     ),
 ]
 TopicsOption = Annotated[

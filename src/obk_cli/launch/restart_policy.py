@@ -151,7 +151,7 @@ class RestartPolicy:
             pass
 
     def _start(self, unit: str, nodes: Iterable[str]) -> bool:
-        """Restart a process and wait until its nodes are ready, or the process or the run ends.
+        """Restart a process; wait until its nodes are ready, or until the process or the run ends.
 
         Returns:
             False if the old process did not end, or the nodes were not ready in time.

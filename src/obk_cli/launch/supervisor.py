@@ -496,7 +496,7 @@ class Supervisor:
         state = self._state
         state.pids[event.process] = event.pid
         self._context.publisher.publish(event)
-        # Not earlier: a foreign node with the same name might be running.
+        # Watch only from now on: before, a foreign node with the same name might be running.
         names = state.units[event.process].node_names
         self._context.lifecycle.watch(state.with_lifecycle.intersection(names))
 

@@ -27,7 +27,7 @@ __all__ = ["Played", "RecordedClock", "command_topics", "inputs_of", "play", "pl
 _DEPTH: Final = 1000
 """Queue depth for a slow subscription: one second of a fast topic."""
 _CHECK_S: Final = 1.0
-"""Interval between checks for subscribing robots [s, in recorded time]."""
+"""Interval between checks for subscribing robots [s]."""
 _CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
 _TICK_S: Final = 0.001
 _NS_PER_S: Final = 1_000_000_000

@@ -112,7 +112,7 @@ class Row:
         return self.outcome in ("failed", "died")
 
     def data(self) -> dict[str, Any]:
-        """Convert the row for JSON."""
+        """Return the row as a dict that can be written as JSON."""
         return asdict(self)
 
 

@@ -165,8 +165,8 @@ class EventLoopExecutor(Executor):
         self._is_shutdown = True
         ended = self._pool.stop(timeout_s)
         if ended:
-            # Does not call the base class, which destroys a guard condition. rclpy's
-            # signal thread may be about to trigger it, which would crash the process.
+            # Does not call the base class, because that destroys a guard condition. If rclpy's
+            # signal thread triggered the destroyed condition, the process would crash.
             with self._nodes_lock:
                 self._nodes = set()
         return ended

@@ -4,10 +4,10 @@ Each event has a due time. Events due at the same time run in this order: steps 
 events postponed by busy nodes, faults, messages in the order of publication, and timers in the
 order of creation. Nothing waits, and everything runs on one thread.
 
-A callback may take simulated time, because it sleeps or because its computing time is modeled. Then
-only its own node moves ahead: what it publishes from then on is stamped with the advanced time, and
-the node's next events are postponed. Nodes share nothing but messages, so no other node can observe
-the difference.
+A callback may take simulated time, because it sleeps or because its computing time is modeled. In
+that case, only the callback's node moves ahead: what it publishes from then on is stamped with the
+advanced time, and the node's next events are postponed. Nodes share nothing but messages, so no
+other node can observe the difference.
 """
 
 import heapq

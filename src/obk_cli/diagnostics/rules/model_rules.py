@@ -38,7 +38,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a sensor of the wrong type",
         cause="The model has a sensor of that name, but of another type.",
-        fix="Use the type from the model, or name the intended sensor.",
+        fix="Use the type from the model, or the name of the intended sensor.",
     ),
     Rule(
         code="OBK305",
@@ -65,7 +65,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK308",
         severity="error",
         title="sensors at different locations",
-        cause="A message describes one location on the robot, but its sensors are at several.",
+        cause="A message describes a single location on the robot, but the sensors of the group are "
+        "at several.",
         fix="Use sensors on the same site or object.",
     ),
     Rule(

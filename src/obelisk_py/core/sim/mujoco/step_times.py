@@ -112,8 +112,9 @@ class StepTime:
 class SampleTimes:
     """The steps after which samples are taken: those that reach a multiple of the period.
 
-    If the period is not a whole number of steps, each multiple is rounded up to a step separately,
-    so the mean rate is exact. A period shorter than a step yields a sample after every step.
+    If the period is not a whole number of steps, each multiple is rounded up individually to the
+    next whole step, so the mean rate is exact. A period shorter than a step yields a sample after
+    every step.
     """
 
     def __init__(self, *, period_s: float, step_s: float) -> None:
