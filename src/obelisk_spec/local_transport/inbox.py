@@ -118,8 +118,9 @@ class PublisherInbox:
         self._put, self._on_connect, self._on_wait = put, on_connect, on_wait
         self._buffer = memoryview(bytearray(LARGEST_PACKET))
         self._by_publisher: dict[bytes, Connection] = {}
-        self._taken: dict[bytes, int] = {}
-        """Like `Connection.taken`, for publishers that are not connected."""
+        self._unconnected: dict[bytes, tuple[int, int | None]] = {}
+        """`Connection.taken` and `packets` of publishers that are not connected; None instead of
+        the packets if the publisher never was."""
 
     def accept(self) -> None:
         """Accept new connections."""
@@ -177,7 +178,8 @@ class PublisherInbox:
             publisher: the publisher's GID.
             number: number of the message among the publisher's messages in DDS.
             put: called when the message is due, with the number of packets that precede it, or None
-                if its publisher is not connected; not called if a packet has delivered the message.
+                if its publisher was never connected; not called if a packet has delivered the
+                message.
         """
         if publisher not in self._by_publisher:
             self.accept()
@@ -185,9 +187,10 @@ class PublisherInbox:
                 self.read(new)
         connection = self._by_publisher.get(publisher)
         if connection is None:
-            if number > self._taken.get(publisher, 0):
-                self._remember(publisher, number)
-                put(None)
+            taken, packets = self._unconnected.get(publisher, (0, None))
+            if number > taken:
+                self._remember(publisher, number, packets)
+                put(packets)
             return
         if number <= connection.taken:  # given up: it would overtake newer messages
             connection.skipped.discard(number)
@@ -220,7 +223,7 @@ class PublisherInbox:
         publisher = connection.publisher
         if publisher is not None and self._by_publisher.get(publisher) is connection:
             del self._by_publisher[publisher]
-            self._remember(publisher, connection.taken)
+            self._remember(publisher, connection.taken, connection.packets)
 
     def stop(self) -> None:
         """Stop publishers from sending, and deliver everything already sent."""
@@ -276,7 +279,8 @@ class PublisherInbox:
             connection.skipped, before.skipped = before.skipped, connection.skipped
         connection.publisher = publisher
         connection.packets_before = greeting.packets
-        connection.taken = before.taken if before else self._taken.pop(publisher, 0)
+        taken, _ = self._unconnected.pop(publisher, (0, None))
+        connection.taken = before.taken if before else taken
         self._by_publisher[publisher] = connection
         if connection.taken:
             _confirm(connection)
@@ -318,11 +322,11 @@ class PublisherInbox:
         connection.last = packet
         self._put(packet)
 
-    def _remember(self, publisher: bytes, number: int) -> None:
-        self._taken.pop(publisher, None)
-        self._taken[publisher] = number
-        if len(self._taken) > _REMEMBERED:
-            del self._taken[next(iter(self._taken))]
+    def _remember(self, publisher: bytes, number: int, packets: int | None) -> None:
+        self._unconnected.pop(publisher, None)
+        self._unconnected[publisher] = number, packets
+        if len(self._unconnected) > _REMEMBERED:
+            del self._unconnected[next(iter(self._unconnected))]
 
 
 def _confirm(connection: Connection) -> None:

@@ -82,3 +82,24 @@ def test_messages_are_received_in_the_order_in_which_they_were_published(
     assert [info["source_timestamp"] for info in infos] == [10, 20, 40]
     assert [info["received_timestamp"] for info in infos] == [30, 30, 40]
     tap.close()
+
+
+@pytest.mark.usefixtures("reader")
+def test_a_message_through_dds_after_the_end_of_a_connection_is_no_gap(
+    folder: SocketFolder, dds: deque[Sample]
+) -> None:
+    tap = Tap(folder, GID, None, DEPTH)
+    connection = folder.connect(GID, DEPTH)
+    assert connection is not None
+    with connection:
+        connection.send(bytes(Greeting(publisher=PUBLISHER, packets=0)))
+        connection.send(packed_stamp(0, 1, 0))
+        connection.send(packed_stamp(0, 2, 0))
+        tap.take()  # accepts the connection
+        taken = [tap.take(), tap.take()]
+    tap.take()  # notices that the connection is closed
+    dds += (Sample(b"", PUBLISHER, number, 0, 0) for number in (1, 2))
+    taken += [tap.take(), tap.take()]
+    numbers = [one[1]["publication_sequence_number"] for one in taken if one is not None]
+    assert numbers == [1, 2, 3, 4]
+    tap.close()
