@@ -1,7 +1,7 @@
 """Check message definitions before the generators run.
 
 Every problem in a `.msg`, `.srv` or `.action` file is reported with its location; malformed text
-never raises an error. The generators check default values and constants.
+never raises an exception. The generators check default values and constants.
 """
 
 import difflib

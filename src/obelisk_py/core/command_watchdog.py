@@ -1,6 +1,6 @@
 """Watch the age of a robot's commands, and log missing and rejected commands at a limited rate.
 
-`CommandAge` is arithmetic on times; it has no clock and no thread. A real robot's
+`CommandAge` only does arithmetic on times; it has neither a clock nor a thread. A real robot's
 `WatchdogThread` checks it at each deadline. A simulated robot's stepping thread checks it before
 each step. `SilenceLog` and `RejectionLog` limit the rate of log messages; they do not delay the
 response to stale commands.

@@ -150,7 +150,7 @@ class MessageBuffer:
         self._codec = codec
         self._waiting: deque[Any] = deque(maxlen=qos.depth)
         self.append: Callable[[Any], object] = self._waiting.append
-        """Adds a message without a wake-up; for the thread that takes the messages out next."""
+        """Adds a message without a wake-up; only for the thread that takes the messages out."""
 
     @property
     def dds_may_hold_messages(self) -> bool:

@@ -67,7 +67,7 @@ class Surroundings:
         self._clock_page = page_to_follow()
 
     def construction(self, _node: Any) -> AbstractContextManager[None]:
-        """Entered while rclpy constructs a node."""
+        """Return a context manager that is active while rclpy constructs a node."""
         return nullcontext()
 
     def publisher_class(self, context: Context, *, has_lifecycle: bool) -> Any | None:

@@ -208,7 +208,7 @@ class Supervisor:
         return self._run.may_go_on
 
     def _wait_for_others(self) -> bool:
-        """Wait, without a limit, until the nodes on other devices are ready; users start them."""
+        """Wait until the nodes on other devices are ready; no limit, because users start them."""
         context, state = self._context, self._state
         others = state.with_lifecycle - state.local_nodes()
         context.lifecycle.watch(others)
@@ -496,7 +496,8 @@ class Supervisor:
         state = self._state
         state.pids[event.process] = event.pid
         self._context.publisher.publish(event)
-        # Watch only from now on: before, a foreign node with the same name might be running.
+        # Start watching only now: until this point, a foreign node with the same name might have
+        # been running.
         names = state.units[event.process].node_names
         self._context.lifecycle.watch(state.with_lifecycle.intersection(names))
 

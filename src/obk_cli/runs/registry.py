@@ -164,7 +164,7 @@ def node_statuses(
 
 
 def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelection | None:
-    """The stack that can change the state of these nodes; None if no launcher here can.
+    """The stack whose launcher can change the state of these nodes; None if no launcher here can.
 
     Args:
         stacks: stacks running on this host.
@@ -219,7 +219,7 @@ def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
 
 
 def stack_nodes(found: Iterable[str]) -> tuple[str, ...]:
-    """The nodes of a stack among the lifecycle nodes in the ROS graph, in tier order.
+    """Those lifecycle nodes in the ROS graph that belong to a stack, in tier order.
 
     A stack's nodes are named after their sections. If no node has such a name, all nodes are
     returned.

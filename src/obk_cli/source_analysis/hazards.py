@@ -120,7 +120,7 @@ _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
         _PLAIN_NODES,
         (
             "OBK609",
-            "`{}` creates a plain rclpy node, which lockstep runs reject",
+            "`{}` creates a plain rclpy node, which a lockstep run rejects",
             "derive its class from `ObeliskNode`",
         ),
     ),
@@ -234,7 +234,7 @@ def _classes(block: CodeBlock) -> Iterator[_Hazard]:
             message = f"class `{name}` runs code outside the callbacks, in real time"
             yield name, found("OBK601", message, span, help="do the work in a timer")
         elif base_name in _PLAIN_NODES:
-            message = f"class `{name}` is a plain rclpy node, which lockstep runs reject"
+            message = f"class `{name}` is a plain rclpy node, which a lockstep run rejects"
             yield name, found("OBK609", message, span, help="derive it from `ObeliskNode`")
 
 

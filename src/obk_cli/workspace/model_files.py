@@ -149,7 +149,7 @@ Files = Mapping[PurePosixPath, bytes]
 
 
 def _from_mjcf(path: Path) -> tuple[Files, PurePosixPath]:
-    """The unchanged files by their paths in their common folder, and the path of the main file."""
+    """The unchanged files, keyed by path in their common folder, and the path of the main one."""
     for relative, _ in _read(path, shown=str(path)).referenced_files:
         if Path(relative).is_absolute():
             raise CommandFailedError(

@@ -10,7 +10,7 @@ RULES: tuple[Rule, ...] = (
         severity="info",
         title="a node starts its own thread, process or event loop",
         cause="A lockstep run calls all callbacks on one thread, in simulated time. Anything "
-        "else that a node starts runs in real time, so its effects occur at a different "
+        "else that a node starts is executed in real time, so its effects occur at a different "
         "simulated time in each run. Threads run in lockstep only if they wait with `time.sleep`, "
         "a `queue.Queue`, an event or a condition, as a simulated robot's `run_simulator` does.",
         fix="Do the work in a timer, or in `run_simulator`. If results do not depend on when the "
@@ -45,7 +45,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK605",
         severity="info",
-        title="QoS that lockstep runs do not simulate",
+        title="QoS that is not simulated in a lockstep run",
         cause="The middleware measures deadlines, lifespans and liveliness in real time. In a "
         "lockstep run, messages bypass it: no message expires, and QoS event callbacks "
         "are rejected because they would never be called.",

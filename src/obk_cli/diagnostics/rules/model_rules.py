@@ -65,8 +65,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK308",
         severity="error",
         title="sensors at different locations",
-        cause="A message describes a single location on the robot, but the sensors of the group are "
-        "at several.",
+        cause="A message describes a single location on the robot, but the group's sensors are at "
+        "several.",
         fix="Use sensors on the same site or object.",
     ),
     Rule(

@@ -1,4 +1,4 @@
-"""The controls of the viewer's page: pause, step, reset, speed, push, and the robot's answers.
+"""The controls of the viewer's page (pause, step, reset, speed, push), and the robot's answers.
 
 The buttons send requests to the robot, which carries them out or replies with the reason why it
 cannot. The page shows what the robot reports, so it stays correct even if something else pauses the
@@ -195,7 +195,7 @@ def _speeds(factor: float) -> tuple[str, ...]:
 
 
 def _default_force(model: mujoco.MjModel) -> float:
-    """A force that moves the model visibly, with one significant digit [N]."""
+    """A force, rounded to one significant digit, that moves the model visibly [N]."""
     moving = np.flatnonzero(model.body_weldid)
     gravity = float(np.linalg.norm(model.opt.gravity)) or 9.81
     force = _WEIGHTS * float(model.body_mass[moving].sum()) * gravity
