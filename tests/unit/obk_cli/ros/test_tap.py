@@ -1,7 +1,9 @@
 """The numbers of messages from a tap, in which a gap is a loss, and their times of receipt."""
 
 from collections import deque
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from socket import socket
 from unittest.mock import MagicMock
 
 import pytest
@@ -62,44 +64,51 @@ def test_packets_from_before_the_connection_are_no_gap(
     reader.close.assert_called_once_with()
 
 
-@pytest.mark.usefixtures("reader")
-def test_messages_are_received_in_the_order_in_which_they_were_published(
-    folder: SocketFolder, dds: deque[Sample]
-) -> None:
+@pytest.fixture
+def tap(folder: SocketFolder, reader: MagicMock) -> Iterator[Tap]:
     tap = Tap(folder, GID, None, DEPTH)
+    yield tap
+    tap.close()
+    reader.close.assert_called_once_with()
+
+
+@pytest.fixture
+def publisher(folder: SocketFolder, tap: Tap) -> Iterator[socket]:
+    """The connection of a publisher that has sent nothing to others before."""
     connection = folder.connect(GID, DEPTH)
     assert connection is not None
     with connection:
         connection.send(bytes(Greeting(publisher=PUBLISHER, packets=0)))
-        connection.send(packed_stamp(20, 1, 1))
-        tap.take()  # accepts the connection
-        tap.take()  # the packet waits for the message from DDS
-        dds.append(Sample(b"", PUBLISHER, 1, published_ns=10, received_ns=30))
-        taken = [tap.take(), tap.take()]
-        connection.send(packed_stamp(40, 2, 1))
-        taken.append(tap.take())
-    infos = [one[1] for one in taken if one is not None]
+        assert tap.take() is None  # accepts the connection
+        yield connection
+
+
+def infos_of(tap: Tap, count: int) -> list[Mapping[str, int]]:
+    """Take messages and return what the tap reports of them."""
+    return [taken[1] for _ in range(count) if (taken := tap.take()) is not None]
+
+
+def test_messages_are_received_in_the_order_in_which_they_were_published(
+    tap: Tap, publisher: socket, dds: deque[Sample]
+) -> None:
+    publisher.send(packed_stamp(20, 1, 1))
+    assert tap.take() is None  # the packet waits for the message from DDS
+    dds.append(Sample(b"", PUBLISHER, 1, published_ns=10, received_ns=30))
+    infos = infos_of(tap, 2)
+    publisher.send(packed_stamp(40, 2, 1))
+    infos += infos_of(tap, 1)
     assert [info["source_timestamp"] for info in infos] == [10, 20, 40]
     assert [info["received_timestamp"] for info in infos] == [30, 30, 40]
-    tap.close()
 
 
-@pytest.mark.usefixtures("reader")
 def test_a_message_through_dds_after_the_end_of_a_connection_is_no_gap(
-    folder: SocketFolder, dds: deque[Sample]
+    tap: Tap, publisher: socket, dds: deque[Sample]
 ) -> None:
-    tap = Tap(folder, GID, None, DEPTH)
-    connection = folder.connect(GID, DEPTH)
-    assert connection is not None
-    with connection:
-        connection.send(bytes(Greeting(publisher=PUBLISHER, packets=0)))
-        connection.send(packed_stamp(0, 1, 0))
-        connection.send(packed_stamp(0, 2, 0))
-        tap.take()  # accepts the connection
-        taken = [tap.take(), tap.take()]
-    tap.take()  # notices that the connection is closed
+    publisher.send(packed_stamp(0, 1, 0))
+    publisher.send(packed_stamp(0, 2, 0))
+    infos = infos_of(tap, 2)
+    publisher.close()
+    assert tap.take() is None  # notices that the connection is closed
     dds += (Sample(b"", PUBLISHER, number, 0, 0) for number in (1, 2))
-    taken += [tap.take(), tap.take()]
-    numbers = [one[1]["publication_sequence_number"] for one in taken if one is not None]
-    assert numbers == [1, 2, 3, 4]
-    tap.close()
+    infos += infos_of(tap, 2)
+    assert [info["publication_sequence_number"] for info in infos] == [1, 2, 3, 4]
