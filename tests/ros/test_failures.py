@@ -16,6 +16,9 @@ CONTROLLER = '''\
 
 import time
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
 from obelisk_py.core.utils.ros import spin_obelisk
 from obelisk_py.zoo.control.example.example_position_setpoint_controller import (
     ExamplePositionSetpointController,
@@ -44,14 +47,16 @@ setup(
 
 
 FAILS_ONCE = """\
-        self.attempts = getattr(self, "attempts", 0) + 1
-        self.create_timer(0.001, self.look)
+        if not hasattr(self, "has_failed"):
+            self.has_failed = False
+            # Simulated time starts with the robot, perhaps after this node's activation.
+            self.create_timer(0.001, self.look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         return super().on_configure(state)
 
     def look(self):
-        # Runs as soon as the robot is active, and still runs when `activate` is requested.
-        if self.attempts == 1 and self.state_label == "inactive":
-            time.sleep(1.0)
+        if not self.has_failed:
+            self.has_failed = True
+            time.sleep(1.0)  # until `activate` is requested
             raise ValueError("no gain")
 """.lstrip()
 STUCK_S = 6.0
@@ -127,7 +132,7 @@ def test_a_node_that_fails_before_its_activation_is_restarted(tmp_path: Path) ->
     text = config.read_text()
     rule = "executable: faulty\n      on_crash: restart"
     config.write_text(text.replace("executable: faulty", rule))
-    result = obk("launch", config, "--quiet", "--duration", "0", "--ignore", "OBK")
+    result = obk("launch", config, "--quiet", "--duration", "2", "--ignore", "OBK")
     assert result.returncode == 0, result.stdout
     assert "control_0: restart 1 of 5" in result.stdout
     shown = result.stdout.partition("restart 1 of 5")[2]
