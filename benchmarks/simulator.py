@@ -53,7 +53,7 @@ from obelisk_py.core.sim.mujoco.step_times import NS_PER_S, MonotonicClock, Pace
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_spec.components import format_setting
 from obelisk_spec.yaml_core import load_yaml_core
-from obk_cli.ros.environment import free_domain
+from obk_cli.ros.domains import free_domain
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "simulator.json"

@@ -30,7 +30,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from benchmarks.stolen import StolenTime, warn_of_stolen_time
 from obk_cli.launch.ros_nodes import rates_of
-from obk_cli.ros.environment import free_domain
+from obk_cli.ros.domains import free_domain
 
 ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")

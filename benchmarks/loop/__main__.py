@@ -46,7 +46,7 @@ from benchmarks.loop.report import (
 from benchmarks.loop.suite import Record, estimate_s, run_suite, suite_of
 from benchmarks.loop.turns import Run, turns_of
 from obk_cli.optional_deps import run_versions
-from obk_cli.ros.environment import free_domain
+from obk_cli.ros.domains import free_domain
 from obk_interfaces.errors import BuildToolError
 
 __all__ = ["main"]

@@ -33,7 +33,7 @@ from benchmarks.soak.stack import Stack
 from benchmarks.soak.troubles import trouble
 from benchmarks.stolen import StolenTime
 from obk_cli.process.shared_memory import remove_dead_segments
-from obk_cli.ros.environment import free_domain
+from obk_cli.ros.domains import free_domain
 
 __all__ = ["main"]
 

@@ -25,7 +25,8 @@ from benchmarks.soak.results import RESULTS, keep_result
 from benchmarks.soak.stack import Stack
 from benchmarks.stolen import StolenTime
 from obk_cli.introspect.lifecycle import LifecycleRequest, change_states
-from obk_cli.ros.environment import free_domain, ros_environment
+from obk_cli.ros.domains import free_domain
+from obk_cli.ros.environment import ros_environment
 
 __all__ = ["main"]
 

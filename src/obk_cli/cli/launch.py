@@ -2,7 +2,8 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -24,7 +25,7 @@ from obk_cli.cli.options import require_choice, require_positive
 from obk_cli.compiler import compile_config
 from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.node_reader import LOG_LEVELS
-from obk_cli.errors import MisuseError
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.event_loop import Limits
 from obk_cli.launch.options import (
     RenderArguments,
@@ -33,11 +34,15 @@ from obk_cli.launch.options import (
     with_render,
     with_simulator_parameters,
 )
+from obk_cli.launch.preloading import Preload, can_preload
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.transitions import UNTIL, Until
+from obk_cli.launch.warden_client import WardenClient, running_warden
 from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.record.recorder_job import RecordRequest
+from obk_cli.ros.environment import Network, ros_environment
+from obk_cli.runs.orphans import launch_marks
 
 __all__ = ["EXAMPLE", "OPTION_GROUPS", "command"]
 
@@ -204,57 +209,74 @@ def command(
     require_positive("--sim-duration", sim_duration, "a number of seconds")
     if sim_duration is not None and until != "active":
         raise MisuseError(f"`--sim-duration`: the simulation does not run with `--until {until}`")
-    outcome = compile_config(config, make_options(set_, ignore))
-    plan = _with_log_level(valid_plan(outcome, color), log_level)
-    _check_devices(plan, device, lead)
-
-    from obk_cli.cli.build import on_overlays
-    from obk_cli.launch.console import open_console
-    from obk_cli.launch.options import LaunchOptions
-    from obk_cli.launch.process_groups import share_of
-    from obk_cli.launch.run import run_plan
-    from obk_cli.ros.environment import Network, ros_environment
-
     if network is not None:
         require_choice("--network", network, get_args(Network))
-    share = share_of(plan, device, lead)
-    if sim_duration is not None:
-        require_simulated_time(plan, share, "--sim-duration")
-    require_libraries(plan, share)
-    render_arguments = RenderArguments(
-        path=render, camera=render_camera, size=render_size, rate_hz=render_fps
-    )
-    plan = with_render(_with_viewer(plan, share, viewer), share, render_arguments)
-    environment = ros_environment(cast(Network | None, network), devices_are_split=share.is_part)
-    _warn(environment.notes)
-    folder = Path(config).resolve().parent
-    packages, environment = on_overlays(folder, environment, plan, may_build=build, color=color)
-    options = LaunchOptions(
-        config=config,
-        folder=Path.cwd(),
-        share=share,
-        until=cast(Until, until),
-        duration_s=duration,
-        sim_duration_s=sim_duration,
-        limits=_limits(timeout, hang_after),
-        on_crash=cast(OnCrash, on_crash),
-        strict_rates=strict_rates,
-        is_composed=composed,
-        replaces=replace_,
-        allows_foreign=allow_foreign,
-        recording=_recording(record_topic) if record or record_topic else None,
-        kept_runs=keep,
-        gated_executables=gated_executables(plan, outcome.environment),
-    )
-    with open_console(
-        sys.stdout.fileno(),
-        as_json=format == "json",
-        colour=wants_colour(color),
-        quiet=quiet,
-        terminal=os.environ.get("TERM", ""),
-    ) as console:
-        ended = run_plan(plan, packages, environment, options, console)
+    with started_warden(cast(Network | None, network), is_composed=composed) as warden:
+        outcome = compile_config(config, make_options(set_, ignore))
+        plan = _with_log_level(valid_plan(outcome, color), log_level)
+        _check_devices(plan, device, lead)
+
+        from obk_cli.cli.build import on_overlays
+        from obk_cli.launch.console import open_console
+        from obk_cli.launch.options import LaunchOptions
+        from obk_cli.launch.process_groups import share_of
+        from obk_cli.launch.run import run_plan
+
+        share = share_of(plan, device, lead)
+        if sim_duration is not None:
+            require_simulated_time(plan, share, "--sim-duration")
+        require_libraries(plan, share)
+        render_arguments = RenderArguments(
+            path=render, camera=render_camera, size=render_size, rate_hz=render_fps
+        )
+        plan = with_render(_with_viewer(plan, share, viewer), share, render_arguments)
+        environment = ros_environment(
+            cast(Network | None, network), devices_are_split=share.is_part
+        )
+        _warn(environment.notes)
+        folder = Path(config).resolve().parent
+        packages, environment = on_overlays(folder, environment, plan, may_build=build, color=color)
+        options = LaunchOptions(
+            config=config,
+            folder=Path.cwd(),
+            share=share,
+            until=cast(Until, until),
+            duration_s=duration,
+            sim_duration_s=sim_duration,
+            limits=_limits(timeout, hang_after),
+            on_crash=cast(OnCrash, on_crash),
+            strict_rates=strict_rates,
+            is_composed=composed,
+            replaces=replace_,
+            allows_foreign=allow_foreign,
+            recording=_recording(record_topic) if record or record_topic else None,
+            kept_runs=keep,
+            gated_executables=gated_executables(plan, outcome.environment),
+        )
+        with open_console(
+            sys.stdout.fileno(),
+            as_json=format == "json",
+            colour=wants_colour(color),
+            quiet=quiet,
+            terminal=os.environ.get("TERM", ""),
+        ) as console:
+            ended = run_plan(plan, packages, environment, options, console, warden)
     raise typer.Exit(ended.exit_code)
+
+
+@contextmanager
+def started_warden(network: Network | None, *, is_composed: bool) -> Iterator[WardenClient]:
+    """Inside the `with` block, a warden whose preload server imports libraries in the meantime."""
+    try:
+        environment = ros_environment(network)
+    except CommandFailedError:  # reported after the errors in the config
+        environment = None
+    marks = launch_marks(None)
+    preload = None
+    if environment is not None and not is_composed and can_preload(environment.variables):
+        preload = Preload(environment={**environment.variables, **marks})
+    with running_warden(marks, preload) as warden:
+        yield warden
 
 
 def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[tuple[str, str]]:

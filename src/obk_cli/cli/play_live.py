@@ -22,7 +22,8 @@ from obk_cli.process.child_process import BoundChild
 from obk_cli.record.compare import compare_runs
 from obk_cli.record.play import Played, command_topics, play
 from obk_cli.record.rewrite import rewrite
-from obk_cli.ros.environment import RosEnvironment, free_domain, ros_environment
+from obk_cli.ros.domains import free_domain
+from obk_cli.ros.environment import RosEnvironment, ros_environment
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.protocol import ask_status
 from obk_cli.runs.registry import live_folders

@@ -156,7 +156,7 @@ def _rehearse(
         refuse_running,
         run_cases,
     )
-    from obk_cli.ros.environment import free_domain
+    from obk_cli.ros.domains import free_domain
     from obk_cli.runs.folder import runs_folder
 
     runs = runs_folder(os.environ)

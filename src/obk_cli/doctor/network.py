@@ -16,7 +16,8 @@ from obk_cli.doctor.child import Trial, child_command, json_output, try_program
 from obk_cli.doctor.finding import Fact, Finding, error, note, ok, warning
 from obk_cli.doctor.ros import find_rclpy
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.environment import RosEnvironment, free_domain, ros_environment
+from obk_cli.ros.domains import free_domain
+from obk_cli.ros.environment import RosEnvironment, ros_environment
 
 __all__ = [
     "DiscoveryFacts",

@@ -34,6 +34,7 @@ from obk_cli.files import STATE_MODE, write_text
 from obk_cli.launch.options import is_only_clock
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
+from obk_cli.launch.warden_client import shareable
 from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.workspace.package_index import PackageIndex
 
@@ -396,10 +397,10 @@ def with_clock_page(
     if not is_only_clock(plan, [node for unit in units for node in unit.nodes]):
         yield commands, None
         return
-    page = os.memfd_create(CLOCK_PAGE)
+    page = shareable(os.memfd_create(CLOCK_PAGE))
     places = len(units) + 1
     os.ftruncate(page, clock_page_bytes(places))
-    wakes = tuple(os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) for _ in range(places))
+    wakes = tuple(shareable(os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)) for _ in range(places))
     own_end, *ends = (
         ClockDescriptors(page=page, own=own, wakes=wakes)
         for own in (len(units), *range(len(units)))

@@ -1,6 +1,7 @@
 """Find conflicts in the ROS domain: duplicate node names, unknown publishers, mismatched types.
 
-A stack starts only if no other node uses its names or publishes commands to its robot. Nodes
+A stack starts only if no other node uses its names or publishes commands to its robot. If the
+domain is limited to this host and nothing else uses it, there is no such node. Otherwise, nodes
 started by obk are found at once; others announce themselves only every 3 s. A simulated robot
 therefore starts after a short check, which continues in a thread; a real robot waits for the
 whole check. A node that starts publishing during that time with `obk topic pub --allow-foreign` is
@@ -19,12 +20,15 @@ from obk_cli.launch.events import InputEvent, UnknownPublisherFound
 from obk_cli.launch.ros_nodes import RosNodes
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import since_boot_s
+from obk_cli.ros.domains import is_used
+from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED, RosGraph
 from obk_cli.ros.publisher import is_allowed_publisher
 
 __all__ = [
     "control_topics",
     "has_hardware",
+    "may_have_others",
     "refuse_taken_names",
     "refuse_unknown_publishers",
     "watching_publishers",
@@ -36,6 +40,11 @@ TYPES_PERIOD_S: Final = 1.0
 NAMING_CHECKS: Final = 4
 """Number of checks after which an endpoint is reported without its node's name, which DDS sends
 later."""
+
+
+def may_have_others(environment: RosEnvironment) -> bool:
+    """Whether nodes of others may exist; call this before the run's own processes start."""
+    return not environment.is_local or is_used(environment.domain)
 
 
 def refuse_taken_names(names: tuple[str, ...], ros: RosNodes, domain: int) -> None:

@@ -14,7 +14,7 @@ from typing import Final
 
 from obk_cli.process import preload
 
-__all__ = ["SWITCH", "Preload", "preload_for"]
+__all__ = ["SWITCH", "Preload", "can_preload", "preload_for"]
 
 SWITCH: Final = "OBK_PRELOAD"
 """Environment variable that disables preloading if set to `off`."""
@@ -53,6 +53,9 @@ FEWEST: Final = 2
 OWN_PREFIX: Final = "OBK_"
 """Prefix of variables that only the runtime library reads, when a node is created."""
 PATH: Final = "PYTHONPATH"
+READ_LATE: Final = (PATH, "AMENT_PREFIX_PATH")
+"""Variables that take effect in a forked process too: it adds the first to its search path, and
+ROS reads the second at each search."""
 HOOKS: Final = ("COV", "LD_PRELOAD")
 """Prefixes of variables through which tools measure or replace parts of a process from its
 start."""
@@ -71,6 +74,10 @@ class Preload:
         """The command that starts the server."""
         return (sys.executable, "-P", str(Path(preload.__file__)), *MODULES)
 
+    def fits(self, other: "Preload") -> bool:
+        """Whether this server can fork the processes of another one."""
+        return self._variables(other.environment) is not None
+
     def forked(
         self, arguments: Sequence[str], environment: Mapping[str, str]
     ) -> Mapping[str, object] | None:
@@ -80,23 +87,34 @@ class Preload:
             arguments: of the program as run by this Python, `python -P -m ...`; empty if it is not.
             environment: the process's environment.
         """
-        if not _is_forkable(arguments) or self.environment.keys() - environment.keys():
+        variables = self._variables(environment) if _is_forkable(arguments) else None
+        if variables is None:
             return None
-        variables = {
+        path = self._added_path(environment)
+        return {"arguments": arguments, "variables": variables, "path": path}
+
+    def _variables(self, environment: Mapping[str, str]) -> Mapping[str, str] | None:
+        """The variables that a forked process sets; None if others differ from the server's."""
+        if self.environment.keys() - environment.keys() or self._added_path(environment) is None:
+            return None
+        changed = {
             name: value
             for name, value in environment.items()
             if self.environment.get(name) != value
         }
-        path = self._added_path(environment)
-        if path is None or any(not _is_own(name) for name in variables):
-            return None
-        return {"arguments": arguments, "variables": variables, "path": path}
+        return changed if all(map(_is_own, changed)) else None
 
     def _added_path(self, environment: Mapping[str, str]) -> Sequence[str] | None:
         """The folders in front of the server's PYTHONPATH; None if the rest differs."""
         own, theirs = (_folders(variables) for variables in (self.environment, environment))
         added = theirs[: len(theirs) - len(own)]
         return added if [*added, *own] == theirs else None
+
+
+def can_preload(environment: Mapping[str, str]) -> bool:
+    """Whether processes with this environment may be forked."""
+    is_off = environment.get(SWITCH) == "off"
+    return not is_off and not any(name.startswith(HOOKS) for name in environment)
 
 
 def preload_for(
@@ -108,10 +126,7 @@ def preload_for(
         programs: the arguments of each process, as for `Preload.forked`.
         environment: the variables that all processes have in common.
     """
-    is_off = environment.get(SWITCH) == "off"
-    if is_off or any(name.startswith(HOOKS) for name in environment):
-        return None
-    if sum(map(_is_forkable, programs)) < FEWEST:
+    if not can_preload(environment) or sum(map(_is_forkable, programs)) < FEWEST:
         return None
     return Preload(environment=environment)
 
@@ -121,7 +136,7 @@ def _is_forkable(arguments: Sequence[str]) -> bool:
 
 
 def _is_own(name: str) -> bool:
-    return name == PATH or name.startswith(OWN_PREFIX)
+    return name in READ_LATE or name.startswith(OWN_PREFIX)
 
 
 def _folders(environment: Mapping[str, str]) -> list[str]:

@@ -1,43 +1,29 @@
-"""Start and signal node processes through the warden, and read their output line by line.
+"""Start and signal node processes through the warden, and read their output line by line."""
 
-If the warden is killed, this process adopts and kills the processes that it leaves.
-"""
-
-import ctypes
 import json
 import os
 import signal
-import socket
-import struct
-import subprocess
-import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
-import psutil
-
 from obk_cli.launch.event_loop import RunContext
 from obk_cli.launch.events import Evidence, OutputLine, ProcessEnded, ProcessStarted
-from obk_cli.launch.preloading import Preload
 from obk_cli.launch.process_groups import Unit
-from obk_cli.process import warden
+from obk_cli.launch.warden_client import WardenClient
 
 __all__ = ["NodeCommand", "ProcessControl", "ProcessEvent", "WardenProcesses"]
 
 LAST_WORDS_S = 1.0
 """Limit for reading the rest of an ended process's output [s]."""
-SEND_S = 2
-"""Limit for sending a request to the warden [s]."""
 END_S = 2.0
 """Limit for each step of the final cleanup [s]."""
-POLL_S = 0.01
 KEPT_LINES = 60
 """Number of output lines kept per process, to show the last ones."""
 LONGEST_LINE = 1 << 16
@@ -71,24 +57,21 @@ class WardenProcesses:
         *,
         commands: Mapping[str, NodeCommand],
         folder: Path,
-        marks: Mapping[str, str],
+        warden: WardenClient,
         on_event: Callable[[ProcessEvent], None],
         on_line: Callable[[OutputLine], None],
-        preload: Preload | None = None,
     ) -> None:
-        """Start the warden, and the preload server below it.
+        """Use a warden with its preload server, if it has one.
 
         Args:
             commands: by the name of the unit.
             folder: the processes' working folder.
-            marks: variables that identify the warden as part of this launch.
+            warden: the parent of the processes; `end` also ends it.
             on_event: receives starts and ends, from a thread.
             on_line: receives output lines, from one thread per process.
-            preload: the server that forks Python processes; None: no server.
         """
         self._commands = commands
         self._folder = folder
-        self._preload = preload
         self._on_event = on_event
         self._on_line = on_line
         self._pumps: dict[str, threading.Thread] = {}
@@ -100,23 +83,10 @@ class WardenProcesses:
         self._held_back: dict[str, list[ProcessEvent]] = {}
         """Unit that was started early -> its events, held until `start` is called for it."""
         self._reporting = threading.Lock()
-        self._has_ended = False
-        self._before = {child.pid for child in psutil.Process().children()}
-        _adopt_orphans(is_enabled=True)
-        self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        # Not `settimeout`, which would also apply to the listener's wait.
-        self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", SEND_S, 0))
-        inherited = {fd for command in commands.values() for fd in command.inherited}
-        with theirs:
-            self._warden = subprocess.Popen(
-                [sys.executable, "-I", "-S", str(Path(warden.__file__))],
-                stdin=theirs.fileno(),
-                env={**os.environ, **marks},
-                start_new_session=True,
-                pass_fds=inherited,
-            )
-        if preload is not None:
-            self._start_preload(preload, inherited)
+        self._warden = warden
+        self._preload = warden.preload
+        shared = {fd for command in commands.values() for fd in command.inherited}
+        warden.share(sorted(shared))
         self._listener = threading.Thread(target=self._listen, name="warden", daemon=True)
         self._listener.start()
 
@@ -133,19 +103,8 @@ class WardenProcesses:
 
     def end(self) -> None:
         """Stop the running processes and the warden; only the first call has an effect."""
-        if self._has_ended:
-            return
-        self._has_ended = True
-        self._send({"do": "end"})
-        self._link.shutdown(socket.SHUT_RDWR)
-        try:
-            self._warden.wait(warden.GRACE_S + warden.KILL_S + END_S)
-        except subprocess.TimeoutExpired:
-            self._warden.kill()
-        self._end_orphans()
-        _adopt_orphans(is_enabled=False)
+        self._warden.end()
         self._listener.join(END_S)
-        self._link.close()
         deadline = time.monotonic() + END_S
         for pump in self._pumps.values():
             pump.join(max(0.0, deadline - time.monotonic()))
@@ -164,17 +123,6 @@ class WardenProcesses:
         self._held_back[unit.name] = []
         self._start(unit)
 
-    def _start_preload(self, preload: Preload, inherited: Iterable[int]) -> None:
-        self._send(
-            {
-                "do": "preload",
-                "arguments": preload.arguments,
-                "environment": dict(preload.environment),
-                "folder": str(self._folder),
-                "inherited": sorted(inherited),
-            }
-        )
-
     def _start(self, unit: Unit) -> None:
         command = self._commands[unit.name]
         read_fd, write_fd = os.pipe2(os.O_CLOEXEC)
@@ -190,7 +138,7 @@ class WardenProcesses:
             else None,
         }
         self._requested.add(unit.name)
-        is_sent = self._send(request, write_fd)
+        is_sent = self._warden.send(request, write_fd)
         os.close(write_fd)
         if not is_sent:
             self._report_lost(unit.name)
@@ -203,7 +151,7 @@ class WardenProcesses:
     def signal(self, process: str, number: int) -> None:
         """Send a signal to a process and its children in the same group."""
         # Without a warden no nodes are running: `_listen` has reported their exits.
-        self._send({"do": "signal", "node": process, "number": number})
+        self._warden.send({"do": "signal", "node": process, "number": number})
 
     def dump_stack(self, process: str) -> None:
         """Make a process write the stacks of its threads, if it handles the signal for that."""
@@ -216,32 +164,8 @@ class WardenProcesses:
         """The last lines of a process's output."""
         return tuple(self._last_lines.get(process, ()))
 
-    def _send(self, request: Mapping[str, object], *fds: int) -> bool:
-        """Send a request to the warden; return False if it is gone or does not receive."""
-        with os.fdopen(os.memfd_create("request"), "w+", encoding="utf-8") as file:
-            json.dump(request, file)
-            file.seek(0)
-            try:
-                socket.send_fds(self._link, [b"request"], [file.fileno(), *fds])
-            except OSError:
-                return False
-            return True
-
-    def _end_orphans(self) -> None:
-        """Kill the processes inherited from a warden that did not exit cleanly."""
-        deadline = time.monotonic() + END_S
-        while time.monotonic() < deadline:
-            children = psutil.Process().children()
-            orphans = [child for child in children if child.pid not in self._before]
-            if not orphans:
-                return
-            for orphan in orphans:
-                with suppress(psutil.Error):
-                    orphan.kill()
-                    orphan.wait(max(0.0, deadline - time.monotonic()))
-
     def _listen(self) -> None:
-        while data := self._received():
+        while data := self._warden.receive():
             event = json.loads(data)
             node = event["node"]
             if event["event"] == "started":
@@ -282,12 +206,6 @@ class WardenProcesses:
         lines = [line for line in self.last_lines(node) if line.strip()]
         return lines[-1] if lines else ""
 
-    def _received(self) -> bytes:
-        try:
-            return self._link.recv(warden.LARGEST_PACKET)
-        except ConnectionResetError:
-            return b""
-
     def _pump(self, node: str, read_fd: int) -> None:
         lines = self._last_lines.setdefault(node, deque(maxlen=KEPT_LINES))
         with open(read_fd, encoding="utf-8", errors="replace") as output:
@@ -308,11 +226,6 @@ def _catches(pid: int, number: int) -> bool:
         return False
     caught = next((line for line in status.splitlines() if line.startswith("SigCgt:")), "SigCgt: 0")
     return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
-
-
-def _adopt_orphans(*, is_enabled: bool) -> None:
-    """Set whether this process becomes the parent of orphaned descendants."""
-    ctypes.CDLL(None).prctl(warden.PR_SET_CHILD_SUBREAPER, int(is_enabled))
 
 
 LAST_LINES: Final = 20

@@ -6,8 +6,8 @@ the screen.
 """
 
 import signal
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from queue import SimpleQueue
 from shutil import rmtree
@@ -28,6 +28,7 @@ from obk_cli.launch.commands import (
     with_clock_page,
 )
 from obk_cli.launch.conflicts import (
+    may_have_others,
     refuse_taken_names,
     refuse_unknown_publishers,
     watching_publishers,
@@ -54,6 +55,7 @@ from obk_cli.launch.run_lock import locked_run
 from obk_cli.launch.simulated_duration import counting
 from obk_cli.launch.state_node import StateNode, state_node_name
 from obk_cli.launch.supervisor import Supervisor
+from obk_cli.launch.warden_client import WardenClient, running_warden
 from obk_cli.plan.plan import Plan
 from obk_cli.process.shared_memory import remove_dead_segments
 from obk_cli.process.signals import handle_end_signals
@@ -71,6 +73,7 @@ def run_plan(
     environment: RosEnvironment,
     options: LaunchOptions,
     console: Console,
+    warden: WardenClient | None = None,
 ) -> Ended:
     """Run a plan until it ends by itself, by a signal or by a failure.
 
@@ -80,6 +83,7 @@ def run_plan(
         environment: the environment of the ROS processes.
         options: which part of the plan runs, how far and how long.
         console: shows events; if its output is closed, the stack is brought down.
+        warden: the parent of the processes; None: a new one.
 
     Raises:
         CommandFailedError: an executable is missing, the stack or one of its nodes is already
@@ -96,6 +100,7 @@ def run_plan(
         output = stack.enter_context(Output(lock.folder, console.screen, formatter, units))
         lock.report(output)
         marks = launch_marks(lock.folder)
+        launcher = environment.for_launcher()
         sockets = stack.enter_context(socket_folder(lock.folder, environment.variables))
         variables = {
             **environment.variables,
@@ -113,26 +118,33 @@ def run_plan(
         recorder = Recorder(options.recording, lock.folder, output)
         videos = VideoReports(plan, share, output.note)
         programs = [command.in_python for command in commands.values()]
-        # Before ROS starts, so that its threads are not part of the warden's fork.
+        if warden is None:
+            # Before ROS starts, so that its threads are not part of the warden's fork.
+            warden = stack.enter_context(running_warden(marks))
+        warden.use_preload(preload_for(programs, common))
+        # Before the run's processes join the domain.
+        has_others = may_have_others(environment)
         processes = stack.enter_context(
             WardenProcesses(
-                commands={**commands, **recorder.commands(variables)},
+                commands={**commands, **recorder.commands({**variables, **launcher.variables})},
                 folder=options.folder,
-                marks=marks,
+                warden=warden,
                 on_event=_process_events(recorder, inbox).publish,
                 on_line=_lines(output, recorder).publish,
-                preload=preload_for(programs, common),
             )
         )
         recorder.start(processes)
         gated = early_units(units, executables, options.gated_executables)
         with held_at_gate(lock.folder, gated, processes):
-            ros = stack.enter_context(open_ros_nodes("obk_launch", environment))
+            ros = stack.enter_context(open_ros_nodes("obk_launch", launcher))
             # The following steps run while discovery continues.
             ros.report_to(inbox.put)
             _prepare_for(units, ros)
             _serve_others(lock.folder, ros, inbox, output, stack)
-            stack.enter_context(_without_conflicts(plan, units, ros, environment, options, inbox))
+            if has_others:
+                _refuse_conflicts(plan, units, ros, environment, options)
+            if not options.allows_foreign:
+                stack.enter_context(watching_publishers(plan, ros, inbox.put))
         stack.enter_context(watching_types(plan, ros.graph, output.note))
         state_node = StateNode(ros, plan.name, inbox.put, output.note) if share.leads else None
         local = [node for unit in units for node in unit.nodes]
@@ -213,25 +225,19 @@ def _units(
     return executables, units_of(plan, devices=options.share.devices, together=together)
 
 
-@contextmanager
-def _without_conflicts(
+def _refuse_conflicts(
     plan: Plan,
     units: tuple[Unit, ...],
     ros: RosNodes,
     environment: RosEnvironment,
     options: LaunchOptions,
-    inbox: "SimpleQueue[InputEvent]",
-) -> Iterator[None]:
+) -> None:
     """Check that no other node uses the stack's names or moves its robot."""
     own = [_state_node(plan)] if options.share.leads else []
     names = (*own, *(name for unit in units for name in unit.node_names))
     refuse_taken_names(names, ros, environment.domain)
-    if options.allows_foreign:
-        yield
-        return
-    refuse_unknown_publishers(plan, ros, environment.domain)
-    with watching_publishers(plan, ros, inbox.put):
-        yield
+    if not options.allows_foreign:
+        refuse_unknown_publishers(plan, ros, environment.domain)
 
 
 def _state_node(plan: Plan) -> str:

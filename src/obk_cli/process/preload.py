@@ -4,7 +4,8 @@ The server runs as its own program (`python -P preload.py MODULE...`) below the 
 input is one end of a Unix socket of packets. It imports the modules, sends `{"ready": true}`, and
 then takes one JSON request at a time: a file passed by descriptor, with a second descriptor for the
 output. It answers with the process's `pid`, or `null` if forking would make a difference to the
-program; the warden then starts it in the ordinary way. The server ends with the warden.
+program; the warden then starts it in the ordinary way. A `share` packet brings descriptors that
+programs may inherit. The server ends with the warden.
 
 A forked program is a separate process in every respect: its parent is the warden, and it has its
 own session, output, environment, arguments and working folder, also in /proc. It shares the hash
@@ -52,6 +53,8 @@ AT_START = frozenset({"sitecustomize", "usercustomize"})
 """Modules that the interpreter imports at startup, if they exist."""
 SIGNAL_SET_BYTES = 128
 LARGEST_PACKET = 64
+MOST_DESCRIPTORS = 253
+"""Number of descriptors in a packet that the kernel allows."""
 
 
 class NoTracing:
@@ -241,7 +244,7 @@ class Server:
             tracing: the result of `find_tracing`.
         """
         self._link = link
-        self._inherited = inherited
+        self._inherited = set(inherited)
         self._libc = libc
         self._tracing = tracing
         self._warden = os.getppid()
@@ -261,11 +264,14 @@ class Server:
             OSError: in a forked process, if the program cannot be prepared.
         """
         while True:
-            data, fds, _, _ = socket.recv_fds(self._link, LARGEST_PACKET, 2)
+            data, fds, _, _ = socket.recv_fds(self._link, LARGEST_PACKET, MOST_DESCRIPTORS)
             if not data:
                 return None
             with os.fdopen(fds[0], encoding="utf-8") as file:
                 request = json.load(file)
+            if data == b"share":
+                self._share(request, fds[1:])
+                continue
             if hides_imported_modules(request["path"]):
                 self._answer(None)
             elif self._fork_below_warden():
@@ -274,6 +280,12 @@ class Server:
                 program.prepare(self._libc, self._tracing)
                 return program
             os.close(fds[1])
+
+    def _share(self, numbers: Sequence[int], fds: Sequence[int]) -> None:
+        for fd, number in zip(fds, numbers, strict=True):
+            os.dup2(fd, number)
+            os.close(fd)
+        self._inherited |= set(numbers)
 
     def _answer(self, pid: int | None) -> None:
         self._link.send(json.dumps({"pid": pid}).encode())
@@ -338,7 +350,7 @@ class Server:
         for own, number in ((null, 0), (output, 1), (output, 2)):
             os.dup2(own, number)
         self._link.detach()  # already closed
-        for number in (null, output, *(set(self._inherited) - set(inherited))):
+        for number in (null, output, *(self._inherited - set(inherited))):
             os.close(number)
 
 

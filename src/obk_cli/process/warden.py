@@ -3,11 +3,12 @@
 The warden runs as its own program (`python -I -S warden.py`); its standard input is one end of a
 Unix socket of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each
 request is a file passed by descriptor, because an environment may be larger than a packet: `start`,
-with a second descriptor for the output, `signal`, `preload`, and finally `end`. A process may
-inherit descriptors with which the warden was started. The warden is the parent of the nodes and
-adopts their orphans (child subreaper). When the launcher's end of the socket closes, for any
-reason, all of them receive SIGTERM, then SIGKILL. If the launcher did not send `end`, the warden
-also clears shared memory. It imports the standard library only, so that it starts at once.
+with a second descriptor for the output, `signal`, `share`, `preload`, `end preload`, and finally
+`end`. `share` brings descriptors that processes may inherit, each under the number that it has in
+the launcher. The warden is the parent of the nodes and adopts their orphans (child subreaper). When
+the launcher's end of the socket closes, for any reason, all of them receive SIGTERM, then SIGKILL.
+If the launcher did not send `end`, the warden also clears shared memory. It imports the standard
+library only, so that it starts at once.
 
 `preload` starts the preload server (`preload.py`), which forks Python nodes. If there is no server,
 or it does not fork a node, the warden starts that node in the ordinary way.
@@ -25,10 +26,11 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 __all__ = ["GRACE_S", "KILL_S", "LARGEST_PACKET", "PR_SET_CHILD_SUBREAPER", "Warden", "main"]
 
@@ -41,6 +43,8 @@ KILL_S = 5.0
 RETRY_S = 0.1
 """Wait before rechecking an orphan whose environment was not readable yet [s]."""
 LARGEST_PACKET = 1 << 16
+MOST_DESCRIPTORS = 253
+"""Number of descriptors in a packet that the kernel allows."""
 START_MARK = "OBK_START"
 """The environment variable that identifies the start from which a process descends."""
 SWEEPER = Path(__file__).with_name("shared_memory.py")
@@ -68,8 +72,15 @@ class Start:
 class PreloadClient:
     """The preload server, and the starts that it has not answered; it handles one at a time."""
 
-    def __init__(self, request: Mapping[str, Any], in_child: Callable[[], None]) -> None:
+    def __init__(
+        self, request: Mapping[str, Any], shared: Collection[int], in_child: Callable[[], None]
+    ) -> None:
         """Start the server.
+
+        Args:
+            request: the server's command, environment and folder.
+            shared: descriptors that it inherits.
+            in_child: prepares the new process.
 
         Raises:
             OSError: the server cannot be started.
@@ -87,7 +98,7 @@ class PreloadClient:
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 start_new_session=True,
-                pass_fds=request["inherited"],
+                pass_fds=shared,
                 preexec_fn=in_child,
             )
         self._process.returncode = 0  # the warden reaps all children
@@ -102,6 +113,11 @@ class PreloadClient:
         self.waiting.append(start)
         if self._is_ready and len(self.waiting) == 1:
             self._hand_over()
+
+    def share(self, numbers: Sequence[int]) -> None:
+        """Pass on descriptors, for the processes that are forked from now on."""
+        with _file_of(numbers) as file, suppress(OSError):  # `answers` reports that it has ended
+            socket.send_fds(self.link, [b"share"], [file.fileno(), *numbers])
 
     def answers(self) -> Iterator[tuple[Start, int | None]]:
         """The answered starts, each with its PID, or None if it was not forked.
@@ -154,13 +170,16 @@ class PreloadClient:
             "inherited": start.request["inherited"],
         }
         request["variables"] = {**request["variables"], START_MARK: start.mark}
-        with os.fdopen(os.memfd_create("request"), "w+", encoding="utf-8") as file:
-            json.dump(request, file)
-            file.seek(0)
-            try:
-                socket.send_fds(self.link, [b"request"], [file.fileno(), start.output])
-            except OSError:
-                return  # it has ended, which `answers` reports
+        with _file_of(request) as file, suppress(OSError):  # `answers` reports that it has ended
+            socket.send_fds(self.link, [b"request"], [file.fileno(), start.output])
+
+
+def _file_of(content: object) -> TextIO:
+    """A file without a name, with the content as JSON."""
+    file = os.fdopen(os.memfd_create("request"), "w+", encoding="utf-8")
+    json.dump(content, file)
+    file.seek(0)
+    return file
 
 
 class Warden:
@@ -181,6 +200,8 @@ class Warden:
         """Whether the environment of an orphan was not readable yet."""
         self._count = 0
         self._selector = selectors.DefaultSelector()
+        self._shared: list[int] = []
+        """Descriptors that processes may inherit."""
         self._preload: PreloadClient | None = None
         self.ends_cleanly = False
         """Whether the launcher sent `end`."""
@@ -226,7 +247,7 @@ class Warden:
 
     def _answer(self) -> bool:
         try:
-            data, fds, _, _ = socket.recv_fds(self._link, LARGEST_PACKET, 2)
+            data, fds, _, _ = socket.recv_fds(self._link, LARGEST_PACKET, MOST_DESCRIPTORS)
         except ConnectionResetError:
             return False
         if not data:
@@ -240,8 +261,12 @@ class Warden:
                 self._preload.add(start)
             else:
                 self._start(start)
+        elif request["do"] == "share":
+            self._share(request["numbers"], fds[1:])
         elif request["do"] == "preload":
             self._start_preload(request)
+        elif request["do"] == "end preload":
+            self._end_preload()
         elif request["do"] == "end":
             self.ends_cleanly = True
         else:
@@ -278,9 +303,18 @@ class Warden:
         self._starts[pid] = start.mark
         self._send(event="started", node=start.node, pid=pid)
 
+    def _share(self, numbers: Sequence[int], fds: Sequence[int]) -> None:
+        # The launcher chooses numbers above those of descriptors that a packet brings.
+        for fd, number in zip(fds, numbers, strict=True):
+            os.dup2(fd, number, inheritable=False)
+            os.close(fd)
+        self._shared += numbers
+        if self._preload is not None:
+            self._preload.share(numbers)
+
     def _start_preload(self, request: Mapping[str, Any]) -> None:
         try:
-            self._preload = PreloadClient(request, self._in_child)
+            self._preload = PreloadClient(request, self._shared, self._in_child)
         except (OSError, ValueError, subprocess.SubprocessError):
             return  # nodes start without it
         self._selector.register(self._preload.link, selectors.EVENT_READ)
@@ -298,11 +332,20 @@ class Warden:
                     os.close(start.output)
                     self._started(start, pid)
         except ConnectionResetError:
-            self._preload = None
-            self._selector.unregister(preload.link)
-            preload.link.close()
-            for start in preload.waiting:
-                self._start(start)
+            self._forget_preload(preload)
+
+    def _forget_preload(self, preload: PreloadClient) -> None:
+        """Start the nodes that wait for the server in the ordinary way."""
+        self._preload = None
+        self._selector.unregister(preload.link)
+        preload.link.close()
+        for start in preload.waiting:
+            self._start(start)
+
+    def _end_preload(self) -> None:
+        if self._preload is not None:
+            self._preload.kill()
+            self._forget_preload(self._preload)
 
     def _end_late_preload(self) -> None:
         if self._preload is not None and self._preload.left_s == 0.0:

@@ -2,16 +2,12 @@
 
 import os
 import shutil
-import socket
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, MutableMapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
-
-import psutil
 
 from obk_cli.errors import CommandFailedError
 
@@ -20,7 +16,6 @@ __all__ = [
     "LOCALHOST_PROFILE",
     "Network",
     "RosEnvironment",
-    "free_domain",
     "ros_environment",
     "set_log_folder",
 ]
@@ -89,6 +84,7 @@ PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROF
 SKIP_FOLDER: Final = "SKIP_DEFAULT_XML_FILE"
 """Whether Fast DDS ignores an XML profile file with the default name in the working folder."""
 LOCALHOST_PROFILE: Final = str(Path(__file__).with_name("dds_localhost.xml"))
+LAUNCHER_PROFILE: Final = str(Path(__file__).with_name("dds_launcher.xml"))
 LAN_PROFILE: Final = str(Path(__file__).with_name("dds_lan.xml"))
 AS_THE_PROFILE_SAYS: Final = "SYSTEM_DEFAULT"
 """The range with which ROS leaves Fast DDS's settings unchanged."""
@@ -110,6 +106,17 @@ class RosEnvironment:
     def domain(self) -> int:
         """The ROS domain."""
         return int(self.variables.get(DOMAIN, "0"))
+
+    @property
+    def is_local(self) -> bool:
+        """Whether obk's profile limits discovery to this host."""
+        return self.variables.get(PROFILES_FILES[0]) == LOCALHOST_PROFILE
+
+    def for_launcher(self) -> "RosEnvironment":
+        """The environment of a launcher and its recorder, which new nodes discover sooner."""
+        if not self.is_local:
+            return self
+        return replace(self, variables={**self.variables, PROFILES_FILES[0]: LAUNCHER_PROFILE})
 
     def put_into_effect(self) -> None:
         """Set the variables for this process."""
@@ -155,9 +162,12 @@ def _as_the_user_has_it() -> dict[str, str]:
     if not variables.get(DOMAIN):
         variables.pop(DOMAIN, None)  # ROS treats an empty value as not set
     profile = variables.get(PROFILES_FILES[0])
-    if profile in (LOCALHOST_PROFILE, LAN_PROFILE):
+    if profile in (LOCALHOST_PROFILE, LAUNCHER_PROFILE, LAN_PROFILE):
         del variables[PROFILES_FILES[0]]
-    if profile == LOCALHOST_PROFILE and variables.get(RANGE) == AS_THE_PROFILE_SAYS:
+    if (
+        profile in (LOCALHOST_PROFILE, LAUNCHER_PROFILE)
+        and variables.get(RANGE) == AS_THE_PROFILE_SAYS
+    ):
         variables[RANGE] = "LOCALHOST"
     return variables
 
@@ -207,38 +217,3 @@ def _is_installed(rmw: str, variables: Mapping[str, str]) -> bool:
     return any(
         (Path(prefix) / "lib" / f"lib{rmw}.so").is_file() for prefix in (*prefixes, sys.prefix)
     )
-
-
-FIRST_PORT: Final = 7400
-PORTS: Final = 250
-"""Number of ports per domain."""
-MARK: Final = 9
-"""A port offset that DDS does not use; the process that reserves the domain binds this port."""
-DOMAINS: Final = range(100, 0, -1)
-"""Descending, because people tend to use low numbers; higher domains use ephemeral ports."""
-
-
-@contextmanager
-def free_domain() -> Iterator[int]:
-    """Inside the `with` block, reserve a ROS domain that no other caller on this host has.
-
-    Raises:
-        CommandFailedError: no domain is free.
-    """
-    bound = [place.laddr for place in psutil.net_connections(kind="udp") if place.laddr]
-    used = {(address.port - FIRST_PORT) // PORTS for address in bound}
-    for domain in DOMAINS:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mark:
-            if domain in used or not _is_bound(mark, FIRST_PORT + PORTS * domain + MARK):
-                continue
-            yield domain
-            return
-    raise CommandFailedError("every ROS domain from 1 to 100 is in use on this host")
-
-
-def _is_bound(mark: socket.socket, port: int) -> bool:
-    try:
-        mark.bind(("127.0.0.1", port))
-    except OSError:
-        return False
-    return True

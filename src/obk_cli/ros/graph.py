@@ -1,7 +1,7 @@
 """Read the ROS graph: nodes by name, publishers and subscriptions by topic.
 
 The graph contains what DDS has discovered so far. A participant is discovered by its next
-announcement: within 0.2 s for obk's nodes, which announce themselves often
+announcement: within 0.3 s for obk's nodes, which announce themselves often
 (`dds_localhost.xml`), and within 3.1 s for others, which by default do so every 3 s.
 """
 

@@ -16,6 +16,7 @@ from obk_cli.launch.events import InputEvent, OutputLine, ProcessEnded, ProcessS
 from obk_cli.launch.preloading import Preload
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
+from obk_cli.launch.warden_client import WardenClient, shareable
 from obk_cli.process import preload
 
 from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
@@ -74,6 +75,8 @@ class Bench:
         self.lines: SimpleQueue[OutputLine] = SimpleQueue()
         # Coverage would import modules, and SHLVL differs in nested shells.
         variables = {k: v for k, v in os.environ.items() if not k.startswith(("COV", "PYTEST"))}
+        self.variables = variables
+        self.warden = WardenClient({}, Preload(environment=variables) if is_forked else None)
         self.processes = WardenProcesses(
             commands={
                 f"/{name}": NodeCommand(
@@ -85,10 +88,9 @@ class Bench:
                 for name, program in programs.items()
             },
             folder=folder,
-            marks={},
+            warden=self.warden,
             on_event=self.received.put,
             on_line=self.lines.put,
-            preload=Preload(environment=variables) if is_forked else None,
         )
 
     def start(self, name: str) -> int:
@@ -106,7 +108,7 @@ class Bench:
 
     def server(self) -> psutil.Process:
         """The preload server."""
-        warden = psutil.Process(self.processes._warden.pid)
+        warden = psutil.Process(self.warden.pid)
         found: list[psutil.Process] = []
 
         def is_there() -> bool:
@@ -132,6 +134,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench
     yield make
     for one in made:
         one.processes.end()
+        one.warden.close()
 
 
 @pytest.fixture
@@ -153,7 +156,7 @@ def test_a_forked_process_is_as_one_that_was_started(bench: MakeBench, tmp_path:
     added = {"PYTHONPATH": f"{tmp_path}/library", "OBK_MORE": "yes"}
     if "PYTHONPATH" in os.environ:
         added["PYTHONPATH"] += f":{os.environ['PYTHONPATH']}"
-    own, other = os.pipe()
+    own, other = map(shareable, os.pipe())
     reported = []
     for is_forked in (True, False):
         programs = {"a": python(f"{FORKED}{ALIKE}", "--ros-args", "x y")}
@@ -171,6 +174,43 @@ def test_a_forked_process_is_as_one_that_was_started(bench: MakeBench, tmp_path:
         os.close(number)
     assert reported[0] == reported[1]
     assert reported[0]["mark"]
+
+
+def test_a_server_started_early_forks_with_what_it_gets_later(
+    bench: MakeBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = bench({"a": python(FORKED)}, added={"OBK_RUN": "1", "AMENT_PREFIX_PATH": "/prefix"})
+    server = run.server()
+    run.warden.use_preload(Preload(environment={**run.variables, "OBK_RUN": "1"}))
+    run.start("a")
+    assert run.line() == "True"
+    assert run.server() == server
+
+
+def test_a_server_with_another_environment_is_replaced(bench: MakeBench) -> None:
+    added = {"LD_LIBRARY_PATH": "/overlay"}
+    read_fd, write_fd = map(shareable, os.pipe())
+    code = f"{FORKED}import os; os.write({write_fd}, b'x')"
+    run = bench({"a": python(code)}, added=added, inherited={"a": (write_fd,)})
+    first = run.server()
+    run.warden.use_preload(Preload(environment={**run.variables, **added}))
+    run.processes._preload = run.warden.preload
+    run.start("a")
+    assert run.line() == "True"
+    assert os.read(read_fd, 1) == b"x"
+    assert not first.is_running()
+    for number in (read_fd, write_fd):
+        os.close(number)
+
+
+def test_a_server_that_no_process_needs_is_ended(bench: MakeBench) -> None:
+    run = bench({"a": python(FORKED)})
+    first = run.server()
+    run.warden.use_preload(None)
+    run.processes._preload = run.warden.preload
+    run.start("a")
+    assert run.line() == "False"
+    eventually(lambda: not first.is_running(), "the end of the server")
 
 
 @pytest.mark.parametrize(
@@ -327,7 +367,7 @@ def test_no_forked_process_outlives_a_killed_warden(bench: MakeBench, who: str) 
     server = run.server()
     if "server" in who:
         server.kill()
-    run.processes._warden.kill()
+    os.kill(run.warden.pid, signal.SIGKILL)
     assert isinstance(run.ended(), ProcessEnded)
     for process in (forked, server):
         process.wait(DEADLINE_S)

@@ -16,6 +16,7 @@ SERVER = Preload(environment=COMMON)
     [
         ({}, {}, []),
         ({"OBK_CLOCK": "4,5"}, {"OBK_CLOCK": "4,5"}, []),
+        ({"AMENT_PREFIX_PATH": "/p"}, {"AMENT_PREFIX_PATH": "/p"}, []),
         ({"PYTHONPATH": "/src:/a:/b"}, {"PYTHONPATH": "/src:/a:/b"}, ["/src"]),
     ],
 )
@@ -66,3 +67,9 @@ def test_a_server_exists_for_two_nodes_unless_it_is_disabled() -> None:
     assert preload_for([NODE, ()], COMMON) is None
     assert preload_for([NODE, NODE], {**COMMON, "OBK_PRELOAD": "off"}) is None
     assert preload_for([NODE, NODE], {**COMMON, "COVERAGE_PROCESS_START": "a"}) is None
+
+
+def test_a_server_fits_environments_that_differ_in_settings_only() -> None:
+    assert SERVER.fits(Preload(environment={**COMMON, "OBK_RUN": "1", "AMENT_PREFIX_PATH": "/p"}))
+    assert not SERVER.fits(Preload(environment={**COMMON, "LD_LIBRARY_PATH": "/lib"}))
+    assert not SERVER.fits(Preload(environment={"HOME": "/h"}))

@@ -17,6 +17,7 @@ import pytest
 from obk_cli.launch.events import InputEvent, OutputLine, ProcessEnded, ProcessStarted
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
+from obk_cli.launch.warden_client import WardenClient
 from obk_cli.process import warden
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
@@ -35,13 +36,14 @@ class Bench:
         self.received: SimpleQueue[InputEvent] = SimpleQueue()
         self.lines: SimpleQueue[OutputLine] = SimpleQueue()
         python = (sys.executable, "-I", "-S", "-c")
+        self.warden = WardenClient({})
         self.processes = WardenProcesses(
             commands={
                 f"/{name}": NodeCommand(arguments=(*python, code), environment={"GREETING": "hi"})
                 for name, code in codes.items()
             },
             folder=folder,
-            marks={},
+            warden=self.warden,
             on_event=self.received.put,
             on_line=self.lines.put,
         )
@@ -49,6 +51,7 @@ class Bench:
     def close(self) -> None:
         """Stop the client."""
         self.processes.end()
+        self.warden.close()
 
     def start(self, name: str) -> int:
         """Start a program; return its process ID."""
@@ -227,7 +230,7 @@ def test_a_signal_that_asks_for_the_end_is_for_the_launcher_alone(bench: MakeBen
     run = bench({"a": sleep, "b": sleep})
     first = psutil.Process(run.start("a"))
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        run.processes._warden.send_signal(number)
+        os.kill(run.warden.pid, number)
     run.line()
     run.start("b")
     run.line()
@@ -237,7 +240,7 @@ def test_a_signal_that_asks_for_the_end_is_for_the_launcher_alone(bench: MakeBen
 def test_the_loss_of_the_warden_is_reported_as_the_end_of_its_nodes(bench: MakeBench) -> None:
     run = bench({"a": "import time; time.sleep(60)"})
     node = psutil.Process(run.start("a"))
-    run.processes._warden.kill()
+    os.kill(run.warden.pid, signal.SIGKILL)
     assert run.ended() == ProcessEnded(
         process="/a",
         code=-signal.SIGKILL,
@@ -253,9 +256,9 @@ def test_the_loss_of_the_warden_is_reported_once_for_unstarted_processes(
     bench: MakeBench,
 ) -> None:
     run = bench({"a": "import time; time.sleep(60)"})
-    run.processes._warden.send_signal(signal.SIGSTOP)
+    os.kill(run.warden.pid, signal.SIGSTOP)
     run.processes.start(unit("a"))
-    run.processes._warden.kill()
+    os.kill(run.warden.pid, signal.SIGKILL)
     assert run.ended() == ProcessEnded(
         process="/a",
         code=127,
@@ -278,7 +281,7 @@ def test_children_in_their_own_session_do_not_outlive_a_killed_warden(
     run = bench({"a": code})
     run.start("a")
     hidden = psutil.Process(int(run.line()))
-    run.processes._warden.kill()
+    os.kill(run.warden.pid, signal.SIGKILL)
     run.ended()
     run.close()
     assert not _is_alive(hidden)

@@ -12,7 +12,7 @@ import pytest
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.process.child_process import BoundChild, run_in_foreground
-from obk_cli.ros.environment import free_domain
+from obk_cli.ros.domains import free_domain
 
 from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 
@@ -106,7 +106,7 @@ def test_two_simultaneous_requests_get_two_domains() -> None:
 
 
 def test_if_every_domain_is_in_use_it_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("obk_cli.ros.environment._is_bound", lambda *_: False)
+    monkeypatch.setattr("obk_cli.ros.domains._is_bound", lambda *_: False)
     message = "every ROS domain from 1 to 100 is in use on this host"
     with pytest.raises(CommandFailedError, match=message), free_domain():
         pytest.fail("a domain was found")

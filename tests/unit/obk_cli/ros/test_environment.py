@@ -11,6 +11,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.ros.environment import (
     HIGHEST_DOMAIN,
     LAN_PROFILE,
+    LAUNCHER_PROFILE,
     LOCALHOST_PROFILE,
     RosEnvironment,
     ros_environment,
@@ -148,8 +149,12 @@ def test_another_middleware_ignores_settings_of_fast_dds(
     assert reported_to_ros(ros_environment())[0] == "LOCALHOST"
 
 
-def test_a_nested_environment_is_created_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in ros_environment().variables.items():
+@pytest.mark.parametrize("is_launcher", [False, True])
+def test_a_nested_environment_is_created_again(
+    monkeypatch: pytest.MonkeyPatch, is_launcher: bool
+) -> None:
+    outer = ros_environment().for_launcher() if is_launcher else ros_environment()
+    for name, value in outer.variables.items():
         monkeypatch.setenv(name, value)
     within = ros_environment()
     assert (within.range, reported_to_ros(within)) == (
@@ -159,18 +164,36 @@ def test_a_nested_environment_is_created_again(monkeypatch: pytest.MonkeyPatch) 
     assert reported_to_ros(ros_environment("lan")) == ("SUBNET", "dds_lan.xml")
 
 
-def test_the_settings_for_here_and_for_the_lan_differ_in_addresses_only() -> None:
-    here, lan = (
+def differences(one: str, other: str) -> list[str]:
+    """The elements in only one of two profiles: `+ tag: text` or `- tag: text`."""
+    texts = (
         [
-            f"{element.tag}: {(element.text or '').strip()}"
-            for element in ElementTree.parse(p).iter()
+            f"{element.tag.rpartition('}')[2]}: {(element.text or '').strip()}"
+            for element in ElementTree.parse(path).iter()
         ]
-        for p in (LOCALHOST_PROFILE, LAN_PROFILE)
+        for path in (one, other)
     )
-    differences = [line for line in ndiff(lan, here) if line[0] in "+-"]
-    assert all(line.startswith("+ ") for line in differences)
-    addresses = [line for line in differences if "address: " in line]
+    return [line for line in ndiff(*texts) if line[0] in "+-"]
+
+
+def test_the_settings_for_the_lan_differ_in_addresses_and_first_announcements() -> None:
+    found = differences(LAN_PROFILE, LOCALHOST_PROFILE)
+    assert [line for line in found if line[0] == "-"] == ["- count: 30", "- nanosec: 100000000"]
+    addresses = [line for line in found if "address: " in line]
     assert [line.rpartition(" ")[2] for line in addresses] == ["127.0.0.1", "127.0.0.1"]
+
+
+def test_a_launcher_announces_itself_more_often_while_a_stack_starts() -> None:
+    local = ros_environment()
+    assert reported_to_ros(local.for_launcher()) == ("SYSTEM_DEFAULT", "dds_launcher.xml")
+    assert sorted(differences(LOCALHOST_PROFILE, LAUNCHER_PROFILE)) == [
+        "+ count: 60",
+        "+ nanosec: 50000000",
+        "- count: 7",
+        "- nanosec: 300000000",
+    ]
+    lan = ros_environment("lan")
+    assert lan.for_launcher() == lan
 
 
 def test_every_domain_has_ports_for_discoverable_participants() -> None:
