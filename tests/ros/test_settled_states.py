@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from obelisk_control_msgs.msg import PositionSetpoint
 from rcl_interfaces.srv import SetParameters
-from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
@@ -23,6 +23,7 @@ from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
+from obelisk_py.core.spinning import _ThreadPool
 
 from .stack import DEADLINE_S, eventually, parameters, spinning
 
@@ -33,7 +34,7 @@ FAILURE = TransitionCallbackReturn.FAILURE
 CONTROL = {"sub_ctrl_setting": "{topic: /c, msg_type: PositionSetpoint}"}
 EXECUTORS: dict[str, Callable[[], Executor]] = {
     "single": SingleThreadedExecutor,
-    "multi": lambda: MultiThreadedExecutor(4),
+    "multi": lambda: _ThreadPool(4),
     "event loop": EventLoopExecutor,
     "event loop of four": lambda: EventLoopExecutor(num_threads=4),
 }
