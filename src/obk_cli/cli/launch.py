@@ -2,8 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -25,7 +24,7 @@ from obk_cli.cli.options import require_choice, require_positive
 from obk_cli.compiler import compile_config
 from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.node_reader import LOG_LEVELS
-from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.errors import MisuseError
 from obk_cli.launch.event_loop import Limits
 from obk_cli.launch.options import (
     RenderArguments,
@@ -34,15 +33,13 @@ from obk_cli.launch.options import (
     with_render,
     with_simulator_parameters,
 )
-from obk_cli.launch.preloading import Preload, can_preload
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.transitions import UNTIL, Until
-from obk_cli.launch.warden_client import WardenClient, running_warden
+from obk_cli.launch.warden_client import early_warden
 from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.record.recorder_job import RecordRequest
 from obk_cli.ros.environment import Network, ros_environment
-from obk_cli.runs.orphans import launch_marks
 
 __all__ = ["EXAMPLE", "OPTION_GROUPS", "command"]
 
@@ -211,7 +208,7 @@ def command(
         raise MisuseError(f"`--sim-duration`: the simulation does not run with `--until {until}`")
     if network is not None:
         require_choice("--network", network, get_args(Network))
-    with started_warden(cast(Network | None, network), is_composed=composed) as warden:
+    with early_warden(cast(Network | None, network), is_composed=composed) as warden:
         outcome = compile_config(config, make_options(set_, ignore))
         plan = _with_log_level(valid_plan(outcome, color), log_level)
         _check_devices(plan, device, lead)
@@ -262,21 +259,6 @@ def command(
         ) as console:
             ended = run_plan(plan, packages, environment, options, console, warden)
     raise typer.Exit(ended.exit_code)
-
-
-@contextmanager
-def started_warden(network: Network | None, *, is_composed: bool) -> Iterator[WardenClient]:
-    """Inside the `with` block, a warden whose preload server imports libraries in the meantime."""
-    try:
-        environment = ros_environment(network)
-    except CommandFailedError:  # reported after the errors in the config
-        environment = None
-    marks = launch_marks(None)
-    preload = None
-    if environment is not None and not is_composed and can_preload(environment.variables):
-        preload = Preload(environment={**environment.variables, **marks})
-    with running_warden(marks, preload) as warden:
-        yield warden
 
 
 def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[tuple[str, str]]:

@@ -87,6 +87,7 @@ class WardenProcesses:
         self._preload = warden.preload
         shared = {fd for command in commands.values() for fd in command.inherited}
         warden.share(sorted(shared))
+        warden.adopt_orphans()
         self._listener = threading.Thread(target=self._listen, name="warden", daemon=True)
         self._listener.start()
 

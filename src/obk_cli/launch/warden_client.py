@@ -19,10 +19,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from obk_cli.launch.preloading import Preload
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.preloading import Preload, can_preload
 from obk_cli.process import warden
+from obk_cli.ros.environment import Network, ros_environment
+from obk_cli.runs.orphans import launch_marks
 
-__all__ = ["WardenClient", "running_warden", "shareable"]
+__all__ = ["WardenClient", "early_warden", "running_warden", "shareable"]
 
 SEND_S: Final = 2
 """Limit for sending a request to the warden [s]."""
@@ -33,6 +36,26 @@ MOST_DESCRIPTORS: Final = 200
 """Number of descriptors in one request; the kernel allows 253."""
 FIRST_SHARED: Final = 256
 """Lowest number of a shared descriptor; those that arrive with a request have lower ones."""
+
+
+@contextmanager
+def early_warden(network: Network | None, *, is_composed: bool) -> Iterator["WardenClient"]:
+    """Inside the `with` block, a warden whose preload server imports the libraries.
+
+    Args:
+        network: which hosts can discover the stack, as for `ros_environment`.
+        is_composed: whether the nodes share a process, so that nothing is forked.
+    """
+    try:
+        environment = ros_environment(network)
+    except CommandFailedError:  # reported after the errors in the config
+        environment = None
+    marks = launch_marks(None)
+    preload = None
+    if environment is not None and not is_composed and can_preload(environment.variables):
+        preload = Preload(environment={**environment.variables, **marks})
+    with running_warden(marks, preload) as warden:
+        yield warden
 
 
 @contextmanager
@@ -61,14 +84,14 @@ def shareable(descriptor: int) -> int:
 
 
 class WardenClient:
-    """The warden of this launch; if it is killed, this process kills what it leaves."""
+    """The warden of this launch."""
 
     def __init__(self, marks: Mapping[str, str], preload: Preload | None = None) -> None:
         """Start the warden; see `running_warden`."""
         self._preload: Preload | None = None
         self._has_ended = False
-        self._before = _children()
-        _adopt_orphans(is_enabled=True)
+        self._before: set[int] | None = None
+        """The children before `adopt_orphans`; None: not called yet."""
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         # Not `settimeout`, which would also apply to `receive`.
         self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", SEND_S, 0))
@@ -81,6 +104,11 @@ class WardenClient:
             )
         if preload is not None:
             self.use_preload(preload)
+
+    def adopt_orphans(self) -> None:
+        """From now on, kill what the warden leaves if it is killed."""
+        self._before = _children()
+        _adopt_orphans(is_enabled=True)
 
     @property
     def pid(self) -> int:
@@ -143,23 +171,25 @@ class WardenClient:
             self._process.wait(warden.GRACE_S + warden.KILL_S + END_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
-        self._end_orphans()
-        _adopt_orphans(is_enabled=False)
+        if self._before is not None:
+            _end_orphans(self._before)
+            _adopt_orphans(is_enabled=False)
 
     def close(self) -> None:
         """Release the socket after `end`, once no thread is in `receive`."""
         self._link.close()
 
-    def _end_orphans(self) -> None:
-        """Kill the processes inherited from a warden that did not exit cleanly."""
-        deadline = time.monotonic() + END_S
-        while (orphans := _children() - self._before) and time.monotonic() < deadline:
-            for pid in orphans:
-                with suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGKILL)
-                with suppress(ChildProcessError):
-                    os.waitpid(pid, os.WNOHANG)
-            time.sleep(POLL_S)
+
+def _end_orphans(before: set[int]) -> None:
+    """Kill the processes inherited from a warden that did not exit cleanly."""
+    deadline = time.monotonic() + END_S
+    while (orphans := _children() - before) and time.monotonic() < deadline:
+        for pid in orphans:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+            with suppress(ChildProcessError):
+                os.waitpid(pid, os.WNOHANG)
+        time.sleep(POLL_S)
 
 
 def _children() -> set[int]:
