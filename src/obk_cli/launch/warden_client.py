@@ -194,8 +194,11 @@ def _end_orphans(before: set[int]) -> None:
 
 def _children() -> set[int]:
     """The child processes, including adopted ones."""
-    lists = Path("/proc/self/task").glob("*/children")
-    return {int(pid) for text in lists for pid in text.read_text().split()}
+    found: set[int] = set()
+    for children in Path("/proc/self/task").glob("*/children"):
+        with suppress(OSError):  # the thread has ended
+            found |= set(map(int, children.read_text(encoding="ascii").split()))
+    return found
 
 
 def _adopt_orphans(*, is_enabled: bool) -> None:

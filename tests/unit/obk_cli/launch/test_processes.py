@@ -6,6 +6,8 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +19,7 @@ import pytest
 from obk_cli.launch.events import InputEvent, OutputLine, ProcessEnded, ProcessStarted
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
-from obk_cli.launch.warden_client import WardenClient
+from obk_cli.launch.warden_client import WardenClient, _children
 from obk_cli.process import warden
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
@@ -394,3 +396,21 @@ for parent in (os.getpid(), 1):
         [sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True
     )
     assert done.stdout.split() == ["7", "1"]
+
+
+def test_children_are_listed_while_threads_end() -> None:
+    is_over = threading.Event()
+
+    def start_threads() -> None:
+        while not is_over.is_set():
+            threading.Thread(target=time.sleep, args=(0.0005,)).start()
+
+    starter = threading.Thread(target=start_threads)
+    with subprocess.Popen(["sleep", "60"]) as child:
+        starter.start()
+        try:
+            assert all(child.pid in _children() for _ in range(200))
+        finally:
+            is_over.set()
+            starter.join()
+            child.kill()
