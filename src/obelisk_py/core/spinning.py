@@ -36,6 +36,7 @@ from obelisk_py.core.faults import NodeFault
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.shared_clock import new_nodes_follow
 from obelisk_spec.runtime_protocol import GATE_VARIABLE
+from obelisk_spec.time_slice import shorten_time_slice
 
 __all__ = [
     "NodeDied",
@@ -150,6 +151,7 @@ def ros_process(args: Sequence[str]) -> Iterator[ShutdownSignals]:
     """
     faulthandler.enable(STDERR_FD)
     faulthandler.register(signal.SIGUSR1, STDERR_FD)
+    shorten_time_slice()  # The middleware's threads inherit it.
     with ShutdownSignals() as signals:
         _init_ros(args)
         try:

@@ -16,6 +16,7 @@ from queue import SimpleQueue
 import psutil
 import pytest
 
+from obelisk_spec.time_slice import time_slice_ns
 from obk_cli.launch.events import InputEvent, OutputLine, ProcessEnded, ProcessStarted
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
@@ -93,6 +94,12 @@ def test_output_environment_folder_and_exit_code_are_passed_on(
     run.start("a")
     assert run.line() == f"hi {tmp_path}"
     assert run.ended() == ProcessEnded(process="/a", code=3, text=f"hi {tmp_path}")
+
+
+def test_processes_get_short_time_slices(bench: MakeBench) -> None:
+    run = bench({"a": "import time; time.sleep(60)"})
+    # The client has shortened those of this thread, if the kernel supports it.
+    assert time_slice_ns(run.start("a")) == time_slice_ns()
 
 
 def test_a_missing_program_is_reported_with_the_reason(bench: MakeBench) -> None:
