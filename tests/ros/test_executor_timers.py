@@ -105,6 +105,9 @@ def test_a_timer_that_another_thread_cancels_when_it_is_due_is_not_called(one: W
         def __getattr__(self, name: str) -> Any:
             return getattr(timer.handle, name)
 
+        def time_until_next_call(self) -> int:
+            return 0
+
         def is_timer_ready(self) -> bool:
             timer.cancel()
             return True
@@ -112,6 +115,30 @@ def test_a_timer_that_another_thread_cancels_when_it_is_due_is_not_called(one: W
     arm_timer(handler._timer_fd, 1, 0)
     select.select([handler._timer_fd], [], [], DEADLINE_S)
     handle, handler._handle = handler._handle, Cancelling()
+    assert not handler._run(Worker())
+    handler._handle = handle
+    handler.close()
+    assert not ticks
+
+
+def test_a_timer_that_another_thread_resets_before_it_is_due_is_not_called(one: World) -> None:
+    node = one.node()
+    ticks: list[int] = []
+    timer = node.create_timer(10.0, lambda: ticks.append(1))
+    handler = TimerHandler(timer, lambda: one.executor)
+
+    class Resetting:
+        """The timer's handle; the timer was due until it was reset."""
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(timer.handle, name)
+
+        def time_until_next_call(self) -> int:
+            return 0
+
+    arm_timer(handler._timer_fd, 1, 0)
+    select.select([handler._timer_fd], [], [], DEADLINE_S)
+    handle, handler._handle = handler._handle, Resetting()
     assert not handler._run(Worker())
     handler._handle = handle
     handler.close()

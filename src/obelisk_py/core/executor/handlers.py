@@ -29,6 +29,7 @@ from rclpy.task import Task
 from rclpy.timer import Timer
 
 from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.executor.early_wakeup import EarlyWakeup
 from obelisk_py.core.executor.local_receiver import LocalReceiver, open_receiver
 from obelisk_py.core.executor.rcl_listeners import (
     EntityKind,
@@ -395,6 +396,7 @@ class TimerHandler(TimerCallbackHandler):
         self._arming = threading.Lock()
         self._is_closed = False
         self._period_ns = 0
+        self._wakeup = EarlyWakeup()
         self._jump = self._ros_clock and self._ros_clock.create_jump_callback(
             _ANY_JUMP, post_callback=lambda _jump: self._arm()
         )
@@ -428,15 +430,18 @@ class TimerHandler(TimerCallbackHandler):
                 return
             self._period_ns = self._handle.get_timer_period()
             left_ns = self._handle.time_until_next_call()
+            is_simulated = self._ros_clock is not None and self._ros_clock.ros_time_is_active
+            period_ns = 0 if left_ns is None or is_simulated else self._period_ns
+            lead_ns = self._wakeup.renew(period_ns)
             if left_ns is None:  # canceled
-                first_ns, period_ns = 0, 0
-            elif self._ros_clock is not None and self._ros_clock.ros_time_is_active:
-                # Simulated time: run now if due, otherwise check again when the time changes.
-                first_ns, period_ns = (_IMMEDIATELY_NS if left_ns <= 0 else 0), 0
+                first_ns = 0
+            elif is_simulated:
+                # Run now if due, otherwise check again when the time changes.
+                first_ns = _IMMEDIATELY_NS if left_ns <= 0 else 0
             else:
-                # Read the clock after `left_ns`, so that the timer is due when it expires.
+                # Read the clock after `left_ns`, so that the timer does not expire too early.
                 now_ns = time.clock_gettime_ns(self._kernel_clock)
-                first_ns, period_ns = max(now_ns + left_ns, _IMMEDIATELY_NS), self._period_ns
+                first_ns = max(now_ns + left_ns - lead_ns, _IMMEDIATELY_NS)
             arm_timer(self._timer_fd, first_ns, period_ns)
 
     def _run(self, worker: Worker) -> bool:
@@ -445,13 +450,17 @@ class TimerHandler(TimerCallbackHandler):
         except BlockingIOError:
             return False  # set again in the meantime, or handled by another worker
         handle = self._handle
+        left_ns = handle.time_until_next_call()
+        if left_ns is None or left_ns > self._wakeup.lead_ns:
+            return self._follow()  # canceled, or due later than when the kernel timer was set
+        self._wakeup.wait(left_ns)
         if not handle.is_timer_ready():
-            return self._follow()
+            return self._follow()  # another thread has reset it in the meantime
         try:
             handle.call_timer()
         except RCLError:  # another thread has just canceled it
             return self._follow()
         self._call(worker)
-        if handle.get_timer_period() != self._period_ns:
+        if self._wakeup.is_outdated or handle.get_timer_period() != self._period_ns:
             self._arm()
         return True
