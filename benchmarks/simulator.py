@@ -250,6 +250,7 @@ def realtime(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
     free.run(steps)
     alone_s = time.process_time() - before_s
     bare_s, bare_alone_s = bare_loop(free.simulation, steps // BARE_SHARE)
+    asleep_s = paced_s(lambda: None, steps // BARE_SHARE) * BARE_SHARE
     return {
         "seconds": seconds,
         "realtime_factor": steps * STEP_NS / took_ns,
@@ -258,6 +259,8 @@ def realtime(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
         "cpu_share": used_s / (took_ns / NS_PER_S),
         "cpu_of_the_work_alone_share": alone_s / (took_ns / NS_PER_S),
         "cpu_over_the_work_alone": used_s / alone_s,
+        "cpu_beyond_sleeping_over_the_work_alone": (used_s - asleep_s) / alone_s,
+        "sleeping_over_the_work_alone": asleep_s / alone_s,
         "cpu_of_a_bare_loop_share": bare_s / (took_ns / NS_PER_S) * BARE_SHARE,
         "cpu_over_a_bare_loop": used_s / BARE_SHARE / bare_s,
         "bare_loop_over_its_steps_alone": bare_s / bare_alone_s,
@@ -267,16 +270,22 @@ def realtime(node: GuardedLifecycleNode, seconds: float) -> dict[str, Any]:
 def bare_loop(simulation: Simulation, steps: int) -> tuple[float, float]:
     """CPU time of `mj_step` called at real time, and of the same calls without pacing [s]."""
     model, data = simulation.model, simulation.data
+    at_real_time_s = paced_s(lambda: mujoco.mj_step(model, data), steps)
+    start_s = time.process_time()
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+    return at_real_time_s, time.process_time() - start_s
+
+
+def paced_s(call: Callable[[], None], steps: int) -> float:
+    """CPU time of a loop that only sleeps until each step is due and then makes a call [s]."""
     due_ns, start_s = time.monotonic_ns(), time.process_time()
     for _ in range(steps):
         due_ns += STEP_NS
         if (left_ns := due_ns - time.monotonic_ns()) > 0:
             time.sleep(left_ns / NS_PER_S)
-        mujoco.mj_step(model, data)
-    paced_s, start_s = time.process_time() - start_s, time.process_time()
-    for _ in range(steps):
-        mujoco.mj_step(model, data)
-    return paced_s, time.process_time() - start_s
+        call()
+    return time.process_time() - start_s
 
 
 def _late_us(clock: NotingClock) -> dict[str, float]:
