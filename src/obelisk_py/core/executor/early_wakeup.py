@@ -11,10 +11,10 @@ from typing import Final
 
 __all__ = ["EarlyWakeup"]
 
-_MEAN_LOOP_NS: Final = 4_000
-"""Average duration of the loops: 0.4 % of a core at 1 kHz."""
-_LONGEST_LEAD_NS: Final = 50_000
-_LEADS_PER_PERIOD: Final = 20
+_MEAN_LOOP_NS: Final = 6_000
+"""Average duration of the loops: 0.6 % of a core at 1 kHz."""
+_LONGEST_LEAD_NS: Final = 100_000
+_LEADS_PER_PERIOD: Final = 10
 """A lead takes at most one of this many parts of a period."""
 _SMOOTHING: Final = 16
 """A call changes the lead by this fraction of the difference from the average."""
