@@ -2,8 +2,7 @@
 
 A sleeping thread runs 20 to 60 us after its kernel timer has expired, and longer on some virtual
 machines. The kernel timer is therefore set earlier, and the thread waits out the rest in a loop.
-The lead follows the machine's delays: it is as large as possible while the loops take a few
-microseconds on average.
+The lead follows the machine's delays, which stay similar from one wake-up to the next.
 """
 
 import time
@@ -11,13 +10,15 @@ from typing import Final
 
 __all__ = ["EarlyWakeup"]
 
-_MEAN_LOOP_NS: Final = 6_000
-"""Average duration of the loops: 0.6 % of a core at 1 kHz."""
+_EARLY_NS: Final = 4_000
+"""How early the thread is to run on average: a compromise between punctuality and CPU time."""
+_LATEST_NS: Final = 10_000
+"""A later wake-up counts as this late, or loops would be long on a machine with long delays."""
 _LONGEST_LEAD_NS: Final = 100_000
 _LEADS_PER_PERIOD: Final = 10
 """A lead takes at most one of this many parts of a period."""
-_SMOOTHING: Final = 16
-"""A call changes the lead by this fraction of the difference from the average."""
+_SMOOTHING: Final = 8
+"""A wake-up changes the lead by one of this many parts of its difference from `_EARLY_NS`."""
 _TOLERANCE_NS: Final = 4_000
 """A smaller change of the lead is not worth a system call."""
 
@@ -51,7 +52,7 @@ class EarlyWakeup:
             left_ns: time until then, at most `lead_ns`; negative if the timer is late.
         """
         due_ns = time.monotonic_ns() + left_ns
-        change_ns = (_MEAN_LOOP_NS - max(left_ns, 0)) // _SMOOTHING
+        change_ns = (_EARLY_NS - max(left_ns, -_LATEST_NS)) // _SMOOTHING
         self._wanted_ns = min(max(self._wanted_ns + change_ns, 0), self._longest_ns)
         while time.monotonic_ns() < due_ns:
             pass

@@ -51,7 +51,7 @@ def test_callbacks_become_punctual_at_the_cost_of_short_loops(clock: SimulatedCl
     wakeup = EarlyWakeup()
     wakeup.renew(PERIOD_NS)
     late, loops = lateness_ns(clock, wakeup, delays_ns)
-    first, settled = late[:20], sorted(late[2000:])
+    first, settled = late[:5], sorted(late[2000:])
     assert min(first) > 10_000
     assert settled[0] >= 0
     assert settled[len(settled) // 2] < 3_000
@@ -64,7 +64,7 @@ def test_on_a_busy_machine_the_loops_remain_short(clock: SimulatedClock) -> None
     wakeup = EarlyWakeup()
     wakeup.renew(PERIOD_NS)
     _, loops = lateness_ns(clock, wakeup, delays_ns)
-    assert sum(loops[1000:]) / len(loops[1000:]) < 8_000
+    assert sum(loops[1000:]) / len(loops[1000:]) < 10_000
 
 
 @pytest.mark.parametrize(("period_ns", "longest_ns"), [(PERIOD_NS, 100_000), (200_000, 20_000)])
