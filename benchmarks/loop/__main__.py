@@ -153,7 +153,7 @@ def options() -> argparse.Namespace:
     parser.add_argument("--parts", nargs="+", choices=PARTS, help="default: all")
     parser.add_argument("--contestants", nargs="+", choices=CONTESTANTS, default=CONTESTANTS)
     parser.add_argument("--layouts", nargs="+", choices=LAYOUTS, default=LAYOUTS)
-    parser.add_argument("--rounds", type=int, help="rounds; default: 5 for work, 2 for curves")
+    parser.add_argument("--rounds", type=int, help="rounds; default: 9 for work, 2 for curves")
     parser.add_argument("--seconds", type=float, help="duration of each run; default: 3 and 2")
     parser.add_argument(
         "--results",

@@ -85,7 +85,7 @@ class Effort:
     """The duration of each run."""
 
 
-WORK = Effort(rounds=5, seconds=3.0)
+WORK = Effort(rounds=9, seconds=3.0)
 PEER = Effort(rounds=2, seconds=3.0)
 CURVE = Effort(rounds=2, seconds=2.0)
 

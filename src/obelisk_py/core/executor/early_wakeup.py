@@ -10,7 +10,7 @@ from typing import Final
 
 __all__ = ["EarlyWakeup"]
 
-_EARLY_NS: Final = 4_000
+_EARLY_NS: Final = 3_000
 """How early the thread is to run on average: a compromise between punctuality and CPU time."""
 _LATEST_NS: Final = 10_000
 """A later wake-up counts as this late, or loops would be long on a machine with long delays."""
@@ -45,14 +45,16 @@ class EarlyWakeup:
         self.lead_ns = self._wanted_ns
         return self.lead_ns
 
-    def wait(self, left_ns: int) -> None:
-        """Wait until the timer is due, and adjust the lead.
+    def wait(self, left_ns: int, waiting_since_ns: int) -> None:
+        """Wait until the timer is due, and adjust the lead if the thread was woken by the timer.
 
         Args:
             left_ns: time until then, at most `lead_ns`; negative if the timer is late.
+            waiting_since_ns: when the thread last began to wait, on the monotonic clock.
         """
         due_ns = time.monotonic_ns() + left_ns
-        change_ns = (_EARLY_NS - max(left_ns, -_LATEST_NS)) // _SMOOTHING
-        self._wanted_ns = min(max(self._wanted_ns + change_ns, 0), self._longest_ns)
+        if due_ns - self.lead_ns >= waiting_since_ns:
+            change_ns = (_EARLY_NS - max(left_ns, -_LATEST_NS)) // _SMOOTHING
+            self._wanted_ns = min(max(self._wanted_ns + change_ns, 0), self._longest_ns)
         while time.monotonic_ns() < due_ns:
             pass

@@ -453,7 +453,7 @@ class TimerHandler(TimerCallbackHandler):
         left_ns = handle.time_until_next_call()
         if left_ns is None or left_ns > self._wakeup.lead_ns:
             return self._follow()  # canceled, or due later than when the kernel timer was set
-        self._wakeup.wait(left_ns)
+        self._wakeup.wait(left_ns, worker.waiting_since_ns)
         if not handle.is_timer_ready():
             return self._follow()  # another thread has reset it in the meantime
         try:

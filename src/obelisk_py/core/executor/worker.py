@@ -8,6 +8,7 @@ holds jobs that are not bound to a worker; any idle worker takes them.
 import os
 import select
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -52,6 +53,8 @@ class Worker:
         current message."""
         self.thread_id: int | None = None
         """The thread that runs the worker, or None."""
+        self.waiting_since_ns = 0
+        """When the thread last began to wait, on the monotonic clock."""
         self._epoll = select.epoll()
         self._callbacks: dict[int, ReadyCallback] = {}
         self._sources: dict[int, tuple[EventSource, ReadyCallback]] = {}
@@ -150,6 +153,7 @@ class Worker:
         if self._suspended:
             timeout_s = self._resume(timeout_s)
         ready, callbacks = self._ready, self._callbacks
+        self.waiting_since_ns = time.monotonic_ns()
         for fd, _ in self._epoll.poll(0 if ready or self.is_interrupted else timeout_s):
             ready.append(fd)
         ran = False
@@ -173,6 +177,7 @@ class Worker:
         if self._suspended:
             timeout_s = self._resume(timeout_s)
         ready = self._ready
+        self.waiting_since_ns = time.monotonic_ns()
         events = self._epoll.poll(0 if ready or self.is_interrupted else timeout_s)
         # A level-triggered descriptor is reported until its callback has run.
         ready.extend(fd for fd, _ in events if fd not in ready)

@@ -37,7 +37,7 @@ def lateness_ns(
     for number, delay_ns in enumerate(delays_ns, start=1):
         due_ns = number * period_ns
         clock.now_ns = woken_ns = due_ns - wakeup.lead_ns + delay_ns
-        wakeup.wait(due_ns - woken_ns)
+        wakeup.wait(due_ns - woken_ns, due_ns - period_ns // 2)
         late.append(clock.now_ns - due_ns)
         loops.append(max(0, due_ns - woken_ns))
         if wakeup.is_outdated:
@@ -82,3 +82,14 @@ def test_a_timer_without_a_period_has_no_lead(clock: SimulatedClock) -> None:
     lateness_ns(clock, wakeup, list(itertools.repeat(100_000, 500)))
     assert wakeup.lead_ns > 0
     assert wakeup.renew(0) == 0
+
+
+def test_a_thread_that_was_running_when_the_timer_expired_does_not_change_the_lead(
+    clock: SimulatedClock,
+) -> None:
+    wakeup = EarlyWakeup()
+    wakeup.renew(PERIOD_NS)
+    for due_ns in range(PERIOD_NS, 100 * PERIOD_NS, PERIOD_NS):
+        clock.now_ns = due_ns + 20_000
+        wakeup.wait(-20_000, due_ns + 10_000)
+        assert not wakeup.is_outdated
