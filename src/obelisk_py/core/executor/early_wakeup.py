@@ -10,7 +10,7 @@ from typing import Final
 
 __all__ = ["EarlyWakeup"]
 
-_EARLY_NS: Final = 3_000
+_EARLY_NS: Final = 6_000
 """How early the thread is to run on average: a compromise between punctuality and CPU time."""
 _LATEST_NS: Final = 10_000
 """A later wake-up counts as this late, or loops would be long on a machine with long delays."""

@@ -55,7 +55,7 @@ def test_callbacks_become_punctual_at_the_cost_of_short_loops(clock: SimulatedCl
     assert min(first) > 10_000
     assert settled[0] >= 0
     assert settled[len(settled) // 2] < 3_000
-    assert sum(loops[2000:]) / len(loops[2000:]) < 8_000
+    assert sum(loops[2000:]) / len(loops[2000:]) < 9_000
 
 
 def test_on_a_busy_machine_the_loops_remain_short(clock: SimulatedClock) -> None:
@@ -64,7 +64,7 @@ def test_on_a_busy_machine_the_loops_remain_short(clock: SimulatedClock) -> None
     wakeup = EarlyWakeup()
     wakeup.renew(PERIOD_NS)
     _, loops = lateness_ns(clock, wakeup, delays_ns)
-    assert sum(loops[1000:]) / len(loops[1000:]) < 10_000
+    assert sum(loops[1000:]) / len(loops[1000:]) < 14_000
 
 
 @pytest.mark.parametrize(("period_ns", "longest_ns"), [(PERIOD_NS, 100_000), (200_000, 20_000)])
