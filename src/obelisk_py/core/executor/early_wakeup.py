@@ -1,8 +1,9 @@
 """Wake the thread of a timer early, so that the timer's callback starts on time.
 
-A sleeping thread runs 20 to 60 us after its kernel timer has expired, and longer on some virtual
-machines. The kernel timer is therefore set earlier, and the thread waits out the rest in a loop.
-The lead follows the machine's delays, which stay similar from one wake-up to the next.
+A sleeping thread does not run at once when its kernel timer expires, but 25 to 100 us later on the
+virtual machine of the benchmarks. The kernel timer is therefore set earlier, and the thread waits
+out the rest in a loop. The lead follows the machine's delays, which stay similar from one wake-up
+to the next.
 """
 
 import time
