@@ -3,8 +3,12 @@
 import signal
 import subprocess
 import sys
+import threading
 
+import psutil
 import pytest
+
+from obelisk_py.core.time_slice import shorten_time_slice, time_slice_ns
 
 from .stack import DEADLINE_S
 
@@ -130,3 +134,25 @@ def test_spin_obelisk_shuts_its_node_down_cleanly(executor: str, number: signal.
     process.send_signal(number)
     code, output, errors = ended(process)
     assert (code, output) == (0, "deactivated\nshut down\n"), errors
+
+
+def test_only_the_spinning_thread_gets_short_time_slices() -> None:
+    shortest_ns: list[int] = []
+
+    def shorten() -> None:
+        shorten_time_slice()
+        shortest_ns.append(time_slice_ns())
+
+    thread = threading.Thread(target=shorten)
+    thread.start()
+    thread.join()
+    settings = [a for name, value in SETTINGS.items() for a in ("-p", f"{name}:={value!r}")]
+    process = start(CONTROLLER.format(executor="None"), "--ros-args", *settings)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    own_ns = time_slice_ns()
+    slices_ns = {one.id: time_slice_ns(one.id) for one in psutil.Process(process.pid).threads()}
+    process.send_signal(signal.SIGTERM)
+    ended(process)
+    assert slices_ns.pop(process.pid) == shortest_ns[0]
+    assert own_ns in slices_ns.values()

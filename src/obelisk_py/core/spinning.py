@@ -35,8 +35,8 @@ from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import NodeFault
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.shared_clock import new_nodes_follow
+from obelisk_py.core.time_slice import shorten_time_slice
 from obelisk_spec.runtime_protocol import GATE_VARIABLE
-from obelisk_spec.time_slice import shorten_time_slice
 
 __all__ = [
     "NodeDied",
@@ -151,7 +151,6 @@ def ros_process(args: Sequence[str]) -> Iterator[ShutdownSignals]:
     """
     faulthandler.enable(STDERR_FD)
     faulthandler.register(signal.SIGUSR1, STDERR_FD)
-    shorten_time_slice()  # The middleware's threads inherit it.
     with ShutdownSignals() as signals:
         _init_ros(args)
         try:
@@ -195,6 +194,9 @@ def spin_nodes(
         executor.add_node(node)
         node.ended.add_done_callback(lambda _, node=node: note(node))
     signals.call_back(shut_down)
+    # Not earlier: the middleware's threads would inherit it, and interrupt each other all the time
+    # while many processes discover each other.
+    shorten_time_slice()
     timeout_s = None if isinstance(executor, EventLoopExecutor) else LONGEST_SPIN_S
     try:
         executor.spin_until_future_complete(over, timeout_sec=timeout_s)

@@ -19,7 +19,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.time_slice import shorten_time_slice
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.preloading import Preload, can_preload
 from obk_cli.process import warden
@@ -96,7 +95,6 @@ class WardenClient:
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         # Not `settimeout`, which would also apply to `receive`.
         self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", SEND_S, 0))
-        shorten_time_slice()  # Inherited by the warden and all processes of the stack.
         with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(Path(warden.__file__))],

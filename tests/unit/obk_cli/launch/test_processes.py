@@ -16,7 +16,6 @@ from queue import SimpleQueue
 import psutil
 import pytest
 
-from obelisk_spec.time_slice import shorten_time_slice, time_slice_ns
 from obk_cli.launch.events import InputEvent, OutputLine, ProcessEnded, ProcessStarted
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
@@ -94,20 +93,6 @@ def test_output_environment_folder_and_exit_code_are_passed_on(
     run.start("a")
     assert run.line() == f"hi {tmp_path}"
     assert run.ended() == ProcessEnded(process="/a", code=3, text=f"hi {tmp_path}")
-
-
-def test_processes_get_short_time_slices(bench: MakeBench) -> None:
-    shortest_ns: list[int] = []
-
-    def shorten() -> None:
-        shorten_time_slice()
-        shortest_ns.append(time_slice_ns())
-
-    thread = threading.Thread(target=shorten)
-    thread.start()
-    thread.join()
-    run = bench({"a": "import time; time.sleep(60)"})
-    assert time_slice_ns(run.start("a")) == shortest_ns[0]
 
 
 def test_a_missing_program_is_reported_with_the_reason(bench: MakeBench) -> None:

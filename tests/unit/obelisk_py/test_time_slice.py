@@ -6,9 +6,9 @@ import subprocess
 import sys
 import threading
 
-from obelisk_spec.time_slice import TIME_SLICE_NS, shorten_time_slice, time_slice_ns
+from obelisk_py.core.time_slice import TIME_SLICE_NS, shorten_time_slice, time_slice_ns
 
-CHILD = "from obelisk_spec.time_slice import time_slice_ns; print(time_slice_ns())"
+CHILD = "from obelisk_py.core.time_slice import time_slice_ns; print(time_slice_ns())"
 
 
 def granted_ns(before_ns: int) -> int:
