@@ -178,17 +178,17 @@ DISCOVERS: Final = (
 TOOL: Final = "the time is spent importing Python modules and reading files, on one core"
 SLOW: Final = "the work runs on one core, and the goal assumes an idle machine"
 DELIVERY: Final = (
-    "a step of the dummy takes 2 to 4 µs, as long as two system calls. The loop takes 3 times as "
-    "long as a bare step if no node receives its three groups; sampling and packing add another "
-    "step. Each of the three deliveries wakes a thread, which takes 2 to 4 µs, or 6 to 20 µs "
-    "through DDS. The ratio is below 1.25 if a step takes at least 50 µs with all nodes in one "
-    "process, or 75 µs with one process per node"
+    "a step of the dummy takes 2 µs, as long as one or two system calls. The loop takes twice as "
+    "long as a bare step if no node receives its three groups. Each delivery wakes another thread "
+    "and adds 3 to 4 µs, 5 µs in the same process, where that thread competes for the "
+    "interpreter, or 7 µs through DDS. The ratio is below 1.25 if a step takes at least 70 µs with "
+    "all nodes in one process, or 50 µs with one process per node"
 )
 
 PACED: Final = (
     "a thread that only sleeps until each step is due takes about twice as long as the work "
     "(`sleeping_over_the_work_alone` in `simulator.json`), and a program in C that does the same "
-    "takes no less: after each sleep, the caches are cold"
+    "takes about as long: after each sleep, the caches are cold"
 )
 BRING_UP: Final = (
     "the result depends on the time of the controller's first tick, which is known to 1 ms only; "
