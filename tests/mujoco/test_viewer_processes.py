@@ -21,6 +21,7 @@ import pytest
 from obelisk_py.core.sim.mujoco.viewers.priority import lower_priority
 from obelisk_py.core.sim.mujoco.viewers.processes import ViewerProcess
 from obelisk_py.core.sim.mujoco.viewers.program import VIEWER_KINDS
+from obelisk_py.core.time_slice import shorten_time_slice, time_slice_ns
 
 from ..waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 from .viewer_host import Viewable
@@ -97,19 +98,21 @@ def listens_on(pid: int) -> set[str]:
 
 
 def test_a_thread_with_lower_priority_is_an_ordinary_one() -> None:
-    found: list[tuple[int, int]] = []
+    found: list[tuple[int, int, int]] = []
 
     def draw() -> None:
+        shorten_time_slice()
         # Unlike a real-time policy, this one is available to every user.
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         lower_priority()
-        found.append((os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)))
+        niceness = os.getpriority(os.PRIO_PROCESS, 0)
+        found.append((os.sched_getscheduler(0), niceness, time_slice_ns()))
 
     thread = threading.Thread(target=draw)
     thread.start()
     thread.join()
     niceness = min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
-    assert found == [(os.SCHED_OTHER, niceness)]
+    assert found == [(os.SCHED_OTHER, niceness, time_slice_ns())]
 
 
 def test_a_page_is_local_has_low_priority_and_ends_when_closed(

@@ -168,7 +168,9 @@ def _init_ros(args: Sequence[str]) -> None:
 def spin_nodes(
     executor: Executor, nodes: Sequence[GuardedLifecycleNode], signals: ShutdownSignals
 ) -> NodeDied | None:
-    """Spin until a signal or until a node cannot continue; then shut down in reverse order.
+    """Spin until all nodes have shut down, in short time slices.
+
+    A signal, or a node that cannot continue, shuts down all of them in reverse order.
 
     Raises:
         BaseException: raised by a callback that belongs to no node; the nodes are shut down.
@@ -194,8 +196,8 @@ def spin_nodes(
         executor.add_node(node)
         node.ended.add_done_callback(lambda _, node=node: note(node))
     signals.call_back(shut_down)
-    # Not earlier: the middleware's threads would inherit it, and interrupt each other all the time
-    # while many processes discover each other.
+    # Not before the nodes are created: the middleware's threads would inherit short slices, and
+    # preempt each other all the time while many processes discover each other.
     shorten_time_slice()
     timeout_s = None if isinstance(executor, EventLoopExecutor) else LONGEST_SPIN_S
     try:

@@ -4,8 +4,8 @@ Linux lets a running thread finish its slice, about 1 to 3 ms, before it gives t
 one with the same priority. A thread with a shorter slice need not wait for that. It does not get
 more of the core, only smaller parts, so this requires no privileges. Kernels before 6.12 ignore it.
 
-Source: sched_setattr(2); `Documentation/scheduler/sched-eevdf.rst` and `__setparam_fair` in
-`kernel/sched` of Linux 6.12.
+Source: sched_setattr(2); `Documentation/scheduler/sched-eevdf.rst` and `kernel/sched/syscalls.c` of
+Linux 6.12.
 """
 
 import ctypes
@@ -13,11 +13,12 @@ import os
 import platform
 from typing import Final
 
-__all__ = ["TIME_SLICE_NS", "shorten_time_slice", "time_slice_ns"]
+__all__ = ["TIME_SLICE_NS", "reset_time_slice", "shorten_time_slice", "time_slice_ns"]
 
 TIME_SLICE_NS: Final = 100_000
-"""The shortest slice that the kernel accepts [ns]."""
+"""The shortest slice that the kernel grants [ns]."""
 _CALLING_THREAD: Final = 0
+_DEFAULT_SLICE: Final = 0
 _SET_CALLS: Final = {"x86_64": 314, "aarch64": 274}
 """The number of the system call `sched_setattr`; `sched_getattr` has the next one."""
 
@@ -50,12 +51,25 @@ def time_slice_ns(thread: int = _CALLING_THREAD) -> int:
 def shorten_time_slice() -> None:
     """Shorten the slices of the calling thread and of all threads and processes it will create.
 
-    Has no effect on a thread with a real-time policy, or if the system forbids it.
+    Has no effect if their policy is not `SCHED_OTHER`, or if the system forbids it.
     """
-    attributes = _read(_CALLING_THREAD)
+    _request(_CALLING_THREAD, TIME_SLICE_NS)
+
+
+def reset_time_slice(thread: int = _CALLING_THREAD) -> None:
+    """Give a thread the system's default slice again, and with it all threads it will create.
+
+    Args:
+        thread: as for `time_slice_ns`.
+    """
+    _request(thread, _DEFAULT_SLICE)
+
+
+def _request(thread: int, slice_ns: int) -> None:
+    attributes = _read(thread)
     if attributes is not None and attributes.policy == os.SCHED_OTHER:
-        attributes.runtime_ns = TIME_SLICE_NS
-        _call(0, _CALLING_THREAD, ctypes.byref(attributes), 0)
+        attributes.runtime_ns = slice_ns
+        _call(0, thread, ctypes.byref(attributes), 0)
 
 
 def _read(thread: int) -> _Attributes | None:

@@ -1,9 +1,9 @@
 """Wake the thread of a timer early, so that the timer's callback starts on time.
 
 A sleeping thread does not run at once when its kernel timer expires, but 25 to 100 us later on the
-virtual machine of the benchmarks. The kernel timer is therefore set earlier, and the thread waits
-out the rest in a loop. The lead follows the machine's delays, which stay similar from one wake-up
-to the next.
+virtual machine of the benchmarks. The kernel timer is therefore set earlier, and the thread
+busy-waits until the timer is due. The lead follows the machine's delays, which stay similar from
+one wake-up to the next.
 """
 
 import time
@@ -14,12 +14,12 @@ __all__ = ["EarlyWakeup"]
 _EARLY_NS: Final = 6_000
 """How early the thread is to run on average: a compromise between punctuality and CPU time."""
 _LATEST_NS: Final = 10_000
-"""A later wake-up counts as this late, or loops would be long on a machine with long delays."""
+"""Later wake-ups count as this late. Otherwise, busy-waits would be long if delays vary a lot."""
 _LONGEST_LEAD_NS: Final = 100_000
 _LEADS_PER_PERIOD: Final = 10
-"""A lead takes at most one of this many parts of a period."""
+"""The lead is at most the period divided by this number."""
 _SMOOTHING: Final = 8
-"""A wake-up changes the lead by one of this many parts of its difference from `_EARLY_NS`."""
+"""Each wake-up changes the lead by its distance from `_EARLY_NS`, divided by this number."""
 _TOLERANCE_NS: Final = 4_000
 """A smaller change of the lead is not worth a system call."""
 
@@ -47,7 +47,9 @@ class EarlyWakeup:
         return self.lead_ns
 
     def wait(self, left_ns: int, waiting_since_ns: int) -> None:
-        """Wait until the timer is due, and adjust the lead if the thread was woken by the timer.
+        """Busy-wait until the timer is due.
+
+        Adjust the lead if the thread was already waiting when the kernel timer expired.
 
         Args:
             left_ns: time until then, at most `lead_ns`; negative if the timer is late.
