@@ -29,11 +29,11 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode, node_arguments
 from obelisk_py.core.spinning import (
     ShutdownSignals,
     SpinRequest,
-    past_gate,
     ros_process,
     simulated_time_from,
     spin_nodes,
     spin_requests_served_by,
+    wait_at_gate,
 )
 
 __all__ = [
@@ -191,8 +191,8 @@ class _Host:
             self._fail(program, fault)
 
     def _spin(self) -> None:
-        with ExitStack() as stack, ExitStack() as gate:
-            gate.enter_context(past_gate([]))
+        with ExitStack() as stack:
+            wait_at_gate()
             executor = EventLoopExecutor()
             page = stack.enter_context(open_clock_page())
             stack.callback(executor.shutdown)
@@ -205,7 +205,6 @@ class _Host:
                         created.destroy_node()
                     return
                 nodes[node] = program
-            gate.close()
             try:
                 died = spin_nodes(executor, list(nodes), self._signals)
             except BaseException as error:

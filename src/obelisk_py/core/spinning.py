@@ -12,7 +12,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from types import FrameType
@@ -22,7 +22,6 @@ import rclpy
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
@@ -42,7 +41,6 @@ __all__ = [
     "NodeDied",
     "ShutdownSignals",
     "SpinRequest",
-    "past_gate",
     "ros_process",
     "serve_spin_request",
     "simulated_time_from",
@@ -152,17 +150,12 @@ def ros_process(args: Sequence[str]) -> Iterator[ShutdownSignals]:
     faulthandler.enable(STDERR_FD)
     faulthandler.register(signal.SIGUSR1, STDERR_FD)
     with ShutdownSignals() as signals:
-        _init_ros(args)
+        # rclpy's own handlers end the context before the nodes can be shut down.
+        rclpy.init(args=list(args), signal_handler_options=SignalHandlerOptions.NO)
         try:
             yield signals
         finally:
             rclpy.try_shutdown()
-
-
-def _init_ros(args: Sequence[str]) -> None:
-    if not rclpy.ok():
-        # rclpy's own handlers end the context before the nodes can be shut down.
-        rclpy.init(args=list(args), signal_handler_options=SignalHandlerOptions.NO)
 
 
 def spin_nodes(
@@ -288,73 +281,29 @@ def simulated_time_from(page: ClockPage | None, executor: Executor) -> Iterator[
         yield
 
 
-@contextmanager
-def past_gate(args: Sequence[str]) -> Iterator[None]:
-    """If the launcher started this process early, wait until it permits creating nodes.
-
-    A process that waits joins the ROS domain first, because DDS takes 0.1 to 0.3 s to connect it
-    with the other processes. A hidden node without endpoints keeps it there until the end of the
-    `with` block that creates the nodes.
-
-    Args:
-        args: the command line, for the ROS context.
-    """
-    if not is_gate_closed():
-        yield
-        return
-    _init_ros(args)
-    handle = rclpy.get_default_context().handle
-    assert handle is not None  # the context has just been initialized
-    with handle:
-        hidden = rclpy_implementation.Node(f"_obelisk_{os.getpid()}", "", handle, [], False, False)
-    try:
-        wait_at_gate()
-        yield
-    finally:
-        hidden.destroy_when_not_in_use()
-
-
-def is_gate_closed() -> bool:
-    """Whether `wait_at_gate` would wait."""
-    return not _take_gate(fcntl.LOCK_SH | fcntl.LOCK_NB)
-
-
 def wait_at_gate() -> None:
-    """Wait until the launcher opens the gate; return at once if there is none."""
-    _take_gate(fcntl.LOCK_SH)
-
-
-def _take_gate(lock: int) -> bool:
+    """If the launcher started this process early, wait until it permits creating nodes."""
     path = os.environ.get(GATE_VARIABLE)
     if path is None:
-        return True
+        return
     try:
-        barrier = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        gate = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:  # a late restart: the run folder has been removed
-        return True
+        return
     try:
-        fcntl.flock(barrier, lock)
-    except BlockingIOError:
-        return False
+        fcntl.flock(gate, fcntl.LOCK_SH)
     finally:
-        os.close(barrier)
-    return True
+        os.close(gate)
 
 
 def _spin_alone(request: SpinRequest) -> int:
-    with ExitStack() as gate:
-        # Before signal handlers are installed, so that a signal terminates a waiting process.
-        gate.enter_context(past_gate(request.args))
-        return _spin_past(gate, request)
-
-
-def _spin_past(gate: ExitStack, request: SpinRequest) -> int:
+    # Before signal handlers are installed, so that a signal terminates a waiting process.
+    wait_at_gate()
     with ros_process(request.args) as signals, open_clock_page() as page:
         executor = _make_executor(request.executor_type)
         try:
             with simulated_time_from(page, executor):
                 node = request.make()
-            gate.close()
         except ObeliskError as error:
             executor.shutdown()
             # The message names the mistake; a traceback of the library would hide it.
