@@ -37,7 +37,8 @@ make check       run ruff and mypy, and check the imports between packages
 make golden      rewrite the expected outputs of the tests
 make docs        rewrite the generated pages and pictures
                    PART=pictures  also pictures of a running stack; PART=site  offline HTML pages
-make bench       run all benchmarks that have a goal; GO_ON=1, PARTS="loop tool", QUICK=1
+make bench       run the benchmarks that have a goal, except lockstep-truth;
+                   GO_ON=1, PARTS="loop tool", QUICK=1
                    PART=loop|tool|launches|simulator|looking|lockstep|lockstep-truth|summary  one in full
                    PART=soak|soak-short|fuzz                          SECONDS=60
 make clean       remove the environment and all build output

@@ -34,6 +34,8 @@ SPARE = {"control": 14, "estimation": 13}
 """Section -> nodes in addition to those of the dummy, thirty in all."""
 RESULT = ROOT / "benchmarks" / "results" / "launches.json"
 SHARED_MEMORY = Path("/dev/shm")
+OF_LTTNG = "lttng-ust-wait"
+"""Beginning of the name of a file that LTTng creates once on each machine, and keeps."""
 MARK = "OBK_LAUNCHES_BENCHMARK"
 GONE_S = 2.0
 """Time after a kill by which no process may be left [s]."""
@@ -160,7 +162,8 @@ def marked(mark: str) -> list[str]:
 
 def unused_files(before: set[Path]) -> list[str]:
     """New files in shared memory that no process uses; other running stacks use theirs."""
-    new = {str(path) for path in set(SHARED_MEMORY.iterdir()) - before}
+    created = set(SHARED_MEMORY.iterdir()) - before
+    new = {str(path) for path in created if not path.name.startswith(OF_LTTNG)}
     used = set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
         try:
