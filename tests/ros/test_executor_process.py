@@ -136,6 +136,18 @@ def test_spin_obelisk_shuts_its_node_down_cleanly(executor: str, number: signal.
     assert (code, output) == (0, "deactivated\nshut down\n"), errors
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_program_may_initialize_ros_before_it_calls_spin_obelisk(number: signal.Signals) -> None:
+    settings = [a for name, value in SETTINGS.items() for a in ("-p", f"{name}:={value!r}")]
+    code = "rclpy.init()" + CONTROLLER.format(executor="None")
+    process = start(code, "--ros-args", *settings)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    returned, output, errors = ended(process)
+    assert (returned, output) == (0, "deactivated\nshut down\n"), errors
+
+
 def test_only_the_spinning_thread_gets_short_time_slices() -> None:
     shortest_ns: list[int] = []
 

@@ -150,8 +150,9 @@ def ros_process(args: Sequence[str]) -> Iterator[ShutdownSignals]:
     faulthandler.enable(STDERR_FD)
     faulthandler.register(signal.SIGUSR1, STDERR_FD)
     with ShutdownSignals() as signals:
-        # rclpy's own handlers end the context before the nodes can be shut down.
-        rclpy.init(args=list(args), signal_handler_options=SignalHandlerOptions.NO)
+        if not rclpy.ok():  # a program may have initialized ROS itself
+            # rclpy's own handlers end the context before the nodes can be shut down.
+            rclpy.init(args=list(args), signal_handler_options=SignalHandlerOptions.NO)
         try:
             yield signals
         finally:
