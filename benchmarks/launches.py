@@ -34,8 +34,8 @@ SPARE = {"control": 14, "estimation": 13}
 """Section -> nodes in addition to those of the dummy, thirty in all."""
 RESULT = ROOT / "benchmarks" / "results" / "launches.json"
 SHARED_MEMORY = Path("/dev/shm")
-OF_LTTNG = "lttng-ust-wait"
-"""Beginning of the name of a file that LTTng creates once on each machine, and keeps."""
+LTTNG_PREFIX = "lttng-ust-wait"
+"""LTTng creates files with these names once on each machine, and keeps them."""
 MARK = "OBK_LAUNCHES_BENCHMARK"
 GONE_S = 2.0
 """Time after a kill by which no process may be left [s]."""
@@ -163,7 +163,7 @@ def marked(mark: str) -> list[str]:
 def unused_files(before: set[Path]) -> list[str]:
     """New files in shared memory that no process uses; other running stacks use theirs."""
     created = set(SHARED_MEMORY.iterdir()) - before
-    new = {str(path) for path in created if not path.name.startswith(OF_LTTNG)}
+    new = {str(path) for path in created if not path.name.startswith(LTTNG_PREFIX)}
     used = set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
         try:
