@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Mapping
-from typing import Final, TypeGuard
+from typing import Final, Literal, TypeGuard
 
 __all__ = [
     "COUNT_RANGE",
@@ -10,6 +10,7 @@ __all__ = [
     "LONGEST_PERIOD_S",
     "PERIOD_RANGE",
     "SHORTEST_PERIOD_S",
+    "OnCrash",
     "ParameterValue",
     "is_count",
     "is_mapping",
@@ -41,6 +42,9 @@ ParameterValue = (
     | tuple[float, ...]
     | tuple[str, ...]
 )
+
+OnCrash = Literal["stop", "restart", "ignore"]
+"""What happens when a node crashes or hangs: the values of `on_crash`."""
 
 
 COUNT_RANGE: Final = f"a whole number from 1 to {LARGEST_COUNT}"

@@ -1,20 +1,24 @@
-"""Options of the commands that read a config, and the plan that they work with."""
+"""Options of the commands that read a config, and the plan that they work with.
+
+Importing this module does not load the compiler, so that `obk launch` can start the preload server
+first.
+"""
 
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from obk_cli.compiler import Options, Outcome
-from obk_cli.config.suppressions import near_codes
-from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.rules import RULES
 from obk_cli.errors import EXIT_FAILED, MisuseError
-from obk_cli.plan.plan import Plan
-from obk_cli.report import report_text, summary
+
+if TYPE_CHECKING:
+    from obk_cli.compiler import Options, Outcome
+    from obk_cli.diagnostics.diagnostic import Diagnostic
+    from obk_cli.plan.plan import Plan
 
 __all__ = [
     "ColourOption",
@@ -45,7 +49,7 @@ ColourOption = Annotated[
 ]
 
 
-def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Options:
+def make_options(overrides: list[str] | None, ignore: list[str] | None) -> "Options":
     """The compiler's options from those of the command line and this process's environment.
 
     Raises:
@@ -54,7 +58,12 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
     codes = [code.strip().upper() for given in ignore or () for code in given.split(",")]
     for code in codes:
         if not any(rule.startswith(code) for rule in RULES) or not code:
+            from obk_cli.config.suppressions import near_codes
+
             raise MisuseError(f"`--ignore {code}`: unknown rule", help=near_codes(code))
+
+    from obk_cli.compiler import Options
+
     return Options(
         variables=dict(os.environ),
         working_folder=Path.cwd(),
@@ -78,14 +87,16 @@ def wants_colour(choice: str, *, to_stderr: bool = False) -> bool:
     return stream.isatty() and not is_dumb and not os.environ.get("NO_COLOR")
 
 
-def print_findings(findings: Sequence[Diagnostic], color: str = "auto") -> None:
+def print_findings(findings: Sequence["Diagnostic"], color: str = "auto") -> None:
     """Print findings in full; `color` is the value of the option."""
     if findings:
+        from obk_cli.report import report_text
+
         colour = wants_colour(color, to_stderr=True)
         print(report_text(findings, colour=colour, verbose=True), end="\n\n", file=sys.stderr)
 
 
-def valid_plan(outcome: Outcome, color: str, *, with_infos: bool = False) -> Plan:
+def valid_plan(outcome: "Outcome", color: str, *, with_infos: bool = False) -> "Plan":
     """The plan of a config without errors; prints the findings and a summary.
 
     Args:
@@ -98,6 +109,8 @@ def valid_plan(outcome: Outcome, color: str, *, with_infos: bool = False) -> Pla
     """
     shown = tuple(d for d in outcome.diagnostics if with_infos or d.severity != "info")
     if shown:
+        from obk_cli.report import report_text, summary
+
         colour = wants_colour(color, to_stderr=True)
         print(report_text(shown, colour=colour), end="\n\n", file=sys.stderr)
         print(summary((outcome.path,), shown, colour=colour), file=sys.stderr)

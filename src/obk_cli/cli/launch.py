@@ -1,16 +1,19 @@
-"""`obk launch CONFIG`: validate, start, configure, activate, supervise and shut down a stack."""
+"""`obk launch CONFIG`: validate, start, configure, activate, supervise and shut down a stack.
+
+The modules that do this are imported once the preload server has started, so that it imports the
+libraries in the meantime.
+"""
 
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, cast, get_args
 
 import typer
 
-from obelisk_spec.values import ParameterValue
+from obelisk_spec.values import OnCrash
 from obk_cli.cli.config_options import (
     ColourOption,
     ConfigArgument,
@@ -21,24 +24,9 @@ from obk_cli.cli.config_options import (
     wants_colour,
 )
 from obk_cli.cli.options import require_choice, require_positive
-from obk_cli.compiler import compile_config
-from obk_cli.config.environment import Environment, NodeFacts
-from obk_cli.config.node_reader import LOG_LEVELS
 from obk_cli.errors import MisuseError
-from obk_cli.launch.event_loop import Limits
-from obk_cli.launch.options import (
-    RenderArguments,
-    require_libraries,
-    require_simulated_time,
-    with_render,
-    with_simulator_parameters,
-)
-from obk_cli.launch.process_groups import Share
 from obk_cli.launch.transitions import UNTIL, Until
 from obk_cli.launch.warden_client import early_warden
-from obk_cli.optional_deps import require_extra
-from obk_cli.plan.plan import OnCrash, Plan
-from obk_cli.record.recorder_job import RecordRequest
 from obk_cli.ros.environment import Network, ros_environment
 
 __all__ = ["EXAMPLE", "OPTION_GROUPS", "command"]
@@ -209,16 +197,30 @@ def command(
     if network is not None:
         require_choice("--network", network, get_args(Network))
     with early_warden(cast(Network | None, network), is_composed=composed) as warden:
-        outcome = compile_config(config, make_options(set_, ignore))
-        plan = _with_log_level(valid_plan(outcome, color), log_level)
-        _check_devices(plan, device, lead)
-
         from obk_cli.cli.build import on_overlays
+        from obk_cli.cli.launch_plan import (
+            gated_executables,
+            limits_for,
+            recording_of,
+            require_devices,
+            with_log_level,
+            with_viewer,
+        )
+        from obk_cli.compiler import compile_config
         from obk_cli.launch.console import open_console
-        from obk_cli.launch.options import LaunchOptions
+        from obk_cli.launch.options import (
+            LaunchOptions,
+            RenderArguments,
+            require_libraries,
+            require_simulated_time,
+            with_render,
+        )
         from obk_cli.launch.process_groups import share_of
         from obk_cli.launch.run import run_plan
 
+        outcome = compile_config(config, make_options(set_, ignore))
+        plan = with_log_level(valid_plan(outcome, color), log_level)
+        require_devices(plan, device, lead)
         share = share_of(plan, device, lead)
         if sim_duration is not None:
             require_simulated_time(plan, share, "--sim-duration")
@@ -226,7 +228,7 @@ def command(
         render_arguments = RenderArguments(
             path=render, camera=render_camera, size=render_size, rate_hz=render_fps
         )
-        plan = with_render(_with_viewer(plan, share, viewer), share, render_arguments)
+        plan = with_render(with_viewer(plan, share, viewer), share, render_arguments)
         environment = ros_environment(
             cast(Network | None, network), devices_are_split=share.is_part
         )
@@ -240,13 +242,13 @@ def command(
             until=cast(Until, until),
             duration_s=duration,
             sim_duration_s=sim_duration,
-            limits=_limits(timeout, hang_after),
+            limits=limits_for(timeout, hang_after),
             on_crash=cast(OnCrash, on_crash),
             strict_rates=strict_rates,
             is_composed=composed,
             replaces=replace_,
             allows_foreign=allow_foreign,
-            recording=_recording(record_topic) if record or record_topic else None,
+            recording=recording_of(record_topic) if record or record_topic else None,
             kept_runs=keep,
             gated_executables=gated_executables(plan, outcome.environment),
         )
@@ -261,19 +263,6 @@ def command(
     raise typer.Exit(ended.exit_code)
 
 
-def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[tuple[str, str]]:
-    """Package and executable of the nodes whose source shows which node class the library runs.
-
-    Such a program may be started early: it waits at the gate before it creates its node.
-    """
-    programs = {(node.package, node.executable) for node in plan.nodes}
-    return frozenset(
-        program
-        for program in programs
-        if environment is not None and isinstance(environment.read_node_code(*program), NodeFacts)
-    )
-
-
 def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float | None) -> None:
     for option, number, is_fit, expected in (
         ("--timeout", timeout, timeout > 0, "a number of seconds above 0"),
@@ -285,39 +274,6 @@ def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float
             raise MisuseError(f"`{option} {number:g}`: expected {expected}")
 
 
-def _limits(timeout_s: float, hang_s: float) -> Limits:
-    """Time limits; a longer transition limit also allows a longer start."""
-    start_s = max(timeout_s, Limits().start_s)
-    return Limits(transition_s=timeout_s, start_s=start_s, hang_s=hang_s or float("inf"))
-
-
-def _check_devices(plan: Plan, device: str | None, lead: str | None) -> None:
-    devices = tuple(dict.fromkeys(node.device for node in plan.nodes))
-    for option, name in (("--device", device), ("--lead", lead)):
-        if name is not None:
-            require_choice(option, name, devices)
-    if lead is not None and device is None:
-        raise MisuseError("`--lead` needs `--device`: it names the device whose launch leads")
-
-
 def _warn(notes: Sequence[str]) -> None:
     for note in notes:
         print(f"warning: {note}", file=sys.stderr)
-
-
-def _recording(patterns: Sequence[str] | None) -> RecordRequest:
-    require_extra("mcap", "record")
-    return RecordRequest(patterns=tuple(patterns or ()))
-
-
-def _with_viewer(plan: Plan, share: Share, viewer: str | None) -> Plan:
-    parameters: dict[str, ParameterValue] = {} if viewer is None else {"viewer": viewer}
-    return with_simulator_parameters(plan, share, parameters, f"--viewer {viewer}")
-
-
-def _with_log_level(plan: Plan, level: str | None) -> Plan:
-    if level is None:
-        return plan
-    require_choice("--log-level", level, LOG_LEVELS)
-    nodes = (replace(node, log_level=node.log_level or level) for node in plan.nodes)
-    return replace(plan, nodes=tuple(nodes))

@@ -11,7 +11,7 @@ from pathlib import Path
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obk_cli.cli.build import on_overlays
 from obk_cli.cli.config_options import make_options, valid_plan
-from obk_cli.cli.launch import gated_executables
+from obk_cli.cli.launch_plan import gated_executables
 from obk_cli.compiler import compile_config
 from obk_cli.errors import EXIT_FAILED, ObkError
 from obk_cli.launch.console import open_console

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import get_args
 
 from obelisk_spec.components import CALLBACK_GROUP_TYPES, STALE_ACTIONS
-from obelisk_spec.values import LONGEST_PERIOD_S, ParameterValue
+from obelisk_spec.values import LONGEST_PERIOD_S, OnCrash, ParameterValue
 from obelisk_spec.yaml_core import Scalar
 from obk_cli.config.fields import (
     COMPONENT_KEYS,
@@ -322,7 +323,6 @@ def read_callback_groups(node: Fields, faults: Faults) -> tuple[CallbackGroup, .
 
 
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
-_ON_CRASH = ("stop", "restart", "ignore")
 _SPECIAL_KEYS = {"robot": ROBOT_KEYS, "viz": VIZ_NODE_KEYS}
 
 
@@ -352,7 +352,7 @@ def read_node(tree: TreeMap, section: str, device: str, index: int, faults: Faul
         env=_read_env(fields, faults),
         log_level=fields.one_of("log_level", LOG_LEVELS),
         respawn=fields.boolean("respawn"),
-        on_crash=fields.one_of("on_crash", _ON_CRASH),
+        on_crash=fields.one_of("on_crash", get_args(OnCrash)),
         is_simulated=is_simulated,
         sims=tuple(read_sim(sim, of_sims) for sim in fields.maps("sim")) if is_robot else (),
         robot_pkg=check_package(fields.no_or_text("robot_pkg"), faults) if is_viz else None,

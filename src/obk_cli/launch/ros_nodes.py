@@ -192,8 +192,8 @@ def event_of_transition(node: str, start: str, goal: str) -> StateSeen | Transit
 class NodeWatch:
     """Reports events of nodes, from the thread that spins.
 
-    Waiting nodes are polled in a separate thread: a timer would make the executor examine all
-    clients of a large stack each time, which takes longer than the poll.
+    Waiting nodes are polled in a separate thread: with rclpy before 7.1.4, a timer would make the
+    executor examine all clients of a large stack each time, which takes longer than the poll.
     """
 
     def __init__(

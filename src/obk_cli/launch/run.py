@@ -57,10 +57,10 @@ from obk_cli.launch.state_node import StateNode, state_node_name
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.warden_client import WardenClient, running_warden
 from obk_cli.plan.plan import Plan
+from obk_cli.process.identity import launch_marks
 from obk_cli.process.shared_memory import remove_dead_segments
 from obk_cli.process.signals import handle_end_signals
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.runs.orphans import launch_marks
 from obk_cli.workspace.package_index import PackageIndex
 from obk_cli.workspace.share_prefix import make_share_prefix, with_prefix
 

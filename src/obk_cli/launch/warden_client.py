@@ -22,8 +22,8 @@ from typing import Final
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.preloading import Preload, can_preload
 from obk_cli.process import warden
+from obk_cli.process.identity import launch_marks
 from obk_cli.ros.environment import Network, ros_environment
-from obk_cli.runs.orphans import launch_marks
 
 __all__ = ["WardenClient", "early_warden", "running_warden", "shareable"]
 
@@ -145,7 +145,7 @@ class WardenClient:
     def send(self, request: Mapping[str, object], *fds: int) -> bool:
         """Send a request to the warden; return False if it is gone or does not receive."""
         with os.fdopen(os.memfd_create("request"), "w+", encoding="utf-8") as file:
-            json.dump(request, file)
+            file.write(json.dumps(request))  # faster than `json.dump`
             file.seek(0)
             try:
                 socket.send_fds(self._link, [b"request"], [file.fileno(), *fds])

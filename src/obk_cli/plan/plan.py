@@ -6,10 +6,9 @@ YAML or ROS types.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from obelisk_spec.components import TIERS
-from obelisk_spec.values import ParameterValue
+from obelisk_spec.values import OnCrash, ParameterValue
 
 __all__ = [
     "TIERS",
@@ -23,8 +22,6 @@ __all__ = [
     "PlannedSensorGroup",
     "Promise",
 ]
-
-OnCrash = Literal["stop", "restart", "ignore"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,19 +2,25 @@
 
 The start time comes from the kernel's clock since boot, which does not change when the time of day
 is set. Source: proc(5), `/proc/<pid>/stat`.
+
+The environment of every process of a stack, and of its children, contains the name of the run
+folder (`OBK_RUN`) and the launcher's PID and start time (`OBK_LAUNCHER`).
 """
 
 import os
 import signal
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 __all__ = [
+    "LAUNCHER_MARK",
+    "RUN_MARK",
     "boot_id",
     "is_process",
+    "launch_marks",
     "seconds_since",
     "shares_pid_namespace",
     "signal_process",
@@ -28,6 +34,10 @@ __all__ = [
 SAME_S: Final = 0.005
 """Half a tick of the kernel's clock [s]."""
 POLL_S: Final = 0.02
+RUN_MARK: Final = "OBK_RUN"
+LAUNCHER_MARK: Final = "OBK_LAUNCHER"
+UNRECORDED: Final = "unrecorded"
+"""Replaces a run folder's name if no folder could be created."""
 _STATE: Final = 0
 _START_TICKS: Final = 19
 """Field index after the command's name, which is in parentheses and may contain anything."""
@@ -89,6 +99,17 @@ def this_process() -> tuple[int, float]:
     start = start_s(pid)
     assert start is not None, "a running process is in /proc"
     return pid, start
+
+
+def launch_marks(run_folder: Path | None) -> Mapping[str, str]:
+    """The environment variables that mark the processes of this launcher.
+
+    Args:
+        run_folder: the folder of the run; None if it could not be created.
+    """
+    pid, started = this_process()
+    name = run_folder.name if run_folder else UNRECORDED
+    return {RUN_MARK: name, LAUNCHER_MARK: f"{pid}:{started}"}
 
 
 def working_folder(pid: int) -> Path | None:

@@ -177,7 +177,7 @@ class PreloadClient:
 def _file_of(content: object) -> TextIO:
     """A file without a name, with the content as JSON."""
     file = os.fdopen(os.memfd_create("request"), "w+", encoding="utf-8")
-    json.dump(content, file)
+    file.write(json.dumps(content))  # faster than `json.dump`
     file.seek(0)
     return file
 

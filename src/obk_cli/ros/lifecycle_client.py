@@ -38,6 +38,8 @@ PING_S: Final = 3.0
 POLL_S: Final = 0.01
 END_S: Final = 2.0
 """Limit for running callbacks at shutdown [s]."""
+LONGEST_SPIN_S: Final = 3e8
+"""Ten years [s]: without a timeout, rclpy's EventsExecutor overflows and runs no callbacks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,7 +133,7 @@ class LifecycleClient:
         self._nodes: list[Any] = []
         self._node = self.add_node(name)
         self._clients = NodeClients(self._node)
-        self._thread = threading.Thread(target=executor.spin, name="ros", daemon=True)
+        self._thread = threading.Thread(target=_spin, args=(executor,), name="ros", daemon=True)
         self.graph: Final = RosGraph(self._node, begin_s)
         """Other nodes in the ROS domain."""
 
@@ -256,8 +258,29 @@ def open_client(name: str, environment: RosEnvironment, kind: type[C]) -> Iterat
 
 
 def _make_client(name: str, context: Any, begin_s: float, kind: type[C]) -> C:
-    from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
     install_signal_handlers(SignalHandlerOptions.NO)
-    return kind(name, context, SingleThreadedExecutor(context=context), begin_s)
+    return kind(name, context, _make_executor(context), begin_s)
+
+
+def _make_executor(context: Any) -> Any:
+    """An executor whose cost does not depend on the number of clients, if rclpy has one."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:  # rclpy before 7.1.4
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
+def _spin(executor: Any) -> None:
+    """Run callbacks until the executor is shut down."""
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.task import Future
+
+    if isinstance(executor, SingleThreadedExecutor):
+        executor.spin()
+    else:
+        executor.spin_until_future_complete(Future(), LONGEST_SPIN_S)  # type: ignore[no-untyped-call]

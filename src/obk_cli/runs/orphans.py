@@ -1,8 +1,7 @@
 """Find and terminate orphans: processes of stacks whose launcher has ended.
 
-The environment of every process of a stack, and of its children, contains the name of the run
-folder (`OBK_RUN`) and the launcher's PID and start time (`OBK_LAUNCHER`). Processes of other users
-are ignored.
+They are recognized by the marks in their environment (`launch_marks`). Processes of other users are
+ignored.
 """
 
 import os
@@ -16,21 +15,18 @@ from typing import Final
 import psutil
 
 from obk_cli.process.identity import (
+    LAUNCHER_MARK,
+    RUN_MARK,
     is_process,
     shares_pid_namespace,
     signal_process,
     start_s,
-    this_process,
     wait_for_ends,
 )
 from obk_cli.runs.folder import read_run
 
-__all__ = ["UNRECORDED", "Orphan", "end_orphans", "find_orphans", "launch_marks"]
+__all__ = ["Orphan", "end_orphans", "find_orphans"]
 
-RUN_MARK: Final = "OBK_RUN"
-LAUNCHER_MARK: Final = "OBK_LAUNCHER"
-UNRECORDED: Final = "unrecorded"
-"""Replaces a run folder's name if no folder could be created."""
 GRACE_S: Final = 2.0
 """Time between SIGTERM and SIGKILL [s]."""
 KILL_S: Final = 5.0
@@ -47,17 +43,6 @@ class Orphan:
     run: str
     """The name of its run's folder."""
     command: str
-
-
-def launch_marks(run_folder: Path | None) -> Mapping[str, str]:
-    """The environment variables that mark the processes of this launcher.
-
-    Args:
-        run_folder: the folder of the run; None if it could not be created.
-    """
-    pid, started = this_process()
-    name = run_folder.name if run_folder else UNRECORDED
-    return {RUN_MARK: name, LAUNCHER_MARK: f"{pid}:{started}"}
 
 
 def find_orphans(parent: Path, run: str | None = None) -> tuple[Orphan, ...]:

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.cli.launch import gated_executables
+from obk_cli.cli.launch_plan import gated_executables
 from obk_cli.compiler import Options, Outcome, compile_config, compile_source
 from obk_cli.config import loader, yaml_parser
 from obk_cli.config.suppressions import near_codes

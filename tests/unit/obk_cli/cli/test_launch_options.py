@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.cli.launch import _limits
+from obk_cli.cli.launch_plan import limits_for
 from obk_cli.cli.main import main
 
 DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"
@@ -20,10 +20,10 @@ def test_a_lead_without_a_single_device_is_misuse(capsys: pytest.CaptureFixture[
 
 
 def test_a_generous_transition_limit_extends_the_start_limit() -> None:
-    assert (_limits(10.0, 1.3).transition_s, _limits(10.0, 1.3).start_s) == (10.0, 20.0)
-    assert (_limits(60.0, 1.3).transition_s, _limits(60.0, 1.3).start_s) == (60.0, 60.0)
+    assert (limits_for(10.0, 1.3).transition_s, limits_for(10.0, 1.3).start_s) == (10.0, 20.0)
+    assert (limits_for(60.0, 1.3).transition_s, limits_for(60.0, 1.3).start_s) == (60.0, 60.0)
 
 
 def test_an_answer_may_be_waited_for_without_end() -> None:
-    assert _limits(10.0, 0.0).hang_s == float("inf")
-    assert _limits(10.0, 2.0).hang_s == 2.0
+    assert limits_for(10.0, 0.0).hang_s == float("inf")
+    assert limits_for(10.0, 2.0).hang_s == 2.0

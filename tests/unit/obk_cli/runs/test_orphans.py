@@ -10,10 +10,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from obk_cli.process.identity import start_s, this_process
+from obk_cli.process.identity import launch_marks, start_s, this_process
 from obk_cli.runs import orphans as leftovers
 from obk_cli.runs.folder import Run, write_run
-from obk_cli.runs.orphans import end_orphans, find_orphans, launch_marks
+from obk_cli.runs.orphans import end_orphans, find_orphans
 
 from ....turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
 from ....waiting import DEADLINE_S  # noqa: TID252

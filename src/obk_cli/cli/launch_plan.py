@@ -1,0 +1,95 @@
+"""Apply the options of `obk launch` to the plan of a config."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from obelisk_spec.values import ParameterValue
+from obk_cli.cli.options import require_choice
+from obk_cli.config.environment import Environment, NodeFacts
+from obk_cli.config.node_reader import LOG_LEVELS
+from obk_cli.errors import MisuseError
+from obk_cli.launch.event_loop import Limits
+from obk_cli.launch.options import with_simulator_parameters
+from obk_cli.launch.process_groups import Share, devices_of
+from obk_cli.optional_deps import require_extra
+from obk_cli.plan.plan import Plan
+from obk_cli.record.recorder_job import RecordRequest
+
+__all__ = [
+    "gated_executables",
+    "limits_for",
+    "recording_of",
+    "require_devices",
+    "with_log_level",
+    "with_viewer",
+]
+
+
+def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[tuple[str, str]]:
+    """Package and executable of the nodes whose source shows which node class the library runs.
+
+    Such a program may be started early: it waits at the gate before it creates its node.
+    """
+    programs = {(node.package, node.executable) for node in plan.nodes}
+    return frozenset(
+        program
+        for program in programs
+        if environment is not None and isinstance(environment.read_node_code(*program), NodeFacts)
+    )
+
+
+def limits_for(timeout_s: float, hang_s: float) -> Limits:
+    """Time limits; a longer transition limit also allows a longer start.
+
+    Args:
+        timeout_s: limit for a transition.
+        hang_s: how long a node may not answer; 0: forever.
+    """
+    start_s = max(timeout_s, Limits().start_s)
+    return Limits(transition_s=timeout_s, start_s=start_s, hang_s=hang_s or float("inf"))
+
+
+def require_devices(plan: Plan, device: str | None, lead: str | None) -> None:
+    """Check that `--device` and `--lead` name devices of the stack.
+
+    Raises:
+        MisuseError: they do not, or only `--lead` is given.
+    """
+    for option, name in (("--device", device), ("--lead", lead)):
+        if name is not None:
+            require_choice(option, name, devices_of(plan))
+    if lead is not None and device is None:
+        raise MisuseError("`--lead` needs `--device`: it names the device whose launch leads")
+
+
+def recording_of(patterns: Sequence[str] | None) -> RecordRequest:
+    """What to record: the topics of these patterns, or the plan's if there are none.
+
+    Raises:
+        CommandFailedError: the library for recordings is missing.
+    """
+    require_extra("mcap", "record")
+    return RecordRequest(patterns=tuple(patterns or ()))
+
+
+def with_viewer(plan: Plan, share: Share, viewer: str | None) -> Plan:
+    """The plan with this viewer for the simulated robots that run here.
+
+    Raises:
+        MisuseError: no simulated robot runs here.
+    """
+    parameters: dict[str, ParameterValue] = {} if viewer is None else {"viewer": viewer}
+    return with_simulator_parameters(plan, share, parameters, f"--viewer {viewer}")
+
+
+def with_log_level(plan: Plan, level: str | None) -> Plan:
+    """The plan with this log level for nodes that do not set one.
+
+    Raises:
+        MisuseError: there is no such level.
+    """
+    if level is None:
+        return plan
+    require_choice("--log-level", level, LOG_LEVELS)
+    nodes = (replace(node, log_level=node.log_level or level) for node in plan.nodes)
+    return replace(plan, nodes=tuple(nodes))
