@@ -1,5 +1,7 @@
 """Incompatible options of `obk launch`, and the resulting limits."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,3 +29,11 @@ def test_a_generous_transition_limit_extends_the_start_limit() -> None:
 def test_an_answer_may_be_waited_for_without_end() -> None:
     assert limits_for(10.0, 0.0).hang_s == float("inf")
     assert limits_for(10.0, 2.0).hang_s == 2.0
+
+
+def test_the_preload_server_need_not_wait_for_the_import_of_the_compiler() -> None:
+    program = "import sys, obk_cli.cli.launch; print('obk_cli.compiler' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == "False\n"
