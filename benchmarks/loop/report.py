@@ -103,8 +103,9 @@ def disturbances(suite: Suite) -> list[str]:
     """What disturbed the measurements, one sentence per line."""
     loads = suite.loads
     lines = [
-        f"before each of {len(loads)} rounds: busy {_range([load.busy_percent for load in loads])} "
-        f"%; p99 lateness of a bare 1 kHz timer "
+        f"before a round, measured {len(loads)} times: "
+        f"busy {_range([load.busy_percent for load in loads])} %; "
+        f"p99 lateness of a bare 1 kHz timer "
         f"{_range([load.bare_late_p99_us for load in loads])} us, with "
         f"{_range([load.bare_stolen_percent for load in loads])} % of a core stolen"
     ]
