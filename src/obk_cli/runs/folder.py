@@ -73,6 +73,9 @@ class Run:
         return (*self.nodes, *self.other_nodes)
 
 
+_RUN_DECODER: Final = msgspec.json.Decoder(Run)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOrigin:
     """What a run was made from."""
@@ -169,23 +172,39 @@ def read_runs(parent: Path) -> tuple[Run, ...]:
 def read_run(folder: Path) -> Run | None:
     """The run described by a folder's `run.json`; None if it cannot be read or shown."""
     try:
-        run = msgspec.convert(read_record(folder), Run)
+        run = _decoded(_read(folder))
     except (ValueError, RecursionError):
         return None
     return run if all(map(str.isprintable, (run.name, *run.all_nodes))) else None
 
 
+def _decoded(data: bytes) -> Run:
+    try:
+        return _RUN_DECODER.decode(data)  # it skips the plan, which is most of the file
+    except msgspec.DecodeError:
+        # It also rejects the unpaired surrogates of paths that are not UTF-8; `json` does not.
+        return msgspec.convert(json.loads(data), Run)
+
+
 def read_record(folder: Path) -> Mapping[str, Any]:
     """The content of a run folder's `run.json`; empty if it cannot be read."""
+    try:
+        data = json.loads(_read(folder))
+    except (ValueError, RecursionError):
+        return {}
+    return data if isinstance(data, dict) else {}
+
+
+def _read(folder: Path) -> bytes:
+    """A folder's `run.json`; empty if it cannot be read."""
     path = folder / RUN_FILE
     try:
         # Reading a pipe would never end; a longer file is not from `obk`.
         if not path.is_file() or path.stat().st_size > LONGEST_RUN_FILE:
-            return {}
-        data = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return data if isinstance(data, dict) else {}
+            return b""
+        return path.read_bytes()
+    except OSError:
+        return b""
 
 
 _Scalar = bool | int | float | str

@@ -61,6 +61,12 @@ def test_a_run_is_read_back(tmp_path: Path) -> None:
     assert [path.name for path in folder.iterdir()] == ["run.json"]
 
 
+def test_a_run_whose_config_has_a_path_that_is_not_utf_8_is_read_back(tmp_path: Path) -> None:
+    run = replace(RUN, config="caf\udce9.yaml")
+    write_run(tmp_path, run)
+    assert read_run(tmp_path) == run
+
+
 def test_runs_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
     for second, text in enumerate(("{", "[]", '{"pid": 1}')):
         folder = make_run_folder(tmp_path, "dummy", NOW.replace(second=second))
