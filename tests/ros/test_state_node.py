@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from lifecycle_msgs.msg import TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
+from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from obk_cli.launch.events import (
     Answered,
@@ -203,6 +204,35 @@ class Ears:
 
     def count(self, what: InputEvent) -> int:
         return self.received.count(what)
+
+
+class Captured:
+    """`sys.stderr` in a terminal application: it has no descriptor."""
+
+    def write(self, text: str) -> int:
+        return len(text)
+
+    def flush(self) -> None:
+        pass
+
+    def fileno(self) -> int:
+        return -1
+
+
+def test_nodes_are_asked_from_a_terminal_application(
+    environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stderr", Captured())
+    with running_node(), open_ros_nodes("client", environment) as ros:
+        assert ros.state("/n", DEADLINE_S) == "unconfigured"
+
+
+def test_nodes_are_asked_with_an_rclpy_that_has_no_events_executor(
+    environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(rclpy_implementation, "EventsExecutor")
+    with running_node(), open_ros_nodes("client", environment) as ros:
+        assert ros.state("/n", DEADLINE_S) == "unconfigured"
 
 
 def test_a_restarted_node_is_ready_when_its_new_process_replies(

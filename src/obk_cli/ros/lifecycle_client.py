@@ -266,13 +266,16 @@ def _make_client(name: str, context: Any, begin_s: float, kind: type[C]) -> C:
 
 def _make_executor(context: Any) -> Any:
     """An executor whose cost does not depend on the number of clients, if rclpy has one."""
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:  # rclpy before 7.1.4
-        from rclpy.executors import SingleThreadedExecutor
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.impl.implementation_singleton import rclpy_implementation
 
+    if not hasattr(rclpy_implementation, "EventsExecutor"):  # rclpy before 7.1.4
         return SingleThreadedExecutor(context=context)
-    return EventsExecutor(context=context)
+    # `rclpy.experimental.EventsExecutor` does the same, but also enables `faulthandler` on
+    # `sys.stderr`, which fails in the terminal applications: it is not a file there.
+    executor = rclpy_implementation.EventsExecutor(context)
+    context.on_shutdown(executor.wake)
+    return executor
 
 
 def _spin(executor: Any) -> None:
