@@ -284,6 +284,7 @@ def _spin(executor: Any) -> None:
     from rclpy.task import Future
 
     if isinstance(executor, SingleThreadedExecutor):
+        # With a future, it would add another callback to it for each one that it runs.
         executor.spin()
     else:
         executor.spin_until_future_complete(Future(), LONGEST_SPIN_S)  # type: ignore[no-untyped-call]
