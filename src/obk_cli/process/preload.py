@@ -21,6 +21,7 @@ import ctypes
 import gc
 import importlib
 import json
+import linecache
 import mmap
 import os
 import re
@@ -47,6 +48,8 @@ PR_SET_MM_MAP_SIZE = 15
 NO_EXE = 0xFFFFFFFF
 POLL_S = 0.0005
 LONGEST_NAME = 15
+CODE_FILE = "<string>"
+"""The interpreter's name for the file of `-c CODE`."""
 LISTENERS = 2
 """Number of LTTng threads in each process."""
 AT_START = frozenset({"sitecustomize", "usercustomize"})
@@ -213,7 +216,9 @@ class ForkedProgram:
             run_module: Callable[[str], object] = runpy._run_module_as_main  # type: ignore[attr-defined]
             run_module(target)
         else:
-            exec(compile(target, "<string>", "exec"), main_module.__dict__)  # noqa: S102 - its purpose
+            if sys.version_info >= (3, 13):  # since then, tracebacks show the lines of CODE
+                linecache.cache[CODE_FILE] = (len(target), None, target.splitlines(True), CODE_FILE)
+            exec(compile(target, CODE_FILE, "exec"), main_module.__dict__)  # noqa: S102 - its purpose
 
 
 def _show_error(
