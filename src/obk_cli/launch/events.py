@@ -15,7 +15,9 @@ from obelisk_spec.video import VideoStatus
 from obk_cli.runs.protocol import ChangeAnswer, Result, StackStatus
 
 __all__ = [
+    "OF_FAULTS",
     "OUTPUT_EVENTS",
+    "UNKNOWN_FAULT",
     "ActivationReported",
     "Answered",
     "AnswersAgain",
@@ -151,12 +153,18 @@ class TransitionStarted:
     transition: str
 
 
+UNKNOWN_FAULT: Final = "the node did not answer a query for its fault"
+OF_FAULTS: Final = ("deactivate", "cleanup")
+"""The transitions through which a node that fails outside a transition enters error processing."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failed:
     """A node entered error processing."""
 
     node: str
     fault: str
+    """As the node reported it, or `UNKNOWN_FAULT`; empty if it has no service that does."""
     transition: str = ""
     """The transition that failed; empty if the node failed outside a transition."""
 

@@ -6,6 +6,7 @@ duration of its DDS lease, so a node counts as ready only when it answers a new 
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from functools import partial
@@ -22,6 +23,8 @@ from obelisk_spec.runtime_protocol import (
 )
 from obelisk_spec.video import parse_video
 from obk_cli.launch.events import (
+    OF_FAULTS,
+    UNKNOWN_FAULT,
     ActivationReported,
     Answered,
     Failed,
@@ -163,14 +166,14 @@ class RosNodes(LifecycleClient):
 def failed_transition(passed: str, fault: str) -> str:
     """The transition to which a fault belongs; empty if there was none.
 
-    A node that fails outside a transition enters error processing through `deactivate` or
-    `cleanup`; then its fault names the callback of another transition.
+    A node that fails outside a transition enters error processing through one of `OF_FAULTS`; then
+    its fault names another callback. Without its fault, nothing shows the difference.
 
     Args:
         passed: the transition through which the node entered error processing.
         fault: the fault as the node reported it; empty if it did not.
     """
-    may_be_own = passed in ("deactivate", "cleanup") and fault != ""
+    may_be_own = passed in OF_FAULTS and fault not in ("", UNKNOWN_FAULT)
     return "" if may_be_own and not fault.startswith(f"on_{passed}:") else passed
 
 
@@ -214,6 +217,8 @@ class NodeWatch:
         self._on_event = on_event
         self._subscribed: set[str] = set()
         self._waiting: dict[str, _Wait] = {}
+        self._processes: Counter[str] = Counter()
+        """Node -> how often it was watched, once in each of its processes."""
         self._lock = threading.Lock()
         self._begin = 0.0
         self._is_over = threading.Event()
@@ -240,24 +245,30 @@ class NodeWatch:
         self.prepare(names)
         with self._lock:
             self._waiting |= {name: _Wait() for name in names}
+            self._processes.update(names)
             self._begin = time.monotonic()
             if self._seeker is None and not self._is_over.is_set():
                 self._seeker = threading.Thread(target=self._seek, name="watch", daemon=True)
                 self._seeker.start()
 
     def report_fault(self, node: str, report: Callable[[str], None]) -> None:
-        """Query a node's latest fault; `report` is called once, with "" if it does not answer."""
+        """Query a node's latest fault, and call `report` with it.
+
+        It is called once, with `UNKNOWN_FAULT` if the node does not answer in time and "" if it has
+        no such service, but not at all if the node runs in another process by then.
+        """
         if not self._clients.is_ready(node, "last_error"):
             report("")
             return
-        pending = threading.Lock()
+        pending, process = threading.Lock(), self._processes[node]
 
         def report_once(fault: str) -> None:
             if pending.acquire(blocking=False):
                 timer.cancel()
-                report(fault)
+                if self._processes[node] == process:
+                    report(fault)
 
-        timer = threading.Timer(FAULT_S, report_once, [""])
+        timer = threading.Timer(FAULT_S, report_once, [UNKNOWN_FAULT])
         timer.daemon = True
         timer.start()
         future = self._clients.ask_fault(node)

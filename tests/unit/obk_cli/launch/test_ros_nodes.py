@@ -1,13 +1,23 @@
 """Events from reports of nodes: transitions and rates."""
 
+from collections.abc import Callable, Iterator
+from queue import SimpleQueue
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from obelisk_spec.runtime_protocol import Rate, rate_values
-from obk_cli.launch.events import ActivationReported, RatesReported, StateSeen, TransitionStarted
+from obk_cli.launch import ros_nodes
+from obk_cli.launch.events import (
+    UNKNOWN_FAULT,
+    ActivationReported,
+    RatesReported,
+    StateSeen,
+    TransitionStarted,
+)
 from obk_cli.launch.ros_nodes import (
+    NodeWatch,
     activation_of,
     event_of_transition,
     failed_transition,
@@ -36,6 +46,66 @@ def test_these_transitions_show_the_failed_step(passed: str) -> None:
     assert failed_transition(passed, f"on_{passed}: ValueError: x") == passed
     assert failed_transition(passed, "Controller.compute_control: ValueError: x") == ""
     assert failed_transition(passed, "") == passed
+    assert failed_transition(passed, UNKNOWN_FAULT) == passed
+
+
+class Clients:
+    """A node with a `last_error` service that answers when told."""
+
+    def __init__(self) -> None:
+        self.answers: list[Callable[[Any], None]] = []
+
+    def is_ready(self, _node: str, service: str) -> bool:
+        return service == "last_error"
+
+    def ask_fault(self, _node: str) -> Any:
+        return SimpleNamespace(add_done_callback=self.answers.append)
+
+    def answer(self, fault: str) -> None:
+        message = SimpleNamespace(message=fault)
+        self.answers.pop()(SimpleNamespace(result=lambda: message))
+
+
+@pytest.fixture
+def clients() -> Clients:
+    return Clients()
+
+
+@pytest.fixture
+def watch(clients: Clients, monkeypatch: pytest.MonkeyPatch) -> Iterator[NodeWatch]:
+    watch = NodeWatch(None, clients, lambda _: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(watch, "prepare", lambda _: None)
+    yield watch
+    watch.close()
+
+
+def test_a_fault_is_reported_once(watch: NodeWatch, clients: Clients) -> None:
+    faults: list[str] = []
+    watch.watch(["/n"])
+    watch.report_fault("/n", faults.append)
+    clients.answer("no gain")
+    assert faults == ["no gain"]
+
+
+def test_a_fault_that_is_not_told_in_time_is_unknown(
+    watch: NodeWatch, clients: Clients, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros_nodes, "FAULT_S", 0.0)
+    faults: SimpleQueue[str] = SimpleQueue()
+    watch.watch(["/n"])
+    watch.report_fault("/n", faults.put)
+    assert faults.get(timeout=10) == UNKNOWN_FAULT
+    clients.answer("no gain")
+    assert faults.empty()
+
+
+def test_a_fault_of_a_previous_process_is_not_reported(watch: NodeWatch, clients: Clients) -> None:
+    faults: list[str] = []
+    watch.watch(["/n"])
+    watch.report_fault("/n", faults.append)
+    watch.watch(["/n"])
+    clients.answer("no gain")
+    assert faults == []
 
 
 RATE = Rate(

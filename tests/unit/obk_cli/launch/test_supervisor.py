@@ -7,19 +7,26 @@ from dataclasses import replace
 import pytest
 
 from obk_cli.launch.events import (
+    UNKNOWN_FAULT,
     Answered,
+    ChangeRequested,
     Ended,
     Failed,
+    Hung,
     Phase,
     ProcessEnded,
     ProcessStarted,
     RejectionReported,
+    Restarted,
     StackStateChanged,
     StateSeen,
     StopRequested,
     TransitionEnded,
+    TransitionStarted,
 )
-from obk_cli.plan.plan import Plan
+from obk_cli.launch.process_groups import Unit
+from obk_cli.plan.plan import OnCrash, Plan
+from obk_cli.runs.protocol import ChangeAnswer
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, process
 
@@ -64,6 +71,23 @@ def test_a_robot_that_rejects_commands_to_the_end_fails_the_run() -> None:
 
 def test_a_robot_that_accepts_commands_again_does_not_fail_the_run() -> None:
     assert World(later=deque([rejecting(3.0), 1.0, rejecting(0.0)])).run().exit_code == 0
+
+
+def test_a_robot_that_was_deactivated_or_restarted_rejects_nothing_any_more() -> None:
+    deactivated = StateSeen(node=ROBOT, state="inactive", transition="deactivate")
+    assert World(later=deque([rejecting(2.0), deactivated])).run().exit_code == 0
+    world = World(on_crash="restart")
+    start = world.start
+
+    def start_awake(unit: Unit) -> None:
+        world.mute.discard(ROBOT)
+        start(unit)
+
+    world.start = start_awake  # type: ignore[method-assign]
+    world.later.extend([rejecting(2.0), lambda: world.mute.add(ROBOT), 20.0])
+    ended = world.run(duration_s=30.0)
+    assert world.of(Restarted)
+    assert ended.exit_code == 0, ended.cause
 
 
 def test_until_configured_activates_no_node() -> None:
@@ -363,6 +387,64 @@ def test_a_stop_that_is_not_urgent_does_not_hurry_nodes() -> None:
     world = World(silent={(CONTROLLER, "deactivate")}, later=deque([stop, 1.0, stop]))
     world.run(duration_s=None)
     assert (ROBOT, "deactivate") in world.done
+
+
+@pytest.mark.parametrize(("on_crash", "exit_code"), [("stop", 1), ("restart", 0)])
+def test_a_node_that_fails_and_does_not_tell_its_fault_in_time_counts_as_crashed(
+    on_crash: OnCrash, exit_code: int
+) -> None:
+    fault = Failed(node=CONTROLLER, fault=UNKNOWN_FAULT, transition="deactivate")
+    world = World(on_crash=on_crash, later=deque([fault]))
+    ended = world.run()
+    assert ended.exit_code == exit_code
+    assert len(world.of(Restarted)) == (on_crash == "restart")
+
+
+def test_a_requested_transition_may_take_as_long_as_the_request_says() -> None:
+    world = World(silent={(CONTROLLER, "deactivate")})
+    answers: list[ChangeAnswer] = []
+    change = ChangeRequested(
+        transition="deactivate", nodes=(CONTROLLER,), timeout_s=60.0, reply=answers.append
+    )
+
+    def finish() -> None:
+        world.mute.discard(CONTROLLER)
+        world.silent.clear()
+        world.inbox.append(
+            Answered(node=CONTROLLER, transition="deactivate", success=True, fault="")
+        )
+
+    world.later.extend(
+        [
+            lambda: world.mute.add(CONTROLLER),
+            change,
+            TransitionStarted(node=CONTROLLER, transition="deactivate"),
+            30.0,
+            finish,
+        ]
+    )
+    ended = world.run(duration_s=60.0)
+    assert ended.exit_code == 0, ended.cause
+    assert [answer.success for answer in answers] == [True]
+    assert not world.of(Hung)
+
+
+def test_a_node_that_is_terminated_in_its_constructor_is_no_failure() -> None:
+    """The first SIGTERM waits for the constructor; the second one ends the process."""
+    world = World(never_ready={CONTROLLER}, deaf_to={(CONTROLLER, signal.SIGTERM)})
+    terminate = world.signal
+
+    def end_at_the_second(process: str, number: int) -> None:
+        terminate(process, number)
+        if world.signals.count((CONTROLLER, signal.SIGTERM)) == 2 and CONTROLLER in world.alive:
+            world.alive.discard(CONTROLLER)
+            world.inbox.append(ProcessEnded(process=CONTROLLER, code=128 + signal.SIGTERM))
+
+    world.signal = end_at_the_second  # type: ignore[method-assign]
+    world.later.extend([1.0, StopRequested(reason="SIGINT", is_urgent=True)])
+    ended = world.run()
+    assert (CONTROLLER, signal.SIGTERM) in world.signals
+    assert ended.exit_code == 0, ended.cause
 
 
 def test_a_fault_in_a_transition_requested_elsewhere_keeps_the_stack_running() -> None:
