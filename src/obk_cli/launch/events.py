@@ -15,7 +15,7 @@ from obelisk_spec.video import VideoStatus
 from obk_cli.runs.protocol import ChangeAnswer, Result, StackStatus
 
 __all__ = [
-    "OF_FAULTS",
+    "FAULT_TRANSITIONS",
     "OUTPUT_EVENTS",
     "UNKNOWN_FAULT",
     "ActivationReported",
@@ -154,7 +154,8 @@ class TransitionStarted:
 
 
 UNKNOWN_FAULT: Final = "the node did not answer a query for its fault"
-OF_FAULTS: Final = ("deactivate", "cleanup")
+"""Replaces the fault of a node that is probably still busy with `on_error`."""
+FAULT_TRANSITIONS: Final = ("deactivate", "cleanup")
 """The transitions through which a node that fails outside a transition enters error processing."""
 
 
@@ -164,7 +165,7 @@ class Failed:
 
     node: str
     fault: str
-    """As the node reported it, or `UNKNOWN_FAULT`; empty if it has no service that does."""
+    """As the node reported it, or `UNKNOWN_FAULT`; empty if the node cannot report faults."""
     transition: str = ""
     """The transition that failed; empty if the node failed outside a transition."""
 

@@ -23,7 +23,7 @@ from obelisk_spec.runtime_protocol import (
 )
 from obelisk_spec.video import parse_video
 from obk_cli.launch.events import (
-    OF_FAULTS,
+    FAULT_TRANSITIONS,
     UNKNOWN_FAULT,
     ActivationReported,
     Answered,
@@ -166,14 +166,15 @@ class RosNodes(LifecycleClient):
 def failed_transition(passed: str, fault: str) -> str:
     """The transition to which a fault belongs; empty if there was none.
 
-    A node that fails outside a transition enters error processing through one of `OF_FAULTS`; then
-    its fault names another callback. Without its fault, nothing shows the difference.
+    A node that fails outside a transition enters error processing through one of
+    `FAULT_TRANSITIONS`; its fault then names another callback. If the fault is not known, this
+    returns `passed`.
 
     Args:
         passed: the transition through which the node entered error processing.
-        fault: the fault as the node reported it; empty if it did not.
+        fault: see `Failed`.
     """
-    may_be_own = passed in OF_FAULTS and fault not in ("", UNKNOWN_FAULT)
+    may_be_own = passed in FAULT_TRANSITIONS and fault not in ("", UNKNOWN_FAULT)
     return "" if may_be_own and not fault.startswith(f"on_{passed}:") else passed
 
 
@@ -217,8 +218,8 @@ class NodeWatch:
         self._on_event = on_event
         self._subscribed: set[str] = set()
         self._waiting: dict[str, _Wait] = {}
-        self._processes: Counter[str] = Counter()
-        """Node -> how often it was watched, once in each of its processes."""
+        self._starts: Counter[str] = Counter()
+        """Node -> number of its processes so far; each is watched once."""
         self._lock = threading.Lock()
         self._begin = 0.0
         self._is_over = threading.Event()
@@ -245,7 +246,7 @@ class NodeWatch:
         self.prepare(names)
         with self._lock:
             self._waiting |= {name: _Wait() for name in names}
-            self._processes.update(names)
+            self._starts.update(names)
             self._begin = time.monotonic()
             if self._seeker is None and not self._is_over.is_set():
                 self._seeker = threading.Thread(target=self._seek, name="watch", daemon=True)
@@ -254,18 +255,18 @@ class NodeWatch:
     def report_fault(self, node: str, report: Callable[[str], None]) -> None:
         """Query a node's latest fault, and call `report` with it.
 
-        It is called once, with `UNKNOWN_FAULT` if the node does not answer in time and "" if it has
-        no such service, but not at all if the node runs in another process by then.
+        It is called once, with `UNKNOWN_FAULT` if the node does not answer in time, and with "" if
+        it has no such service. It is not called if the node has been restarted in the meantime.
         """
         if not self._clients.is_ready(node, "last_error"):
             report("")
             return
-        pending, process = threading.Lock(), self._processes[node]
+        pending, start = threading.Lock(), self._starts[node]
 
         def report_once(fault: str) -> None:
             if pending.acquire(blocking=False):
                 timer.cancel()
-                if self._processes[node] == process:
+                if self._starts[node] == start:
                     report(fault)
 
         timer = threading.Timer(FAULT_S, report_once, [UNKNOWN_FAULT])

@@ -12,7 +12,7 @@ from typing import Final
 
 from obk_cli.launch.event_loop import EventLoop, Inbox, Lifecycle, Limits, Processes, RunContext
 from obk_cli.launch.events import (
-    OF_FAULTS,
+    FAULT_TRANSITIONS,
     UNKNOWN_FAULT,
     ActivationReported,
     Answered,
@@ -58,8 +58,8 @@ __all__ = ["Supervisor"]
 
 EXIT_DONE: Final = 0
 EXIT_FAILED: Final = 1
-EXIT_BY_SHELL: Final = 128
-"""Added to the number of a signal by programs that handle it and then exit, as by shells."""
+SIGNAL_EXIT: Final = 128
+"""A program that handles a signal and then exits adds the signal's number to this exit code."""
 REMINDER_S: Final = 5.0
 """Time between two messages about the nodes that the bring-up is waiting for [s]."""
 REACHED: Final[dict[Until, str]] = {
@@ -331,7 +331,7 @@ class Supervisor:
         self._run.go_down(self._context.loop.now())
         self._busy_with = "shutting down"
         self._context.heartbeat.clear()
-        # A robot that is not active any more rejects nothing.
+        # An inactive robot reports no rejections, so its last report is out of date.
         for node in [n for n in self._rejections if self._state.states.get(n) != ACTIVE]:
             del self._rejections[node]
         while self._changes:
@@ -443,6 +443,7 @@ class Supervisor:
             case StateAnswered(node=node, state=state):
                 self._alive(node)
                 self._state_answered(node, state)
+            # A transition requested here may take as long as the request allows.
             case TransitionStarted(node=node) if node not in {lead, *self._state.in_transition}:
                 now, limit_s = self._context.loop.now(), self._context.limits.transition_s
                 self._context.heartbeat.received(node, now, limit_s)
@@ -517,13 +518,14 @@ class Supervisor:
         is_over = has_lifecycle and state.are_all(names, FINALIZED)
         state.process_ended(unit)
         self._context.heartbeat.forget(names)
-        # The second SIGTERM ends a node that handles signals, but whose constructor is running.
-        early = {-signal.SIGTERM, EXIT_BY_SHELL + signal.SIGTERM}
+        # A node that is still in its constructor handles the second SIGTERM by exiting.
+        early = {-signal.SIGTERM, SIGNAL_EXIT + signal.SIGTERM}
         expected = {0} | (early if is_early else set())
         if is_over or not has_lifecycle:
             expected |= {-signal.SIGINT, -signal.SIGTERM}
-        for name in names if not self._run.is_going_down else ():
-            self._rejections.pop(name, None)
+        if not self._run.is_going_down:
+            for name in names:
+                self._rejections.pop(name, None)
         if self._control.was_killed(unit):
             return
         culprit = state.culprit(unit, event.text)
@@ -606,8 +608,8 @@ class Supervisor:
         if self._context.pending.pop(event) or self._run.is_going_down:
             return
         self._context.publisher.publish(event)
-        # A node that does not tell its fault is still in `on_error`, and may have failed by itself.
-        is_unknown = event.fault == UNKNOWN_FAULT and event.transition in OF_FAULTS
+        # Nothing shows whether such a transition was requested, so assume that the node failed.
+        is_unknown = event.fault == UNKNOWN_FAULT and event.transition in FAULT_TRANSITIONS
         if (is_unknown or not event.transition) and state.is_present(event.node):
             state.states[event.node] = UNCONFIGURED
             first = event.fault.splitlines()[0] if event.fault else "no reason given"

@@ -50,7 +50,7 @@ def test_these_transitions_show_the_failed_step(passed: str) -> None:
 
 
 class Clients:
-    """A node with a `last_error` service that answers when told."""
+    """A node with a `last_error` service, which answers when a test calls `answer`."""
 
     def __init__(self) -> None:
         self.answers: list[Callable[[Any], None]] = []
@@ -87,7 +87,7 @@ def test_a_fault_is_reported_once(watch: NodeWatch, clients: Clients) -> None:
     assert faults == ["no gain"]
 
 
-def test_a_fault_that_is_not_told_in_time_is_unknown(
+def test_a_fault_that_is_not_reported_in_time_is_unknown(
     watch: NodeWatch, clients: Clients, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ros_nodes, "FAULT_S", 0.0)

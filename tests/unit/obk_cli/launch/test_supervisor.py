@@ -73,7 +73,7 @@ def test_a_robot_that_accepts_commands_again_does_not_fail_the_run() -> None:
     assert World(later=deque([rejecting(3.0), 1.0, rejecting(0.0)])).run().exit_code == 0
 
 
-def test_a_robot_that_was_deactivated_or_restarted_rejects_nothing_any_more() -> None:
+def test_rejections_before_a_deactivation_or_restart_do_not_fail_the_run() -> None:
     deactivated = StateSeen(node=ROBOT, state="inactive", transition="deactivate")
     assert World(later=deque([rejecting(2.0), deactivated])).run().exit_code == 0
     world = World(on_crash="restart")
@@ -390,9 +390,7 @@ def test_a_stop_that_is_not_urgent_does_not_hurry_nodes() -> None:
 
 
 @pytest.mark.parametrize(("on_crash", "exit_code"), [("stop", 1), ("restart", 0)])
-def test_a_node_that_fails_and_does_not_tell_its_fault_in_time_counts_as_crashed(
-    on_crash: OnCrash, exit_code: int
-) -> None:
+def test_a_node_whose_fault_is_unknown_counts_as_crashed(on_crash: OnCrash, exit_code: int) -> None:
     fault = Failed(node=CONTROLLER, fault=UNKNOWN_FAULT, transition="deactivate")
     world = World(on_crash=on_crash, later=deque([fault]))
     ended = world.run()
@@ -400,7 +398,7 @@ def test_a_node_that_fails_and_does_not_tell_its_fault_in_time_counts_as_crashed
     assert len(world.of(Restarted)) == (on_crash == "restart")
 
 
-def test_a_requested_transition_may_take_as_long_as_the_request_says() -> None:
+def test_a_requested_transition_may_take_as_long_as_the_request_allows() -> None:
     world = World(silent={(CONTROLLER, "deactivate")})
     answers: list[ChangeAnswer] = []
     change = ChangeRequested(
@@ -429,7 +427,7 @@ def test_a_requested_transition_may_take_as_long_as_the_request_says() -> None:
     assert not world.of(Hung)
 
 
-def test_a_node_that_is_terminated_in_its_constructor_is_no_failure() -> None:
+def test_terminating_a_node_in_its_constructor_does_not_fail_the_run() -> None:
     """The first SIGTERM waits for the constructor; the second one ends the process."""
     world = World(never_ready={CONTROLLER}, deaf_to={(CONTROLLER, signal.SIGTERM)})
     terminate = world.signal
