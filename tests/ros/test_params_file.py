@@ -32,7 +32,7 @@ PARAMETERS: dict[str, ParameterValue] = {
     "digits": "012",
     "exponent": "1e3",
     "quoted": 'say "hi" \\ there\nagain \u2028 ä😀',
-    "setting": '{topic: /x, "on": [1, 2.5], key: "a: b"}',
+    "setting": '{"topic": "/x", "on": [1, 2.5], "key": "a: b", "path": "it\'s \\\\ ä"}',
     "gains.kp": (1.0, 2.5),
     "names": ("a", "1", "true"),
     "flags": (True, False),

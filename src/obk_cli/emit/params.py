@@ -1,6 +1,6 @@
 """ROS 2 parameter files for `--params-file`.
 
-Text is always in double quotes, so that the ROS parser never reads `on` or `1e3` as another type.
+Text is always in quotes, so that the ROS parser never reads `on` or `1e3` as another type.
 """
 
 import json
@@ -55,6 +55,8 @@ def emit_value(value: ParameterValue) -> str:
 
 
 def _text(text: str) -> str:
+    if '"' in text and "'" not in text and text.isprintable():
+        return f"'{text}'"  # without escapes, so that JSON remains readable
     quoted = json.dumps(text, ensure_ascii=False)
     return _UNWRITABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", quoted)
 

@@ -1,3 +1,5 @@
+import json
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,6 +14,7 @@ from obelisk_spec.components import (
     parse_mapping,
     standard_component,
 )
+from obelisk_spec.yaml_core import load_yaml_core
 
 
 def test_the_parameter_and_the_key_name_one_component() -> None:
@@ -38,18 +41,18 @@ def test_the_base_classes_components_are_known_by_every_name() -> None:
     assert standard_component("asdf") is None
 
 
-SCALARS = (
-    st.none()
-    | st.booleans()
-    | st.integers(-(10**20), 10**20)
-    | st.floats(allow_nan=False)
-    | st.text()
-)
-VALUES = st.recursive(
-    SCALARS,
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
-    max_leaves=8,
-)
+def nested(scalars: st.SearchStrategy[object]) -> st.SearchStrategy[object]:
+    return st.recursive(
+        scalars,
+        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+        max_leaves=8,
+    )
+
+
+EXACT = st.none() | st.booleans() | st.integers(-(10**20), 10**20) | st.text()
+SCALARS = EXACT | st.floats(allow_nan=False)
+VALUES = nested(SCALARS)
+FINITE = nested(EXACT | st.floats(allow_nan=False, allow_infinity=False))
 
 
 @pytest.mark.parametrize(
@@ -97,12 +100,12 @@ def test_a_components_settings_are_read_back_equal(value: dict[str, object]) -> 
         ),
         ({"topic": "/{node}/x", "on": True, "timer_period_sec": 1e-3},
          "topic:/{node}/x,on:true,timer_period_sec:0.001"),
-        ({"topic": "a,b"}, '{topic: "a,b"}'),
-        ({"topic": "a:b"}, '{topic: "a:b"}'),
-        ({"key": "10"}, '{key: "10"}'),
-        ({"key": ""}, '{key: ""}'),
-        ({"topic": "/x", "qos": {"depth": 1}}, "{topic: /x, qos: {depth: 1}}"),
-        ({"fast-group": "ReentrantCallbackGroup"}, '{fast-group: ReentrantCallbackGroup}'),
+        ({"topic": "a,b"}, '{"topic": "a,b"}'),
+        ({"topic": "a:b"}, '{"topic": "a:b"}'),
+        ({"key": "10"}, '{"key": "10"}'),
+        ({"key": ""}, '{"key": ""}'),
+        ({"topic": "/x", "qos": {"depth": 1}}, '{"topic": "/x", "qos": {"depth": 1}}'),
+        ({"fast-group": "ReentrantCallbackGroup"}, '{"fast-group": "ReentrantCallbackGroup"}'),
         ({}, "{}"),
     ],
 )  # fmt: skip
@@ -116,7 +119,19 @@ def test_code_that_splits_at_commas_and_colons_reads_flat_text() -> None:
     assert dict(field.split(":") for field in fields) == settings
 
 
-def test_written_text_is_as_plain_as_it_can_be() -> None:
-    setting = {"topic": "/x", "callback_group": "None", "qos": {"depth": 1}, "on": "true"}
-    written = '{topic: /x, callback_group: None, qos: {depth: 1}, on: "true"}'
-    assert format_setting(setting) == written
+@given(st.dictionaries(st.text(), FINITE, max_size=4))
+def test_written_settings_are_json_and_yaml(setting: dict[str, object]) -> None:
+    text = format_setting(setting)
+    assert json.loads(text) == setting
+    assert load_yaml_core(text) == setting
+
+
+def test_the_names_of_javascripts_numbers_are_text_as_in_yaml() -> None:
+    text = '{"key": NaN, "topic": -Infinity}'
+    assert parse_mapping(text) == load_yaml_core(text) == {"key": "NaN", "topic": "-Infinity"}
+
+
+@pytest.mark.parametrize("opening", ["[", '{"a": '])
+def test_deeply_nested_text_is_an_error(opening: str) -> None:
+    with pytest.raises(SettingTextError):
+        parse_mapping('{"key": ' + opening * 100_000)

@@ -79,7 +79,7 @@ def test_both_formats_compile_to_the_same_plan() -> None:
 
 def test_a_parameter_file_and_a_launch_file_hold_it() -> None:
     plan = lower(NEWER)
-    setting = "max_age_sec: 0.1, stale_action: hold"
+    setting = '"max_age_sec": 0.1, "stale_action": "hold"'
     assert setting in emit_params(plan.nodes)
     assert setting in emit_launch_file(plan)
 

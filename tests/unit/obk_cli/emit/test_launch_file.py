@@ -79,7 +79,9 @@ def test_the_nodes_get_the_parameters_that_params_writes(
     assert written["/obelisk_robot_a"]["ros__parameters"] == {"text": "it's '''"}
 
 
-@pytest.mark.parametrize("name", ['"""', "'''", "\\", "a\nb", "${x}", "{x} %s", "../../x", "ä😀"])
+@pytest.mark.parametrize(
+    "name", ['"""', "'''", "\"'''", "\\", "a\nb", "${x}", "{x} %s", "../../x", "ä😀"]
+)
 def test_no_text_of_the_user_becomes_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
