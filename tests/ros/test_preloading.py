@@ -60,6 +60,21 @@ def test_nodes_are_forked_except_one_with_its_own_variable(tmp_path: Path) -> No
     assert not run.left_over()
 
 
+def test_nodes_share_the_type_supports_that_the_server_has_loaded() -> None:
+    with launched(DUMMY, "--quiet") as run:
+        server = _type_supports(the_one_with(preload.__file__, run))
+        for name in NODES[:2]:  # the simulator uses further messages
+            assert _type_supports(run.node(name)) <= server
+    assert server
+    assert not run.left_over()
+
+
+def _type_supports(process: psutil.Process) -> set[str]:
+    """The libraries that describe ROS types to the middleware."""
+    paths = (Path(mapped.path).name for mapped in process.memory_maps())
+    return {name for name in paths if "__rosidl_typesupport_" in name}
+
+
 def test_a_restarted_node_is_forked_while_the_server_is_running() -> None:
     name = f"__node:={NODES[0]}"
     with launched(DUMMY, "--quiet", "--on-crash", "restart") as run:

@@ -18,7 +18,7 @@ __all__ = ["SWITCH", "Preload", "can_preload", "preload_for"]
 
 SWITCH: Final = "OBK_PRELOAD"
 """Environment variable that disables preloading if set to `off`."""
-TYPE_SUPPORTS: Final = (
+MESSAGES: Final = (
     "builtin_interfaces",
     "diagnostic_msgs",
     "lifecycle_msgs",
@@ -29,10 +29,10 @@ TYPE_SUPPORTS: Final = (
     "rosgraph_msgs",
     "service_msgs",
     "std_msgs",
-    "std_srvs",
     "type_description_interfaces",
 )
-"""Message packages whose compiled part most nodes load."""
+SERVICES: Final = ("lifecycle_msgs", "rcl_interfaces", "std_srvs", "type_description_interfaces")
+"""Packages with types that most nodes use."""
 MODULES: Final = (
     "rclpy",
     # Code generators, which ROS loads with the first compiled message.
@@ -42,10 +42,8 @@ MODULES: Final = (
     "obelisk_py.core.robot",
     "obelisk_py.core.sensing",
     "obelisk_py.core.utils.ros",
-    *(f"{package}.msg" for package in TYPE_SUPPORTS),
-    "lifecycle_msgs.srv",
-    "rcl_interfaces.srv",
-    *(f"{package}.{package}_s__rosidl_typesupport_c" for package in TYPE_SUPPORTS),
+    *(f"{package}.msg" for package in MESSAGES),
+    *(f"{package}.srv" for package in SERVICES),
 )
 """Modules that nearly every node imports; missing ones are skipped."""
 FEWEST: Final = 2

@@ -54,6 +54,7 @@ LISTENERS = 2
 """Number of LTTng threads in each process."""
 AT_START = frozenset({"sitecustomize", "usercustomize"})
 """Modules that the interpreter imports at startup, if they exist."""
+USED_BY_FAST_DDS = (b"rosidl_typesupport_fastrtps_c", b"rosidl_typesupport_introspection_c")
 SIGNAL_SET_BYTES = 128
 LARGEST_PACKET = 64
 MOST_DESCRIPTORS = 253
@@ -104,6 +105,39 @@ def find_tracing() -> NoTracing | LttngTracing:
         if re.match(r"liblttng-ust[-.](?!common|fork|tracepoint)", os.path.basename(path[2])):  # noqa: PTH119
             return LttngTracing(ctypes.CDLL(f"/{path[2]}"))
     return NoTracing()
+
+
+def load_type_supports(modules: Iterable[types.ModuleType]) -> None:
+    """Load what the middleware needs to know about the ROS types in these modules.
+
+    Otherwise each process does so for every type that it uses, and each time compares the name of a
+    library with those of all loaded ones. Source: rosidl_runtime_c/message_type_support_struct.h of
+    ROS 2 Jazzy.
+    """
+    interfaces = [
+        value
+        for module in modules
+        for value in vars(module).values()
+        if hasattr(type(value), "_TYPE_SUPPORT")
+    ]
+    if not interfaces:
+        return
+    runtime = ctypes.CDLL("librosidl_runtime_c.so")
+    find_message = runtime.get_message_typesupport_handle
+    find_service = runtime.get_service_typesupport_handle
+    for find in (find_message, find_service):
+        find.restype, find.argtypes = ctypes.c_void_p, (ctypes.c_void_p, ctypes.c_char_p)
+    pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    pointer.restype, pointer.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
+    for interface in interfaces:
+        meta: Any = type(interface)
+        meta.__import_type_support__()
+        if meta._TYPE_SUPPORT is None:  # nodes that need it report that
+            continue
+        find = find_service if hasattr(interface, "Request") else find_message
+        for identifier in USED_BY_FAST_DDS:
+            if not find(pointer(meta._TYPE_SUPPORT, None), identifier):
+                runtime.rcutils_reset_error()
 
 
 class _MemoryMap(ctypes.Structure):
@@ -390,9 +424,11 @@ def main(modules: Sequence[str]) -> ForkedProgram | None:
     gc.disable()  # until a program runs: imports leave little garbage, and collecting takes time
     inherited = _open_descriptors()
     libc = ctypes.CDLL(None)
+    imported = []
     for module in modules:
         with suppress(ImportError):  # nodes that need it report that
-            importlib.import_module(module)
+            imported.append(importlib.import_module(module))
+    load_type_supports(imported)
     link = socket.socket(fileno=sys.stdin.fileno())
     server = Server(link, inherited, libc, find_tracing())
     if not can_name_processes(libc) or not server.knows_its_threads():
