@@ -134,7 +134,7 @@ class ObeliskRobot(ABC, ObeliskNode):
                 self._log_rejection(report)
             return
         with self._applying:
-            if self.apply_control(control_msg) is False:
+            if not self._applies(control_msg):
                 return
             self._newest_control = control_msg
             was_idle = self._command_age.deadline_s is None
@@ -144,6 +144,10 @@ class ObeliskRobot(ABC, ObeliskNode):
             self._watchdog.wake()
         if silent_s is not None and self._silence_log.end(silent_s):
             self.get_logger().warning(f"commands resumed after {silent_s:.3f} s")
+
+    def _applies(self, control_msg: ObeliskControlMsg) -> bool:
+        """Apply a command; returns whether it counts as one."""
+        return self.apply_control(control_msg) is not False
 
     def _rejection_of(self, control_msg: ObeliskControlMsg) -> str | None:
         """Return the reason to reject a command before `apply_control`; None to accept it."""

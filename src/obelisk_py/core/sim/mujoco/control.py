@@ -137,6 +137,8 @@ class ControlInbox:
         self._late = RejectionLog("late control applied", monotonic_s)
         self.newest: Control | None = None
         """The control to apply; None before the first one."""
+        self.has_rejected = False
+        """Whether the latest control was rejected; the robot may set it to False."""
 
     def clear(self) -> None:
         """Drop the latest control."""
@@ -151,18 +153,17 @@ class ControlInbox:
         control: Control | str | None = self._stamps.rejection(sent_ns) if self._stamps else None
         if control is None:
             control = self._read(message)
-        if isinstance(control, str):
-            self._rejections.add(control)
-            return False
-        return self._accept(control, sent_ns)
+        return self._reject(control) if isinstance(control, str) else self._accept(control, sent_ns)
 
     def put(self, control: Iterable[float]) -> bool:
         """Accept or reject controls for the actuators; returns whether they were accepted."""
         checked = self._checked("ctrl", list(control))
-        if isinstance(checked, str):
-            self._rejections.add(checked)
-            return False
-        return self._accept(checked, 0)
+        return self._reject(checked) if isinstance(checked, str) else self._accept(checked, 0)
+
+    def _reject(self, reason: str) -> bool:
+        self._rejections.add(reason)
+        self.has_rejected = True
+        return False
 
     def _accept(self, control: Control, sent_ns: int) -> bool:
         late = self._stamps.accept(sent_ns) if self._stamps is not None else None
@@ -170,6 +171,7 @@ class ControlInbox:
             self._late.add(late)
         self._rejections.accept()
         self.newest = control
+        self.has_rejected = False
         return True
 
     def reports(self) -> list[RejectionReport]:

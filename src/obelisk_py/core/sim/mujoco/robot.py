@@ -9,7 +9,7 @@ that is sampled in simulation time.
 import threading
 import time
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -287,7 +287,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Reset to the keyframe and start stepping."""
-        self._reset(self._keyframe)
+        self._reset(self._read_keyframe())
         self._requests.is_paused = False
         return super().on_activate(state)
 
@@ -394,7 +394,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _set_shared_ctrl(self, ctrl: Iterable[float]) -> None:
         """Apply controls at the next step, or reject and log them.
 
-        For subclasses whose `apply_control` computes them from a message of any type.
+        For subclasses whose `apply_control` computes them from a message of any type. A message
+        whose controls are rejected does not count as a command.
 
         Args:
             ctrl: one number per actuator of the model.
@@ -402,6 +403,16 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if self._inbox is not None:
             self._inbox.put(ctrl)
             self._log_rejections(self._inbox)
+
+    def push_body(
+        self, body: int, force: Sequence[float], duration_s: float, torque: Sequence[float]
+    ) -> None:
+        """Push a body during the next steps, as `Simulation.push` does.
+
+        Raises:
+            ObeliskError: the node is not configured.
+        """
+        self._configured().push(body, force, duration_s, torque)
 
     def _configured(self) -> Simulation:
         if self._simulation is None:
@@ -432,8 +443,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _reset_to_parameter(self) -> StepResult:
         """Reset to the keyframe in the current value of `ic_keyframe`."""
+        return self._reset_and_show(self._read_keyframe())
+
+    def _read_keyframe(self) -> str | None:
+        """The keyframe in the current value of `ic_keyframe`, otherwise the one in use."""
         self._keyframe = str(self.get_parameter(KEYFRAME).value) or self._keyframe
-        return self._reset_and_show(self._keyframe)
+        return self._keyframe
 
     def _reset_and_show(self, keyframe: str | None) -> StepResult:
         assert self._stepper is not None
@@ -529,6 +544,16 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _rejection_of(self, _control_msg: ObeliskControlMsg) -> None:
         """Accept everything here, because the inbox checks the fields that the simulation reads."""
+
+    def _applies(self, control_msg: ObeliskControlMsg) -> bool:
+        """Apply a command; false if `apply_control` or the inbox rejects it.
+
+        A subclass's `apply_control` may ignore that the inbox has rejected what it passed on.
+        """
+        inbox = self._inbox
+        assert inbox is not None
+        inbox.has_rejected = False
+        return super()._applies(control_msg) and not inbox.has_rejected
 
     def _lasting_rejection(self) -> LastingRejection | None:
         return None if self._inbox is None else self._inbox.lasting_rejection()

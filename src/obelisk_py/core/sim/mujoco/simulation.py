@@ -51,11 +51,11 @@ class DivergenceError(ObeliskError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Push:
-    """A force on a body."""
+    """A force and a torque on a body."""
 
     body: int
-    force: NDArray[np.float64]
-    """At the center of mass, in the world frame [N], shape (3,)."""
+    wrench: NDArray[np.float64]
+    """Force at the center of mass [N] and torque [N m], in the world frame, shape (6,)."""
     last_step: int
 
 
@@ -111,16 +111,24 @@ class Simulation:
         self.time_ns = self._start_ns = round(self.data.time * NS_PER_S)
         self._warnings.restart()
 
-    def push(self, body: int, force: Sequence[float], duration_s: float) -> None:
+    def push(
+        self,
+        body: int,
+        force: Sequence[float],
+        duration_s: float,
+        torque: Sequence[float] = (0.0, 0.0, 0.0),
+    ) -> None:
         """Push a body during the next steps; pushes of one body add up.
 
         Args:
             body: index of the body.
             force: at the center of mass, in the world frame [N], shape (3,).
             duration_s: simulated time, rounded up to steps [s].
+            torque: in the world frame [N m], shape (3,).
         """
+        wrench = np.array([*force, *torque], float)
         last_step = self.steps + whole_steps(duration_s, self.step_s)
-        self._pushes.append(_Push(body=body, force=np.array(force), last_step=last_step))
+        self._pushes.append(_Push(body=body, wrench=wrench, last_step=last_step))
 
     def advance(self, count: int = 1) -> tuple[str, ...]:
         """Take `count` steps with the latest control; a torque law is evaluated for each step.
@@ -154,7 +162,7 @@ class Simulation:
             forces[push.body] = 0.0
         self._pushes = [push for push in self._pushes if self.steps < push.last_step]
         for push in self._pushes:
-            forces[push.body, :3] += push.force
+            forces[push.body] += push.wrench
 
     def _step(self, count: int) -> None:
         if self._split:
