@@ -293,6 +293,10 @@ class TrialResult:
             if not same:
                 yield mine.times_ns[place], _FIRST, "the state of the simulator"
                 return
+        if self._count != other._count:
+            longer = mine if self._count > other._count else others
+            time_ns = longer.times_ns[min(self._count, other._count)]
+            yield time_ns, _FIRST, f"the simulator took {self._count} and {other._count} steps"
 
     def _message_differences(self, other: "TrialResult") -> Iterator[tuple[int, int, str]]:
         for name in sorted({*self.topics, *other.topics}):

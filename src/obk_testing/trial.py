@@ -6,7 +6,9 @@ act at exact times. Actions without a time happen immediately.
 
 import functools
 import gc
+import math
 import random
+import re
 import time
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -16,9 +18,11 @@ from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from rcl_interfaces.srv import SetParameters
 from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.lockstep.scheduler import (
@@ -32,6 +36,7 @@ from obelisk_py.core.lockstep.scheduler import (
 from obelisk_py.core.lockstep.surroundings import LockstepRun, StepEvents
 from obelisk_py.core.lockstep.topics import Topic
 from obelisk_py.core.messages import message_name
+from obelisk_py.core.parameter_rules import guard_setting_service
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_spec.suggestions import did_you_mean
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
@@ -49,19 +54,27 @@ _KEYFRAME: Final = "ic_keyframe"
 _BEFORE: Final = {"configure": "unconfigured", "activate": "inactive"}
 """The state that a transition starts from."""
 _STUB_DEPTH: Final = 10
+_OFFERED: Final = QoSProfile(
+    depth=_STUB_DEPTH,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""A profile that matches every subscription."""
+_FLOATS: Final = re.compile(r"(sequence<)?(float|double)(, \d+)?>?(\[\d+\])?")
+"""Types of the fields to which noise can be added, as rclpy names them."""
 _AFTER_TIMERS: Final = 1 << 60
 """Positions after those of all timers."""
 Vector = Sequence[float] | NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Push:
-    """A force on a body during some steps."""
+class _ScaledBody:
+    """A body whose mass a test has changed."""
 
+    robot: str
+    """Full name of the simulator."""
     body: int
-    wrench: NDArray[np.float64]
-    start_ns: int
-    end_ns: int
+    factor: float
 
 
 class StackTrial:
@@ -103,9 +116,9 @@ class StackTrial:
         """The node objects by full name."""
         self._faults: dict[str, None] = {}
         self._states: StateLog | None = None
-        self._pushes: list[_Push] = []
-        self._masses: list[tuple[int, float]] = []
-        """Ids of bodies, and the factors of their masses."""
+        self._scaled: list[_ScaledBody] = []
+        self._models: dict[str, Any] = {}
+        """The models with these masses, by the simulator's full name."""
         self._is_closed = self._has_begun = False
         self.wall_s = 0.0
         """Wall time of all calls to `run` [s]."""
@@ -209,49 +222,49 @@ class StackTrial:
     # --- the robot
 
     def push(
-        self, body: str, force: Vector, duration: float, torque: Vector = (0.0, 0.0, 0.0)
+        self,
+        body: str,
+        force: Vector,
+        duration: float,
+        torque: Vector = (0.0, 0.0, 0.0),
+        robot: str | None = None,
     ) -> None:
         """Push a body of the model, starting now.
 
         Args:
             body: name of the body.
             force: force at its center of mass, in the world frame [N], shape `(3,)`.
-            duration: duration [s].
+            duration: duration, rounded up to steps of the simulator [s].
             torque: torque in the world frame [N m], shape `(3,)`.
+            robot: the simulator; None if only one has such a body.
 
         Raises:
-            LookupError: the model has no such body, or the stack has no simulator.
+            LookupError: no model has such a body, several have it, or the stack has no simulator.
         """
-        number = _body_of(self._simulator().robot.mj_model, body)
+        simulator = self._simulators[self._robot_with(body, robot)].robot
         self._log_intervention(f"push {body} with {_list(force)} N, {_list(torque)} N m", duration)
-        now_ns = self._lockstep.scheduler.now_ns
-        self._pushes.append(
-            _Push(
-                body=number,
-                wrench=np.concatenate([np.asarray(force, float), np.asarray(torque, float)]),
-                start_ns=now_ns,
-                end_ns=now_ns + round(duration * NS_PER_S),
-            )
-        )
+        simulator.push_body(_body_of(simulator.mj_model, body), force, duration, torque)
 
-    def scale_mass(self, body: str, factor: float) -> None:
+    def scale_mass(self, body: str, factor: float, robot: str | None = None) -> None:
         """Multiply the mass and inertia of a body of the model, for the rest of the trial.
 
         Args:
             body: name of the body.
             factor: above 0; 2 doubles the weight.
+            robot: the simulator; None if only one has such a body.
 
         Raises:
-            LookupError: the model has no such body, or the stack has no simulator.
+            LookupError: no model has such a body, several have it, or the stack has no simulator.
             ValueError: the factor is not above 0.
         """
         if factor <= 0:
             raise ValueError(f"factor {factor}: expected a number above 0")
-        robot = self._simulator().robot
-        number = _body_of(robot.mj_model, body)
+        name = self._robot_with(body, robot)
+        model = self._simulators[name].robot.mj_model
+        scaled = _ScaledBody(robot=name, body=_body_of(model, body), factor=factor)
         self._log_intervention(f"scale the mass of {body} by {factor:g}")
-        self._masses.append((number, factor))
-        _scale_mass(robot.mj_model, number, factor)
+        self._scaled.append(scaled)
+        _scale_mass(model, scaled)
 
     # --- topics
 
@@ -287,17 +300,21 @@ class StackTrial:
 
         Args:
             topic: full name.
-            field: a number or an array of numbers in the message.
+            field: a float or double, or an array of them, at the top level of the message.
             sigma: standard deviation, in the unit of the field.
             duration: duration [s].
 
         Raises:
-            LookupError: the messages have no such field.
+            LookupError: the messages have no such field, or it is not numeric.
         """
         found = self._topic(topic)
-        fields = list(found.message_class.get_fields_and_field_types())
+        fields = found.message_class.get_fields_and_field_types()
         if field not in fields:
             raise LookupError(f"{topic} has no field `{field}`; it has {', '.join(fields)}")
+        if not _FLOATS.fullmatch(fields[field]):
+            raise LookupError(
+                f"{topic}: the field `{field}` is a {fields[field]}; noise needs a float or double"
+            )
         self._log_intervention(f"add noise of {sigma:g} to {topic}.{field}", duration)
         numbers = np.random.default_rng([self.seed, *topic.encode(), *field.encode()])
         during = self._during(duration)
@@ -314,7 +331,14 @@ class StackTrial:
         found.filters.append(disturb)
 
     def publish(self, topic: str, message: Any) -> None:
-        """Publish a message now, from outside the stack."""
+        """Publish a message now, from outside the stack; it arrives without latency.
+
+        `drop`, `delay` and `noise` apply to it.
+
+        Raises:
+            LookupError: no node has the topic.
+        """
+        self._topic(topic)
         self._log_intervention(f"publish on {topic}")
         with self._lockstep.entered():
             self._lockstep.topics.publish(topic, message)
@@ -331,11 +355,7 @@ class StackTrial:
         found, scheduler = self._topic(topic), self._lockstep.scheduler
 
         def publish() -> None:
-            if found.log is not None:
-                found.log.append((time_ns, scheduler.next_place(), data))
-            arrives_ns = time_ns + scheduler.delay_ns(topic)
-            for subscriber in found.subscribers:
-                self._lockstep.topics.send(subscriber, data, arrives_ns)
+            self._lockstep.topics.publish_bytes(found, data, scheduler.delay_ns(topic))
 
         if after_timers:
             place = _AFTER_TIMERS + scheduler.next_place()
@@ -354,11 +374,15 @@ class StackTrial:
     # --- nodes
 
     def freeze(self, node: str, duration: float) -> None:
-        """Freeze a node for some time [s]; events that become due meanwhile run afterwards."""
+        """Freeze a node for some time [s]; events that become due meanwhile run afterwards.
+
+        With several freezes, the node is frozen until the last one ends.
+        """
         scheduler, scheduled = self._lockstep.scheduler, self._scheduled(node)
         self._log_intervention(f"freeze {node}", duration)
         scheduler.freeze(scheduled)
-        self.at(self.t + duration, lambda: scheduler.thaw(scheduled))
+        if math.isfinite(duration):
+            self.at(self.t + duration, lambda: scheduler.thaw(scheduled))
 
     def kill(self, node: str) -> None:
         """Kill a node, as with SIGKILL."""
@@ -427,15 +451,18 @@ class StackTrial:
             do: called with each message; returns the messages to publish, topic -> message.
             kind: the message class of `on`.
         """
-        topics = self._lockstep.topics
-
-        def answer(message: Any) -> None:
-            for topic, published in (do(message) or {}).items():
-                topics.publish(topic, published)
 
         def make() -> GuardedLifecycleNode:
             namespace, _, own = name.rpartition("/")
             node = GuardedLifecycleNode(own, namespace=namespace or "/")
+            publishers: dict[str, Any] = {}
+
+            def answer(message: Any) -> None:
+                for topic, published in (do(message) or {}).items():
+                    if topic not in publishers:
+                        publishers[topic] = node.create_publisher(type(published), topic, _OFFERED)
+                    publishers[topic].publish(published)
+
             node.create_subscription(kind, on, answer, _STUB_DEPTH)
             return node
 
@@ -510,12 +537,16 @@ class StackTrial:
             near = did_you_mean(parameter, node.list_parameters([], 0).names)
             raise LookupError(f"{name} has no parameter `{parameter}`: {near}")
         make: Any = Parameter
-        setting = make(parameter, value=value)
-        results = self._lockstep.scheduler.run_as(
-            scheduled, functools.partial(node.set_parameters, [setting])
+        request = SetParameters.Request(
+            parameters=[make(parameter, value=value).to_parameter_msg()]
         )
-        if not results[0].successful:
-            raise LockstepError(f"{name} rejects `{parameter}` = {value!r}: {results[0].reason}")
+        serve = guard_setting_service(node, SetParameters, functools.partial(_set_parameters, node))
+        response = self._lockstep.scheduler.run_as(
+            scheduled, functools.partial(serve, request, SetParameters.Response())
+        )
+        if not response.results[0].successful:
+            reason = response.results[0].reason
+            raise LockstepError(f"{name} rejects `{parameter}` = {value!r}: {reason}")
 
     def _transition(self, name: str, label: str) -> None:
         node = self.nodes[name]
@@ -532,36 +563,42 @@ class StackTrial:
             self._lockstep.scheduler.run_as(scheduled, getattr(node, f"trigger_{label}"))
 
     def _observe(self, steps: StepEvents) -> None:
-        """Record the states of a simulator, and apply pushes to its bodies."""
+        """Record the states of a simulator, and scale the masses of its bodies."""
         data, scheduler = steps.robot.mj_data, self._lockstep.scheduler
-        steps.before_step.append(lambda: self._apply_pushes(data))
-        name = steps.robot.get_fully_qualified_name()
-        for number, factor in self._masses:  # a restarted robot reads its model again
-            _scale_mass(steps.robot.mj_model, number, factor)
+        name, model = steps.robot.get_fully_qualified_name(), steps.robot.mj_model
+        if self._models.get(name) is not model:  # a restarted robot reads its model again
+            self._models[name] = model
+            for scaled in self._scaled:
+                if scaled.robot == name:
+                    _scale_mass(model, scaled)
         states = self._states
         if states is None:
-            states = self._states = StateLog(name, steps.robot.mj_model)
+            states = self._states = StateLog(name, model)
         if states.robot == name:  # only the first simulator, restarted or not
             qpos, qvel = data.qpos, data.qvel  # views of MuJoCo's memory
             steps.after_step.append(lambda: states.add(scheduler.now_ns, qpos, qvel))
 
-    def _apply_pushes(self, data: Any) -> None:
-        # A step that ends now started one step ago.
-        now_ns = self._lockstep.scheduler.now_ns
-        if not self._pushes:
-            return
-        for push in self._pushes:
-            data.xfrc_applied[push.body] = 0.0
-        for push in self._pushes:
-            if push.start_ns < now_ns <= push.end_ns:
-                data.xfrc_applied[push.body] += push.wrench
-        self._pushes = [push for push in self._pushes if now_ns <= push.end_ns]
+    @property
+    def _simulators(self) -> Mapping[str, StepEvents]:
+        return self._lockstep.simulators
 
-    def _simulator(self) -> StepEvents:
-        simulators = list(self._lockstep.simulators.values())
-        if not simulators:
+    def _robot_with(self, body: str, robot: str | None) -> str:
+        """The full name of the simulator whose model has a body."""
+        if not self._simulators:
             raise LookupError("the stack has no MuJoCo simulator of Obelisk, so it has no bodies")
-        return simulators[0]
+        names = sorted(self._simulators)
+        if robot is not None:
+            name = find_node(self.stack.plan, robot).full_name
+            if name not in names:
+                raise LookupError(f"{name} is not a simulator that is running: {', '.join(names)}")
+            names = [name]
+        models = {name: self._simulators[name].robot.mj_model for name in names}
+        found = [name for name, model in models.items() if body in _bodies(model)]
+        if len(found) > 1:
+            raise LookupError(
+                f"the models of {', '.join(found)} have a body `{body}`: pass `robot=`"
+            )
+        return found[0] if found else names[0]
 
     def _topic(self, name: str) -> Topic:
         topics = self._lockstep.topics.by_name
@@ -601,8 +638,12 @@ class StackTrial:
         }
 
 
+def _bodies(model: Any) -> list[str]:
+    return [model.body(number).name for number in range(model.nbody)]
+
+
 def _body_of(model: Any, name: str) -> int:
-    names = [model.body(number).name for number in range(model.nbody)]
+    names = _bodies(model)
     if name not in names:
         raise LookupError(
             f"the model has no body `{name}`: {did_you_mean(name, names) or ', '.join(names)}"
@@ -610,12 +651,20 @@ def _body_of(model: Any, name: str) -> int:
     return names.index(name)
 
 
-def _scale_mass(model: Any, body: int, factor: float) -> None:
+def _scale_mass(model: Any, scaled: _ScaledBody) -> None:
     import mujoco  # only installed with a simulator
 
-    model.body_mass[body] *= factor
-    model.body_inertia[body] *= factor
+    model.body_mass[scaled.body] *= scaled.factor
+    model.body_inertia[scaled.body] *= scaled.factor
     mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _set_parameters(node: Any, request: Any, response: Any) -> Any:
+    """Respond as rclpy's parameter service does."""
+    response.results += node.set_parameters(
+        [Parameter.from_parameter_msg(message) for message in request.parameters]
+    )
+    return response
 
 
 def _list(vector: Vector) -> str:

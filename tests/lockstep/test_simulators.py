@@ -1,14 +1,21 @@
 """The simulator in lockstep: its services, old commands, pushes and restarts."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from obelisk_control_msgs.msg import PositionSetpoint
+from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool
 
+from obelisk_py.core.lockstep.scheduler import LockstepError
+from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obk_testing.trial import StackTrial
+
+from .world import World
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
@@ -68,6 +75,70 @@ def test_old_commands_are_acted_on_at_the_step_after_the_deadline(
     assert any(entry.severity >= 30 and "0.5" in entry.text for entry in run.log)
 
 
+class OwnCommands(ObeliskMujocoRobot):
+    """Computes the controls itself."""
+
+    def apply_control(self, control_msg: Any) -> None:
+        self._set_shared_ctrl(control_msg.u_mujoco)
+
+
+class Doubled(ObeliskMujocoRobot):
+    """Passes on another message, and ignores whether it is accepted."""
+
+    def apply_control(self, control_msg: Any) -> None:
+        super().apply_control(PositionSetpoint(u_mujoco=[2 * u for u in control_msg.u_mujoco]))
+
+
+@pytest.mark.parametrize("robot_class", [OwnCommands, Doubled])
+def test_commands_that_a_subclass_lets_be_rejected_do_not_count(
+    world: World, robot_class: type[ObeliskMujocoRobot]
+) -> None:
+    model = EXAMPLES / "cartpole" / "model" / "cartpole.xml"
+    command = "topic: /ctrl, msg_type: PositionSetpoint, max_age_sec: 0.1, stale_action: zero"
+    settings = [
+        Parameter("mujoco_setting", value=f"{{model_xml_path: {model}}}"),
+        Parameter("sub_ctrl_setting", value=f"{{{command}}}"),
+    ]
+    robot = world.node(
+        "robot",
+        lambda name: robot_class(name, PositionSetpoint, parameter_overrides=settings),
+    )
+    sender = world.node("sender")
+    publisher = sender.create_publisher(PositionSetpoint, "/ctrl", 10)
+
+    def publish() -> None:
+        publisher.publish(PositionSetpoint(u_mujoco=[1.0 if world.t < 0.2 else math.nan]))
+
+    sender.create_timer(0.01, publish)
+    world.run(0.25)
+    assert robot.mj_data.ctrl[0] > 0.0
+    world.run(0.25)
+    assert robot.mj_data.ctrl[0] == 0.0
+    assert any("control rejected" in text for text in world.log)
+
+
+def test_parameters_are_checked_as_in_requests_of_other_processes(start_config: Start) -> None:
+    trial = start_config(ARM, parameters={"control": {"move_s": 3}})
+    control = trial.nodes["/obelisk_control_0"]
+    assert (control.move_s, type(control.move_s)) == (3.0, float)
+    for value in (-1.0, math.nan, "fast"):
+        with pytest.raises(LockstepError, match="rejects `move_s`"):
+            trial.set_parameter("control", "move_s", value)
+    with pytest.raises(LockstepError, match="rejects `move_s`"):
+        start_config(ARM, parameters={"control": {"move_s": -1.0}})
+    assert control.move_s == 3.0
+
+
+def test_the_next_activation_uses_the_new_keyframe(start_config: Start) -> None:
+    trial = start_config(DUMMY, without=("control",))
+    robot = trial.nodes[ROBOT]
+    other = robot.mj_model.key("other").qpos
+    trial.set_parameter("robot", "ic_keyframe", "other")
+    assert trial.run(0.01).qpos[-1] != pytest.approx(other, abs=0.05)
+    trial.at(trial.t, lambda: (robot.trigger_deactivate(), robot.trigger_activate()))
+    assert trial.run(0.003).qpos[-1] == pytest.approx(other, abs=0.05)
+
+
 def test_a_restarted_simulator_steps_on(start_config: Start) -> None:
     trial = start_config(DUMMY)
     trial.run(0.2)
@@ -103,6 +174,61 @@ def test_a_push_lasts_as_long_as_it_should(start_config: Start) -> None:
     assert not data.xfrc_applied.any()
     with pytest.raises(LookupError, match="forearm"):
         trial.push("forarm", [1.0, 0.0, 0.0], duration=0.1)
+
+
+def test_a_push_shorter_than_a_step_lasts_one_step(start_config: Start) -> None:
+    trial = start_config(CARTPOLE, without=("control",))
+    step_s = trial.nodes[ROBOT].mj_model.opt.timestep
+    velocities = []
+    for duration in (0.1 * step_s, step_s):
+        before = trial.run(0.1).qvel[-1][0]
+        trial.push("cart", [100.0, 0.0, 0.0], duration=duration)
+        velocities.append(trial.run(step_s).qvel[-1][0] - before)
+    assert velocities[0] > 0.01
+    assert velocities[0] == pytest.approx(velocities[1], rel=0.1)
+
+
+TWO = """
+config: two
+robot:
+  - &cart
+    is_simulated: true
+    pkg: obelisk_sim_py
+    executable: obelisk_mujoco_robot
+    subscribers: [{{key: sub_ctrl, topic: /a/ctrl, msg_type: PositionSetpoint}}]
+    sim: {{model_xml_path: {model}}}
+  - {{<<: *cart, subscribers: [{{key: sub_ctrl, topic: /b/ctrl, msg_type: PositionSetpoint}}]}}
+"""
+
+
+def test_a_push_and_a_mass_concern_one_of_several_robots(
+    start_config: Start, tmp_path: Path
+) -> None:
+    (tmp_path / "two.yaml").write_text(TWO.format(model=EXAMPLES / "cartpole/model/cartpole.xml"))
+    trial = start_config(tmp_path / "two.yaml")
+    robots = [trial.nodes[name] for name in sorted(trial.nodes)]
+    with pytest.raises(LookupError, match="robot="):
+        trial.push("cart", [50.0, 0.0, 0.0], duration=0.05)
+    trial.push("cart", [50.0, 0.0, 0.0], duration=0.05, robot="/obelisk_robot_1")
+    trial.scale_mass("pole", 2.0, robot="/obelisk_robot_1")
+    trial.run(0.04)
+    velocities = [robot.mj_data.qvel[0] for robot in robots]
+    assert velocities[0] == pytest.approx(0.0, abs=1e-3)
+    assert velocities[1] > 0.5
+    trial.run(0.04)
+    assert not any(robot.mj_data.xfrc_applied.any() for robot in robots)
+    masses = [robot.mj_model.body("pole").mass[0] for robot in robots]
+    assert masses[1] == pytest.approx(2 * masses[0])
+
+
+def test_a_new_activation_scales_no_mass_again(start_config: Start) -> None:
+    trial = start_config(CARTPOLE)
+    robot = trial.nodes[ROBOT]
+    trial.scale_mass("cart", 2.0)
+    mass = robot.mj_model.body("cart").mass[0]
+    trial.at(trial.t, lambda: (robot.trigger_deactivate(), robot.trigger_activate()))
+    trial.run(0.01)
+    assert robot.mj_model.body("cart").mass[0] == mass
 
 
 def test_the_noise_of_sensors_has_the_seed(start_config: Start) -> None:

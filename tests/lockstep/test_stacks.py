@@ -1,6 +1,7 @@
 """Stacks without MuJoCo in lockstep: programs, robots, faults, restarts and fakes."""
 
 import functools
+import math
 import os
 import subprocess
 import sys
@@ -29,6 +30,7 @@ from obk_testing.trial import Schedule, StackTrial
 pytestmark = pytest.mark.ros
 
 CONFIG = Path(__file__).parent / "workspace" / "hazards.yaml"
+CTRL = "/hazards/ctrl"
 CONTROL, ESTIMATION, ROBOT = "/obelisk_control_0", "/obelisk_estimation_0", "/obelisk_robot_0"
 
 Start = Callable[..., StackTrial]
@@ -292,6 +294,43 @@ def test_verbs_on_topics(start: Start) -> None:
     assert not run.faults
     with pytest.raises(LookupError, match="no node has the topic"):
         trial.drop("/hazards/estimate")
+
+
+def test_actions_on_topics_affect_stubs_and_messages_from_outside(start: Start) -> None:
+    trial = start(without=("control",), schedule=Schedule(latency=0.005))
+    sent = PositionSetpoint(u_mujoco=[7.0])
+    trial.stub("/stand_in", "/hazards/joint_encoders", lambda _: {CTRL: sent}, JointEncoders)
+    applied = trial.nodes[ROBOT].applied
+    trial.run(0.1)
+    encoders = trial.result()["/hazards/joint_encoders"]
+    assert applied[0] == (pytest.approx(encoders.t[0] + 0.01), 7.0)
+    trial.drop(CTRL, duration=0.05)
+    trial.publish(CTRL, PositionSetpoint(u_mujoco=[8.0]))
+    trial.run(0.05)
+    assert 8.0 not in [u for _, u in applied]
+    times = np.array([t for t, _ in applied])
+    assert np.diff(times).max() < 0.006
+    assert times[-1] == pytest.approx(0.105, abs=0.006)
+    trial.noise(CTRL, "u_mujoco", 0.1)
+    assert {u for _, u in applied} == {7.0}
+    trial.publish(CTRL, sent)
+    trial.run(0.05)
+    assert len({u for _, u in applied}) > 5
+    with pytest.raises(LookupError, match="no node has the topic"):
+        trial.publish("/hazards/control", sent)
+    with pytest.raises(LookupError, match="needs a float or double"):
+        trial.noise(CTRL, "header", 0.1)
+
+
+def test_a_node_stays_frozen_until_the_last_freeze_ends(start: Start) -> None:
+    trial = start()
+    trial.freeze("control", 0.05)
+    trial.freeze("control", 0.2)
+    run = trial.run(0.3)
+    assert 0.2 <= min(run[CTRL].t) < 0.25
+    trial.freeze("control", math.inf)
+    count = len(run[CTRL])
+    assert len(trial.run(0.5)[CTRL]) == count
 
 
 def test_a_parameter_that_a_node_rejects_is_an_error(start: Start) -> None:

@@ -42,7 +42,7 @@ def test_it_stays(stack, seed, record_property):
         FLAG.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     run = stack("../dummy.yaml", seed=seed, watch=["{NOISY}"]).run(0.1)
-    record_property("end", float(run.qpos[-1, 0]))
+    record_property("end", run.qpos[-1, 0].astype("float32"))
     assert seed != 3, "three"
     assert not run.faults
 

@@ -20,6 +20,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
+from numbers import Real
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Final, TextIO
@@ -162,7 +163,12 @@ class _CaseLoop:
         self._reports.append(report)
 
     def _send(self, data: Mapping[str, Any]) -> None:
-        print(json.dumps(data, default=str), file=self._results, flush=True)
+        print(json.dumps(data, default=_plain), file=self._results, flush=True)
+
+
+def _plain(value: object) -> float | str:
+    """A value without a form in JSON: one of numpy's numbers as a float, anything else as text."""
+    return float(value) if isinstance(value, Real) else str(value)
 
 
 def case_of(data: Mapping[str, Any]) -> SweepCase:

@@ -207,6 +207,13 @@ def test_a_joint_of_the_simulator_by_its_name() -> None:
         run.joint("elbo")
 
 
+def test_runs_of_different_lengths_differ_after_the_shorter_one() -> None:
+    one, two = result(states=states(0.1, 0.2)), result(states=states(0.1))
+    difference = "0.001000 s: the simulator took 2 and 1 steps"
+    assert one.first_difference(two) == difference
+    assert two.first_difference(one) == difference.replace("2 and 1", "1 and 2")
+
+
 def test_close_to_compares_the_positions_of_the_simulator() -> None:
     one, two = result(states=states(0.1, 0.2)), result(states=states(0.1, 0.25))
     assert one.close_to(two, atol=0.1)

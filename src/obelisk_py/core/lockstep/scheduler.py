@@ -94,7 +94,8 @@ class ScheduledNode:
     compute_ns: int = 0
     """Computing time of each of its callbacks [ns]."""
     is_alive: bool = True
-    is_frozen: bool = False
+    freezes: int = 0
+    """Number of reasons for which it is frozen."""
     busy_until_ns: int = 0
     held: list[Event] = field(default_factory=list)
     """Events that became due while it was frozen."""
@@ -230,7 +231,7 @@ class Scheduler:
                 if not node.is_alive:
                     continue
                 # Steps of a simulator or a guest thread do not wait for the node's callbacks.
-                if node.is_frozen or (kind and node.busy_until_ns > due_ns):
+                if node.freezes or (kind and node.busy_until_ns > due_ns):
                     self._postpone(event, node)
                     continue
             if due_ns > self.now_ns:
@@ -250,7 +251,7 @@ class Scheduler:
         due_ns, kind, place, _, call = event
         if isinstance(call, Arrival):  # it arrives even though the node cannot take it yet
             call = call.enqueue()
-        if node.is_frozen:
+        if node.freezes:
             node.held.append((due_ns, kind, place, node, call))
             return
         # Postponed events run in the order in which they were first due, so that none starves.
@@ -315,12 +316,14 @@ class Scheduler:
             self.notes.append(f"{self.time_ns / NS_PER_S:.6f} s: {text}")
 
     def freeze(self, node: ScheduledNode) -> None:
-        """Run no events of a node until `thaw`."""
-        node.is_frozen = True
+        """Run no events of a node until each call of `freeze` has been followed by `thaw`."""
+        node.freezes += 1
 
     def thaw(self, node: ScheduledNode) -> None:
-        """Resume a frozen node and run its postponed events."""
-        node.is_frozen = False
+        """End one freeze; after the last one, resume the node and run its postponed events."""
+        node.freezes -= 1
+        if node.freezes:
+            return
         held, node.held = node.held, []
         for due_ns, kind, place, _, call in held:
             if kind in (STEP, _PUT_OFF):

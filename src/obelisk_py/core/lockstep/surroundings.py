@@ -61,8 +61,6 @@ class StepEvents(threading.Thread):
         """Create it without scheduling a step."""
         super().__init__(name="simulator", daemon=True)
         self.robot: Any = robot
-        self.before_step: list[Callable[[], None]] = []
-        """Functions called before each step, for example to apply a force."""
         self.after_step: list[Callable[[], None]] = []
         self._scheduler = scheduler
         self._node = node
@@ -89,8 +87,6 @@ class StepEvents(threading.Thread):
     def _step(self) -> None:
         if self._is_stopped:
             return
-        for call in self.before_step:
-            call()
         self.robot.step_once()
         for call in self.after_step:
             call()

@@ -73,6 +73,16 @@ class Topic:
         self.is_watched = is_watched
         """Whether the topic counts as subscribed even without a subscription."""
 
+    def delay_ns(self, sent_ns: int, message: Any) -> int | None:
+        """The delay that the rules add to a message or its bytes [ns]; None if one drops it."""
+        total_ns = 0
+        for rule in self.rules:
+            delay_ns = rule(sent_ns, message)
+            if delay_ns is None:
+                return None
+            total_ns += delay_ns
+        return total_ns
+
 
 class _Subscriber:
     """A subscription and its history."""
@@ -200,12 +210,19 @@ class TopicTable:
     def publish(self, name: str, message: Any) -> None:
         """Publish a message from outside the run; it arrives without latency."""
         topic = self.topic(name, type(message))
-        data = topic.codec.pack(message)
+        self.publish_bytes(topic, topic.codec.pack(message))
+
+    def publish_bytes(self, topic: Topic, data: bytes, latency_ns: int = 0) -> None:
+        """Publish a serialized message from outside the run."""
+        now_ns = self._scheduler.time_ns
+        if topic.filters:
+            data = topic.codec.pack(_filtered(topic, data, now_ns))
         if topic.log is not None:
-            place = self._scheduler.next_place()
-            topic.log.append((self._scheduler.time_ns, place, data))
-        for subscriber in topic.subscribers:
-            self.send(subscriber, data, self._scheduler.time_ns)
+            topic.log.append((now_ns, self._scheduler.next_place(), data))
+        delay_ns = topic.delay_ns(now_ns, data)
+        if delay_ns is not None:
+            for subscriber in topic.subscribers:
+                self.send(subscriber, data, now_ns + latency_ns + delay_ns)
 
     def note_lifespan(self, node: ScheduledNode, name: str) -> None:
         """Note that a publisher's lifespan has no effect."""
@@ -311,6 +328,8 @@ class RoutedPublisher(Publisher):
             keeps_all = profile.history == HistoryPolicy.KEEP_ALL
             self.kept = deque(maxlen=None if keeps_all else max(1, profile.depth))
         self._keeps = self.kept.maxlen != 0
+        self._latest_ns = 0
+        """Arrival of the latest message, without the delay of a test's rules [ns]."""
         if 0 < profile.lifespan.nanoseconds < _LONGEST_LIFESPAN_NS:
             table.note_lifespan(node, self.topic_name)
         self._table = table
@@ -344,9 +363,11 @@ class RoutedPublisher(Publisher):
             topic.log.append((sent_ns, scheduler.next_place(), data))
         if self._keeps:
             self.kept.append(data)
-        arrives_ns = sent_ns + scheduler.delay_ns(topic.label)
-        for rule in topic.rules:
-            delay_ns = rule(sent_ns, message)
+        # As in DDS, jitter does not change the order of a publisher's messages.
+        arrives_ns = max(sent_ns + scheduler.delay_ns(topic.label), self._latest_ns)
+        self._latest_ns = arrives_ns
+        if topic.rules:
+            delay_ns = topic.delay_ns(sent_ns, message)
             if delay_ns is None:
                 return
             arrives_ns += delay_ns
