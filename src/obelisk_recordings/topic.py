@@ -1,7 +1,7 @@
 """The messages of a recorded topic as arrays: by field, by joint, with times and units."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, Final
 
@@ -278,9 +278,9 @@ class RecordedTopic:
             return
         if not found:
             raise self._unknown(path)
-        every = [layout.columns for layout, _, _ in self.tables]
-        if not any(each[one].code for each in every for one in found if one in each):
-            raise RecordingError(f"{self.name}: `{path}` contains no numbers")
+        if not self._have_numbers(found):
+            where = f"{self.name}: `{path}`" if path else self.name
+            raise RecordingError(f"{where} contains no numbers")
         for one in found:
             columns = [table[0].columns[one] for table in self.tables if one in table[0].columns]
             if not columns[0].code:
@@ -292,6 +292,15 @@ class RecordedTopic:
             for place in range(max(column.count or 0 for column in columns)):
                 name = (names[place] if place < len(names) else "") or str(place)
                 yield RecordedSignal(self, one, place, f"{one}[{name}]")
+
+    @property
+    def has_numbers(self) -> bool:
+        """Whether a field contains numbers."""
+        return self._have_numbers(self.fields)
+
+    def _have_numbers(self, paths: Iterable[str]) -> bool:
+        every = [layout.columns for layout, _, _ in self.tables]
+        return any(each[path].code for each in every for path in paths if path in each)
 
     def unit(self, path: str, place: int | None = None) -> str:
         """Return the unit of a field, such as `rad/s`; empty if there is none, or several.

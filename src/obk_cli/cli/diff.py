@@ -37,8 +37,9 @@ def command(
     then compares the rate and jitter of each topic, rejected commands, and each numeric field.
     Jitter is the p99 deviation of intervals from their mean. For each numeric field, the command
     shows the RMS difference and the largest difference since the stack became active. The second
-    run is interpolated at the times of the first. For fields that do not differ, only their count
-    is shown.
+    run is interpolated at the times of the first. A number that only one run has, because the other
+    one has NaN or a shorter array, is a difference. For fields that do not differ, only their count
+    is shown. Text is not compared.
     """
     is_json = wants_json(format)
 
@@ -101,12 +102,13 @@ def _topic_rows(found: "RunComparison") -> Iterator[_Row]:
 
 def _signal_rows(found: "RunComparison") -> Iterator[_Row]:
     for signal in found.signals:
-        if signal.largest:
+        if signal.differs:
             unit = f" [{signal.unit}]" if signal.unit else ""
+            missing = [f"{count}x missing" if count else "" for count in signal.missing]
             yield (
                 f"{signal.topic}.{signal.signal}{unit}",
-                "",
-                "",
+                missing[0],
+                missing[1],
                 f"{signal.rms:.4g}",
                 f"{signal.largest:.4g}",
                 f"{signal.at_s:.3f}",
@@ -132,12 +134,14 @@ def _table(rows: list[_Row]) -> Iterator[str]:
 
 
 def _summary(found: "RunComparison") -> Iterator[str]:
-    differing = sum(1 for one in found.signals if one.largest)
+    differing = sum(1 for one in found.signals if one.differs)
     equal = len(found.signals) - differing
     if found.is_same:
-        yield f"only times differ: {with_number(equal, 'signal')} compared"
+        yield f"no number differs except times: {with_number(equal, 'signal')} compared"
     else:
         yield f"{differing} of {with_number(differing + equal, 'signal')} differ"
+    for topic in found.without_numbers:
+        yield f"note: {topic} is not compared, because it contains no numbers"
     if None in found.rejected_commands:
         yield (
             "note: rejected commands are counted only for recordings that are still in their run's "

@@ -76,12 +76,21 @@ class SignalDifference:
     """When the difference is largest [s since activation]."""
     count: int
     """Number of compared times."""
+    missing: tuple[int, int]
+    """Number of times at which only this run has no number, but NaN or a shorter array."""
     span: float
     """Maximum minus minimum in the first run, at these times."""
 
+    @property
+    def differs(self) -> bool:
+        """Whether a number differs or is missing in one run."""
+        return self.largest != 0.0 or any(self.missing)
+
     def is_within(self, tolerance: float) -> bool:
-        """Whether the RMS is at most this fraction of the span."""
-        return self.rms <= tolerance * self.span + _ROUNDING
+        """Whether the RMS is at most this fraction of the span, and as few numbers are missing."""
+        missing = sum(self.missing)
+        is_close = self.rms <= tolerance * self.span + _ROUNDING
+        return is_close and missing <= tolerance * (self.count + missing)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +103,8 @@ class RunComparison:
     parameters: tuple[Difference, ...]
     topics: tuple[TopicComparison, ...]
     signals: tuple[SignalDifference, ...]
+    without_numbers: tuple[str, ...]
+    """Topics with text only, which is not compared."""
     rejected_commands: tuple[int | None, int | None]
     """As logged by the robots, at most once per second; None if there is no log."""
 
@@ -101,7 +112,7 @@ class RunComparison:
     def is_same(self) -> bool:
         """Whether nothing differs except rates and times."""
         same_topics = all(one.same_definition and all(one.msg_type) for one in self.topics)
-        differs = any(one.largest != 0.0 for one in self.signals)
+        differs = any(one.differs for one in self.signals)
         return not (self.versions or self.config or self.parameters or differs) and same_topics
 
 
@@ -128,6 +139,7 @@ def compare_runs(
         parameters=parameters,
         topics=tuple(one.comparison() for one in topics),
         signals=tuple(row for one in topics for row in one.differences()),
+        without_numbers=tuple(one.name for one in topics if one.is_in_both and not one.sums),
         rejected_commands=(_rejected(first), _rejected(second)),
     )
 
@@ -209,12 +221,18 @@ class _Sums:
     largest: float = 0.0
     at_s: float = 0.0
     count: int = 0
+    missing: tuple[int, int] = (0, 0)
     low: float = np.inf
     high: float = -np.inf
 
     def add(self, times: Floats, values: Floats, others: Floats) -> None:
         differences = values - others
         known = ~np.isnan(differences)
+        absent = np.isnan(values), np.isnan(others)
+        self.missing = (
+            self.missing[0] + int((absent[0] & ~absent[1]).sum()),
+            self.missing[1] + int((absent[1] & ~absent[0]).sum()),
+        )
         if not known.any():
             return
         self.low = min(self.low, float(values[known].min()))
@@ -268,11 +286,8 @@ class _Topic:
             return
         at = times[0][chosen]
         order = np.argsort(times[1], kind="stable")  # messages are in order of receipt
-        known = {(one.path, one.place) for one in seconds[0].signals() if not _is_time(one)}
-        for path, group in groupby(firsts[0].signals(), key=lambda one: one.path):
-            signals = [one for one in group if (path, one.place) in known]
-            if not signals:
-                continue
+        for path, group in groupby(_numbers_in([*firsts, *seconds]), key=lambda one: one.path):
+            signals = list(group)
             width = 1 + max(one.place or 0 for one in signals)
             mine, theirs = (
                 _joined([part.matrix(path, width) for part in parts]) for parts in (firsts, seconds)
@@ -281,7 +296,7 @@ class _Topic:
             for signal in signals:
                 place = signal.place or 0
                 sums = self.sums.setdefault((path, signal.place), _Sums(signal.label, signal.unit))
-                others = np.interp(at, times[1][order], theirs[:, place])
+                others = _interpolated(at, times[1][order], theirs[:, place])
                 sums.add(at, mine[:, place], others)
 
     def _trim(self) -> None:
@@ -305,17 +320,39 @@ class _Topic:
 
     def differences(self) -> Iterator[SignalDifference]:
         for sums in self.sums.values():
-            if sums.count:
+            if sums.count or any(sums.missing):
                 yield SignalDifference(
                     topic=self.name,
                     signal=sums.label,
                     unit=sums.unit,
-                    rms=float(np.sqrt(sums.square / sums.count)),
+                    rms=float(np.sqrt(sums.square / max(1, sums.count))),
                     largest=sums.largest,
                     at_s=sums.at_s,
                     count=sums.count,
-                    span=sums.high - sums.low,
+                    missing=sums.missing,
+                    span=sums.high - sums.low if sums.count else 0.0,
                 )
+
+
+def _numbers_in(parts: Sequence[RecordedTopic]) -> list[RecordedSignal]:
+    """All numbers in parts of a topic except times, those of a field together."""
+    found: dict[str, dict[int | None, RecordedSignal]] = {}
+    for part in parts:
+        for signal in part.signals() if part.has_numbers else ():
+            if not _is_time(signal):
+                found.setdefault(signal.path, {}).setdefault(signal.place, signal)
+    return [signal for places in found.values() for signal in places.values()]
+
+
+def _interpolated(at: Floats, times: Floats, values: Floats) -> Floats:
+    """Interpolate; next to NaN, only values at exactly these times are known."""
+    found = np.interp(at, times, values)
+    unknown = np.flatnonzero(np.isnan(found))
+    if len(unknown):
+        places = np.minimum(np.searchsorted(times, at[unknown]), len(times) - 1)
+        is_exact = times[places] == at[unknown]
+        found[unknown[is_exact]] = values[places[is_exact]]
+    return found
 
 
 def _is_time(signal: RecordedSignal) -> bool:

@@ -1,6 +1,7 @@
 """`obk diff`: two recordings that differ in known ways."""
 
 import json
+import math
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -34,6 +35,7 @@ def written(
     obk: str = "0.1.0",
     definition: str = DEFINITION,
     topic: str = "/arm/est",
+    width: int = 1,
 ) -> Path:
     """A number over time, starting with the first message."""
     with BagWriter(path) as writer:
@@ -41,7 +43,8 @@ def written(
         channel = writer.add_topic(topic, "demo_msgs/msg/Est", definition, {})
         for number in range(count):
             time_ns = start_ns + number * step_ns
-            data = struct.pack("<diId", q((time_ns - start_ns) * 1e-9), number, 1, 0.5)
+            value = q((time_ns - start_ns) * 1e-9)
+            data = struct.pack(f"<diI{width}d", value, number, width, *[0.5] * width)
             writer.add_message(channel, b"\0\1\0\0" + data, time_ns, time_ns, number)
     return path
 
@@ -71,10 +74,54 @@ def test_a_signal_is_compared_at_the_same_time_since_activation(tmp_path: Path) 
         largest=pytest.approx(0.7),
         at_s=pytest.approx(0.7),
         count=71,
+        missing=(0, 0),
         span=pytest.approx(1.4),
     )
     assert q.is_within(0.5)
     assert not q.is_within(0.2)
+
+
+def half_nan(t: float) -> float:
+    return 1.0 if t < 0.5 else math.nan
+
+
+def test_a_number_that_is_missing_in_one_run_is_a_difference(tmp_path: Path) -> None:
+    number = written(tmp_path / "a.mcap", lambda _: 1.0)
+    nan = written(tmp_path / "b.mcap", lambda _: math.nan)
+    half = written(tmp_path / "c.mcap", half_nan)
+    for first, second, missing in (
+        (number, nan, (0, 101)),
+        (nan, number, (101, 0)),
+        (half, number, (51, 0)),
+        (nan, half, (50, 0)),
+    ):
+        found = compared(first, second)
+        q = found.signals[0]
+        assert (q.signal, q.missing, q.largest) == ("q", missing, 0.0)
+        assert not found.is_same
+        assert not q.is_within(0.05)
+    for path in (nan, half):
+        assert compared(path, path).is_same
+
+
+def test_the_numbers_of_a_longer_array_are_missing_in_the_other_run(tmp_path: Path) -> None:
+    long = written(tmp_path / "a.mcap", np.sin, width=2)
+    for other, missing in (("b", 1), ("c", 0)):
+        found = compared(long, written(tmp_path / f"{other}.mcap", np.sin, width=missing))
+        assert not found.is_same
+        absent = [one.signal for one in found.signals if one.missing == (0, 101)]
+        assert absent == [f"w[{place}]" for place in range(missing, 2)]
+
+
+def test_topics_without_numbers_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        channel = writer.add_topic("/mode", "std_msgs/msg/String", "string data\n", {})
+        for number in range(3):
+            data = b"\0\1\0\0" + struct.pack("<I5s", 5, b"walk\0")
+            writer.add_message(channel, data, number, number, number)
+    found = compared(path, path)
+    assert (found.signals, found.without_numbers) == ((), ("/mode",))
 
 
 def test_parts_of_any_size_give_the_same_result(
