@@ -3,7 +3,8 @@
 import os
 import stat
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +21,7 @@ __all__ = [
     "read_bytes",
     "resource_folder",
     "unwritable",
+    "whole_file",
     "write_bytes",
     "write_text",
 ]
@@ -143,6 +145,29 @@ def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
         temporary.unlink(missing_ok=True)
         raise
     return True
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Write a file in parts, whole or not at all, with its folder.
+
+    Yields:
+        A path in the same folder, where nothing exists; the file there replaces `path` at the end.
+
+    Raises:
+        CommandFailedError: the folder or the file cannot be written; the old file is unchanged.
+    """
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{target.name}.{os.urandom(4).hex()}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield temporary
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise unwritable(path, error) from error
 
 
 def _copy_owner_and_mode(old: Path, new: Path) -> None:

@@ -19,6 +19,7 @@ from obelisk_py.core.messages import message_name
 from obelisk_py.core.serialization.codec import codec_for
 from obelisk_recordings.run import open_run
 from obk_cli.emit.json import emit_plan
+from obk_cli.files import whole_file
 from obk_cli.optional_deps import run_versions
 from obk_cli.record.mcap_writer import BagWriter
 from obk_cli.record.recorder import installed_definition, schema_text
@@ -35,7 +36,7 @@ Entry = tuple[int, int, int, bytes]
 
 
 def write_recording(path: Path, result: TrialResult, about: Mapping[str, str]) -> None:
-    """Write a trial, replacing an existing file.
+    """Write a trial; replaces the file, unless an error occurs.
 
     Args:
         path: path of the file.
@@ -45,9 +46,7 @@ def write_recording(path: Path, result: TrialResult, about: Mapping[str, str]) -
     Raises:
         CommandFailedError: the file cannot be written.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)
-    with BagWriter(path) as writer:
+    with whole_file(path) as temporary, BagWriter(temporary) as writer:
         writer.describe(_metadata(result, about), _attachments(result), 0)
         entries = [*_messages(writer, result), *_log(writer, result)]
         if result.states is not None:

@@ -146,6 +146,22 @@ def test_a_mistake_is_reported(recording: Path, words: tuple[object, ...], repor
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("mode", [(), ("--real-time",)])
+def test_the_output_replaces_no_recording_and_no_other_file(
+    recording: Path, tmp_path: Path, mode: tuple[str, ...]
+) -> None:
+    before, notes = recording.read_bytes(), tmp_path / "notes.txt"
+    notes.write_text("x")
+    (tmp_path / "link.mcap").symlink_to(recording)
+    for output in (recording, tmp_path / "link.mcap", notes, tmp_path):
+        into = ("--into", EXAMPLE, "--nodes", "estimation", *mode)
+        done = obk("play", recording, *into, "--output", output)
+        assert done.returncode == 2
+        assert f"--output {output}" in done.stderr
+    assert recording.read_bytes() == before
+    assert notes.read_text() == "x"
+
+
 @pytest.mark.mujoco
 def test_recorded_sensors_reproduce_the_recorded_estimates_exactly(tmp_path: Path) -> None:
     tests = tmp_path / "test_it.py"
@@ -168,6 +184,11 @@ def test_recorded_sensors_reproduce_the_recorded_estimates_exactly(tmp_path: Pat
     assert "first difference at" in done.stdout
     assert "/obelisk/dummy/est rate [Hz]" in done.stdout
     assert len(open_run(again)["est"]) == 500
+    below_a_file = ("--into", EXAMPLE, "--nodes", "estimation", "--output", tests / "x.mcap")
+    done = obk("play", recording, *below_a_file)
+    assert done.returncode == 1
+    assert "cannot be written" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.mujoco

@@ -66,7 +66,12 @@ def command(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Recording that --into writes."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Recording that --into writes; replaces only an earlier replay.",
+        ),
     ] = None,
     real_time: Annotated[
         bool,
@@ -130,6 +135,7 @@ def command(
     topics = [topic_named(name, run.topics) for name in topic or ()]
     if into is not None:
         target = output or Path(f"{run.name}_replay.mcap")
+        _require_replaceable(target, run)
         what = _replayed(run, into, nodes or (), set_, topics, target)
         if not real_time:
             raise typer.Exit(_replay(run, what))
@@ -144,6 +150,29 @@ def command(
         )
         return
     _publish(run, topics, rate, domain, timeout, may_move=allow_hardware)
+
+
+def _require_replaceable(path: Path, run: "RecordedRun") -> None:
+    """Allow the output to replace only an earlier replay, never the run itself.
+
+    Raises:
+        MisuseError: something else is there.
+    """
+    from obelisk_recordings.bag import RecordingError
+    from obelisk_recordings.run import open_run
+
+    if not path.exists():
+        return
+    if path.samefile(run.path):
+        raise MisuseError(f"`--output {path}` is the recording itself", help="choose another file")
+    try:
+        is_replay = path.is_file() and "replay" in open_run(path).metadata.get("obelisk", {})
+    except RecordingError:
+        is_replay = False
+    if not is_replay:
+        raise MisuseError(
+            f"`--output {path}` exists and is not a replay", help="choose another file"
+        )
 
 
 def _publish(

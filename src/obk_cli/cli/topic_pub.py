@@ -114,7 +114,7 @@ def _publish(
         seen, kind = topic_to_publish(participant, target, publication)
         data = require_fit(publication.message, kind, fields_of)
         if not publication.may_move:
-            refuse_robot_commands(seen, target)
+            refuse_robot_commands(seen, target, "--allow-foreign")
         publisher = RosPublisher(participant, seen, find_type(kind))
         wait_for_subscribers(
             participant, seen.name, kind, publication, lambda: publisher.subscribers
@@ -122,7 +122,7 @@ def _publish(
         publisher.wait_until_discovered(participant.topic(seen.name))
         # Nodes on other hosts may have been discovered only now.
         if not publication.may_move:
-            refuse_robot_commands(participant.topic(seen.name), target)
+            refuse_robot_commands(participant.topic(seen.name), target, "--allow-foreign")
         start, sent = time.monotonic(), 0
         while most is None or sent < most:
             publisher.until(start + sent / rate_hz)

@@ -113,8 +113,13 @@ def wait_for_subscribers(
         )
 
 
-def refuse_robot_commands(topic: TopicInfo, target: GraphTarget) -> None:
+def refuse_robot_commands(topic: TopicInfo, target: GraphTarget, option: str) -> None:
     """Reject a publication on a topic that a robot subscribes to.
+
+    Args:
+        topic: the topic.
+        target: the ROS domain and its running stacks.
+        option: the option of the command that allows it.
 
     Raises:
         CommandFailedError: a robot subscribes to the topic.
@@ -123,7 +128,7 @@ def refuse_robot_commands(topic: TopicInfo, target: GraphTarget) -> None:
         raise CommandFailedError(
             f"{topic.name} commands {list_names(robots)}, which is running in the ROS domain "
             f"{target.domain}",
-            help="to publish anyway, add `--allow-foreign`",
+            help=f"to publish anyway, add `{option}`",
         )
 
 

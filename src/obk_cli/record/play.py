@@ -131,7 +131,7 @@ def play(
 
         def refuse_robots() -> None:
             for topic in () if may_move else types:
-                refuse_robot_commands(participant.topic(topic), target)
+                refuse_robot_commands(participant.topic(topic), target, "--allow-hardware")
 
         refuse_robots()
         publishers = {

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from obelisk_recordings.chunks import messages_in_order
 from obelisk_recordings.run import RecordedRun
-from obk_cli.files import unwritable
+from obk_cli.files import whole_file
 from obk_cli.record.mcap_writer import BagWriter
 
 __all__ = ["rewrite"]
@@ -18,7 +18,7 @@ def rewrite(
     time_ns: Callable[[int], int],
     metadata: Mapping[str, Mapping[str, str]],
 ) -> None:
-    """Write a recording; replaces the file.
+    """Write a recording; replaces the file, unless an error occurs.
 
     Args:
         run: the source, copied with its attachments.
@@ -33,16 +33,12 @@ def rewrite(
     """
     definitions = {part.name: part.messages.definition for part in run.parts(topics)}
     types = {one.topic: one.msg_type for one in run.bag.topics if one.topic in topics}
-    try:
-        path.unlink(missing_ok=True)
-        with BagWriter(path) as writer:
-            writer.describe({**run.metadata, **metadata}, run.attachments, 0)
-            channels = {
-                name: writer.add_topic(name, kind, definitions.get(name, ""), {})
-                for name, kind in types.items()
-            }
-            for one in messages_in_order(run.path, topics):
-                times = time_ns(one.received_ns), time_ns(one.published_ns)
-                writer.add_message(channels[one.topic], one.data, *times, one.sequence)
-    except OSError as error:
-        raise unwritable(path, error) from error
+    with whole_file(path) as temporary, BagWriter(temporary) as writer:
+        writer.describe({**run.metadata, **metadata}, run.attachments, 0)
+        channels = {
+            name: writer.add_topic(name, kind, definitions.get(name, ""), {})
+            for name, kind in types.items()
+        }
+        for one in messages_in_order(run.path, topics):
+            times = time_ns(one.received_ns), time_ns(one.published_ns)
+            writer.add_message(channels[one.topic], one.data, *times, one.sequence)

@@ -10,11 +10,13 @@ from pathlib import Path
 import pytest
 
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
+from obk_cli.errors import CommandFailedError
 from obk_cli.files import (
     STANDARD_INPUT,
     STATE_MODE,
     read_bytes,
     unwritable,
+    whole_file,
     write_bytes,
     write_text,
 )
@@ -199,3 +201,24 @@ def test_a_disk_that_fails_at_the_end_leaves_only_the_old_file(
         write_bytes(path, b"new")
     assert list(tmp_path.iterdir()) == [path]
     assert path.read_bytes() == b"old"
+
+
+def test_a_file_is_written_in_parts_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "f"
+    with whole_file(path) as temporary:
+        temporary.write_text("one")
+        assert not path.exists()
+    (tmp_path / "link").symlink_to(path)
+    with whole_file(tmp_path / "link") as temporary:
+        temporary.write_text("two")
+    assert path.read_text() == "two"
+    with pytest.raises(ZeroDivisionError), whole_file(path) as temporary:
+        temporary.write_text("half")
+        raise ZeroDivisionError
+    with pytest.raises(CommandFailedError, match="it is a directory"), whole_file(tmp_path) as temp:
+        temp.write_text("x")
+    with pytest.raises(CommandFailedError, match="cannot be written"), whole_file(path / "x"):
+        pass
+    assert path.read_text() == "two"
+    assert sorted(tmp_path.rglob("*")) == [tmp_path / "link", path.parent, path]
+    assert not list(tmp_path.parent.glob(f".{tmp_path.name}.*"))
