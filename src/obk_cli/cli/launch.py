@@ -168,7 +168,7 @@ def command(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Hide the nodes' output.")] = False,
     format: Annotated[str, typer.Option(metavar="|".join(FORMATS), help="Output format.")] = "text",
-    keep: Annotated[int, typer.Option(help="Number of runs whose logs are kept.")] = 50,
+    keep: Annotated[int, typer.Option(help="Number of unrecorded runs to keep.")] = 50,
     build: Annotated[
         bool,
         typer.Option("--build/--no-build", help="Compile out-of-date message packages."),

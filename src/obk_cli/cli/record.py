@@ -56,9 +56,9 @@ def command(
     """Record topics of a running stack to an MCAP file that Foxglove and `ros2 bag` can read.
 
     By default, the command records the topics in the config of the running stack in this ROS
-    domain. The file starts with the compiled config and its hash, software versions and
-    parameters. Recording ends on Ctrl-C, on SIGTERM or after --duration. After a crash, the file is
-    readable except for the last 0.25 s.
+    domain. The file starts with the compiled config and its hash, software versions, and the
+    parameters with which the nodes were launched. Recording ends on Ctrl-C, on SIGTERM or after
+    --duration. After a crash, the file is readable except for the last 0.25 s.
     """
     require_positive("--duration", duration, "a number of seconds")
 

@@ -3,7 +3,7 @@
 Used by `obk param save` and `obk web`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from obelisk_spec.values import ParameterValue
@@ -17,6 +17,7 @@ from obk_cli.introspect.graph_source import open_graph, parameters_of
 from obk_cli.introspect.resolve import settle
 from obk_cli.introspect.target import GraphTarget
 from obk_cli.introspect.tuning import tunable
+from obk_cli.plan.plan import Plan
 from obk_cli.ros.parameters import NodeParameter
 from obk_cli.terminal import plain
 
@@ -66,10 +67,13 @@ def find_update(
         timeout_s: limit for each answer from a node [s].
 
     Raises:
-        CommandFailedError: none of its nodes is running, one does not answer, or a file cannot be
-            read.
+        CommandFailedError: none of its nodes is running, one runs another program or does not
+            answer, or a file cannot be read.
     """
-    declared = compile_config(config, options).config
+    outcome = compile_config(config, options)
+    declared = outcome.config
+    if outcome.plan is not None:
+        _require_same_programs(config, outcome.plan, target.plans)
     wanted = {
         node.full_name: frozenset(parameter.name for parameter in node.params)
         for node in (declared.nodes if declared else ())
@@ -93,6 +97,19 @@ def write_update(update: ConfigUpdate) -> None:
     """
     for file, text in update.files:
         write_edited(file, text)
+
+
+def _require_same_programs(config: str, plan: Plan, running: Iterable[Plan]) -> None:
+    """Reject the config of another stack; nodes have the same default names in every config."""
+    programs = {node.full_name: f"{node.package}/{node.executable}" for node in plan.nodes}
+    for node in (node for one in running for node in one.nodes):
+        program = f"{node.package}/{node.executable}"
+        if programs.get(node.full_name, program) != program:
+            raise CommandFailedError(
+                f"`{config}` is not the config of the running stack: {node.full_name} is "
+                f"{program}, but {programs[node.full_name]} in this config",
+                help="name the config that was launched",
+            )
 
 
 def _present_values(

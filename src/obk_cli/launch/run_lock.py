@@ -15,6 +15,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from obelisk_recordings.find import RECORDING
 from obk_cli.clock import local_time, wall_s
 from obk_cli.emit.json import emit_plan
 from obk_cli.errors import CommandFailedError, ObkError
@@ -216,7 +217,9 @@ def _end_launcher(folder: Path, other: Run) -> None:
 
 
 def _remove_old(parent: Path, keep: int) -> None:
-    for old in run_folders(parent)[max(keep, 1) :]:
+    """Remove all but the latest runs; those with a recording stay and do not count."""
+    without = [one for one in run_folders(parent) if not (one / RECORDING).exists()]
+    for old in without[max(keep, 1) :]:
         run = read_run(old)
         if run is None or not is_alive(run):
             shutil.rmtree(old, ignore_errors=True)

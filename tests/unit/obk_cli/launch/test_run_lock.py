@@ -175,9 +175,12 @@ def test_the_requested_number_of_runs_is_kept(tmp_path: Path) -> None:
         write_run(
             make_run_folder(tmp_path, "s", NOW.replace(minute=minute)), replace(RUN, ended=1.0)
         )
+    recorded = run_folders(tmp_path)[-1]
+    (recorded / "recording.mcap").touch()
     newest = claim_run(tmp_path, RUN, NOW.replace(year=2040), keep=2)
-    assert run_folders(tmp_path)[0] == newest
-    assert len(run_folders(tmp_path)) == 2
+    folders = run_folders(tmp_path)
+    assert (folders[0], folders[-1]) == (newest, recorded)
+    assert len(folders) == 3
 
 
 def test_a_claim_stores_the_config_of_the_run(tmp_path: Path) -> None:
