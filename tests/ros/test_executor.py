@@ -22,6 +22,8 @@ from .executor_world import DEADLINE_S, World, eventually, world
 
 pytestmark = pytest.mark.ros
 
+REENTRANT = ReentrantCallbackGroup()
+
 
 @pytest.fixture
 def one() -> Iterator[World]:
@@ -262,3 +264,28 @@ class _Waitable(Waitable):
 
     def add_to_wait_set(self, wait_set: Any) -> None:
         wait_set.add_guard_condition(self._guard.handle)
+
+
+def test_a_reentrant_callback_waits_for_an_exclusive_group_without_delaying_it() -> None:
+    with world(num_threads=2) as made:
+        server, node = made.node("server"), made.node()
+        server.create_service(
+            GetState, "state", lambda _, response: response, callback_group=REENTRANT
+        )
+        client = node.create_client(GetState, "state")  # in the node's exclusive group
+        beats: list[float] = []
+        node.create_timer(0.01, lambda: beats.append(time.monotonic()))
+        answers: list[Any] = []
+
+        def ask() -> None:
+            timer.cancel()
+            before = len(beats)
+            eventually(lambda: len(beats) > before + 5, "ticks during a reentrant callback")
+            while not answers:
+                with suppress(TimeoutError):  # the first response to a client may get lost
+                    answers.append(client.call(GetState.Request(), timeout_sec=2.0))
+
+        timer = node.create_timer(0.01, ask, callback_group=REENTRANT)
+        assert client.wait_for_service(DEADLINE_S)
+        made.run_until(lambda: answers, "the response")
+    assert answers[0] is not None

@@ -93,6 +93,15 @@ def test_a_timer_takes_a_new_period_and_may_cancel_and_reset_itself(one: World) 
     assert len(ticks) == 40
 
 
+def test_a_timer_without_a_period_is_called_again_and_again(one: World) -> None:
+    node = one.node()
+    ticks: list[int] = []
+    others: list[int] = []
+    node.create_timer(0.0, lambda: ticks.append(1))
+    node.create_timer(0.01, lambda: others.append(1))
+    one.run_until(lambda: len(ticks) > 100 and len(others) > 3, "many calls of both timers")
+
+
 def test_a_timer_that_another_thread_cancels_when_it_is_due_is_not_called(one: World) -> None:
     node = one.node()
     ticks: list[int] = []

@@ -186,7 +186,8 @@ class LiveParameters:
             end_s = time.monotonic() + longest_s
             self._apply()
             # A suspended coroutine may need this thread to continue, so never wait for one.
-            while any(isinstance(other, int) for other in self._running):
+            # A copy, because other threads add and remove callbacks without the lock.
+            while any(isinstance(other, int) for other in tuple(self._running)):
                 left_s = end_s - time.monotonic()
                 if not self._is_waiting or left_s <= 0:
                     break

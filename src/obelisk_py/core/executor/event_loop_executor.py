@@ -14,8 +14,9 @@ import time
 import weakref
 from collections.abc import Callable, Coroutine, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.context import Context
@@ -61,8 +62,8 @@ class EventLoopExecutor(Executor):
         """Create an executor without nodes.
 
         Args:
-            num_threads: at least 1; a mutually exclusive callback group runs on one of the threads,
-                a reentrant group on all of them.
+            num_threads: at least 1; if above 1, so many mutually exclusive callback groups run in
+                parallel, each on one thread, and so many callbacks of reentrant groups on others.
             context: None uses the default context.
 
         Raises:
@@ -255,6 +256,34 @@ def _wait_s(end_s: float) -> float:
     return min(max(0.0, end_s - time.monotonic()), _LONGEST_WAIT_S)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Roles:
+    """Which workers run what.
+
+    Reentrant callbacks have workers of their own, so they never delay an exclusive group, for whose
+    callbacks they may be waiting.
+    """
+
+    exclusive: tuple[Worker, ...]
+    """Run mutually exclusive callback groups; the first one belongs to the thread that spins."""
+    reentrant: tuple[Worker, ...]
+    """Run reentrant groups and tasks of the executor."""
+    reader: Worker
+    """Reads the sockets of reentrant subscriptions."""
+
+    @classmethod
+    def single(cls) -> Self:
+        """One worker for everything."""
+        worker = Worker()
+        return cls(exclusive=(worker,), reentrant=(worker,), reader=worker)
+
+    @classmethod
+    def parallel(cls, count: int) -> Self:
+        """`count` workers of either kind."""
+        first, second = (tuple(Worker() for _ in range(count)) for _ in range(2))
+        return cls(exclusive=first, reentrant=second, reader=Worker())
+
+
 class _WorkerPool:
     """The workers of an executor; the thread that spins runs the first one.
 
@@ -270,7 +299,8 @@ class _WorkerPool:
         """Create the workers without starting them.
 
         Args:
-            num_threads: number of workers.
+            num_threads: number of callbacks of exclusive groups, and of reentrant ones, that can
+                run in parallel.
             context: its shutdown interrupts the first worker.
             executor: the executor whose nodes the workers run.
         """
@@ -282,11 +312,12 @@ class _WorkerPool:
         self.task_queue = TaskQueue()
         self._is_closed = False
         self._executor = executor
-        self._workers = tuple(Worker() for _ in range(num_threads))
-        for worker in self._workers:
+        roles = _Roles.parallel(num_threads) if num_threads > 1 else _Roles.single()
+        self._workers = tuple(dict.fromkeys((*roles.exclusive, *roles.reentrant, roles.reader)))
+        for worker in roles.reentrant:
             worker.add(self.task_queue, shared=num_threads > 1)
         self._waitset = WaitSetThread(context, self._on_event)
-        self._registry = _HandlerRegistry(self._workers, self.task_queue, self._waitset, executor)
+        self._registry = _HandlerRegistry(roles, self.task_queue, self._waitset, executor)
         self._may_run = threading.Event()
         self._threads: tuple[threading.Thread, ...] = ()
         self._drain_lock = threading.Lock()
@@ -465,14 +496,15 @@ def _left_s(end_s: float | None) -> float | None:
 class _HandlerRegistry:
     """The handlers of all entities, kept in sync with the nodes.
 
-    A mutually exclusive callback group stays on one worker, so exclusion costs nothing. A reentrant
-    group runs on all workers. To retire a handler, the registry disables it immediately, removes it
-    from each worker on the worker's own thread, and closes it after the last removal.
+    A mutually exclusive callback group stays on one worker, so exclusion costs nothing. Reentrant
+    groups share other workers, if there are several. To retire a handler, the registry disables it
+    immediately, removes it from each worker on the worker's own thread, and closes it after the
+    last removal.
     """
 
     def __init__(
         self,
-        workers: Sequence[Worker],
+        roles: _Roles,
         task_queue: TaskQueue,
         waitset: WaitSetThread,
         executor: ExecutorReference,
@@ -483,7 +515,7 @@ class _HandlerRegistry:
         """Held while a worker gets or loses its thread, so that `update` sees a stable state."""
         self.simulated_timers: SimulatedTimers | None = None
         """None if the executor does not follow a clock page."""
-        self._workers = workers
+        self._roles = roles
         self._task_queue = task_queue
         self._waitset = waitset
         self._executor = executor
@@ -507,7 +539,7 @@ class _HandlerRegistry:
     def clear(self) -> None:
         """Remove every handler; call this only while no worker has a thread."""
         self.update(())
-        for worker in self._workers:
+        for worker in {worker for workers in self._retiring.values() for worker in workers}:
             self.release(worker)
 
     def release(self, worker: Worker) -> None:
@@ -532,12 +564,12 @@ class _HandlerRegistry:
         for worker in workers:
             worker.add(handler, shared=handler.is_shared)
         for source in handler.unshared_sources:
-            workers[0].add(source, shared=False)
+            self._reader_of(handler).add(source, shared=False)
         self._handlers[key] = handler
 
     def _retire(self, handler: EntityHandler) -> None:
         handler.disable()
-        workers = self._workers_of(handler.group)
+        workers = {*self._workers_of(handler.group), self._reader_of(handler)}
         self._retiring[handler] = set(workers)
         for worker in workers:
             if worker.thread_id in (None, threading.get_ident()):
@@ -559,14 +591,18 @@ class _HandlerRegistry:
 
     def _workers_of(self, group: CallbackGroup) -> Sequence[Worker]:
         if isinstance(group, ReentrantCallbackGroup):
-            return self._workers
+            return self._roles.reentrant
         return [self._worker_of(group)]
+
+    def _reader_of(self, handler: EntityHandler) -> Worker:
+        """Return the worker of a handler's unshared sources."""
+        return self._roles.reader if handler.is_shared else self._workers_of(handler.group)[0]
 
     def _worker_of(self, group: CallbackGroup) -> Worker:
         """Return a group's worker; a new group gets the worker with the fewest groups."""
         if group not in self._groups:
             taken = list(self._groups.values())
-            self._groups[group] = min(self._workers, key=taken.count)
+            self._groups[group] = min(self._roles.exclusive, key=taken.count)
         return self._groups[group]
 
     def _entities(self, nodes: Iterable[Any]) -> Iterator[tuple[Callable[..., EntityHandler], Any]]:

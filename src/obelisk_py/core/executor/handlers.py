@@ -461,6 +461,8 @@ class TimerHandler(TimerCallbackHandler):
         except RCLError:  # another thread has just canceled it
             return self._follow()
         self._call(worker)
-        if self._wakeup.is_outdated or handle.get_timer_period() != self._period_ns:
+        period_ns = handle.get_timer_period()
+        # The kernel repeats no timer with the period 0, which rcl calls whenever it can.
+        if not period_ns or self._wakeup.is_outdated or period_ns != self._period_ns:
             self._arm()
         return True
