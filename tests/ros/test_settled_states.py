@@ -103,6 +103,20 @@ def test_an_activate_that_fails_after_its_super_call_starts_nothing() -> None:
         assert_silent(node)
 
 
+@pytest.mark.parametrize(
+    ("answers", "forgets"), [({}, "on_activate"), ({"on_deactivate": FAILURE}, "")]
+)
+def test_every_publisher_of_an_active_node_publishes(answers: dict[str, Any], forgets: str) -> None:
+    with spun(lambda: Ticking(answers, forgets)) as node:
+        node.trigger_configure()
+        node.trigger_activate()
+        if answers:
+            node.trigger_deactivate()
+        assert node.state_label == "active"
+        assert all(publisher.is_activated for publisher in node.obk_publishers.values())
+        eventually(lambda: node.ticks, "ticks")
+
+
 def test_a_deactivate_without_its_super_call_stops_everything() -> None:
     with spun(lambda: Ticking(forgets="on_deactivate")) as node:
         node.trigger_configure()

@@ -18,6 +18,7 @@ from rclpy.callback_groups import (
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle.managed_entity import SimpleManagedEntity
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -265,6 +266,7 @@ class ObeliskNode(RateMonitoredNode):
     def _settle(self, state: str) -> None:
         super()._settle(state)
         if state == "active":
+            self._enable_publishers()
             self._start_components()
             return
         self._stop_components(LifecycleState(state_id=0, label=state))
@@ -274,6 +276,12 @@ class ObeliskNode(RateMonitoredNode):
             self.fail(
                 "it did not call super().on_configure(state), so it has no components", "configure"
             )
+
+    def _enable_publishers(self) -> None:
+        """Enable all publishers, in case a user's override did not, or disabled them and failed."""
+        for entity in self._managed_entities:
+            if isinstance(entity, SimpleManagedEntity) and not entity.is_activated:
+                entity.on_activate(LifecycleState(state_id=0, label="active"))
 
     def _start_components(self) -> None:
         for timer in self.obk_timers.values():
