@@ -155,6 +155,40 @@ def test_a_program_may_initialize_ros_before_it_calls_spin_obelisk(number: signa
     assert (returned, output) == (0, "deactivated\nshut down\n"), errors
 
 
+CHILDREN = """
+import multiprocessing, sys, time
+from obelisk_py.core.node import ObeliskNode
+from obelisk_py.core.utils.ros import spin_obelisk
+
+class Parent(ObeliskNode):
+    def __init__(self):
+        super().__init__("parent")
+        processes = multiprocessing.get_context("fork").Process
+        self.children = [processes(target=time.sleep, args=(60,), daemon=True) for _ in range(2)]
+        for child in self.children:
+            child.start()
+        self.started = self.create_timer(0.1, self.end_one)
+
+    def end_one(self):
+        self.started.cancel()
+        self.children[0].terminate()
+        self.children[0].join(30)
+        print("child", self.children[0].exitcode, flush=True)
+        self.create_timer(0.2, lambda: print("ready", flush=True))
+
+spin_obelisk([sys.argv[0]], Parent)
+"""
+
+
+def test_signals_to_children_of_a_node_and_to_the_node_concern_only_these() -> None:
+    process = start(CHILDREN)
+    assert process.stdout is not None
+    assert process.stdout.readline() == f"child {-signal.SIGTERM}\n"
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGINT)
+    assert ended(process) == (0, "", "")
+
+
 def test_only_the_spinning_thread_gets_short_time_slices() -> None:
     shortest_ns: list[int] = []
 

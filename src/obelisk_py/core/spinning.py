@@ -11,6 +11,7 @@ import fcntl
 import os
 import signal
 import threading
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -50,10 +51,15 @@ __all__ = [
 ]
 
 SHUTDOWN_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_STOP = b"\0"
+"""In the pipe of signal numbers: no more signals follow."""
 
 
 class ShutdownSignals:
-    """Calls back from a thread at the first signal; the second one terminates the process."""
+    """Calls back from a thread at the first signal; the second one terminates the process.
+
+    Signals to a forked child, such as one of `multiprocessing`, affect only the child.
+    """
 
     def __init__(self) -> None:
         self._on_signal: Callable[[], object] | None = None
@@ -67,14 +73,31 @@ class ShutdownSignals:
         self._old = {number: signal.signal(number, _ignore) for number in SHUTDOWN_SIGNALS}
         self._thread = threading.Thread(target=self._watch, name="end signals", daemon=True)
         self._thread.start()
+        self._is_active = True
+        os.register_at_fork(after_in_child=_in_child(weakref.ref(self)))
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._restore(self._old_fd)
+        # Not by closing this end: children may have copies of it.
+        os.write(self._write_fd, _STOP)
+        self._thread.join()
+        self._close()
+
+    def leave_in_child(self) -> None:
+        """Give up the signals in a forked process; it has copies of the descriptors."""
+        if self._is_active:
+            self._restore(-1)
+            self._close()
+
+    def _restore(self, wakeup_fd: int) -> None:
+        self._is_active = False
         for number, handler in self._old.items():
             signal.signal(number, handler)
-        signal.set_wakeup_fd(self._old_fd)
+        signal.set_wakeup_fd(wakeup_fd)
+
+    def _close(self) -> None:
         os.close(self._write_fd)
-        self._thread.join()
         os.close(self._read_fd)
 
     def call_back(self, on_signal: Callable[[], object]) -> None:
@@ -85,7 +108,7 @@ class ShutdownSignals:
                 on_signal()
 
     def _watch(self) -> None:
-        while number := os.read(self._read_fd, 1):
+        while (number := os.read(self._read_fd, 1)) != _STOP:
             if number[0] not in SHUTDOWN_SIGNALS:
                 continue
             with self._lock:
@@ -94,6 +117,17 @@ class ShutdownSignals:
                     os._exit(128 + number[0])
                 if self._on_signal is not None:
                     self._on_signal()
+
+
+def _in_child(signals: "weakref.ref[ShutdownSignals]") -> Callable[[], None]:
+    """The function to call after a fork; it cannot be unregistered, so it keeps nothing alive."""
+
+    def leave() -> None:
+        active = signals()
+        if active is not None:
+            active.leave_in_child()
+
+    return leave
 
 
 def _ignore(_number: int, _frame: FrameType | None) -> None:
