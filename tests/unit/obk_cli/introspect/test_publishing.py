@@ -127,10 +127,10 @@ def test_a_message_of_another_type_than_the_subscribers_is_rejected() -> None:
 
 def test_a_topic_with_a_robot_as_subscriber_is_rejected() -> None:
     look = Look((ROBOT, "pkg/msg/State"))
-    refuse_robot_commands(look.topic("/arm/state"), place())
+    refuse_robot_commands(look.topic("/arm/state"), place(), "--allow-foreign")
     look.looks = 1
     with pytest.raises(CommandFailedError, match=f"/arm/state commands `{ROBOT}`"):
-        refuse_robot_commands(look.topic("/arm/state"), place())
+        refuse_robot_commands(look.topic("/arm/state"), place(), "--allow-foreign")
 
 
 def test_the_robots_of_every_stack_here_count_before_they_subscribe(
@@ -140,6 +140,6 @@ def test_the_robots_of_every_stack_here_count_before_they_subscribe(
     plans = {"a": Plan(name="a", nodes=()), "b": Plan(name="b", nodes=(robot,))}
     monkeypatch.setattr("obk_cli.introspect.target.plan_of_run", lambda folder: plans[folder.name])
     topic = Look().topic("/arm/state")
-    refuse_robot_commands(topic, place("a"))
+    refuse_robot_commands(topic, place("a"), "--allow-foreign")
     with pytest.raises(CommandFailedError, match="/arm/state commands `/r`"):
-        refuse_robot_commands(topic, place("a", "b"))
+        refuse_robot_commands(topic, place("a", "b"), "--allow-foreign")
