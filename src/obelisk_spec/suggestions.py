@@ -1,6 +1,7 @@
 """Suggest existing names for an unknown one ("did you mean"), and format names for messages."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -96,7 +97,8 @@ def ask_for(meant: Iterable[str]) -> str | None:
 def sure_name(name: str, known: Iterable[str]) -> str | None:
     """Return the only known name that `name` can be a typo of; None if ambiguous.
 
-    One or two letters may be wrong, but never a number or a whole part: `l_knee` is not `r_knee`.
+    One or two letters may be missing, superfluous or swapped, but none replaced by another one, and
+    never a number or a whole part: `/larm/ctrl` is not `/rarm/ctrl`, and `l_knee` not `r_knee`.
     """
     folded = name.casefold()
     slips = {other for other in comparable(name, known) if _is_slip(folded, other.casefold())}
@@ -105,6 +107,9 @@ def sure_name(name: str, known: Iterable[str]) -> str | None:
 
 def _is_slip(name: str, candidate: str) -> bool:
     if _DIGITS.findall(name) != _DIGITS.findall(candidate):
+        return False
+    letters, meant_letters = Counter(name), Counter(candidate)
+    if letters - meant_letters and meant_letters - letters:  # a letter is replaced
         return False
     parts, meant = _PART.split(name), _PART.split(candidate)
     if len(parts) != len(meant):

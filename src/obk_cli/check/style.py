@@ -107,6 +107,8 @@ def _equal(tree: TreeMap, defaults: Mapping[str, object]) -> Iterator[tuple[Tree
         value = entry.value
         if not isinstance(value, TreeScalar) or value.value is None:
             continue
+        if value.read_from is not None:  # a variable, which may have another value tomorrow
+            continue
         default, written = defaults.get(entry.key), value.value
         # `true` equals a whole number, but has its own finding.
         is_same = type(written) is type(default) and written == default
