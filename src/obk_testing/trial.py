@@ -305,7 +305,7 @@ class StackTrial:
             duration: duration [s].
 
         Raises:
-            LookupError: the messages have no such field, or it is not numeric.
+            LookupError: the messages have no such field, or it has another type.
         """
         found = self._topic(topic)
         fields = found.message_class.get_fields_and_field_types()

@@ -122,6 +122,7 @@ def test_a_sweep_runs_reports_and_has_the_results_of_any_order(config: Path) -> 
     assert failed["seed"] == 3
     assert "three" in failed["why"]
     assert failed["metrics"].keys() == {"end"}
+    assert isinstance(failed["metrics"]["end"], float)
     assert "test_it_stays[seed3]" in failed["again"]
     assert sorted(path.name for path in folder.iterdir()) == ["report.html", "sweep.sqlite"]
 

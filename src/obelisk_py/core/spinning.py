@@ -284,8 +284,9 @@ class _ThreadPool(MultiThreadedExecutor):
 EXECUTOR_VARIABLE = "OBK_EXECUTOR"
 """If set to `rclpy`, programs that name an rclpy executor use that one."""
 PARALLEL_GROUPS = 16
-"""Number of threads that replace rclpy's pool. Callback groups of a node should not share a thread:
-a callback may wait for a service whose client is in another group. Idle threads cost nothing."""
+"""`num_threads` of the executor that replaces rclpy's pool. Callback groups of a node should not
+share a thread: a callback may wait for a service whose client is in another group. Idle threads
+cost nothing."""
 
 
 def _make_executor(kind: Callable[..., Executor] | None) -> Executor:

@@ -87,7 +87,7 @@ class SignalDifference:
         return self.largest != 0.0 or any(self.missing)
 
     def is_within(self, tolerance: float) -> bool:
-        """Whether the RMS is at most this fraction of the span, and as few numbers are missing."""
+        """Whether the RMS is at most this fraction of the span; likewise for missing numbers."""
         missing = sum(self.missing)
         is_close = self.rms <= tolerance * self.span + _ROUNDING
         return is_close and missing <= tolerance * (self.count + missing)
@@ -139,7 +139,7 @@ def compare_runs(
         parameters=parameters,
         topics=tuple(one.comparison() for one in topics),
         signals=tuple(row for one in topics for row in one.differences()),
-        without_numbers=tuple(one.name for one in topics if one.is_in_both and not one.sums),
+        without_numbers=tuple(one.name for one in topics if one.is_text),
         rejected_commands=(_rejected(first), _rejected(second)),
     )
 
@@ -259,6 +259,8 @@ class _Topic:
     definitions: list[str] = field(default_factory=lambda: ["", ""])
     done_s: float = -np.inf
     sums: dict[_Key, _Sums] = field(default_factory=dict)
+    is_text: bool = False
+    """Whether messages of both runs were read, and none contains a number."""
 
     def add(self, place: int, part: RecordedTopic) -> None:
         """Add a part of a run's messages, and compare as far as both runs are known."""
@@ -272,6 +274,7 @@ class _Topic:
         if not firsts or not seconds:
             return
         start, end = seconds[0].t[0], min(firsts[-1].t[-1], seconds[-1].t[-1])
+        self.is_text = not self.sums and not _numbers_in([*firsts, *seconds])
         self._compare(max(start, self.done_s), end)
         self.done_s = max(self.done_s, end)
         self._trim()

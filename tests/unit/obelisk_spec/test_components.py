@@ -126,7 +126,7 @@ def test_written_settings_are_json_and_yaml(setting: dict[str, object]) -> None:
     assert load_yaml_core(text) == setting
 
 
-def test_the_names_of_javascripts_numbers_are_text_as_in_yaml() -> None:
+def test_nan_and_infinity_are_text_as_in_yaml() -> None:
     text = '{"key": NaN, "topic": -Infinity}'
     assert parse_mapping(text) == load_yaml_core(text) == {"key": "NaN", "topic": "-Infinity"}
 

@@ -62,8 +62,9 @@ class EventLoopExecutor(Executor):
         """Create an executor without nodes.
 
         Args:
-            num_threads: at least 1; if above 1, so many mutually exclusive callback groups run in
-                parallel, each on one thread, and so many callbacks of reentrant groups on others.
+            num_threads: number of mutually exclusive callback groups that can run in parallel, each
+                on its own thread; at least 1. If it is above 1, the same number of further threads
+                runs the callbacks of reentrant groups.
             context: None uses the default context.
 
         Raises:
@@ -299,8 +300,7 @@ class _WorkerPool:
         """Create the workers without starting them.
 
         Args:
-            num_threads: number of callbacks of exclusive groups, and of reentrant ones, that can
-                run in parallel.
+            num_threads: as for `EventLoopExecutor`.
             context: its shutdown interrupts the first worker.
             executor: the executor whose nodes the workers run.
         """
