@@ -57,6 +57,12 @@ def read_back(path: Path) -> dict[str, Read]:
     return found
 
 
+def stamp_s(message: Any) -> float:
+    """Time of a message's header [s]."""
+    stamp = message.header.stamp
+    return float(stamp.sec + stamp.nanosec * 1e-9)
+
+
 def only_run() -> Path:
     (run,) = Path(os.environ["OBK_HOME"], "runs").glob("dummy_*")
     return run
@@ -92,12 +98,11 @@ def test_a_recorded_launch_has_every_message_to_the_last() -> None:
     for topic, read in found.items():
         first, *_, last = read.numbers
         assert len(read.numbers) + lost[topic] == last - first + 1, topic
-    # Both in simulation time: every step of 1 ms, and every second one. A busy machine may lose the
-    # last messages, because no publisher exists to send them again.
-    steps, halves = found[ENCODERS].numbers[-1], found[IMU].numbers[-1]
-    assert abs(steps - 2 * halves) <= 100
-    stamps = [(m.header.stamp.sec, m.header.stamp.nanosec) for m in found[IMU].messages]
-    assert stamps == sorted(stamps)
+    # The simulator publishes to a topic from the time when DDS has matched its recorder, and at the
+    # end, DDS may lose what it has not delivered yet.
+    stamps = {topic: list(map(stamp_s, found[topic].messages)) for topic in (ENCODERS, IMU)}
+    assert abs(stamps[ENCODERS][-1] - stamps[IMU][-1]) < 0.1
+    assert stamps[IMU] == sorted(stamps[IMU])
     (qos,) = yaml.safe_load(found[IMU].qos)
     assert (qos["reliability"], qos["durability"]) == ("reliable", "volatile")
 

@@ -170,17 +170,7 @@ class RosRecorder:
             OSError: the file cannot be written.
         """
         for topic in self._topics.values():
-            counter, publishers = topic.counter, topic.raw.publishers
-            for data, info in topic.raw.take():
-                sequence = info["publication_sequence_number"]
-                counter.take(sequence, publishers)
-                self._writer.add_message(
-                    self._channel(topic) if topic.channel is None else topic.channel,
-                    data,
-                    info["received_timestamp"],
-                    info["source_timestamp"],
-                    sequence,
-                )
+            self._write(topic, topic.raw.take())
 
     def poll_graph(self) -> None:
         """Subscribe to new topics, and resubscribe if a new publisher's QoS requires it."""
@@ -202,8 +192,8 @@ class RosRecorder:
         Raises:
             OSError: the file cannot be written.
         """
-        self.take()
         for topic in self._topics.values():
+            self._write(topic, topic.raw.take_last())
             if topic.channel is None:
                 self._channel(topic)
         for sentence in unmatched_requests(
@@ -225,6 +215,19 @@ class RosRecorder:
             self._report(f"warning: {name} is not recorded: {error}")
             return
         self._topics[name] = _Topic(raw=raw)
+
+    def _write(self, topic: _Topic, messages: Iterator[tuple[bytes, Mapping[str, int]]]) -> None:
+        counter, publishers = topic.counter, topic.raw.publishers
+        for data, info in messages:
+            sequence = info["publication_sequence_number"]
+            counter.take(sequence, publishers)
+            self._writer.add_message(
+                self._channel(topic) if topic.channel is None else topic.channel,
+                data,
+                info["received_timestamp"],
+                info["source_timestamp"],
+                sequence,
+            )
 
     def _channel(self, topic: _Topic) -> int:
         raw = topic.raw

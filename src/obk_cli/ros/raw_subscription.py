@@ -95,6 +95,10 @@ class Tap:
             self._inbox.release()
         return self._waiting.popleft() if self._waiting else None
 
+    def release(self) -> None:
+        """Stop waiting for messages from DDS: `take` then returns the packets that follow them."""
+        self._inbox.release()
+
     def close(self) -> None:
         """Close the socket; DDS delivers messages from now on."""
         self._inbox.stop()
@@ -321,6 +325,16 @@ class RawSubscription:
                 return
             self._has_taken = True
             yield taken
+
+    def take_last(self) -> Iterator[tuple[bytes, Mapping[str, int]]]:
+        """Like `take`, at the end: also the messages that wait for earlier ones from DDS.
+
+        These may never arrive, because a publisher that ends sends nothing again.
+        """
+        yield from self.take()
+        if self._tap is not None:
+            self._tap.release()
+            yield from self.take()
 
     def close(self) -> None:
         """Unsubscribe."""

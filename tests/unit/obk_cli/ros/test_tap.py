@@ -101,6 +101,17 @@ def test_messages_are_received_in_the_order_in_which_they_were_published(
     assert [info["received_timestamp"] for info in infos] == [30, 30, 40]
 
 
+def test_at_the_end_packets_do_not_wait_for_a_message_that_dds_lost(
+    tap: Tap, publisher: socket
+) -> None:
+    for packets in (1, 2):
+        publisher.send(packed_stamp(0, packets, 1))
+    assert tap.take() is None
+    publisher.close()
+    tap.release()
+    assert [info["publication_sequence_number"] for info in infos_of(tap, 3)] == [2, 3]
+
+
 def test_a_message_through_dds_after_the_end_of_a_connection_is_no_gap(
     tap: Tap, publisher: socket, dds: deque[Sample]
 ) -> None:
