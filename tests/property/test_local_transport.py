@@ -276,7 +276,7 @@ class Run(RuleBasedStateMachine):
         try:
             self._finish()
         finally:
-            self._sender.close()
+            self._sender.close(0.0)
             for each in self._alive:
                 each.kill()
             for each in (*self._subscriptions, *self._ended):

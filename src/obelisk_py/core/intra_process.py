@@ -27,9 +27,10 @@ The following holds for each publisher and subscription, even while others are a
 import functools
 import os
 import threading
+import time
 import weakref
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, Final
 
@@ -56,12 +57,15 @@ __all__ = [
     "IntraProcessTopic",
     "MessageBuffer",
     "buffer_of",
+    "disconnect_all",
     "intra_process_topic",
 ]
 
 _RELIABILITIES: Final = (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT)
 _LIVELINESSES: Final = (LivelinessPolicy.SYSTEM_DEFAULT, LivelinessPolicy.AUTOMATIC)
 _UNSET: Final = QoSProfile(depth=1)
+_LINGER_S: Final = 0.2
+"""How long a publisher that is destroyed waits for subscriptions that do not read [s]."""
 
 
 @functools.cache
@@ -244,6 +248,17 @@ def buffer_of(subscription: Subscription) -> MessageBuffer | None:
         return _buffers[subscription]
 
 
+def disconnect_all(publishers: Iterable[Publisher]) -> None:
+    """Prepare publishers for their destruction: a subscription that does not read delays it once.
+
+    Without this, each of them would wait for such a subscription.
+    """
+    end_s = time.monotonic() + _LINGER_S
+    for publisher in publishers:
+        if isinstance(publisher, IntraProcessPublisher):
+            publisher.disconnect(end_s)
+
+
 class IntraProcessPublisher(LifecyclePublisher):
     """Puts messages into the matching buffers, or sends them to all subscriptions through DDS."""
 
@@ -334,11 +349,20 @@ class IntraProcessPublisher(LifecyclePublisher):
         """Destroy the publisher; for `Node.destroy_publisher`."""
         self._topic = IntraProcessTopic()
         self._send_bytes = None
+        self.disconnect(time.monotonic() + _LINGER_S)
+        super().destroy()
+
+    def disconnect(self, end_s: float) -> None:
+        """Use DDS from now on.
+
+        Args:
+            end_s: until when to wait for subscriptions that do not read their messages, in the time
+                of `time.monotonic` [s].
+        """
         if self._sender is not None:
             with self._sender.lock:
-                self._sender.close()
+                self._sender.close(end_s)
             self._sender = None
-        super().destroy()
 
     def _send(self, message: Any) -> None:
         """Send to all subscriptions through DDS."""

@@ -54,9 +54,6 @@ __all__ = [
 
 
 _LOGGER: Final = "local_transport"
-_LINGER_S: Final = 0.2
-"""How long a closing publisher waits for a subscription that does not read [s]."""
-
 _CHECK_PERIOD_S: Final = 0.25
 """How often a publisher looks for the socket of a subscription that has none yet [s].
 
@@ -257,13 +254,13 @@ class Peer:
         if self._waiting:
             self._page[0] = packets
 
-    def close(self, linger_s: float = 0.0) -> None:
+    def close(self, end_s: float = 0.0) -> None:
         """Close the connection; the subscription still receives everything already sent.
 
         Args:
-            linger_s: maximum time to wait for the socket to accept the waiting packets [s].
+            end_s: until when to wait for the socket to accept the waiting packets, in the time of
+                `time.monotonic` [s].
         """
-        end_s = time.monotonic() + linger_s
         while self.flush() and (left_s := end_s - time.monotonic()) > 0:
             _wait_for(self._socket.fileno(), select.POLLOUT, left_s)
         with self._lock:
@@ -357,10 +354,10 @@ class LocalSender:
         send()
         self._sent_through_dds = number
 
-    def close(self) -> None:
-        """Close all connections."""
+    def close(self, end_s: float) -> None:
+        """Close all connections; see `Peer.close`."""
         for peer in self.peers:
-            peer.close(_LINGER_S)
+            peer.close(end_s)
         self.peers = ()
         self._is_covered = False
 

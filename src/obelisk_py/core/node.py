@@ -32,6 +32,7 @@ from obelisk_py.core.components import (
     spellings,
 )
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError, ObeliskMsgError
+from obelisk_py.core.intra_process import disconnect_all
 from obelisk_py.core.parameter_rules import Getter
 from obelisk_py.core.rate_monitor import RateMonitoredNode
 from obelisk_py.core.settings import (
@@ -249,6 +250,7 @@ class ObeliskNode(RateMonitoredNode):
     def destroy_node(self) -> None:
         """Close `opened`, like `cleanup`, and destroy the node."""
         self.opened.close()
+        disconnect_all(self.publishers)
         super().destroy_node()
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -489,6 +491,7 @@ class ObeliskNode(RateMonitoredNode):
             self.destroy_timer(timer)
         for subscription in self.obk_subscriptions.values():
             self.destroy_subscription(subscription)
+        disconnect_all(self.obk_publishers.values())
         for publisher in self.obk_publishers.values():
             self.destroy_lifecycle_publisher(publisher)
         for table in (self.obk_timers, self.obk_subscriptions, self.obk_publishers):

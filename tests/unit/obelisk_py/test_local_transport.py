@@ -11,13 +11,14 @@ from pathlib import Path
 from unittest.mock import MagicMock
 
 import pytest
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Int64
 
 from obelisk_py.core import local_sender as sender_module
 from obelisk_py.core.executor.local_receiver import LocalReceiver
 from obelisk_py.core.executor.worker import Worker
-from obelisk_py.core.intra_process import MessageBuffer
+from obelisk_py.core.intra_process import IntraProcessPublisher, MessageBuffer, disconnect_all
 from obelisk_py.core.local_sender import LocalSender, Peer, SubscriptionEndpoint, socket_folder
 from obelisk_py.core.serialization.codec import codec_for
 from obelisk_spec.local_transport import sockets as sockets_module
@@ -172,7 +173,7 @@ def sender(folder: SocketFolder, graph: Graph) -> Iterator[LocalSender]:
     del graph
     made = make_sender(folder)
     yield made
-    made.close()
+    made.close(0.0)
 
 
 def nothing() -> None:
@@ -258,7 +259,13 @@ def test_subscriptions_that_dds_does_not_match_are_not_reached(
         confirmed(sender, 1, listener),
     ):
         assert [peer.gid for peer in sender.peers] == [gid(1)]
-    sender.close()
+    sender.close(0.0)
+
+
+def test_publishers_that_are_destroyed_together_share_the_time_to_wait() -> None:
+    publishers = [MagicMock(spec=IntraProcessPublisher) for _ in range(3)]
+    disconnect_all([*publishers, MagicMock(spec=Publisher)])
+    assert len({call.args for each in publishers for call in each.disconnect.mock_calls}) == 1
 
 
 def test_a_large_message_is_left_to_dds(

@@ -29,6 +29,7 @@ from std_msgs.msg import Float64
 from obelisk_py.core.clock_page import open_clock_writer
 from obelisk_py.core.command_watchdog import LastingRejection
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.intra_process import disconnect_all
 from obelisk_py.core.messages import optional_message
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameter_rules import Getter
@@ -688,6 +689,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._viewers = ()
         self._stepper = self._simulation = self._inbox = None
         self._true_state = self._state_copy = None
+        disconnect_all(self._own_publishers)
         for publisher in self._own_publishers:
             self.destroy_lifecycle_publisher(publisher)
         self._own_publishers.clear()
