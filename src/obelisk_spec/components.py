@@ -21,6 +21,7 @@ __all__ = [
     "CONTROL_SUBSCRIPTION",
     "DEFAULT_HISTORY_DEPTH",
     "DEFAULT_STALE_ACTION",
+    "SETTINGS_PARAMETER",
     "SETTING_SUFFIX",
     "STALE_ACTIONS",
     "STANDARD_COMPONENTS",
@@ -41,6 +42,8 @@ TIERS: Final = ("robot", "sensing", "estimation", "control", "viz", "joystick")
 SETTING_SUFFIX: Final = "_setting"
 DEFAULT_HISTORY_DEPTH: Final = 10
 
+SETTINGS_PARAMETER: Final = "obelisk_settings"
+"""The ROS parameter with the settings of all components and callback groups."""
 CALLBACK_GROUPS_PARAMETER: Final = "callback_group_settings"
 """The ROS parameter with only the callback groups, as flat text, for existing nodes."""
 

@@ -62,6 +62,7 @@ CALLBACK_GROUPS: dict[str, Callable[[], CallbackGroup]] = {
     "ReentrantCallbackGroup": ReentrantCallbackGroup,
 }
 
+# A literal, because `obk validate` reads names of parameters from this file.
 SETTINGS: Final = "obelisk_settings"
 """The ROS parameter with the settings of components that have no parameter of their own."""
 

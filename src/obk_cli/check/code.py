@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
 
-from obelisk_spec.components import component_identity, component_spellings
+from obelisk_spec.components import SETTINGS_PARAMETER, component_identity, component_spellings
 from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obelisk_spec.suggestions import (
@@ -34,7 +34,6 @@ __all__ = ["check_code"]
 _OF_EVERY_NODE = (USE_SIM_TIME, "start_type_description_service")
 """Parameters that rclpy itself declares."""
 _PREFIXES_OF_EVERY_NODE = ("qos_overrides.", "diagnostic_updater.")
-_SETTINGS = "obelisk_settings"
 
 
 def check_code(context: CheckContext) -> Iterator[Diagnostic]:
@@ -104,7 +103,7 @@ def _check_components(
     if of_hardware and node.runs_simulation:
         only_config = [c for c in only_config if not c.is_unused]
         yield _of_hardware(of_hardware, node)
-    has_settings = any(p.name == _SETTINGS for p in node.params)
+    has_settings = any(p.name == SETTINGS_PARAMETER for p in node.params)
     for component, registered in matched:
         yield from _check_type(component, registered, code)
         if not has_settings:
@@ -269,7 +268,7 @@ def _check_has_type(
 
 def _check_keys(node: Node, code: NodeFacts) -> Iterator[Diagnostic]:
     """Report keys that match no component of the node, unless a component may have any name."""
-    if not code.knows_components or any(p.name == _SETTINGS for p in node.params):
+    if not code.knows_components or any(p.name == SETTINGS_PARAMETER for p in node.params):
         return
     # A component of the config that the code does not register has a finding of its own.
     in_config = {
@@ -385,7 +384,8 @@ def _undeclared(parameter: ConfigParameter, code: NodeFacts) -> Diagnostic:
     own = [
         declared.name
         for declared in code.parameters
-        if declared.name not in settings and declared.name not in ("params_path", _SETTINGS)
+        if declared.name not in settings
+        and declared.name not in ("params_path", SETTINGS_PARAMETER)
     ]
     near = ask_for(near_names(parameter.name, own))
     return found(

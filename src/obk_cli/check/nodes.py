@@ -3,7 +3,13 @@
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 
-from obelisk_spec.components import component_identity, standard_component
+from obelisk_spec.components import (
+    CALLBACK_GROUPS_PARAMETER,
+    SETTING_SUFFIX,
+    SETTINGS_PARAMETER,
+    component_identity,
+    standard_component,
+)
 from obelisk_spec.suggestions import did_you_mean, near_names, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import Environment, NodeFacts
@@ -69,6 +75,7 @@ def check_components(context: CheckContext) -> Iterator[Diagnostic]:
     """Report duplicate entries for one component, and names that contradict each other."""
     for node in context.stack.nodes:
         yield from _check_twice(node)
+        yield from _check_replaced(node)
         if any(component.ros_parameter and component.key for component in node.components):
             yield from _check_contradictions(node, _code_of(node, context.environment))
 
@@ -98,6 +105,46 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
             help="remove it, or correct its name",
             related=(Related(message="the first entry", span=first.name.span),),
         )
+
+
+def _check_replaced(node: Node) -> Iterator[Diagnostic]:
+    """`params` has the last word, so it must not set what other keys of the node set."""
+    places = dict(_parameters_of_keys(node))
+    for parameter in node.params:
+        if parameter.name in places:
+            yield found(
+                "OBK108",
+                f"`params` of `{node.node_name}` sets `{parameter.name}`, and its value would "
+                "replace the one that the config has elsewhere",
+                parameter.key_span or parameter.span,
+                help="remove one of them",
+                related=(Related(message="the other one", span=places[parameter.name]),),
+            )
+
+
+def _parameters_of_keys(node: Node) -> Iterator[tuple[str, Span]]:
+    """The ROS parameters that the keys of a node set, except `params`, and where."""
+    for component in node.used_components:
+        if component.identity is not None:
+            name = component.ros_parameter or component.key
+            place = name.span if name else component.span
+            yield f"{component.identity}{SETTING_SUFFIX}", place
+            if component.ros_parameter is not None:
+                yield component.ros_parameter.value, place
+    for group in node.callback_groups[:1]:
+        yield CALLBACK_GROUPS_PARAMETER, group.name.span
+        yield SETTINGS_PARAMETER, group.name.span
+    for component in node.used_components[:1]:
+        yield SETTINGS_PARAMETER, component.span
+    for sim in node.sims:
+        yield sim.parameter, sim.span
+    written = {
+        "params_path": node.params_path,
+        "urdf_path": node.urdf,
+        "robot_topic": node.robot_topic,
+        "tf_prefix": node.tf_prefix,
+    }
+    yield from ((name, value.span) for name, value in written.items() if value is not None)
 
 
 def _check_contradictions(node: Node, code: NodeFacts | None) -> Iterator[Diagnostic]:

@@ -9,6 +9,7 @@ from obelisk_spec.components import (
     CALLBACK_GROUPS_PARAMETER,
     DEFAULT_HISTORY_DEPTH,
     SETTING_SUFFIX,
+    SETTINGS_PARAMETER,
     format_component_setting,
     format_setting,
 )
@@ -173,7 +174,7 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
     if groups:
         yield CALLBACK_GROUPS_PARAMETER, format_component_setting(groups)
     if node.used_components or node.callback_groups:
-        yield "obelisk_settings", format_setting(_all_settings(node))
+        yield SETTINGS_PARAMETER, format_setting(_all_settings(node))
     if node.params_path is not None:
         yield "params_path", _path(node.params_file, node.params_path.value)
     for sim in node.sims if node.runs_simulation else (s for s in node.sims if s.is_sound):

@@ -15,6 +15,7 @@ from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_spec.components import (
     CALLBACK_GROUPS_PARAMETER,
     SETTING_SUFFIX,
+    SETTINGS_PARAMETER,
     component_identity,
     format_component_setting,
     format_setting,
@@ -84,7 +85,7 @@ def get_parameters_dict(node_settings: Mapping[str, Any]) -> dict[str, Any]:
         together["callback_groups"] = groups
         parameters[CALLBACK_GROUPS_PARAMETER] = format_component_setting(groups)
     if together:
-        parameters["obelisk_settings"] = format_setting(together)
+        parameters[SETTINGS_PARAMETER] = format_setting(together)
     for block in _listed(node_settings.get("sim")):
         settings = {key: value for key, value in block.items() if key != "ros_parameter"}
         parameters[block.get("ros_parameter", "mujoco_setting")] = format_setting(settings)

@@ -179,8 +179,9 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a component is configured twice",
         cause="Several entries of a node refer to the same component. Several `sim` blocks for the "
-        "same parameter are an error. For other components the finding is a warning, because the "
-        "node uses the first entry and ignores the others.",
+        "same parameter are an error, and so is a parameter in `params` that other keys set too, "
+        "because it would replace their settings. For other components the finding is a warning, "
+        "because the node uses the first entry and ignores the others.",
         fix="Remove one, or correct the name of its component.",
     ),
     Rule(
