@@ -98,16 +98,25 @@ def _no_executable(answer: ExecutableMissing, place: Span) -> Diagnostic:
             f"`{answer.executable}` of package `{answer.package}` is declared in "
             f"{answer.declared_in.name} but not built",
             place,
-            help=f"run `colcon build --packages-select {answer.package}` and source "
-            "`install/setup.bash`",
+            help=_build(answer.package),
         )
+    build = (
+        f"its setup.py computes names of executables, and is not run: {_build(answer.package)}"
+        if answer.is_computed
+        else None
+    )
     return found(
         "OBK402",
         f"package `{answer.package}` has no executable `{answer.executable}`",
         place,
-        help=did_you_mean(answer.executable, answer.available)
+        help=build
+        or did_you_mean(answer.executable, answer.available)
         or "it has no executables; Python nodes are declared as `console_scripts` in setup.py",
     )
+
+
+def _build(package: str) -> str:
+    return f"run `colcon build --packages-select {package}` and source `install/setup.bash`"
 
 
 def _no_package(

@@ -80,6 +80,8 @@ class ExecutableMissing:
     """A file with that name, but without the execute bit."""
     declared_in: Path | None = None
     """The CMakeLists.txt that declares it, if it is not built."""
+    is_computed: bool = False
+    """Whether its setup.py computes names of executables."""
     unsourced: Path | None = None
     """The file in an `install` folder of the workspace, if that is not sourced."""
     left_out: Path | None = None

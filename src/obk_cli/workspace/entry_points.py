@@ -8,7 +8,13 @@ from pathlib import Path
 
 from obk_cli.optional_deps import distribution_version
 
-__all__ = ["EntryPoint", "installed_console_scripts", "module_run_by", "source_console_scripts"]
+__all__ = [
+    "EntryPoint",
+    "computes_console_scripts",
+    "installed_console_scripts",
+    "module_run_by",
+    "source_console_scripts",
+]
 
 _ENTRY = re.compile(r"\s*([\w.-]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)")
 
@@ -26,11 +32,16 @@ class EntryPoint:
 def source_console_scripts(folder: Path) -> Mapping[str, EntryPoint]:
     """Script name -> function, for a package in source."""
     lines = (
-        *_setup_py_lines(folder / "setup.py"),
+        *(line for line in _setup_py_lines(folder / "setup.py") if line is not None),
         *_setup_cfg_lines(folder / "setup.cfg"),
         *_pyproject_lines(folder / "pyproject.toml"),
     )
     return dict(_entries(lines, folder))
+
+
+def computes_console_scripts(folder: Path) -> bool:
+    """Whether only running a package's setup.py would show all of its scripts."""
+    return None in _setup_py_lines(folder / "setup.py")
 
 
 def installed_console_scripts(package: str) -> Mapping[str, EntryPoint]:
@@ -64,25 +75,99 @@ def _root_of(module: str, folder: Path) -> str:
     return "src" if in_src.exists() or in_src.with_suffix(".py").exists() else "."
 
 
-def _setup_py_lines(path: Path) -> Iterator[str]:
-    """The strings of `console_scripts` in `setup(entry_points={...})`."""
+def _setup_py_lines(path: Path) -> Iterator[str | None]:
+    """The lines of `console_scripts` in `setup(entry_points=...)`; None for each computed one."""
     if not path.is_file():  # reading a pipe or a device might never return
         return
     try:
         tree = ast.parse(path.read_text(encoding="utf-8"))
+        constants = _constants(tree)
+        for node in ast.walk(tree):
+            for value in _script_values(node):
+                for text in _texts(value, constants):
+                    yield from [None] if text is None else text.splitlines()
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Dict):
-            for key, value in zip(node.keys, node.values, strict=True):
-                if isinstance(key, ast.Constant) and key.value == "console_scripts":
-                    yield from _texts(value)
 
 
-def _texts(node: ast.AST) -> Iterator[str]:
-    for inner in ast.walk(node):
-        if isinstance(inner, ast.Constant) and isinstance(inner.value, str):
-            yield inner.value
+def _script_values(node: ast.AST) -> Iterator[ast.expr]:
+    """The values of `{"console_scripts": ...}` and `dict(console_scripts=...)`.
+
+    Also that of `entry_points=` with a text in the format of an INI file, whose lines have the same
+    form.
+    """
+    if isinstance(node, ast.Dict):
+        for key, value in zip(node.keys, node.values, strict=True):
+            if isinstance(key, ast.Constant) and key.value == "console_scripts":
+                yield value
+    elif isinstance(node, ast.keyword):
+        is_text = not isinstance(node.value, ast.Dict | ast.Call | ast.Name)
+        if node.arg == "console_scripts" or (node.arg == "entry_points" and is_text):
+            yield node.value
+
+
+Constants = Mapping[str, tuple[str | None, ...]]
+"""Variable -> its texts; None for a text that is computed."""
+
+_LONGEST_TEXT = 10_000
+
+
+def _constants(tree: ast.Module) -> Constants:
+    """The variables of a module that are set once."""
+    found: dict[str, tuple[str | None, ...]] = {}
+    for statement in tree.body:
+        match statement:
+            case (
+                ast.Assign(targets=[ast.Name(id=name)], value=value)
+                | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value)
+            ):
+                found[name] = (None,) if name in found else tuple(_texts(value, found))
+    return found
+
+
+def _texts(node: ast.expr, constants: Constants) -> Iterator[str | None]:
+    """The texts of a list, or a single text; None for one that is computed."""
+    match node:
+        case ast.List(elts=elements) | ast.Tuple(elts=elements) | ast.Set(elts=elements):
+            for element in elements:
+                yield from _texts(element, constants)
+        case ast.Starred(value=value):
+            yield from _texts(value, constants)
+        case ast.Name(id=name):
+            yield from constants.get(name, (None,))
+        case ast.BinOp(left=left, op=ast.Add(), right=right) if _is_list(left) or _is_list(right):
+            yield from _texts(left, constants)
+            yield from _texts(right, constants)
+        case _:
+            yield _text(node, constants)
+
+
+def _is_list(node: ast.expr) -> bool:
+    if isinstance(node, ast.BinOp):
+        return _is_list(node.left) or _is_list(node.right)
+    return isinstance(node, ast.List | ast.Tuple)
+
+
+def _text(node: ast.expr, constants: Constants) -> str | None:
+    """A text made of constants; None if it is computed."""
+    parts: list[str | None]
+    match node:
+        case ast.Constant(value=str(text)):
+            return text
+        case ast.Name(id=name):
+            texts = constants.get(name, ())
+            return texts[0] if len(texts) == 1 else None
+        case ast.JoinedStr(values=values):
+            parts = [_text(value, constants) for value in values]
+        case ast.FormattedValue(value=value, conversion=-1, format_spec=None):
+            return _text(value, constants)
+        case ast.BinOp(left=left, op=ast.Add(), right=right):
+            parts = [_text(left, constants), _text(right, constants)]
+        case _:
+            return None
+    known = [part for part in parts if part is not None]
+    text = "".join(known)
+    return text if len(known) == len(parts) and len(text) <= _LONGEST_TEXT else None
 
 
 def _setup_cfg_lines(path: Path) -> Iterator[str]:

@@ -16,6 +16,7 @@ from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing, R
 from obk_cli.files import SHARED_FOLDER_BITS, is_untrusted
 from obk_cli.workspace.entry_points import (
     EntryPoint,
+    computes_console_scripts,
     installed_console_scripts,
     module_run_by,
     source_console_scripts,
@@ -244,6 +245,7 @@ class PackageIndex:
             left_out=None if is_found else self.left_out_packages.get(package),
             not_executable=self._without_execute_bit(package, executable),
             unsourced=self._unsourced(package, executable),
+            is_computed=source is not None and computes_console_scripts(source),
             declared_in=_cmake_that_declares(source, executable) if source else None,
             searched=self.searched(),
             available=tuple(sorted({*in_source, *scripts, *installed, *programs})),

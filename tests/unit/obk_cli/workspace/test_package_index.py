@@ -215,6 +215,20 @@ def test_prefixes_are_those_of_ament_then_this_pythons(tmp_path: Path) -> None:
     [
         ("setup.py", SETUP_PY),
         (
+            "setup.py",
+            "name: str = 'demo'\nsetup(entry_points={'console_scripts': "
+            "[f'run = {name}.run:main', 'x = ' + name + '.x:go']})\n",
+        ),
+        (
+            "setup.py",
+            "RUN = ['run = demo.run:main']\n"
+            "setup(entry_points=dict(console_scripts=[*RUN] + ['x = demo.x:go']))\n",
+        ),
+        (
+            "setup.py",
+            'setup(entry_points="[console_scripts]\\nrun = demo.run:main\\nx = demo.x:go")\n',
+        ),
+        (
             "setup.cfg",
             "[options.entry_points]\nconsole_scripts =\n  run = demo.run:main\n  x = demo.x:go\n",
         ),
@@ -228,6 +242,23 @@ def test_scripts_are_read_from_each_kind_of_file(tmp_path: Path, file: str, text
         "run": ("demo.run", "main"),
         "x": ("demo.x", "go"),
     }
+
+
+@pytest.mark.parametrize(
+    "scripts",
+    [
+        "[f'{n} = demo.{n}:main' for n in ('run', 'x')]",
+        "['run = demo.run:main', '%s = demo.x:go' % 'x']",
+        "SCRIPTS",
+        "[f'x = {NAME}.x:go']",
+    ],
+)
+def test_a_missing_script_may_be_one_that_setup_py_computes(tmp_path: Path, scripts: str) -> None:
+    setup = f"NAME = 'a'\nNAME = 'b'\nsetup(entry_points={{'console_scripts': {scripts}}})\n"
+    make_package(tmp_path / "demo", "demo", setup_py=setup)
+    answer = index(tmp_path).find_executable("demo", "x")
+    assert isinstance(answer, ExecutableMissing)
+    assert answer.is_computed
 
 
 @pytest.mark.parametrize("file", ["setup.py", "setup.cfg", "pyproject.toml"])
