@@ -305,7 +305,7 @@ _DECLARES_ALL: Final = (
 )
 _BRANCHES = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.Try, ast.IfExp, ast.Match, ast.Lambda,
              ast.FunctionDef, ast.AsyncFunctionDef, ast.ListComp, ast.SetComp, ast.DictComp,
-             ast.GeneratorExp)  # fmt: skip
+             ast.GeneratorExp, ast.BoolOp)  # fmt: skip
 _LEAVES = (ast.expr_context, ast.operator, ast.cmpop, ast.unaryop, ast.boolop, ast.Constant)
 """Most syntax nodes: they contain no names."""
 
@@ -341,6 +341,13 @@ def registrations_of(
     walk.found.knows_components &= lineage.is_whole
     walk.found.knows_parameters &= lineage.is_whole
     return walk.found
+
+
+def _may_return(node: ast.AST) -> bool:
+    """Whether a statement may end the function that contains it, other than by an exception."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.expr):
+        return False
+    return isinstance(node, ast.Return) or any(map(_may_return, ast.iter_child_nodes(node)))
 
 
 _MOST_HELPER_CALLS: Final = 1_000
@@ -445,6 +452,7 @@ class _Walk:
         scope = scope_of(function, source.module, local)
         for statement in function.body:
             self._node(statement, index, source, scope, is_certain=is_certain)
+            is_certain = is_certain and not _may_return(statement)
 
     def _node(
         self, node: ast.AST, index: int, source: ClassSource, scope: Scope, *, is_certain: bool

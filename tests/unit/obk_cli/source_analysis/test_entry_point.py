@@ -179,6 +179,26 @@ def test_a_registration_on_a_condition_is_not_required(around: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("before", "is_required"),
+    [
+        ("if x:\n    return", False),
+        ("with x:\n    if y:\n        return", False),
+        ("x and ", False),
+        ("if x:\n    raise ValueError", True),
+        ("def f():\n    return", True),
+        ("f = lambda: None", True),
+    ],
+)
+def test_a_registration_that_a_return_may_skip_is_not_required(
+    before: str, is_required: bool
+) -> None:
+    call = "self.register_obk_publisher('pub_a_setting')"
+    text = f"{before}{call}" if before.endswith(" ") else f"{before}\n{call}"
+    (component,) = code(node(text)).components
+    assert component.is_required is is_required
+
+
+@pytest.mark.parametrize(
     ("head", "can_damp"),
     [
         ("class Mine(ObeliskRobot):\n", False),
