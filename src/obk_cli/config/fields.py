@@ -349,7 +349,9 @@ def _hint(value: Tree, expected: str) -> str | None:
         if expected == "`true` or `false`" and value.value.lower() in ("yes", "no", "on", "off"):
             return f"in YAML 1.2 `{value.value}` is text; write `true` or `false`"
         if value.span.text[:1] in ("'", '"') and not isinstance(core_scalar(value.value), str):
-            return f"remove the quotes: `{value.span.text[1:-1]}`"
+            bare = value.span.text[1:-1]
+            where = ", which YAML allows outside of braces and brackets" if "${" in bare else ""
+            return f"remove the quotes: `{bare}`{where}"
     return None
 
 

@@ -297,6 +297,13 @@ def _missing_comma(at: ErrorContext) -> _Cause | None:
         if word is not None and word.start() >= start:
             place = at.at(at.line, word.start() + 1, len(word[0].rstrip()))
     within = "braces" if opened.text == "{" else "brackets"
+    if at.rest[0] == "{" and at.text[: at.column - 1].endswith("$"):
+        return _Cause(
+            f"YAML does not allow `${{` within {within}",
+            at.at(at.line, at.column - 1, 2),
+            f"write the value without {within}, on lines of its own, or put a text in quotes: "
+            '"${NAME}"',
+        )
     help = f"separate the parts within {within} with commas"
     return _Cause(f"a comma is missing before `{place.text}`", place, help)
 

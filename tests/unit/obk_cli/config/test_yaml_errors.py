@@ -53,6 +53,8 @@ MISTAKES = [
     ("topic: /ctrl", "qos: {a: b}}", "6:20", "this `}` has no matching", "remove it"),
     ("topic: /ctrl", "qos: {a: [1}", "6:20", "found `}` while the `[` of line 6", "`]` first"),
     ("topic: /ctrl", "qos: {a: b c: d}", "6:20", "a comma is missing before `c`", "with commas"),
+    ("topic: /ctrl", "qos: {depth: ${N}}", "6:22", "YAML does not allow `${`", "without braces"),
+    ("topic: /ctrl", "topic: [${N}]", "6:17", "YAML does not allow `${`", "without brackets"),
     ("        topic", "       topic", "6:8", "line 5 of the same block", "1 space to the right"),
     ("        topic", "          topic", "6:11", "line 5 of the same", "2 spaces to the left"),
     ("robot:", " robot:", "10:2", "but line 2 of the same block", "1 space to the left"),
