@@ -3,6 +3,8 @@
 import os
 import re
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -19,6 +21,7 @@ from obk_cli.cli.config_options import (
 from obk_cli.cli.options import require_choice
 from obk_cli.compiler import compile_config
 from obk_cli.emit.formats import FORMS
+from obk_cli.errors import MisuseError
 from obk_cli.files import unwritable, write_bytes
 from obk_cli.plan.plan import Plan
 
@@ -54,13 +57,14 @@ def command(
     require_choice("--to", to, FORMS)
     outcome = compile_config(config, make_options(set_, ignore))
     plan = valid_plan(outcome, color, with_infos=True)
-    deliver(plan, FORMS[to].emit(plan), FORMS[to].ending, output)
+    deliver(config, plan, FORMS[to].emit(plan), FORMS[to].ending, output)
 
 
-def deliver(plan: Plan, content: str | bytes, ending: str, output: str | None) -> None:
+def deliver(config: str, plan: Plan, content: str | bytes, ending: str, output: str | None) -> None:
     """Print an export of the plan, or write it to a file; an identical file is not rewritten.
 
     Args:
+        config: the file from which the plan was made.
         plan: gives the default file name in a folder.
         content: the export.
         ending: file extension for the default name.
@@ -68,6 +72,7 @@ def deliver(plan: Plan, content: str | bytes, ending: str, output: str | None) -
 
     Raises:
         CommandFailedError: the file cannot be written.
+        MisuseError: the file is the config or one that it names.
     """
     if output is None or output == STDOUT:
         if isinstance(content, str):
@@ -80,6 +85,23 @@ def deliver(plan: Plan, content: str | bytes, ending: str, output: str | None) -
     if path.is_dir() or output.endswith(os.sep):
         path /= re.sub(r"[^\w.-]", "_", plan.name) + ending
     try:
+        if path.exists() and any(path.samefile(source) for source in _sources(config, plan)):
+            raise MisuseError(
+                f"`--output {path}` would replace a file that the config needs",
+                help="choose another file",
+            )
         write_bytes(path, data)
     except OSError as error:
         raise unwritable(path, error) from error
+
+
+def _sources(config: str, plan: Plan) -> Iterator[Path]:
+    """The existing files from which a plan is made or which its nodes read."""
+    named = [config]
+    for node in plan.nodes:
+        named += (node.origin.path, node.model or "")
+        named += (value for value in node.parameters.values() if isinstance(value, str))
+    for name in dict.fromkeys(named):
+        with suppress(OSError, ValueError):  # another string, perhaps too long for a path
+            if Path(name).is_file():
+                yield Path(name)

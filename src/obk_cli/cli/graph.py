@@ -65,11 +65,11 @@ def command(
     plan = valid_plan(compile_config(config, make_options(set_, ignore)), color, with_infos=True)
     if to is None:
         width = min(max(shutil.get_terminal_size((_NARROWEST, 24)).columns, _NARROWEST), _WIDEST)
-        deliver(plan, emit_terminal(graph_of(plan), width), _TEXT, output)
+        deliver(config, plan, emit_terminal(graph_of(plan), width), _TEXT, output)
     elif to == "png":
-        deliver(plan, emit_png(graph_of(plan)), _PICTURES[to], output)
+        deliver(config, plan, emit_png(graph_of(plan)), _PICTURES[to], output)
     else:
-        deliver(plan, FORMS[to].emit(plan), _PICTURES[to], output)
+        deliver(config, plan, FORMS[to].emit(plan), _PICTURES[to], output)
 
 
 def _picture_of(output: str | None) -> str | None:

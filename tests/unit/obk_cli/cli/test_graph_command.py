@@ -63,6 +63,22 @@ def test_a_dash_is_the_standard_output(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["arm.yaml", "base.yaml", "link.yaml"])
+def test_the_output_replaces_no_input(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, base = tmp_path / "arm.yaml", tmp_path / "base.yaml"
+    base.write_bytes(Path(CONFIG).read_bytes())
+    config.write_text("include: base.yaml\n")
+    (tmp_path / "link.yaml").symlink_to(config)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(SystemExit) as ended:
+        main(["compile", str(config), "--ignore", "OBK4", "--output", str(tmp_path / name)])
+    assert ended.value.code == 2
+    assert name in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def test_a_form_that_is_no_picture_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
     assert graph("--to", "params") == 2
     assert "expected one of `mermaid`, `dot`, `svg`, `png`" in capsys.readouterr().err
