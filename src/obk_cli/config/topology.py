@@ -4,6 +4,7 @@ They include those of the simulator's sensor groups and of the joystick. Names a
 in ROS.
 """
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -276,8 +277,25 @@ def absolute_topic(topic: str, node: Node) -> str:
     return name if remapping is None else _in_namespace(remapping.new, node)
 
 
+_MATCH = re.compile(r"(?:(?P<node>\w+):(?!//))?(?:rostopic://)?(?P<topic>[^:]+)")
+"""The left side of a rule that may rename topics.
+
+Source: https://design.ros2.org/articles/static_remapping.html (match part of a rule).
+"""
+
+
 def _remapping_of(name: str, node: Node) -> Remapping | None:
-    return next((r for r in node.remappings if _in_namespace(r.old, node) == name), None)
+    return next((r for r in node.remappings if _renames(r, name, node)), None)
+
+
+def _renames(remapping: Remapping, name: str, node: Node) -> bool:
+    """Whether a remapping applies to a topic of a node; it may be for one node only."""
+    match = _MATCH.fullmatch(remapping.old)
+    return (
+        match is not None
+        and match["node"] in (None, node.node_name)
+        and _in_namespace(match["topic"], node) == name
+    )
 
 
 def _in_namespace(topic: str, node: Node) -> str:

@@ -31,10 +31,20 @@ def topics(text: str) -> set[str]:
         ("/left/obelisk_control_0/state", "/state"),
         ("~/state", "/state"),
         ("twice", "/first"),
+        ("/mine", "/new"),
+        ("/others", "/others"),
+        ("/typed", "/new"),
+        ("/both", "/new"),
+        ("/service", "/service"),
     ],
 )
 def test_topics_are_converted_to_absolute_names_as_in_ros(written: str, absolute: str) -> None:
-    pairs = "[/old:=/new, old:=own, ~/state:=/state, /left/twice:=/first, twice:=/second]"
+    pairs = (
+        "[/old:=/new, old:=own, ~/state:=/state, /left/twice:=/first, twice:=/second, "
+        "obelisk_control_0:/mine:=/new, obelisk_control_1:/others:=/new, "
+        "rostopic:///typed:=/new, obelisk_control_0:rostopic:///both:=/new, "
+        "rosservice:///service:=/new]"
+    )
     node = f"pkg: demo, executable: run, namespace: left, remappings: {pairs}"
     component = f"publishers: [{{key: p, topic: '{written}'}}]"
     assert topics(f"control: {{{node}, {component}}}") == {f"publishes {absolute}"}
