@@ -33,12 +33,14 @@ from obelisk_spec.local_transport.dds_reader import GID_BYTES, participant_of, p
 from obelisk_spec.local_transport.sockets import (
     CONFIRMATION,
     LARGEST_MESSAGE,
+    NUMBER_BYTES,
     Greeting,
     SocketFolder,
     new_page,
     packed_number,
     packed_stamp,
     peer_process,
+    stamp_of,
 )
 from obelisk_spec.runtime_protocol import LOCAL_TRANSPORT_OFF, LOCAL_TRANSPORT_VARIABLE
 
@@ -222,6 +224,8 @@ class Peer:
             if self.is_lost:
                 return False
             self._waiting.append(packet)
+            if len(packet) > NUMBER_BYTES:
+                self._page[2] = stamp_of(packet).packets
             if len(self._waiting) == 1:
                 flusher_of(os.getpid()).watch(self)
         return True

@@ -58,8 +58,10 @@ class Connection:
         self.samples: deque[tuple[int, Callable[[int | None], object]]] = deque(maxlen=depth)
         """Messages from DDS that wait for packets: number, and function that delivers it."""
         self.page: memoryview[int] | None = None
-        """Number of packets that precede the publisher's next message through DDS, and number of
-        the last message in DDS that must be dropped."""
+        """Number of packets that precede the publisher's next message through DDS, number of the
+        last message in DDS that must be dropped, and number of the last packet that had to wait."""
+        self.outdated = 0
+        """Packets up to this number were dropped."""
         self.last_skipped = 0
         """The largest number of a message in DDS that was also received as a packet."""
         self.has_ended = False
@@ -149,9 +151,12 @@ class PublisherInbox:
         try:
             if connection.publisher is None:
                 self._greet(connection)
+            outdated = 0 if connection.page is None else connection.page[2] - self._depth
             while size := peer.recv_into(buffer):
                 packet = buffer[:size].tobytes()
-                if ending and packet.endswith(ending) and size >= STAMP_BYTES:
+                if outdated > connection.outdated and _is_outdated(connection, packet, outdated):
+                    pass
+                elif ending and packet.endswith(ending) and size >= STAMP_BYTES:
                     connection.last = packet
                     put(packet)
                 else:
@@ -327,6 +332,23 @@ class PublisherInbox:
         self._unconnected[publisher] = number, packets
         if len(self._unconnected) > _REMEMBERED:
             del self._unconnected[next(iter(self._unconnected))]
+
+
+def _is_outdated(connection: Connection, packet: bytes, outdated: int) -> bool:
+    """Whether a message would no longer be in the subscription's history.
+
+    Args:
+        connection: notes the packet, or that no packet is outdated any more.
+        packet: the packet of any kind.
+        outdated: number of the last outdated packet.
+    """
+    if len(packet) < STAMP_BYTES:
+        return False
+    if stamp_of(packet).packets > outdated:
+        connection.outdated = outdated
+        return False
+    connection.last = packet
+    return True
 
 
 def _confirm(connection: Connection) -> None:

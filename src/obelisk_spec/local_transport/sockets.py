@@ -15,7 +15,8 @@ publisher from DDS. Until then, the publisher sends everything through DDS.
 The greeting comes with a page of shared memory. The publisher writes two numbers into it before it
 sends a message through DDS: how many packets precede the message, and the number of the last
 message in DDS that a packet has already delivered. If the socket is full, some packets are still
-waiting in the publisher.
+waiting in the publisher. Then it also writes the number of the last waiting packet, because the
+socket holds messages that the subscription's history would have dropped.
 """
 
 import fcntl

@@ -472,6 +472,28 @@ def test_a_message_of_dds_waits_for_packets_that_the_socket_did_not_take(
     subscription.close()
 
 
+def test_after_a_stall_only_the_messages_of_the_history_are_received(
+    folder: SocketFolder, subscription: Subscription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sender_module, "flusher_of", MagicMock())  # flushed below
+    connection = folder.connect(gid(1), DEPTH)
+    assert connection is not None
+    peer = Peer(connection, gid(1), DEPTH, bytes(Greeting(publisher=PUBLISHER, packets=0)))
+    subscription.read()
+    for last in (1000, 2000):
+        for value in range(last - 999, last + 1):
+            assert peer.send(stamped(PACK(Int64(data=value)), 0, value))
+        subscription.read()
+        assert not subscription.taken()
+        assert not peer.flush()
+        subscription.read()
+        assert subscription.taken() == list(range(last + 1 - DEPTH, last + 1))
+    assert peer.send(stamped(PACK(Int64(data=2001)), 0, 2001))
+    subscription.read()
+    assert subscription.taken() == [2001]
+    peer.close()
+
+
 def test_a_message_that_came_by_a_packet_is_dropped_even_if_that_is_known_late(
     folder: SocketFolder, subscription: Subscription
 ) -> None:
