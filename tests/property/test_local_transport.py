@@ -160,7 +160,7 @@ class Run(RuleBasedStateMachine):
         for _ in range(count):
             self._see_matched()
             matched = len(self._matched)
-            bypass = matched and self._sender.covers(matched, 0)
+            bypass = self._sender.covers(matched, 0)
             value = self._published
             self._published += 1
             if not bypass or (

@@ -329,8 +329,11 @@ class IntraProcessPublisher(LifecyclePublisher):
             matched = self._find_matches(buffers)
         if (
             (matched or sender is not None)
-            and (count := self._count())
-            and (count == len(matched) if sender is None else sender.covers(count, len(matched)))
+            and (
+                self._count() == len(matched)
+                if sender is None
+                else sender.covers(self._count(), len(matched))
+            )
             # Otherwise the count may include a new subscription that replaced a destroyed one.
             and self._topic.buffers is buffers
             and self._deliver_locally(msg, matched)

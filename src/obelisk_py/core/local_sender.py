@@ -324,6 +324,9 @@ class LocalSender:
             count: number of subscriptions that DDS has matched with the publisher.
             buffers: number of these that are buffers in this process.
         """
+        if not count:
+            self._count = -1  # a subscription that is matched next is a new one
+            return False
         if count == self._count and buffers == self._buffers:
             if self._is_covered and not self._covers_killed:
                 return True

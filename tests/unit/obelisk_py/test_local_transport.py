@@ -326,6 +326,10 @@ def test_a_subscription_whose_process_was_killed_needs_no_dds(
     assert not sender.send(b"message")
     assert sender.covers(1, 0)
     assert sender.peers == ()
+    graph.remove(1)
+    assert not sender.covers(0, 0)
+    graph.add(2)
+    assert not sender.covers(1, 0)  # another one, although the count is the same
 
 
 def test_a_subscription_that_does_not_read_gets_the_latest_messages_later() -> None:
