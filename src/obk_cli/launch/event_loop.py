@@ -36,6 +36,9 @@ class Processes(Protocol):
     def last_lines(self, process: str) -> tuple[str, ...]:
         """The last lines of a process's output."""
 
+    def wait_for_output(self, processes: Iterable[str]) -> None:
+        """Wait until the output of processes that have ended was read."""
+
 
 class Lifecycle(Protocol):
     """The interface to the nodes."""

@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -165,6 +165,16 @@ class WardenProcesses:
         """The last lines of a process's output."""
         return tuple(self._last_lines.get(process, ()))
 
+    def wait_for_output(self, processes: Iterable[str]) -> None:
+        """Wait until the output of processes that have ended was read.
+
+        Not for long, because children that they leave behind may write to it as well.
+        """
+        deadline = time.monotonic() + LAST_WORDS_S
+        for process in processes:
+            if process in self._pumps:
+                self._pumps[process].join(max(0.0, deadline - time.monotonic()))
+
     def _listen(self) -> None:
         while data := self._warden.receive():
             event = json.loads(data)
@@ -264,6 +274,8 @@ class ProcessControl:
         """Terminate all running processes: SIGINT, SIGTERM, SIGKILL."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             self._signal_all(number)
+        # So that nothing follows the last line of the launch.
+        self._context.processes.wait_for_output(self._context.state.units)
 
     def report_evidence(self, node: str) -> None:
         """Publish the last output of a stuck node's process, and its stack dump."""

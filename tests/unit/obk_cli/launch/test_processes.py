@@ -16,6 +16,7 @@ from queue import SimpleQueue
 import psutil
 import pytest
 
+from obk_cli.launch import processes as processes_module
 from obk_cli.launch.events import InputEvent, OutputLine, ProcessEnded, ProcessStarted
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
@@ -93,6 +94,17 @@ def test_output_environment_folder_and_exit_code_are_passed_on(
     run.start("a")
     assert run.line() == f"hi {tmp_path}"
     assert run.ended() == ProcessEnded(process="/a", code=3, text=f"hi {tmp_path}")
+
+
+def test_the_output_of_a_process_that_has_ended_is_complete(
+    bench: MakeBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes_module, "LAST_WORDS_S", DEADLINE_S)
+    run = bench({"a": "print('x\\n' * 10_000)"})
+    run.start("a")
+    run.ended()
+    run.processes.wait_for_output(["/a", "/never_started"])
+    assert run.lines.qsize() == 10_001
 
 
 def test_a_missing_program_is_reported_with_the_reason(bench: MakeBench) -> None:

@@ -109,6 +109,9 @@ class World:
     def last_lines(self, process: str) -> tuple[str, ...]:
         return (f"the last line of {process}",)
 
+    def wait_for_output(self, processes: Iterable[str]) -> None:
+        """All output is read at once."""
+
     def signal(self, process: str, number: int) -> None:
         self.signals.append((process, number))
         if (process, number) not in self.deaf_to:
