@@ -4,6 +4,7 @@ import ast
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from obk_cli.optional_deps import distribution_version
@@ -110,6 +111,8 @@ Constants = Mapping[str, tuple[str | None, ...]]
 """Variable -> its texts; None for a text that is computed."""
 
 _LONGEST_TEXT = 10_000
+_MOST_TEXTS = 1_000
+"""Limits for variables, because each may contain another one several times."""
 
 
 def _constants(tree: ast.Module) -> Constants:
@@ -121,7 +124,9 @@ def _constants(tree: ast.Module) -> Constants:
                 ast.Assign(targets=[ast.Name(id=name)], value=value)
                 | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value)
             ):
-                found[name] = (None,) if name in found else tuple(_texts(value, found))
+                texts = tuple(islice(_texts(value, found), _MOST_TEXTS + 1))
+                is_known = name not in found and len(texts) <= _MOST_TEXTS
+                found[name] = texts if is_known else (None,)
     return found
 
 
@@ -135,17 +140,15 @@ def _texts(node: ast.expr, constants: Constants) -> Iterator[str | None]:
             yield from _texts(value, constants)
         case ast.Name(id=name):
             yield from constants.get(name, (None,))
-        case ast.BinOp(left=left, op=ast.Add(), right=right) if _is_list(left) or _is_list(right):
+        case ast.BinOp(left=left, op=ast.Add(), right=right) if _text(node, constants) is None:
             yield from _texts(left, constants)
             yield from _texts(right, constants)
         case _:
-            yield _text(node, constants)
-
-
-def _is_list(node: ast.expr) -> bool:
-    if isinstance(node, ast.BinOp):
-        return _is_list(node.left) or _is_list(node.right)
-    return isinstance(node, ast.List | ast.Tuple)
+            text = _text(node, constants)
+            yield text
+            if text is None:  # a part of it may be complete, such as a branch of a condition
+                inner = (n.value for n in ast.walk(node) if isinstance(n, ast.Constant))
+                yield from (value for value in inner if isinstance(value, str))
 
 
 def _text(node: ast.expr, constants: Constants) -> str | None:

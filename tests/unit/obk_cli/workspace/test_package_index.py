@@ -226,6 +226,11 @@ def test_prefixes_are_those_of_ament_then_this_pythons(tmp_path: Path) -> None:
         ),
         (
             "setup.py",
+            "more = ['x = demo.x:go'] if X else []\n"
+            "setup(entry_points={'console_scripts': sorted(['run = demo.run:main']) + more})\n",
+        ),
+        (
+            "setup.py",
             'setup(entry_points="[console_scripts]\\nrun = demo.run:main\\nx = demo.x:go")\n',
         ),
         (
