@@ -21,6 +21,8 @@ __all__ = ["EVENTS_FILE", "RecordedRun", "open_run", "topic_named"]
 EVENTS_FILE: Final = "events.jsonl"
 """File beside the recording of a launch with events, such as when its stack became active."""
 NS_PER_S: Final = 1_000_000_000
+_TIMES_END: Final = 1 << 63
+"""Times from here on do not fit into 64 bits with a sign; only damaged files have them [ns]."""
 
 
 def topic_named(name: str, topics: Sequence[str]) -> str:
@@ -115,7 +117,8 @@ class RecordedRun:
                 time = event.get("time")
                 if isinstance(time, int | float) and abs(time) < 1 << 33:
                     return round(time * NS_PER_S)
-        return self.bag.start_ns or 0
+        start_ns = self.bag.start_ns or 0
+        return start_ns if start_ns < _TIMES_END else 0
 
     def __getitem__(self, name: str) -> RecordedTopic:
         """Return the messages of a topic, by its full name or a suffix; each is read only once.

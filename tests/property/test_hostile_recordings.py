@@ -84,6 +84,19 @@ def test_a_damaged_recording_is_read_or_rejected(data: bytes) -> None:
     look_at(data)
 
 
+def test_times_that_no_clock_shows_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "late.mcap"
+    with path.open("wb") as file:
+        made = Writer(file, compression=CompressionType.NONE)
+        made.start("ros2", "test")
+        schema = made.register_schema(TYPE, "ros2msg", DEFINITION.encode())
+        channel = made.register_channel("/speed", "cdr", schema)
+        made.add_message(channel, 2**64 - 1, MESSAGE, 2**64 - 1)
+        made.finish()
+    look_at(path.read_bytes())
+    assert len(open_run(path)["/speed"].t) == 1
+
+
 def made_up(topic: str, definition: str, name: str, message: bytes) -> bytes:
     """A valid file with an invalid schema or content."""
     file = BytesIO()
