@@ -79,6 +79,8 @@ class Outcome:
     diagnostics: tuple[Diagnostic, ...] = field(default=())
     environment: Environment | None = None
     """The packages and models that were looked up; None if none were."""
+    files: tuple[str, ...] = ()
+    """The config and the files that it includes."""
 
     @property
     def hazards(self) -> tuple[Diagnostic, ...]:
@@ -156,6 +158,7 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
         config=stack,
         diagnostics=counted(reported),
         environment=environment,
+        files=tuple(source.path for source in files.sources),
     )
 
 

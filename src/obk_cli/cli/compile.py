@@ -3,7 +3,7 @@
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Final
@@ -57,14 +57,16 @@ def command(
     require_choice("--to", to, FORMS)
     outcome = compile_config(config, make_options(set_, ignore))
     plan = valid_plan(outcome, color, with_infos=True)
-    deliver(config, plan, FORMS[to].emit(plan), FORMS[to].ending, output)
+    deliver(outcome.files, plan, FORMS[to].emit(plan), FORMS[to].ending, output)
 
 
-def deliver(config: str, plan: Plan, content: str | bytes, ending: str, output: str | None) -> None:
+def deliver(
+    files: Iterable[str], plan: Plan, content: str | bytes, ending: str, output: str | None
+) -> None:
     """Print an export of the plan, or write it to a file; an identical file is not rewritten.
 
     Args:
-        config: the file from which the plan was made.
+        files: the config and the files that it includes; never replaced.
         plan: gives the default file name in a folder.
         content: the export.
         ending: file extension for the default name.
@@ -72,7 +74,7 @@ def deliver(config: str, plan: Plan, content: str | bytes, ending: str, output: 
 
     Raises:
         CommandFailedError: the file cannot be written.
-        MisuseError: the file is the config or one that it names.
+        MisuseError: the output is one of these files, or one that a node reads.
     """
     if output is None or output == STDOUT:
         if isinstance(content, str):
@@ -85,7 +87,7 @@ def deliver(config: str, plan: Plan, content: str | bytes, ending: str, output: 
     if path.is_dir() or output.endswith(os.sep):
         path /= re.sub(r"[^\w.-]", "_", plan.name) + ending
     try:
-        if path.exists() and any(path.samefile(source) for source in _sources(config, plan)):
+        if path.exists() and any(path.samefile(source) for source in _sources(files, plan)):
             raise MisuseError(
                 f"`--output {path}` would replace a file that the config needs",
                 help="choose another file",
@@ -95,11 +97,11 @@ def deliver(config: str, plan: Plan, content: str | bytes, ending: str, output: 
         raise unwritable(path, error) from error
 
 
-def _sources(config: str, plan: Plan) -> Iterator[Path]:
+def _sources(files: Iterable[str], plan: Plan) -> Iterator[Path]:
     """The existing files from which a plan is made or which its nodes read."""
-    named = [config]
+    named = [*files]
     for node in plan.nodes:
-        named += (node.origin.path, node.model or "")
+        named.append(node.model or "")
         named += (value for value in node.parameters.values() if isinstance(value, str))
     for name in dict.fromkeys(named):
         with suppress(OSError, ValueError):  # another string, perhaps too long for a path

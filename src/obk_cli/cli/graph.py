@@ -62,14 +62,15 @@ def command(
         require_choice("--to", to, _PICTURES)
     if to == "png" and output in (None, STDOUT) and sys.stdout.isatty():
         raise MisuseError("`--to png` cannot be shown in a terminal; add `--output FILE`")
-    plan = valid_plan(compile_config(config, make_options(set_, ignore)), color, with_infos=True)
+    outcome = compile_config(config, make_options(set_, ignore))
+    plan = valid_plan(outcome, color, with_infos=True)
     if to is None:
         width = min(max(shutil.get_terminal_size((_NARROWEST, 24)).columns, _NARROWEST), _WIDEST)
-        deliver(config, plan, emit_terminal(graph_of(plan), width), _TEXT, output)
+        deliver(outcome.files, plan, emit_terminal(graph_of(plan), width), _TEXT, output)
     elif to == "png":
-        deliver(config, plan, emit_png(graph_of(plan)), _PICTURES[to], output)
+        deliver(outcome.files, plan, emit_png(graph_of(plan)), _PICTURES[to], output)
     else:
-        deliver(config, plan, FORMS[to].emit(plan), _PICTURES[to], output)
+        deliver(outcome.files, plan, FORMS[to].emit(plan), _PICTURES[to], output)
 
 
 def _picture_of(output: str | None) -> str | None:

@@ -63,13 +63,14 @@ def test_a_dash_is_the_standard_output(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["arm.yaml", "base.yaml", "link.yaml"])
+@pytest.mark.parametrize("name", ["arm.yaml", "base.yaml", "name.yaml", "link.yaml"])
 def test_the_output_replaces_no_input(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config, base = tmp_path / "arm.yaml", tmp_path / "base.yaml"
     base.write_bytes(Path(CONFIG).read_bytes())
-    config.write_text("include: base.yaml\n")
+    (tmp_path / "name.yaml").write_text("config: other\n")
+    config.write_text("include: [base.yaml, name.yaml]\n")
     (tmp_path / "link.yaml").symlink_to(config)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     with pytest.raises(SystemExit) as ended:
