@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
+from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core, quoted_scalar
 
 __all__ = [
     "CALLBACK_GROUPS_PARAMETER",
@@ -101,7 +101,6 @@ _FLAT_FIELD = re.compile(r"\s*([A-Za-z_][A-Za-z0-9_]*)\s*:(.*)", re.DOTALL)
 _NEXT_FLAT_FIELD = re.compile(r",(?=\s*[A-Za-z_][A-Za-z0-9_]*\s*:)")
 _FLAT_NAME = re.compile("[A-Za-z_][A-Za-z0-9_]*")
 _FLAT_TEXT = re.compile(r"[^,:\s\x00-\x1f\x7f-\x9f]+")
-_UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
 
 
 class SettingTextError(ValueError):
@@ -186,11 +185,13 @@ def format_setting(value: object) -> str:
     Numbers that are not finite are written as in YAML, `.inf`.
     """
     if isinstance(value, Mapping):
-        fields = (f"{_format_str(str(key))}: {format_setting(item)}" for key, item in value.items())
+        fields = (
+            f"{quoted_scalar(str(key))}: {format_setting(item)}" for key, item in value.items()
+        )
         return f"{{{', '.join(fields)}}}"
     if isinstance(value, Sequence) and not isinstance(value, str):
         return f"[{', '.join(map(format_setting, value))}]"
-    return _format_str(value) if isinstance(value, str) else _format_scalar(value)
+    return quoted_scalar(value) if isinstance(value, str) else _format_scalar(value)
 
 
 def _format_scalar(value: object) -> str:
@@ -199,8 +200,3 @@ def _format_scalar(value: object) -> str:
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else (".inf" if value > 0 else "-.inf")
     return repr(value)
-
-
-def _format_str(text: str) -> str:
-    quoted = json.dumps(text, ensure_ascii=False)
-    return _UNWRITABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", quoted)

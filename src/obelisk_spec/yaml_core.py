@@ -6,6 +6,7 @@ an object. `expand_variables` replaces `${NAME}` and `${NAME:-text}` with values
 Source: YAML 1.2.2, 10.3 Core Schema.
 """
 
+import json
 import re
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NoReturn
@@ -13,12 +14,14 @@ from typing import Any, Final, NoReturn
 import yaml
 
 __all__ = [
+    "MOST_VALUES",
     "REFERENCE",
     "Scalar",
     "YamlTextError",
     "core_scalar",
     "expand_variables",
     "load_yaml_core",
+    "quoted_scalar",
     "value_of_reference",
 ]
 
@@ -36,8 +39,8 @@ _INT: Final = re.compile(r"[-+]?[0-9]+")
 _BASED: Final = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT: Final = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _MAY_BE_NUMBER: Final = frozenset("+-.0123456789")
-_MOST_VALUES: Final = 150_000
-"""Maximum number of values in a document; an alias counts as all values of its anchor."""
+MOST_VALUES: Final = 150_000
+"""Maximum number of values in a document or config; an alias counts as all values of its anchor."""
 _LONGEST_INT: Final = 4000
 _LONGEST_BASED: Final = 3000
 """Maximum number of digits; Python does not convert longer ones, and no robot needs them."""
@@ -54,6 +57,16 @@ def core_scalar(text: str) -> Scalar:
     if _BASED.fullmatch(text):
         return int(text[2:], 8 if text[1] == "o" else 16) if len(text) < _LONGEST_BASED else text
     return float(text) if _FLOAT.fullmatch(text) else text
+
+
+_UNWRITABLE: Final = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
+"""Characters that YAML does not allow in a document, or that JSON does not escape."""
+
+
+def quoted_scalar(text: str) -> str:
+    """The text as a double-quoted scalar, which is JSON as well."""
+    quoted = json.dumps(text, ensure_ascii=False)
+    return _UNWRITABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", quoted)
 
 
 class YamlTextError(ValueError):
@@ -87,8 +100,8 @@ class _CoreLoader(yaml.SafeLoader):
             self._values += self._weights[id(node)]
         else:
             self._reject(f"the alias `*{event.anchor}` is inside its own value", event)
-        if self._values > _MOST_VALUES:
-            self._reject(f"more than {_MOST_VALUES:,} values", event)
+        if self._values > MOST_VALUES:
+            self._reject(f"more than {MOST_VALUES:,} values", event)
         return node
 
     def _reject(self, problem: str, event: Any) -> NoReturn:

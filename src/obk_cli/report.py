@@ -5,7 +5,6 @@ Info-level findings have only the message, unless `verbose` is set.
 """
 
 import json
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from itertools import groupby
@@ -17,13 +16,12 @@ from obk_cli.diagnostics.diagnostic import Diagnostic, Related, Severity
 from obk_cli.diagnostics.edits import Edit
 from obk_cli.diagnostics.rules import rule_of
 from obk_cli.diagnostics.source import Span
-from obk_cli.terminal import visible
+from obk_cli.terminal import escaped, visible
 
 __all__ = ["report_github", "report_json", "report_sarif", "report_text", "summary"]
 
 _COLOURS: dict[str, str] = {"error": "31", "warning": "33", "info": "36", "help": "32", "dim": "2"}
 _SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
-_CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
 _WIDEST = 160
 """Maximum number of characters shown of a line."""
 
@@ -76,21 +74,16 @@ def _block(diagnostic: Diagnostic, paint: _Paint) -> Iterator[str]:
     width = max(len(str(span.line)) for span, _ in places)
     yield from _excerpt(diagnostic.span, width, paint, diagnostic.severity)
     for related in diagnostic.related:
-        yield f"  {_on_one_line(f'{related.span}: {related.message}')}"
+        yield f"  {escaped(f'{related.span}: {related.message}')}"
         yield from _excerpt(related.span, width, paint, "dim")
     if diagnostic.help:
-        yield f"  {paint('help', 'help')}: {_on_one_line(diagnostic.help)}"
+        yield f"  {paint('help', 'help')}: {escaped(diagnostic.help)}"
 
 
 def _headline(diagnostic: Diagnostic, paint: _Paint) -> str:
     kind = paint(diagnostic.severity, f"{diagnostic.severity}[{diagnostic.code}]")
-    place, message = _on_one_line(str(diagnostic.span)), _on_one_line(diagnostic.message)
+    place, message = escaped(str(diagnostic.span)), escaped(diagnostic.message)
     return f"{place}: {kind}: {message}"
-
-
-def _on_one_line(text: str) -> str:
-    """The text with control characters of the user's values escaped."""
-    return _CONTROL.sub(lambda char: char[0].encode("unicode_escape").decode(), text)
 
 
 def _excerpt(span: Span, width: int, paint: _Paint, role: str) -> Iterator[str]:

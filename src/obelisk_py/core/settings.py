@@ -28,7 +28,14 @@ from obelisk_spec.components import (
 )
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.suggestions import with_article
-from obelisk_spec.values import COUNT_RANGE, is_count, is_none
+from obelisk_spec.values import (
+    COUNT_RANGE,
+    LONGEST_PERIOD_S,
+    SHORTEST_PERIOD_S,
+    is_count,
+    is_none,
+    is_number,
+)
 
 __all__ = [
     "NodeSettings",
@@ -45,10 +52,6 @@ __all__ = [
 ]
 
 P = TypeVar("P")
-
-SHORTEST_PERIOD_S = 1e-9
-LONGEST_PERIOD_S = 9e9
-"""Longest duration in 64 bits of nanoseconds [s]."""
 
 _SUBSTITUTION: Final = re.compile(r"\{(node|ns|namespace)\}")
 """Placeholder in a topic that ROS replaces with a name."""
@@ -269,11 +272,7 @@ def stale_policy(component: RegisteredComponent, raw: Mapping[str, Any]) -> Stal
 
 
 def _seconds(component: RegisteredComponent, key: str, value: Any) -> float:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not SHORTEST_PERIOD_S <= value < LONGEST_PERIOD_S
-    ):
+    if not is_number(value, SHORTEST_PERIOD_S, LONGEST_PERIOD_S):
         raise ObeliskConfigError(
             f"the {component}: `{key}` is {value!r}, expected a number of seconds above 0, "
             f"from {SHORTEST_PERIOD_S:g} to {LONGEST_PERIOD_S:g}"

@@ -10,9 +10,9 @@ from pathlib import Path, PurePath
 
 from obelisk_spec.components import component_identity
 from obelisk_spec.suggestions import ask_for, did_you_mean, near_names
-from obelisk_spec.yaml_core import REFERENCE, core_scalar, value_of_reference
+from obelisk_spec.yaml_core import MOST_VALUES, REFERENCE, core_scalar, value_of_reference
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
-from obk_cli.config.yaml_parser import MOST_VALUES, decode_source, parse_source, too_many_values
+from obk_cli.config.yaml_parser import decode_source, parse_source, too_many_values
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import COMMAND_LINE, LONGEST_FILE_BYTES, SourceFile, Span
 from obk_cli.files import STANDARD_INPUT

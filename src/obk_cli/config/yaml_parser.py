@@ -12,22 +12,19 @@ from typing import NoReturn
 import yaml
 from yaml.events import AliasEvent, MappingStartEvent, ScalarEvent
 
-from obelisk_spec.yaml_core import core_scalar
+from obelisk_spec.yaml_core import MOST_VALUES, core_scalar
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.config.yaml_error_context import YAML_LOADER, YamlText, forbidden_character
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile, Span
 
 __all__ = [
-    "MOST_VALUES",
     "Parsed",
     "decode_source",
     "parse_source",
     "too_many_values",
 ]
 
-MOST_VALUES = 150_000
-"""Maximum number of values in a config; an alias counts as all values that it stands for."""
 _DEEPEST = 100
 
 _CORE_TAGS = {

@@ -1,11 +1,9 @@
 """The `workspace` and `stacks` checks: packages and unbuilt messages; running stacks, orphans."""
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from obelisk_spec.suggestions import with_number
 from obk_cli.doctor.finding import Finding, note, ok, warning
@@ -14,7 +12,7 @@ from obk_cli.runs.orphans import find_orphans
 from obk_cli.runs.registry import live_runs
 from obk_cli.terminal import plain
 from obk_cli.workspace.message_build import survey_of
-from obk_cli.workspace.package_index import find_workspace, package_folders
+from obk_cli.workspace.package_index import declared_name, find_workspace, package_folders
 from obk_interfaces import InterfaceError
 
 __all__ = [
@@ -72,17 +70,13 @@ def judge_workspace(facts: WorkspaceFacts) -> Iterator[Finding]:
         )
 
 
-_NAME: Final = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
-
-
 def probe_workspace(working_folder: Path, environment: Mapping[str, str]) -> WorkspaceFacts:
     """Examine the sources of the workspace that contains a folder."""
     workspace = find_workspace(working_folder)
-    manifests = [folder / "package.xml" for folder in package_folders(workspace)]
-    if not manifests:
+    names = {folder: declared_name(folder) for folder in package_folders(workspace)}
+    if not names:
         return WorkspaceFacts(folder=None, packages=(), broken=(), doubled=(), unbuilt=())
-    names = {path: _NAME.search(path.read_text(errors="replace")) for path in manifests}
-    counts = Counter(found[1] for found in names.values() if found)
+    counts = Counter(name for name in names.values() if name is not None)
     unbuilt: tuple[str, ...] = ()
     fault = ""
     try:
@@ -92,7 +86,7 @@ def probe_workspace(working_folder: Path, environment: Mapping[str, str]) -> Wor
     return WorkspaceFacts(
         folder=str(workspace),
         packages=tuple(sorted(counts)),
-        broken=tuple(str(path) for path, found in names.items() if not found),
+        broken=tuple(str(folder / "package.xml") for folder, name in names.items() if name is None),
         doubled=tuple(sorted(name for name, count in counts.items() if count > 1)),
         unbuilt=unbuilt,
         fault=fault,

@@ -3,20 +3,17 @@
 Text is always in quotes, so that the ROS parser never reads `on` or `1e3` as another type.
 """
 
-import json
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from obelisk_spec.values import ParameterValue
+from obelisk_spec.yaml_core import quoted_scalar
 
 if TYPE_CHECKING:
     from obk_cli.plan.plan import PlannedNode
 
 __all__ = ["emit_node_params", "emit_params", "emit_value", "params_file_name"]
-
-_UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
 
 
 def emit_params(nodes: "Iterable[PlannedNode]") -> str:
@@ -57,8 +54,7 @@ def emit_value(value: ParameterValue) -> str:
 def _text(text: str) -> str:
     if '"' in text and "'" not in text and text.isprintable():
         return f"'{text}'"  # without escapes, so that JSON remains readable
-    quoted = json.dumps(text, ensure_ascii=False)
-    return _UNWRITABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", quoted)
+    return quoted_scalar(text)
 
 
 def _float(value: float) -> str:

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 from obelisk_spec.suggestions import with_number
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import GraphSource, parameters_of
 from obk_cli.introspect.target import GraphTarget
 from obk_cli.ros.graph import (
+    GET_STATE,
     GraphEndpoint,
     GraphSnapshot,
     TopicInfo,
@@ -34,8 +35,6 @@ __all__ = [
     "topics_data",
     "topics_text",
 ]
-
-GET_STATE: Final = "lifecycle_msgs/srv/GetState"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

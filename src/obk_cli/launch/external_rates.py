@@ -18,7 +18,13 @@ from obelisk_spec.runtime_protocol import TOLERANCE, USE_SIM_TIME, Rate
 from obk_cli.clock import monotonic_s
 from obk_cli.launch.events import OutputEvent, RatesReported, RatesUnreported
 from obk_cli.plan.plan import PlannedNode, Promise
-from obk_cli.ros.meters import RosMeter, TopicRate
+from obk_cli.ros.meters import (
+    WATCH_TURN_S,
+    WATCH_WINDOW_S,
+    RosMeter,
+    TopicRate,
+    watch_window_s,
+)
 from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.simulated_clock import SimulatedClock, follow_clock
 from obk_cli.ros.types import raw_type
@@ -27,12 +33,6 @@ __all__ = ["ExternalRates", "external_rate"]
 
 REPORT_S: Final = 1.0
 """Time between two reports, as for nodes that report their own [s]."""
-WINDOW_S: Final = 2.0
-"""Measurement window; a rate that is too low for this long is broken [s]."""
-PERIODS: Final = 5
-"""Minimum number of periods in the window of a slow rate."""
-TURN_S: Final = 0.02
-"""Polling period of the subscriptions [s]."""
 NO_MESSAGES: Final = TopicRate(count=0, lost=None, seen=0, window_s=0.0)
 _US: Final = 1e6
 _S: Final = 1e-9
@@ -82,7 +82,7 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
             self._thread.join()
 
     def _measure(self) -> None:
-        meter = RosMeter(self._participant, WINDOW_S, TURN_S)
+        meter = RosMeter(self._participant, WATCH_WINDOW_S, WATCH_TURN_S)
         since: dict[str, float | None] = {}
         reported_s, epoch = monotonic_s(), self._clock.epoch
         while not self._end.is_set():
@@ -131,7 +131,7 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
         rates = tuple(
             external_rate(promise, seen.get(promise.topic, NO_MESSAGES))
             for promise in node.promises
-            if promise.topic is not None and measured_s > window_s(promise)
+            if promise.topic is not None and measured_s > watch_window_s(promise.period_s)
         )
         if rates:
             self._report(RatesReported(node=node.full_name, rates=rates, is_external=True))
@@ -151,7 +151,7 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
             seen = self._participant.topic(promise.topic)
             for msg_type in seen.published_types[:1]:
                 python_type = raw_type(msg_type, (end.type_hash for end in seen.publishers))
-                window = window_s(promise)
+                window = watch_window_s(promise.period_s)
                 meter.add(
                     promise.topic,
                     msg_type,
@@ -165,11 +165,6 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
 def is_on_simulated_time(node: PlannedNode) -> bool:
     """Return whether the timers of a node follow `/clock`."""
     return bool(node.parameters.get(USE_SIM_TIME))
-
-
-def window_s(promise: Promise) -> float:
-    """Return the measurement window of a rate, in the time of its node [s]."""
-    return max(WINDOW_S, PERIODS * promise.period_s)
 
 
 def external_rate(promise: Promise, seen: TopicRate) -> Rate:

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
+from obk_cli.errors import EXIT_DONE, EXIT_FAILED
 from obk_cli.launch.event_loop import EventLoop, Inbox, Lifecycle, Limits, Processes, RunContext
 from obk_cli.launch.events import (
     FAULT_TRANSITIONS,
@@ -56,8 +57,6 @@ from obk_cli.runs.protocol import ChangeAnswer, Member
 
 __all__ = ["Supervisor"]
 
-EXIT_DONE: Final = 0
-EXIT_FAILED: Final = 1
 SIGNAL_EXIT: Final = 128
 """A program that handles a signal and then exits adds the signal's number to this exit code."""
 REMINDER_S: Final = 5.0

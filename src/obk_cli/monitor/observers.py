@@ -22,6 +22,7 @@ from obk_cli.monitor.expected_topics import (
 )
 from obk_cli.monitor.model import NodeView, ProcessLoad, StackView
 from obk_cli.monitor.topic_watch import RTF_TYPE, TopicWatch
+from obk_cli.ros.graph import GET_STATE
 from obk_cli.ros.parameters import NodeParameter
 from obk_cli.ros.participant import OBSERVER_NODE, RosParticipant
 from obk_cli.ros.services import ServiceClient
@@ -167,7 +168,6 @@ def _node(
     )
 
 
-GET_STATE: Final = "lifecycle_msgs/srv/GetState"
 FIRST_ANSWER_S: Final = 1.0
 """Limit for a node's state while its service is being discovered [s]."""
 REMOTE_ANSWER_S: Final = 0.2

@@ -15,13 +15,22 @@ from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.expected_topics import PlannedTopic
 from obk_cli.monitor.model import MessageAge, TopicView
+from obk_cli.ros.field_path import HEADER
 from obk_cli.ros.graph import TopicInfo
-from obk_cli.ros.meters import HEADER, RosMeter, TopicRate, Watch, is_of_other_clock
+from obk_cli.ros.meters import (
+    WATCH_TURN_S,
+    WATCH_WINDOW_S,
+    RosMeter,
+    TopicRate,
+    Watch,
+    is_of_other_clock,
+    watch_window_s,
+)
 from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.simulated_clock import SimulatedClock, follow_clock
 from obk_cli.ros.types import fields_of, find_type, raw_type, short_type
 
-__all__ = ["RTF_TYPE", "WINDOW_S", "MessageAgeMeter", "TopicWatch"]
+__all__ = ["RTF_TYPE", "MessageAgeMeter", "TopicWatch"]
 
 _LITTLE: Final = struct.Struct("<iI")
 _BIG: Final = struct.Struct(">iI")
@@ -111,12 +120,6 @@ class MessageAgeMeter:
             self._delays_ns.popleft()
 
 
-WINDOW_S: Final = 2.0
-"""Measurement window of rates; a throttled topic is marked within this time [s]."""
-TURN_S: Final = 0.02
-"""Polling period of the subscriptions; a longer one needs less processor time [s]."""
-PERIODS: Final = 5
-"""Minimum number of periods in the window of a slow topic."""
 FOUND_S: Final = 0.5
 """Time for a publisher to discover a new subscription [s]."""
 PERIODS_TO_JUDGE: Final = 3
@@ -140,7 +143,7 @@ class TopicWatch:
             participant: a participant.
         """
         self._participant = participant
-        self._meter = RosMeter(participant, WINDOW_S, TURN_S)
+        self._meter = RosMeter(participant, WATCH_WINDOW_S, WATCH_TURN_S)
         self._topics: dict[str, PlannedTopic] = {}
         self._age_meters: dict[str, MessageAgeMeter | None] = {}
         self._expected_since: dict[str, float] = {}
@@ -175,7 +178,7 @@ class TopicWatch:
         Returns:
             None if it was not measured yet.
         """
-        pace = self._clock.pace(round((wall_s() - WINDOW_S) * _NS))
+        pace = self._clock.pace(round((wall_s() - WATCH_WINDOW_S) * _NS))
         if pace is not None and self._factors.keys() <= {topic}:
             return pace
         taken = self._factors.get(topic)
@@ -261,7 +264,7 @@ class TopicWatch:
             return
 
     def _subscribe(self, topic: PlannedTopic, msg_type: str, python_type: Any) -> None:
-        window_s = max(WINDOW_S, PERIODS / topic.expected_hz if topic.expected_hz else 0.0)
+        window_s = watch_window_s(1 / topic.expected_hz if topic.expected_hz else 0.0)
         meter = MessageAgeMeter(window_s, self._clock) if _begins_with_header(msg_type) else None
         watch = meter.take if meter is not None else None
         self._meter.add(topic.name, msg_type, python_type, watch, window_s=window_s, is_light=True)

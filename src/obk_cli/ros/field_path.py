@@ -12,8 +12,10 @@ from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
 
 __all__ = [
+    "HEADER",
     "INTEGERS",
     "MISSING",
+    "TIME",
     "ArrayType",
     "FieldType",
     "FieldsOf",
@@ -28,6 +30,8 @@ __all__ = [
     "selected",
 ]
 
+HEADER: Final = "std_msgs/Header"
+TIME: Final = "builtin_interfaces/Time"
 INTEGERS: Final = {
     **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
     **{f"uint{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},

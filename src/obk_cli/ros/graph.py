@@ -14,6 +14,7 @@ from obk_cli.ros.raw_subscription import OfferedQos, RequestedQos
 
 __all__ = [
     "FOREIGN_DISCOVERY_S",
+    "GET_STATE",
     "OWN_DISCOVERY_S",
     "UNNAMED",
     "GraphEndpoint",

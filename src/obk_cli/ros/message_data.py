@@ -13,7 +13,9 @@ from typing import Any, Final
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import MisuseError
 from obk_cli.ros.field_path import (
+    HEADER,
     INTEGERS,
+    TIME,
     ArrayType,
     FieldsOf,
     FieldType,
@@ -34,8 +36,6 @@ class Now(Enum):
 
 Data = bool | int | float | str | Now | list["Data"] | dict[str, "Data"]
 
-HEADER: Final = "std_msgs/Header"
-TIME: Final = "builtin_interfaces/Time"
 MOST_FAULTS: Final = 20
 GREATEST: Final = {"float": 3.4028234663852886e38, "double": sys.float_info.max}
 

@@ -15,12 +15,14 @@ from operator import sub
 from typing import Any, Final
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.field_path import FieldsOf
+from obk_cli.ros.field_path import HEADER, TIME, FieldsOf
 from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.raw_subscription import DropCounter, RawSubscription
 
 __all__ = [
     "MOST_KEPT",
+    "WATCH_TURN_S",
+    "WATCH_WINDOW_S",
     "Delay",
     "DelayMeter",
     "Meter",
@@ -29,6 +31,7 @@ __all__ = [
     "Watch",
     "is_of_other_clock",
     "stamp_getter",
+    "watch_window_s",
 ]
 
 
@@ -162,11 +165,22 @@ def _wall_ns(time_ns: int) -> int:
 
 TURN_S: Final = 0.005
 """Polling period of the subscriptions [s]."""
+WATCH_TURN_S: Final = 0.02
+"""Polling period while a whole stack is watched; it needs less processor time [s]."""
+WATCH_WINDOW_S: Final = 2.0
+"""Measurement window of a watched stack: a rate that is too low for this long is broken [s]."""
+WATCH_PERIODS: Final = 5
+"""Minimum number of periods in the window of a slow topic."""
 REFRESH_S: Final = 0.1
 """Polling period of the publishers [s]."""
 
 OLD_NS: Final = 500_000_000
 """Time after subscribing in which messages may count as old [ns]."""
+
+
+def watch_window_s(period_s: float) -> float:
+    """The window in which a watched topic with this period [s] is measured [s]."""
+    return max(WATCH_WINDOW_S, WATCH_PERIODS * period_s)
 
 
 class RosMeter:
@@ -386,8 +400,6 @@ class DelayMeter:
         return [one - least for one in delays]
 
 
-HEADER: Final = "std_msgs/Header"
-TIME: Final = "builtin_interfaces/Time"
 NS: Final = 1_000_000_000
 
 

@@ -15,6 +15,7 @@ from typing import Final
 from obk_cli.diagnostics.source import SourceFile, Span
 
 __all__ = [
+    "BIND_UNSEEN",
     "UNKNOWN",
     "Definition",
     "Dotted",
@@ -38,7 +39,7 @@ __all__ = [
     "words_in",
 ]
 
-_BIND_UNSEEN = ("exec", "globals", "locals", "vars", "modules", "builtins", "__getattr__")
+BIND_UNSEEN = ("exec", "globals", "locals", "vars", "modules", "builtins", "__getattr__")
 """Names whose use can bind other names of a module."""
 _TYPE_PARAMETERS = ("TypeVar", "ParamSpec", "TypeVarTuple")
 """Python 3.12 syntax, `class Filter[T]`."""
@@ -82,7 +83,7 @@ class Module:
     @cached_property
     def bound_names(self) -> frozenset[str] | None:
         """Every name bound in any scope; None if some are unknown."""
-        if self.has_more_names or words_in(self.tree) & {*_BIND_UNSEEN}:
+        if self.has_more_names or words_in(self.tree) & {*BIND_UNSEEN}:
             return None
         return frozenset(stored_names(self.tree))
 

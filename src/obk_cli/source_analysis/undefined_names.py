@@ -12,6 +12,7 @@ from obk_cli.diagnostics.diagnostic import Diagnostic, Related, Severity, found
 from obk_cli.diagnostics.source import Span
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
 from obk_cli.source_analysis.modules import (
+    BIND_UNSEEN,
     Module,
     ModuleLibrary,
     at_top_level,
@@ -28,10 +29,8 @@ __all__ = [
     "what_import_runs",
 ]
 
-_BIND_UNSEEN = ("exec", "globals", "locals", "vars", "modules", "builtins", "__getattr__")
-"""Names whose use can bind other names of a module."""
 _SETS_UNSEEN = (
-    *_BIND_UNSEEN,
+    *BIND_UNSEEN,
     "setattr",
     "__dict__",
     "__getattribute__",

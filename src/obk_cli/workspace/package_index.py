@@ -25,6 +25,7 @@ from obk_cli.workspace.overlay import overlay_prefixes
 
 __all__ = [
     "PackageIndex",
+    "declared_name",
     "find_workspace",
     "is_native",
     "is_workspace",
@@ -426,14 +427,19 @@ def _unsearched_folders(folder: Path, depth: int) -> Iterator[Path]:
         yield from _unsearched_folders(child, depth + 1)
 
 
-def _package_name(folder: Path) -> str:
-    """The name in a package.xml; the folder's name if it is unreadable or missing."""
+def declared_name(folder: Path) -> str | None:
+    """The name in a folder's package.xml; None if it is unreadable or missing."""
     try:
         text = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
     except OSError:
-        return folder.name
+        return None
     name = _NAME.search(text)
-    return name[1] if name else folder.name
+    return name[1] if name else None
+
+
+def _package_name(folder: Path) -> str:
+    """The declared name of a package, otherwise the name of its folder."""
+    return declared_name(folder) or folder.name
 
 
 def owner_of_module(name: str) -> str | None:

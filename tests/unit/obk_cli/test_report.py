@@ -54,7 +54,7 @@ def test_values_can_neither_break_the_line_nor_reach_the_terminal() -> None:
     finding = found("OBK101", "no `a\nb`", Span.at(SOURCE, 1, 1), help="not \x1b[2J\u2028\u202e")
     headline, _, _, help = report_text([finding], colour=False).split("\n")
     assert headline == r"f.yaml:1:1: error[OBK101]: no `a\nb`"
-    assert help == r"  help: not \x1b[2J\u2028\u202e"
+    assert help == r"  help: not \u001b[2J\u2028\u202e"
 
 
 def test_the_part_around_the_location_is_shown_of_a_long_line() -> None:
