@@ -212,13 +212,14 @@ class RecordedTopic:
         return ragged
 
     def _place(self, path: str, place: int) -> Array:
-        lengths = {layout.columns[path].count for layout, _, _ in self.tables}
+        columns = [layout.columns.get(path) for layout, _, _ in self.tables]
+        lengths = {column.count for column in columns if column is not None}
         longest = max((length for length in lengths if length is not None), default=None)
         if longest is None:
             raise RecordingError(f"{self.name}: `{path}` is not an array")
         if place >= longest:
             raise RecordingError(f"{self.name}: `{path}` has only {longest} items")
-        if len(lengths) == 1:
+        if len(lengths) == 1 and None not in columns:
             return np.asarray(self._column(path)[:, place])
         return self.numbers(path, place)
 
@@ -339,7 +340,7 @@ class RecordedTopic:
             return ()
         if self._are_controls(path):
             return tuple(name for name, _ in self._actuators)
-        counts = {layout.columns[path].count for layout, _, _ in self.tables}
+        counts = {table[0].columns[path].count for table in self.tables if path in table[0].columns}
         return self.joint_names if counts == {len(self.joint_names)} else ()
 
     def joint(self, name: str, field: str) -> Array:

@@ -12,6 +12,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -128,6 +129,22 @@ def test_a_callback_that_polls_without_end_is_an_error(world: World) -> None:
     world.at(node, 0.1, poll)
     with pytest.raises(LockstepError, match=r"/node has slept for 1,000 s .*test_system\.py:\d+"):
         world.run(0.2)
+
+
+def test_only_the_first_error_of_a_callback_ends_the_run(world: World) -> None:
+    node = world.node()
+
+    def ignore_errors() -> None:
+        for _ in range(3):
+            with suppress(LockstepError):
+                time.sleep(2_000)
+        ignored.append(True)
+
+    ignored: list[bool] = []
+    world.at(node, 0.1, ignore_errors)
+    with pytest.raises(LockstepError, match="/node has slept for 2,000 s"):
+        world.run(0.2)
+    assert ignored
 
 
 def test_an_event_that_no_callback_can_set_is_an_error(world: World) -> None:

@@ -320,7 +320,8 @@ class IntraProcessPublisher(LifecyclePublisher):
             self._publish(msg, None)
         else:
             with sender.lock:
-                self._publish(msg, sender)
+                # `disconnect` may have run while this thread waited for the lock.
+                self._publish(msg, self._sender)
 
     def _publish(self, msg: Any, sender: LocalSender | None) -> None:
         buffers = self._topic.buffers
@@ -336,7 +337,7 @@ class IntraProcessPublisher(LifecyclePublisher):
             )
             # Otherwise the count may include a new subscription that replaced a destroyed one.
             and self._topic.buffers is buffers
-            and self._deliver_locally(msg, matched)
+            and self._deliver_locally(msg, matched, sender)
         ):
             return
         if sender is None:
@@ -362,10 +363,11 @@ class IntraProcessPublisher(LifecyclePublisher):
             end_s: until when to wait for subscriptions that do not read their messages, in the time
                 of `time.monotonic` [s].
         """
-        if self._sender is not None:
-            with self._sender.lock:
-                self._sender.close(end_s)
-            self._sender = None
+        sender = self._sender
+        if sender is not None:
+            with sender.lock:
+                self._sender = None
+                sender.close(end_s)
 
     def _send(self, message: Any) -> None:
         """Send to all subscriptions through DDS."""
@@ -387,17 +389,19 @@ class IntraProcessPublisher(LifecyclePublisher):
         self._match = (buffers, matched)
         return matched
 
-    def _deliver_locally(self, message: Any, buffers: tuple[MessageBuffer, ...]) -> bool:
+    def _deliver_locally(
+        self, message: Any, buffers: tuple[MessageBuffer, ...], sender: LocalSender | None
+    ) -> bool:
         """Give each buffer its own copy; false if DDS must deliver."""
         for buffer in buffers:
             if buffer.dds_may_hold_messages:
                 return False
         is_message = isinstance(message, self._message_class)
-        if self._sender is not None and self._sender.peers:
+        if sender is not None and sender.peers:
             if is_message:
                 assert self._pack is not None
                 message, is_message = self._pack(message), False
-            if not (isinstance(message, bytes) and self._sender.send(message)):
+            if not (isinstance(message, bytes) and sender.send(message)):
                 return False
         if is_message:
             assert self._copy is not None

@@ -22,6 +22,7 @@ socket holds messages that the subscription's history would have dropped.
 import fcntl
 import mmap
 import os
+import re
 import socket
 import stat
 import struct
@@ -53,6 +54,8 @@ __all__ = [
 _CREDENTIALS: Final = struct.Struct("3i")
 """`struct ucred`: process, user, group. Source: unix(7), SO_PEERCRED."""
 _BACKLOG: Final = 128
+_SOCKET_NAME: Final = re.compile(r"(?P<gid>[0-9a-f]{32})-(?P<depth>[0-9]+)")
+"""Other files, such as those of a network file system, may appear in the folder."""
 _MAGIC: Final = b"OBK1"
 CONFIRMATION: Final = b"\1"
 _GREETING: Final = struct.Struct("<4s16sQ")
@@ -101,8 +104,8 @@ class SocketFolder:
         found = {}
         with suppress(OSError):  # the run has ended
             for name in os.listdir(f"/proc/self/fd/{self._fd}"):  # noqa: PTH208 - a descriptor
-                gid, _, depth = name.partition("-")
-                found[bytes.fromhex(gid)] = int(depth)
+                if socket_name := _SOCKET_NAME.fullmatch(name):
+                    found[bytes.fromhex(socket_name["gid"])] = int(socket_name["depth"])
         return found
 
     def connect(self, gid: bytes, depth: int) -> socket.socket | None:

@@ -76,6 +76,13 @@ def contents(packet: bytes) -> tuple[bytes, int]:
     return packet[: -len(stamped(b"", 0))], number_of(packet)
 
 
+def test_other_files_in_the_folder_are_ignored(path: Path, folder: SocketFolder) -> None:
+    for name in (".nfs00000000a1b2", "readme", "0-x"):
+        (path / name).touch()
+    with folder.listen(gid(1), DEPTH):
+        assert folder.depths() == {gid(1): DEPTH}
+
+
 def test_a_greeting_names_its_publisher_and_nothing_else_is_a_greeting() -> None:
     assert greeting_of(bytes(GREETING)) == GREETING
     assert greeting_of(bytes(GREETING)[:-1]) is None

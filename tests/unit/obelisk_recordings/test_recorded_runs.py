@@ -124,6 +124,24 @@ def test_fields_are_arrays_with_times_names_and_units(tmp_path: Path) -> None:
     assert np.isnan(second.values()).tolist() == [True, True, False, True, True]
 
 
+def test_a_missing_item_of_a_nested_array_is_nan(tmp_path: Path) -> None:
+    limbs = [[{"id": 1, "values": [number, 2.0]}] * (number % 3) for number in range(4)]
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = EncodingWriter(file)
+        definition = f"Limb[] limbs\n{'=' * 80}\nMSG: demo_msgs/Limb\nint8 id\nfloat64[] values\n"
+        schema = writer.register_msgdef("demo_msgs/msg/Body", definition)
+        for number, parts in enumerate(limbs):
+            writer.write_message("/body", schema, {"limbs": parts}, number + 1, number + 1)
+        writer.finish()
+    topic = open_run(path)["/body"]
+    expected = [np.nan, np.nan, 2.0, np.nan]
+    assert topic["limbs[1].values[0]"].tolist() == pytest.approx(expected, nan_ok=True)
+    (signal,) = topic.signals("limbs[1].values[0]")
+    assert signal.values().tolist() == pytest.approx(expected, nan_ok=True)
+    assert topic.names("q_joints") == ()
+
+
 LENGTHS = st.lists(
     st.builds(
         lambda number, q, names, parts, data: arm(

@@ -259,7 +259,7 @@ class Scheduler:
         heapq.heappush(self._heap, (node.busy_until_ns, _PUT_OFF, order, node, call))
 
     def stop(self, error: LockstepError) -> LockstepError:
-        """End the run with an error, even if the running callback catches it.
+        """End the run with an error, even if the running callback catches it; the first one counts.
 
         Returns:
             The error, for the callback to raise.
@@ -268,7 +268,8 @@ class Scheduler:
         def fail() -> None:
             raise error
 
-        heapq.heappush(self._heap, (self.now_ns, _STOP, 0, None, fail))
+        if not self._is_stopping():
+            heapq.heappush(self._heap, (self.now_ns, _STOP, 0, None, fail))
         return error
 
     def check(self) -> None:
@@ -277,8 +278,11 @@ class Scheduler:
         Raises:
             LockstepError: a node did something that is impossible in lockstep.
         """
-        if self._heap and self._heap[0][1] == _STOP:
+        if self._is_stopping():
             self._heap[0][4]()
+
+    def _is_stopping(self) -> bool:
+        return bool(self._heap) and self._heap[0][1] == _STOP
 
     def run_as(self, node: ScheduledNode, call: Callable[[], Any]) -> Any:
         """Call a node's function, such as a transition, outside the node's events."""

@@ -55,7 +55,7 @@ class _Run:
             TimedOutput(times=SampleTimes(period_s=period, step_s=0.001), publish=self._keep(kept))
             for period, kept in zip(periods_s, self.published, strict=True)
         ]
-        Stepper(
+        self.stepper = Stepper(
             self.simulation,
             pace=Pace(0.001 / factor) if factor else None,
             clock=self.clock,
@@ -64,7 +64,11 @@ class _Run:
             warn=self.warnings.append,
             report=self.reports.append,
             ticks=self.ticks,
-        ).run(lambda: until(self))
+        )
+        self.until(until)
+
+    def until(self, until):
+        self.stepper.run(lambda: until(self))
 
     def _keep(self, kept):
         return lambda stamp: kept.append((self.simulation.steps, stamp))
@@ -124,6 +128,13 @@ def test_every_second_is_reported_with_the_measured_factor():
     run = _Run(factor=0.5, until=lambda run: run.clock.ns >= 3_500 * MS)
     assert [report.realtime_factor for report in run.reports] == pytest.approx([0.5] * 3, rel=2e-3)
     assert {report.overruns for report in run.reports} == {0}
+
+
+def test_a_second_run_is_measured_from_its_own_start():
+    run = _Run(factor=1.0, until=lambda run: run.clock.ns >= 10_500 * MS)
+    run.reports.clear()
+    run.until(lambda run: run.clock.ns >= 12_000 * MS)
+    assert [report.realtime_factor for report in run.reports] == pytest.approx([1.0], rel=2e-3)
 
 
 def test_paced_steps_are_counted_with_their_lateness():

@@ -189,7 +189,7 @@ class Stepper:
             shortest_ns = round(pace.period_ns * self._shortest_share)
         self.begin()
         due = self._next_due()
-        meter = _Meter(now_ns=now_ns, step_s=simulation.step_s)
+        meter = _Meter(now_ns=now_ns, steps=simulation.steps, step_s=simulation.step_s)
         count = 0 if pace is None else 1
         while not stopped():
             if pace is None:
@@ -255,10 +255,10 @@ def _next_batch(count: int, took_ns: int) -> int:
 class _Meter:
     """Compares simulation time with wall time, second by second."""
 
-    def __init__(self, *, now_ns: int, step_s: float) -> None:
+    def __init__(self, *, now_ns: int, steps: int, step_s: float) -> None:
         self._step_s = step_s
         self._since_ns = now_ns
-        self._steps = 0
+        self._steps = steps
         self._overruns = 0
         self._lost_s = 0.0
         self.next_report_ns = now_ns + NS_PER_S
