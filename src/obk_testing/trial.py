@@ -7,10 +7,10 @@ act at exact times. Actions without a time happen immediately.
 import functools
 import gc
 import math
-import random
 import re
 import time
 import weakref
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -124,6 +124,8 @@ class StackTrial:
         """Wall time of all calls to `run` [s]."""
         self.interventions: list[Intervention] = []
         """The test's actions on the stack."""
+        self._uses: Counter[str] = Counter()
+        """Use of random numbers -> how many generators it has."""
         self._looked_at: dict[tuple[str, ...], None] = {}
         recorded = None if record is None else frozenset(record)
         self._lockstep = LockstepRun(
@@ -190,11 +192,11 @@ class StackTrial:
                 scheduler.run_until(scheduler.now_ns + round(duration * NS_PER_S))
         finally:
             self.wall_s += time.perf_counter() - start_s
-            self._collect_faults()
         return self.result()
 
     def result(self) -> TrialResult:
         """Return the trial from its start until now."""
+        self._collect_faults()
         lockstep = self._lockstep
         return TrialResult(
             facts=TrialFacts(
@@ -277,10 +279,9 @@ class StackTrial:
             duration: duration [s].
         """
         self._log_intervention(f"drop {share:g} of {topic}", duration)
-        draw = random.Random(f"drop {topic} {self.seed}")  # noqa: S311
-        during = self._during(duration)
+        numbers, during = self._numbers(f"drop {topic}"), self._during(duration)
         self._topic(topic).rules.append(
-            lambda now_ns, _: None if during(now_ns) and draw.random() < share else 0
+            lambda now_ns, _: None if during(now_ns) and numbers.random() < share else 0
         )
 
     def delay(self, topic: str, seconds: float, duration: float = float("inf")) -> None:
@@ -316,8 +317,7 @@ class StackTrial:
                 f"{topic}: the field `{field}` is a {fields[field]}; noise needs a float or double"
             )
         self._log_intervention(f"add noise of {sigma:g} to {topic}.{field}", duration)
-        numbers = np.random.default_rng([self.seed, *topic.encode(), *field.encode()])
-        during = self._during(duration)
+        numbers, during = self._numbers(f"noise {topic} {field}"), self._during(duration)
 
         def disturb(now_ns: int, message: Any) -> None:
             if during(now_ns):
@@ -619,6 +619,11 @@ class StackTrial:
         start_ns = self._lockstep.scheduler.now_ns
         end_ns = start_ns + duration * NS_PER_S
         return lambda now_ns: start_ns <= now_ns < end_ns
+
+    def _numbers(self, use: str) -> np.random.Generator:
+        """Random numbers of the seed; those of another call are independent."""
+        self._uses[use] += 1
+        return np.random.default_rng([self.seed, self._uses[use], *use.encode()])
 
     def _collect_faults(self) -> None:
         for name, node in self.nodes.items():

@@ -16,6 +16,7 @@ import pytest
 from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_estimator_msgs.msg import EstimatedState
 from obelisk_sensor_msgs.msg import JointEncoders
+from rcl_interfaces.srv import GetParameters
 
 from obelisk_py.core.lockstep import guest_thread
 from obelisk_py.core.lockstep.scheduler import LockstepError
@@ -320,6 +321,25 @@ def test_actions_on_topics_affect_stubs_and_messages_from_outside(start: Start) 
         trial.publish("/hazards/control", sent)
     with pytest.raises(LookupError, match="needs a float or double"):
         trial.noise(CTRL, "header", 0.1)
+
+
+def test_two_noises_on_a_field_are_independent(start: Start) -> None:
+    trial = start(without=("control",))
+    sent = PositionSetpoint(u_mujoco=[7.0])
+    trial.stub("/stand_in", "/hazards/joint_encoders", lambda _: {CTRL: sent}, JointEncoders)
+    for _ in range(2):
+        trial.noise(CTRL, "u_mujoco", 0.1)
+    trial.run(5.0)
+    applied = np.array([u for _, u in trial.nodes[ROBOT].applied])
+    assert applied.std() == pytest.approx(0.1 * np.sqrt(2), rel=0.15)
+
+
+def test_a_fault_during_a_call_is_in_the_result(start: Start) -> None:
+    trial = start(parameters={CONTROL: {"fault": "compute"}}, schedule=Schedule(latency=0.005))
+    assert not trial.run(0.499).faults
+    trial.call(f"{ESTIMATION}/get_parameters", GetParameters.Request())
+    (fault,) = trial.result().faults
+    assert "on purpose" in fault
 
 
 def test_a_node_stays_frozen_until_the_last_freeze_ends(start: Start) -> None:
