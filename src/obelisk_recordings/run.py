@@ -188,6 +188,13 @@ class RecordedRun:
         return RecordedTopic(messages, self.origin_ns, self._actuators.get(messages.topic, ()))
 
     @cached_property
+    def processes(self) -> tuple[Mapping[str, Any], ...]:
+        """The processes in the plan; none if the recording has no plan."""
+        found = self.plan.get("processes")
+        processes = found if isinstance(found, list) else ()
+        return tuple(process for process in processes if isinstance(process, dict))
+
+    @cached_property
     def _actuators(self) -> Mapping[str, Sequence[tuple[str, str]]]:
         """Name and unit of each actuator of the simulator that subscribes to a topic."""
         with suppress(TypeError, KeyError, AttributeError):  # of an older version

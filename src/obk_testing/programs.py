@@ -47,6 +47,8 @@ __all__ = ["LoadedStack", "LoadedStacks", "compile_stack", "load_stack"]
 
 _DISCOVERY: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _TRIALS_OF_A_PARTICIPANT: Final = 20
+_LOAD_S: Final = 120.0
+"""Limit for all programs to call `spin_obelisk` [s]; a large neural network may load slowly."""
 _NOT_FOR_TESTS: Final = {"viewer": "none", "render": ""}
 """Simulator parameters that open windows or write files, with values that disable them."""
 
@@ -188,11 +190,13 @@ class Participant:
         if not rclpy.ok():
             before = os.environ.get(_DISCOVERY)
             os.environ[_DISCOVERY] = "OFF"  # hides the nodes from other processes
-            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            if before is None:
-                del os.environ[_DISCOVERY]
-            else:
-                os.environ[_DISCOVERY] = before
+            try:
+                rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            finally:
+                if before is None:
+                    del os.environ[_DISCOVERY]
+                else:
+                    os.environ[_DISCOVERY] = before
             self._owns_context = True
         self._stacks += 1
         if self._keeper is None:
@@ -264,6 +268,8 @@ class LoadedStack:
         self.nodes: list[LoadedNode] = []
         self._ready, self._over = threading.Event(), threading.Event()
         self._error: BaseException | None = None
+        self._loading = ""
+        """The node and program that was started last."""
         self._thread: threading.Thread | None = None
         self._resources = ExitStack()
         with ExitStack() as failed:
@@ -281,10 +287,16 @@ class LoadedStack:
         self._thread = threading.Thread(
             target=self._run_all, args=[programs], name="programs", daemon=True
         )
-        with refuse_plain_nodes():
-            self._thread.start()
-            self._ready.wait()
-        sys.argv = arguments  # each program has set its own
+        try:
+            with refuse_plain_nodes():
+                self._thread.start()
+                if not self._ready.wait(_LOAD_S):
+                    raise CommandFailedError(
+                        f"{self._loading} has not called spin_obelisk within {_LOAD_S:g} s",
+                        help="look for a loop, a wait or input() in its `main`",
+                    )
+        finally:
+            sys.argv = arguments  # each program has set its own
         # A test may have imported modules of the nodes before.
         packages = {program.module.partition(".")[0] for _, program in programs}
         self.generators = ModuleGenerators(
@@ -375,6 +387,7 @@ class LoadedStack:
             self._over.wait()
             return
         (node, program), *others = programs
+        self._loading = f"{node.full_name}: {program}"
         before = len(self.nodes)
 
         def take(request: SpinRequest) -> int:

@@ -197,6 +197,14 @@ def test_a_program_without_a_node_is_an_error(start: Start) -> None:
         start("control.executable=no_spin")
 
 
+def test_a_program_that_never_reaches_its_node_is_an_error(
+    start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(programs, "_LOAD_S", 2.0)
+    with pytest.raises(CommandFailedError, match=r"obelisk_control_0: .*within 2 s"):
+        start("control.executable=waits")
+
+
 def test_a_stub_replaces_a_node(start: Start) -> None:
     trial = start(without=("estimation",))
 

@@ -143,8 +143,10 @@ class WardenProcesses:
         os.close(write_fd)
         if not is_sent:
             self._report_lost(unit.name)
+        # Not those of the previous process, whose children may still write.
+        lines = self._last_lines[unit.name] = deque(maxlen=KEPT_LINES)
         pump = threading.Thread(
-            target=self._pump, args=(unit.name, read_fd), name="output", daemon=True
+            target=self._pump, args=(unit.name, read_fd, lines), name="output", daemon=True
         )
         pump.start()
         self._pumps[unit.name] = pump
@@ -217,8 +219,7 @@ class WardenProcesses:
         lines = [line for line in self.last_lines(node) if line.strip()]
         return lines[-1] if lines else ""
 
-    def _pump(self, node: str, read_fd: int) -> None:
-        lines = self._last_lines.setdefault(node, deque(maxlen=KEPT_LINES))
+    def _pump(self, node: str, read_fd: int, lines: deque[str]) -> None:
         with open(read_fd, encoding="utf-8", errors="replace") as output:
             while line := output.readline(LONGEST_LINE):
                 text = line.rstrip("\n")

@@ -78,6 +78,7 @@ def locked_run(
         CommandFailedError: the stack or one of its nodes is already running.
     """
     run = _run(plan, environment, options)
+    folder, fault = None, None
     try:
         folder = claim_run(
             runs_folder(environment.variables),
@@ -88,9 +89,11 @@ def locked_run(
             replace_other=options.replaces,
         )
     except OSError as error:
-        yield RunLock(run=run, folder=None, fault=error)
+        fault = error
+    lock = RunLock(run=run, folder=folder, fault=fault)
+    if folder is None:
+        yield lock
         return
-    lock = RunLock(run=run, folder=folder)
     try:
         yield lock
     except ObkError as error:

@@ -56,14 +56,16 @@ def command_topics(run: RecordedRun) -> frozenset[str]:
     return frozenset(planned & set(run.topics) | typed)
 
 
-def inputs_of(run: RecordedRun, is_wanted: Callable[[object], bool]) -> set[str]:
-    """The topics with a subscriber in the sections that `is_wanted` selects."""
-    processes = run.plan.get("processes")
+def inputs_of(run: RecordedRun, selects: Callable[[object], bool]) -> set[str]:
+    """The topics with a subscriber in the sections that `selects` accepts."""
+    inputs = [
+        process.get("subscribes") for process in run.processes if selects(process.get("section"))
+    ]
     return {
         str(end.get("topic"))
-        for process in (processes if isinstance(processes, list) else ())
-        if isinstance(process, dict) and is_wanted(process.get("section"))
-        for end in process.get("subscribes") or ()
+        for ends in inputs
+        if isinstance(ends, list)
+        for end in ends
         if isinstance(end, dict)
     }
 
@@ -170,10 +172,9 @@ class RecordedClock:
         Raises:
             RecordingError: the recording cannot be read.
         """
-        processes = run.plan.get("processes")
+        parameters = [process.get("parameters") for process in run.processes]
         is_simulated = not run.is_lockstep and any(
-            (process.get("parameters") or {}).get(USE_SIM_TIME)
-            for process in (processes if isinstance(processes, list) else ())
+            one.get(USE_SIM_TIME) for one in parameters if isinstance(one, dict)
         )
         stamps = [*_stamps(run)] if is_simulated else []
         self._published_ns = np.concatenate([one for one, _ in stamps] or [np.empty(0, np.int64)])

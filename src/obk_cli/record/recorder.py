@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -276,6 +276,11 @@ def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
     Raises:
         CommandFailedError: the file already exists or cannot be written, or ROS does not start.
     """
+
+    def tell(sentence: str) -> None:
+        with suppress(BrokenPipeError):  # nobody reads the output; the recording continues
+            report(sentence)
+
     with ExitStack() as stack:
         is_over = threading.Event()
         stack.enter_context(handle_end_signals(lambda _: is_over.set()))
@@ -284,11 +289,11 @@ def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
         try:
             with writer:
                 writer.describe(job.metadata, job.attachments, time.time_ns())
-                recorder = RosRecorder(node, writer, job.request, report)
+                recorder = RosRecorder(node, writer, job.request, tell)
                 stack.callback(recorder.close)
                 start = time.monotonic()
                 end = float("inf") if job.duration_s is None else start + job.duration_s
-                report(f"{BEGUN}{job.path}")
+                tell(f"{BEGUN}{job.path}")
                 while not is_over.is_set() and time.monotonic() < end:
                     recorder.turn()
                 recorder.finish()

@@ -158,10 +158,8 @@ class _Lengths:
     def _whole(self, expression: ast.expr) -> int | None:
         """The integer value of an expression of literals and constants."""
         match expression:
-            case ast.Constant(value=bool()):
-                return None
-            case ast.Constant(value=int(number)):
-                return number if abs(number) < _LONGEST else None
+            case ast.Constant():
+                return _small_int(expression)
             case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() as op, right=right):
                 one, other = self._whole(left), self._whole(right)
                 if one is None or other is None:
@@ -184,12 +182,7 @@ class _Lengths:
     def _constant(self, expression: ast.expr) -> int | None:
         dotted = dotted_name(expression, self._module) or ""
         definition = self._library.definition(dotted) if "." in dotted else None
-        match definition.node if definition else None:
-            case ast.Constant(value=bool()):
-                return None
-            case ast.Constant(value=int(number)):
-                return number if abs(number) < _LONGEST else None
-        return None
+        return _small_int(definition.node if definition else None)
 
     def _class_constant(self, name: str) -> int | None:
         """An int constant of the class body that no class reassigns."""
@@ -203,10 +196,15 @@ class _Lengths:
                         values += [value] if bound == name else []
                     case ast.AnnAssign(target=ast.Name(id=bound), value=value):
                         values += [value] if bound == name else []
-        match values:
-            case [ast.Constant(value=int(number))] if self._lineage.is_whole:
-                return number if abs(number) < _LONGEST else None
-        return None
+        return _small_int(values[0]) if len(values) == 1 and self._lineage.is_whole else None
+
+
+def _small_int(node: ast.AST | None) -> int | None:
+    """The value of an int literal; None for other nodes, and for numbers that are too large."""
+    match node:
+        case ast.Constant(value=int(number)) if not isinstance(number, bool):
+            return number if abs(number) < _LONGEST else None
+    return None
 
 
 def _extended(node: ast.AST) -> Iterator[tuple[str, str]]:

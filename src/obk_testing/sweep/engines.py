@@ -34,6 +34,8 @@ __all__ = ["Engine", "LocalEngine", "Placed", "RestartingWorker", "WorkerProcess
 _CASES_A_WORKER: Final = 200
 """Number of cases after which a worker is replaced, because every trial leaks 0.3 MB."""
 _ATTEMPTS: Final = 2
+_START_S: Final = 300.0
+"""Limit for a worker to load the stack and to collect the tests [s]."""
 _END_S: Final = 10.0
 """Timeout for a worker to exit after its last case [s]."""
 _ENVIRONMENT: Final = {
@@ -110,10 +112,11 @@ class WorkerProcess:
         )
         try:
             settings = WorkerSettings(config=str(config), tests=tuple(tests), parent=os.getpid())
-            hello = self._ask(asdict(settings))
-        except _WorkerDiedError as error:
+            hello = self._ask(asdict(settings), _START_S)
+        except (_WorkerDiedError, _TimeLimitError) as error:
             self.close()
-            raise CommandFailedError(f"a worker of the sweep cannot start: {error}") from error
+            reason = str(error) or f"it takes longer than {_START_S:g} s"
+            raise CommandFailedError(f"a worker of the sweep cannot start: {reason}") from error
         except BaseException:
             self.close()
             raise

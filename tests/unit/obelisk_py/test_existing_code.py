@@ -102,6 +102,8 @@ def test_a_config_is_found_in_the_share_folder_of_a_package(
     assert load_config_file(share / "config" / "arm.yaml") == config
     with pytest.raises(FileNotFoundError, match=r"`; searched: .*arm_ros/config/leg\.yaml"):
         load_config_file("leg.yaml", "arm_ros")
+    with pytest.raises(FileNotFoundError, match=r"`; searched: .*/leg\.yaml$"):
+        load_config_file("leg.yaml", "not a name")
     assert packages.get_package_prefix("arm_ros") == str(tmp_path)
 
 

@@ -56,7 +56,7 @@ def _places(path: Path, package_name: str) -> Iterator[Path]:
     if not path.is_absolute():
         try:
             yield get_package_share_path(package_name) / "config" / path
-        except PackageNotFoundError:
+        except (PackageNotFoundError, ValueError):  # ValueError: it cannot be a package's name
             return
 
 

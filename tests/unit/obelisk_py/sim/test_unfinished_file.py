@@ -61,6 +61,23 @@ def test_an_existing_file_is_kept(tmp_path):
     assert (tmp_path / "out-3.mp4").read_bytes() == b"video"
 
 
+def test_a_file_that_appears_at_the_last_moment_is_kept(tmp_path, monkeypatch):
+    find = video_files.free_name
+
+    def find_and_lose(path):
+        free = find(path)
+        if free.name == "out.mp4":
+            free.write_text("theirs")
+        return free
+
+    monkeypatch.setattr(video_files, "free_name", find_and_lose)
+    with unfinished(tmp_path) as place:
+        place.file.write(b"video")
+        assert place.finish(tmp_path / "out.mp4") == tmp_path / "out-2.mp4"
+    assert (tmp_path / "out.mp4").read_text() == "theirs"
+    assert (tmp_path / "out-2.mp4").read_bytes() == b"video"
+
+
 def test_a_missing_folder_is_an_error(tmp_path):
     with pytest.raises(FileNotFoundError), unfinished(tmp_path / "none"):
         pass

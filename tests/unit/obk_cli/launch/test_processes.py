@@ -370,7 +370,7 @@ def test_a_process_can_be_started_again_under_its_name(bench: MakeBench) -> None
         run.start("a")
         assert run.ended() == ProcessEnded(process="/a", code=0)
         assert run.line() == "hello"
-    assert run.processes.last_lines("/a") == ("hello", "hello")
+    assert run.processes.last_lines("/a") == ("hello",)
 
 
 def test_of_a_process_that_is_started_early_nothing_is_reported_before_its_start(

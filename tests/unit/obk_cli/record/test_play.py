@@ -111,6 +111,21 @@ def test_replayed_nodes_have_the_time_of_the_recorded_ones(
     assert times == pytest.approx(seconds)
 
 
+@pytest.mark.parametrize(
+    "processes",
+    [None, 1, [1], [{"parameters": 1, "subscribes": 1}], [{"subscribes": [1]}]],
+)
+def test_a_plan_of_another_program_is_ignored(tmp_path: Path, processes: object) -> None:
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.describe({}, {"plan.json": json.dumps({"processes": processes})}, 0)
+        imu = writer.add_topic("/imu", "my_msgs/msg/Imu", "float64 x\n", {})
+        writer.add_message(imu, b"\0\1\0\0" + bytes(8), SECOND, SECOND, 0)
+    run = open_run(tmp_path / "a.mcap")
+    assert playable_topics(run, [], may_move=False) == (["/imu"], [])
+    (message,) = messages_in_order(run.path, run.topics)
+    assert RecordedClock(run).time_ns(message) == SECOND
+
+
 def test_a_rewritten_recording_has_the_same_messages_at_other_times(tmp_path: Path) -> None:
     run = stamped_run(tmp_path / "a.mcap", is_simulated=False)
     rewrite(run, tmp_path / "b.mcap", ["/imu"], lambda ns: ns // 2, {"obelisk": {"a": "b"}})

@@ -200,6 +200,7 @@ def test_only_keys_that_are_certainly_used_count(lookup: str, keys: list[str]) -
         ("[0.0] * len(self.q)", None),
         ("[0.0] * count", None),
         ("[0.0] * self.M", None),
+        ("[0.0] * self.FLAG", None),
         ("[0.0] * CHANGED", None),
         ("[0.0] * 99999999999999", None),
         ("[0.0] * True", None),
@@ -212,7 +213,7 @@ def test_the_length_of_a_list_follows_from_constants(value: str, length: int | N
         "if LEGS:\n    CHANGED = 2\n"
     )
     method = (
-        "    N = 3\n    M = 3\n    def f(self, count):\n        self.M = 4\n"
+        "    N = 3\n    M = 3\n    FLAG = True\n    def f(self, count):\n        self.M = 4\n"
         f"        msg = PositionSetpoint()\n        msg.u_mujoco = {value}\n"
     )
     found = code(head + node("pass") + method, shared="N = 7\n").control_lengths

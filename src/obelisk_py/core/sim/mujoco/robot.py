@@ -698,7 +698,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 def _share_of(package: str) -> Path | None:
     try:
         return Path(get_package_share_path(package))
-    except (PackageNotFoundError, OSError):
+    except (PackageNotFoundError, ValueError, OSError):  # ValueError: it cannot be a package's name
         return None
 
 

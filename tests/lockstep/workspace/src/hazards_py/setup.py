@@ -20,6 +20,7 @@ setup(
             "helper = hazards_py.programs:with_helper",
             "no_spin = hazards_py.programs:without_spin",
             "simulator = hazards_py.robots:simulator",
+            "waits = hazards_py.programs:waits",
         ],
     },
 )

@@ -213,6 +213,7 @@ class UnfinishedFile:
 
     def _link(self, path: Path) -> None:
         if self._name is not None:
+            path.touch(exist_ok=False)  # reserves the name
             self._name.rename(path)
             return
         file_fd = self.file.fileno()

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import assert_never
 
+from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult
 from obelisk_py.core.sim.mujoco.step_times import NS_PER_S
@@ -55,7 +56,10 @@ class ViewerControls:
             request = read_request(text, self.simulation.model)
         except RequestError as error:
             return replace(self.report(), answer=str(error), is_done=False)
-        result = self._do(request)
+        try:
+            result = self._do(request)
+        except ObeliskError as error:  # the simulation diverges in a step, which fails the robot
+            return replace(self.report(), answer=str(error), is_done=False)
         if not result.is_done:
             return replace(self.report(), answer=result.text, is_done=False)
         done, when = _done(request), f"at {self.simulation.time_ns / NS_PER_S:.12g} s"

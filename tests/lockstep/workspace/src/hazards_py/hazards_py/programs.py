@@ -1,5 +1,7 @@
 """Programs that cannot run in lockstep."""
 
+import time
+
 import rclpy
 
 from obelisk_py.core.utils.ros import spin_obelisk
@@ -17,3 +19,9 @@ def with_helper(args=None):
 
 def without_spin(args=None):
     """Return without a node."""
+
+
+def waits(args=None):
+    """Wait for something before the node is created."""
+    time.sleep(4.0)
+    spin_obelisk(args, Controller)
