@@ -26,6 +26,7 @@ __all__ = [
     "MessageLayout",
     "layout_of",
     "parse_definition",
+    "unit_in",
 ]
 
 
@@ -159,11 +160,11 @@ def _field(code: str, comment: str, package: str) -> Field | None:
     kind = kind.partition("<=")[0]  # a bounded string
     if kind not in PRIMITIVES and kind not in ("string", "wstring"):
         kind = _short(kind) if "/" in kind else f"{package}/{kind}"
-    return Field(name=name, kind=kind, size=size, is_sequence=is_sequence, unit=_unit(comment))
+    return Field(name=name, kind=kind, size=size, is_sequence=is_sequence, unit=unit_in(comment))
 
 
-def _unit(comment: str) -> str:
-    """Return the unit that a comment gives.
+def unit_in(comment: str) -> str:
+    """Return the unit that a comment gives; empty if there is none, or several.
 
     `position [m], then orientation` describes several quantities, so it does not give the field a
     unit.

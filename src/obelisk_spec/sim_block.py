@@ -20,7 +20,10 @@ from obelisk_spec.values import (
     is_whole,
 )
 
-__all__ = ["SimFault", "SimPath", "check_sim_shape"]
+__all__ = ["DEFAULT_STEPS_PER_VIZ", "SimFault", "SimPath", "check_sim_shape"]
+
+DEFAULT_STEPS_PER_VIZ: Final = 8
+"""Default of `num_steps_per_viz`."""
 
 SimPath = tuple[str | int, ...]
 """Keys and indexes into the sim block, or into the node's parameters if it starts with `params`."""

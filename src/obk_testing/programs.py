@@ -43,7 +43,15 @@ from obk_cli.report import report_text
 from obk_cli.workspace.package_index import PackageIndex
 from obk_testing.module_generators import ModuleGenerators
 
-__all__ = ["LoadedStack", "LoadedStacks", "compile_stack", "load_stack"]
+__all__ = [
+    "CompiledStack",
+    "LoadedNode",
+    "LoadedStack",
+    "LoadedStacks",
+    "compile_stack",
+    "find_node",
+    "load_stack",
+]
 
 _DISCOVERY: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _TRIALS_OF_A_PARTICIPANT: Final = 20

@@ -110,7 +110,8 @@ def _messages(writer: BagWriter, result: TrialResult) -> Iterator[Entry]:
 
 def _states(writer: BagWriter, states: StateLog, count: int) -> Iterator[Entry]:
     # Only our own simulator has states, so MuJoCo is installed.
-    from obelisk_py.core.sim.mujoco.robot import StateCopy, TrueSimState, TrueStateReader
+    from obelisk_py.core.robot import TrueSimState
+    from obelisk_py.core.sim.mujoco.robot import StateCopy, TrueStateReader
 
     channel = _add_topic(writer, STATE_TOPIC, TrueSimState)
     reader, codec = TrueStateReader(states.model), _codec(TrueSimState)

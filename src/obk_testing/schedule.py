@@ -65,11 +65,6 @@ class Schedule:
             bring_up={node: draw.uniform(0.0, _LATEST_START_S) for node in nodes},
         )
 
-    @property
-    def is_ideal(self) -> bool:
-        """Whether nothing takes time."""
-        return self == Schedule()
-
 
 def bring_up_times(
     given: BringUp,

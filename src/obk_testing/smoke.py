@@ -36,13 +36,13 @@ def test_smoke(
     stack: "StartStack", seed: int, given_plan: Plan, describe_check: Callable[[str], None]
 ) -> None:
     """Run the stack twice and check conditions that hold for any stack."""
-    promised = promised_rates(given_plan)
-    trial = stack(seed=seed, watch=promised)
+    expected = expected_rates(given_plan)
+    trial = stack(seed=seed, watch=expected)
     run = trial.run(DURATION_S)
-    problems = [*problems_of(run, promised)]
+    problems = [*problems_of(run, expected)]
     if problems:
         pytest.fail("\n".join(problems), pytrace=False)
-    again = stack(seed=seed, watch=promised).run(DURATION_S)
+    again = stack(seed=seed, watch=expected).run(DURATION_S)
     difference = run.first_difference(again)
     if difference is not None:
         pytest.fail(f"a second run differs, first at {difference}", pytrace=False)
@@ -50,12 +50,12 @@ def test_smoke(
     factor = DURATION_S / trial.wall_s if trial.wall_s else float("inf")
     describe_check(
         f"{DURATION_S:g} s of {given_plan.name} at {factor:.1f}x: "
-        f"{len(given_plan.nodes)} nodes, {count} topics, {len(promised)} at their rates, "
+        f"{len(given_plan.nodes)} nodes, {count} topics, {len(expected)} at their rates, "
         "no fault, twice the same bits",
     )
 
 
-def promised_rates(plan: Plan) -> dict[str, float]:
+def expected_rates(plan: Plan) -> dict[str, float]:
     """Return topic -> total rate that the config sets for all of its publishers [Hz]."""
     rates: defaultdict[str, list[float | None]] = defaultdict(list)
     for node in plan.nodes:
@@ -69,7 +69,7 @@ def promised_rates(plan: Plan) -> dict[str, float]:
     }
 
 
-def problems_of(run: TrialResult, promised: dict[str, float]) -> Iterator[str]:
+def problems_of(run: TrialResult, expected: dict[str, float]) -> Iterator[str]:
     """Yield the problems of a run, one sentence each."""
     yield from run.faults
     if run.states is not None:
@@ -79,7 +79,7 @@ def problems_of(run: TrialResult, promised: dict[str, float]) -> Iterator[str]:
                 yield f"the {name} of the simulator are not finite at {run.t[rows[0]]:.3f} s"
     for name, topic in run.topics.items():
         yield from _not_finite(name, topic)
-    for name, rate_hz in promised.items():
+    for name, rate_hz in expected.items():
         yield from _wrong_rate(name, run.topics.get(name), rate_hz)
     rejected = [
         entry

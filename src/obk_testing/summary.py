@@ -15,7 +15,7 @@ import msgspec
 from obelisk_spec.suggestions import with_number
 from obk_cli.terminal import plain
 
-__all__ = ["TrialRecord", "record_of", "rerun_command", "summary_lines"]
+__all__ = ["PROPERTY", "TrialRecord", "record_of", "rerun_command", "summary_lines"]
 
 PROPERTY: Final = "obk_trials"
 """Name of the record among the properties of a report."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.lockstep.topics import Topic
 from obelisk_py.core.messages import message_name
+from obelisk_recordings.layout import unit_in
 from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.record.recorder import installed_definition
 from obk_cli.ros.field_path import field_steps
@@ -275,18 +276,14 @@ def _numbers(value: Any) -> Iterator[float]:
             yield from _numbers(getattr(value, name))
 
 
-_UNIT: Final = re.compile(r"\[([^\[\]]+)\]")
-
-
 @functools.cache
-def _unit_of(msg_type: str, field: str) -> str | None:
-    """Return the unit in the comment of a field, `[rad]`; None if it has several or none."""
+def _unit_of(msg_type: str, field: str) -> str:
+    """Return the unit in the comment of a field, `[rad]`; empty if it has several or none."""
     package, _, name = msg_type.split("/")
     comment: list[str] = []
     for line in (installed_definition(package, name) or "").splitlines():
         code, _, text = line.partition("#")
         if code.split()[1:2] == [field]:
-            units = _UNIT.findall(" ".join([*comment, text]))
-            return str(units[0]) if len(units) == 1 else None
+            return unit_in(" ".join([*comment, text]))
         comment = [] if code.strip() or not line.strip() else [*comment, text]
-    return None
+    return ""

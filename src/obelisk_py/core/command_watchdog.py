@@ -220,7 +220,7 @@ class SilenceLog:
             self._count, self._longest_s = 0, 0.0
 
 
-REPORT_PERIOD_S: Final = 1.0
+WARNING_PERIOD_S: Final = 1.0
 LASTING_S: Final = 1.0
 """If every message is rejected for this long [s], the report is an error."""
 LASTING_PERIOD_S: Final = 10.0
@@ -321,7 +321,7 @@ class RejectionLog:
             since_s = self._since_s
             lasting_s = 0.0 if since_s is None else now_s - since_s
             is_lasting = self._on_end is not None and lasting_s >= LASTING_S
-            self._next_report_s = now_s + (LASTING_PERIOD_S if is_lasting else REPORT_PERIOD_S)
+            self._next_report_s = now_s + (LASTING_PERIOD_S if is_lasting else WARNING_PERIOD_S)
             reasons = "; ".join(
                 f"{reason} ({count}x)" for reason, count in self._unreported.items()
             )

@@ -59,6 +59,7 @@ __all__ = [
     "buffer_of",
     "disconnect_all",
     "intra_process_topic",
+    "is_compatible",
 ]
 
 _RELIABILITIES: Final = (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT)

@@ -141,7 +141,7 @@ class GuardedLifecycleNode(LifecycleNode):
         return guard_callback(self.live_parameters.around(callback), self.is_failing, self.fail)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
-        """Like rclpy's, but messages bypass DDS if only this process subscribes."""
+        """Like rclpy's, but messages bypass DDS if only processes of the run subscribe."""
         # Does not use rclpy's method, which cannot set the class.
         make: Any = self.surroundings.publisher_class(self.context, has_lifecycle=True)
         publisher: Any = LifecycleNode.create_publisher(self, *args, **kwargs, publisher_class=make)

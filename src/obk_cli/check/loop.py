@@ -9,8 +9,8 @@ from math import inf
 
 from obelisk_spec.components import CONTROL_SUBSCRIPTION, standard_component
 from obelisk_spec.suggestions import with_number
-from obk_cli.check.context import CheckContext
-from obk_cli.config.environment import Environment, ModelRead, NodeFacts
+from obk_cli.check.context import CheckContext, code_of
+from obk_cli.config.environment import Environment, ModelRead
 from obk_cli.config.model import Component, Node, Spanned, Stack
 from obk_cli.config.topology import (
     OUTSIDE,
@@ -308,10 +308,8 @@ def _check_action(
 def _check_damping(
     action: Spanned[str], node: Node, environment: Environment
 ) -> Iterator[Diagnostic]:
-    if node.pkg is None or node.executable is None:
-        return
-    code = environment.read_node_code(node.pkg.value, node.executable.value)
-    if isinstance(code, NodeFacts) and code.can_damp is False:
+    code = code_of(node, environment)
+    if code is not None and code.can_damp is False:
         yield found(
             "OBK212",
             f"class `{code.class_name}` does not implement `apply_damping`, so it cannot `damp`",

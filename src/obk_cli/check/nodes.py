@@ -11,8 +11,8 @@ from obelisk_spec.components import (
     standard_component,
 )
 from obelisk_spec.suggestions import did_you_mean, near_names, sure_name
-from obk_cli.check.context import CheckContext
-from obk_cli.config.environment import Environment, NodeFacts
+from obk_cli.check.context import CheckContext, code_of
+from obk_cli.config.environment import NodeFacts
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import Component, Node, Spanned, Stack
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
@@ -77,14 +77,7 @@ def check_components(context: CheckContext) -> Iterator[Diagnostic]:
         yield from _check_twice(node)
         yield from _check_replaced(node)
         if any(component.ros_parameter and component.key for component in node.components):
-            yield from _check_contradictions(node, _code_of(node, context.environment))
-
-
-def _code_of(node: Node, environment: Environment) -> NodeFacts | None:
-    if node.pkg is None or node.executable is None:
-        return None
-    code = environment.read_node_code(node.pkg.value, node.executable.value)
-    return code if isinstance(code, NodeFacts) else None
+            yield from _check_contradictions(node, code_of(node, context.environment))
 
 
 def _check_twice(node: Node) -> Iterator[Diagnostic]:

@@ -10,7 +10,7 @@ from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.onnx_policy import TERMS, observation_size
 from obelisk_spec.sim_checks import SimFault, check_sim
 from obelisk_spec.suggestions import did_you_mean, list_names, with_article, with_number
-from obk_cli.check.context import CheckContext
+from obk_cli.check.context import CheckContext, code_of
 from obk_cli.check.packages import no_such_package, where_it_is_not
 from obk_cli.config.environment import (
     ControlLength,
@@ -275,10 +275,8 @@ def _controllers(
     """Topic -> the controllers with readable code that publish to it."""
     controllers: defaultdict[str, list[tuple[Node, NodeFacts]]] = defaultdict(list)
     for node in stack.section("control"):
-        if node.pkg is None or node.executable is None:
-            continue
-        code = environment.read_node_code(node.pkg.value, node.executable.value)
-        if isinstance(code, NodeFacts):
+        code = code_of(node, environment)
+        if code is not None:
             topics = (c.topic for c in node.components if c.kind == "publisher" and c.topic)
             for topic in dict.fromkeys(absolute_topic(topic.value, node) for topic in topics):
                 controllers[topic].append((node, code))

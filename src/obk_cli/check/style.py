@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
+from obelisk_spec.sim_block import DEFAULT_STEPS_PER_VIZ
 from obelisk_spec.values import is_none
 from obk_cli.check.context import CheckContext
 from obk_cli.config.fixes import remove_entry
@@ -24,7 +25,7 @@ _QOS_DEFAULTS = {
     "durability": "volatile",
     "history_depth": DEFAULT_HISTORY_DEPTH,
 }
-_SIM_DEFAULTS = {"num_steps_per_viz": 8, "robot_pkg": "None"}
+_SIM_DEFAULTS = {"num_steps_per_viz": DEFAULT_STEPS_PER_VIZ, "robot_pkg": "None"}
 _GROUP_DEFAULTS = {"history_depth": DEFAULT_HISTORY_DEPTH}
 _MOST_SHOWN = 2
 

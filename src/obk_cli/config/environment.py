@@ -34,6 +34,7 @@ __all__ = [
     "NodeFacts",
     "PolicyFault",
     "PolicyRead",
+    "ReplacedMessages",
     "SourceFaults",
     "kind_of_value",
 ]

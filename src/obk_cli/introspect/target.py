@@ -20,7 +20,14 @@ from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import Run, plan_of_run, read_run, runs_folder, topics_of_run
 from obk_cli.runs.registry import live_folders
 
-__all__ = ["NO_NODES_S", "GraphTarget", "find_message_types", "target_of", "with_run_types"]
+__all__ = [
+    "DOMAIN",
+    "NO_NODES_S",
+    "GraphTarget",
+    "find_message_types",
+    "target_of",
+    "with_run_types",
+]
 
 DOMAIN: Final = "ROS_DOMAIN_ID"
 NO_NODES_S: Final = 1.0

@@ -19,7 +19,7 @@ from typing import Final, Protocol, Self
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import ObkError
 from obk_cli.launch.event_lines import Journal, JsonReport, LaunchReport
-from obk_cli.launch.events import OutputEvent, OutputLine
+from obk_cli.launch.events import Ended, OutputEvent, OutputLine
 from obk_cli.launch.process_groups import Unit
 from obk_cli.plan.plan import Plan
 from obk_cli.terminal import plain
@@ -318,11 +318,12 @@ class Output:
     ) -> None:
         """Write to log files in a folder, if it is not None, and to a screen."""
         self._screen = screen
-        # Ensures that nothing follows the last event.
+        # Keeps the order of lines, and ensures that nothing follows the last event on the screen.
         self._lock = threading.RLock()
         self._formatter = formatter
         self._writers = {unit.name: NodeLines(unit.node_names) for unit in units}
         self.journal = Journal(run_folder, self.unwritable)
+        self._has_ended = False
         self._is_over = threading.Event()
         self._summing = threading.Thread(target=self._sum_up, name="summaries", daemon=True)
 
@@ -350,13 +351,14 @@ class Output:
             for text in lines:
                 self.journal.shown(plain(text))
             for text in self._formatter.on_screen(event, lines):
-                self._screen.put(text)
+                self._show(text)
+            self._has_ended = self._has_ended or isinstance(event, Ended)
 
     def _sum_up(self) -> None:
         while not self._is_over.wait(SUMMARY_S):
             with self._lock:
                 for text in self._formatter.due():
-                    self._screen.put(text)
+                    self._show(text)
 
     def line(self, line: OutputLine) -> None:
         """Write a line of a process; the recorder is not a node, so its lines are our own."""
@@ -370,13 +372,18 @@ class Output:
         with self._lock:
             for text in self._formatter.line(node, line.text):
                 self.journal.shown(plain(text))
-                self._screen.put(text, may_drop=True)
+                self._show(text, may_drop=True)
 
     def note(self, text: str) -> None:
         """Write a message of the launcher itself."""
-        for line in self._formatter.note(text):
-            self.journal.shown(plain(line))
-            self._screen.put(line)
+        with self._lock:
+            for line in self._formatter.note(text):
+                self.journal.shown(plain(line))
+                self._show(line)
+
+    def _show(self, text: str, *, may_drop: bool = False) -> None:
+        if not self._has_ended:
+            self._screen.put(text, may_drop=may_drop)
 
     def unwritable(self, error: OSError) -> None:
         """Report that log files can no longer be written."""

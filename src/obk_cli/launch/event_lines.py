@@ -341,12 +341,10 @@ class JsonReport:
         """
         self._clock = clock
         self._quiet = quiet
-        self._is_over = False
 
     def event(self, event: OutputEvent) -> Iterable[str]:
         """Format an event."""
-        yield from self._line(event_record(event, self._clock()))
-        self._is_over = self._is_over or isinstance(event, Ended)
+        yield json.dumps(event_record(event, self._clock()))
 
     def on_screen(self, _event: OutputEvent, lines: Iterable[str], /) -> Iterable[str]:
         """Show every event."""
@@ -359,16 +357,12 @@ class JsonReport:
     def line(self, node: str, text: str) -> Iterable[str]:
         """Format a line of a node's output."""
         if not self._quiet:
-            yield from self._line(output_record(node, text, self._clock()))
+            yield json.dumps(output_record(node, text, self._clock()))
 
     def note(self, text: str) -> Iterable[str]:
         """Format a message of the launcher."""
-        yield from self._line({"time": self._clock(), "event": "Note", "text": text})
+        yield json.dumps({"time": self._clock(), "event": "Note", "text": text})
 
     def left_out(self, count: int) -> str:
         """Report lines that were dropped because the reader was too slow."""
         return json.dumps({"time": self._clock(), "event": "LeftOut", "lines": count})
-
-    def _line(self, record: dict[str, object]) -> Iterable[str]:
-        if not self._is_over:
-            yield json.dumps(record)

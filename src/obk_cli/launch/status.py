@@ -34,13 +34,12 @@ from obk_cli.launch.events import (
     TransitionEnded,
 )
 from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.plan.plan import Plan
 from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, INACTIVE, RESTING, TRANSITIONS, UNCONFIGURED
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 
 __all__ = ["LiveReport", "opening_status", "status_lines", "with_event"]
-
-UNKNOWN: Final = "unknown"
 
 
 def opening_status(plan: Plan, units: Iterable[Unit], *, leads: bool = True) -> StackStatus:
@@ -48,7 +47,7 @@ def opening_status(plan: Plan, units: Iterable[Unit], *, leads: bool = True) -> 
 
     Args:
         plan: the whole stack.
-            units: the processes that will run here.
+        units: the processes that will run here.
         leads: whether this launch also runs the transitions of other devices' nodes.
     """
     here: Mapping[str, str] = {node: unit.name for unit in units for node in unit.node_names}

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from obelisk_spec.runtime_protocol import STEPS, TOLERANCE
-from obelisk_spec.runtime_protocol import Rate as Promised
+from obelisk_spec.runtime_protocol import STEPS, TOLERANCE, Rate
 from obk_cli.ros.meters import TopicRate
 
 __all__ = ["MessageAge", "NodeView", "ProcessLoad", "StackView", "TopicView", "Views"]
@@ -40,7 +39,7 @@ class NodeView:
     """None: not running, or on another host."""
     restarts: int
     hangs: bool
-    promises: tuple[Promised, ...]
+    promises: tuple[Rate, ...]
     """The rates of its timers and sensors as last reported."""
     page: str = ""
     """URL of the page that shows the simulation, with its token; empty without one."""

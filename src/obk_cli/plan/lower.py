@@ -14,6 +14,7 @@ from obelisk_spec.components import (
     format_setting,
 )
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
+from obelisk_spec.sim_block import DEFAULT_STEPS_PER_VIZ
 from obelisk_spec.values import ParameterValue, is_none
 from obk_cli.config.environment import Environment, ModelRead
 from obk_cli.config.model import (
@@ -55,7 +56,7 @@ from obk_cli.plan.plan import (
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 
 DEFAULT_STACK_NAME = "obelisk"
-_SIM_DEFAULTS = {"num_steps_per_viz": 8}
+_SIM_DEFAULTS = {"num_steps_per_viz": DEFAULT_STEPS_PER_VIZ}
 _LEFT_OUT = ("non_obelisk", "callback_key")
 _LEFT_OUT_OF_TIMERS = (*_LEFT_OUT, "history_depth")
 _SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", "timer_period_sec")

@@ -28,7 +28,6 @@ _DEPTH: Final = 1000
 """Queue depth for a slow subscription: one second of a fast topic."""
 _CHECK_S: Final = 1.0
 """Interval between checks for subscribing robots [s]."""
-_CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
 _TICK_S: Final = 0.001
 _NS_PER_S: Final = 1_000_000_000
 _COMMANDS: Final = "obelisk_control_msgs/"
@@ -213,10 +212,11 @@ class _Ticker:
 
     def __init__(self, participant: "RosParticipant", clock: RecordedClock, speed: float) -> None:
         from obk_cli.ros.publisher import RosPublisher
+        from obk_cli.ros.simulated_clock import CLOCK_TYPE
         from obk_cli.ros.types import find_type
 
         topic = participant.topic(CLOCK_TOPIC)
-        self._publisher = RosPublisher(participant, topic, find_type(_CLOCK_TYPE))
+        self._publisher = RosPublisher(participant, topic, find_type(CLOCK_TYPE))
         self._clock = clock
         self._speed = speed
         self._last_ns = 0

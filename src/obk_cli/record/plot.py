@@ -27,8 +27,12 @@ from obk_cli.files import unwritable, write_bytes
 from obk_cli.ros.field_path import field_steps
 
 __all__ = [
+    "DPI",
     "FORMATS",
+    "HEIGHT_IN",
     "MOST_LINES",
+    "MOST_NAMED",
+    "WIDTH_IN",
     "FieldName",
     "PlotLine",
     "PlotPart",

@@ -13,7 +13,9 @@ from obk_cli.errors import CommandFailedError
 
 __all__ = [
     "AS_THE_PROFILE_SAYS",
+    "LAN_PROFILE",
     "LOCALHOST_PROFILE",
+    "OUR_RMW",
     "Network",
     "RosEnvironment",
     "ros_environment",

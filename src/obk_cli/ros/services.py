@@ -12,7 +12,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.types import find_type, require_service
 
-__all__ = ["ServiceClient"]
+__all__ = ["ASK_AGAIN_S", "ServiceClient"]
 
 POLL_S: Final = 0.001
 ASK_AGAIN_S: Final = 0.5

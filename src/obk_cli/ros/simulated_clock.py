@@ -14,7 +14,7 @@ from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.raw_subscription import RawSubscription
 from obk_cli.ros.types import find_type
 
-__all__ = ["SimulatedClock", "follow_clock", "subscribe_to_clock"]
+__all__ = ["CLOCK_TYPE", "SimulatedClock", "follow_clock", "subscribe_to_clock"]
 
 CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
 KEPT_NS: Final = 1_000_000_000

@@ -26,7 +26,6 @@ __all__ = [
     "plan_of_run",
     "read_record",
     "read_run",
-    "read_runs",
     "record_end",
     "run_folders",
     "runs_folder",
@@ -162,11 +161,6 @@ def record_end(
     """
     claimed = read_run(folder) or run
     write_run(folder, replace(claimed, ended=now_s, exit_code=exit_code, cause=cause))
-
-
-def read_runs(parent: Path) -> tuple[Run, ...]:
-    """Every run in the folder, newest first; unreadable ones are skipped."""
-    return tuple(run for folder in run_folders(parent) if (run := read_run(folder)) is not None)
 
 
 def read_run(folder: Path) -> Run | None:

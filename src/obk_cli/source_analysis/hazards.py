@@ -231,7 +231,7 @@ def _classes(block: CodeBlock) -> Iterator[_Hazard]:
         span = span_of(base, block.module.source)
         base_name = block.name_of(base)
         if base_name in _THREADS:
-            message = f"class `{name}` runs code outside the callbacks, in real time"
+            message = f"class `{name}` runs code outside the callbacks"
             yield name, found("OBK601", message, span, help="do the work in a timer")
         elif base_name in _PLAIN_NODES:
             message = f"class `{name}` is a plain rclpy node, which a lockstep run rejects"

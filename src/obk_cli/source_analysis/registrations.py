@@ -33,7 +33,7 @@ from obk_cli.source_analysis.modules import (
     value_of,
 )
 
-__all__ = ["Registrations", "registrations_of"]
+__all__ = ["Registrations", "registrations_of", "scope_of"]
 
 _KINDS: Final[dict[str, ComponentKind]] = {
     "register_obk_publisher": "publisher",

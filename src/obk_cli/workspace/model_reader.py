@@ -33,6 +33,7 @@ __all__ = [
     "MjcfElement",
     "cache_folder",
     "has_mujoco",
+    "import_mujoco",
     "missing_files",
     "mjcf_elements",
     "mjcf_files",

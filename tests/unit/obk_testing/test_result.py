@@ -121,7 +121,7 @@ def test_units_are_those_of_the_definition() -> None:
     assert log.unit("q_joints") == log.unit("q_joints[1]") == "rad or m"
     assert log.unit("joint_names") is None
     assert log.unit("nothing") is None
-    assert log.unit("q_base") == "m"
+    assert log.unit("q_base") is None, "position and orientation"
     assert log.unit("v_base") is None, "two units"
     assert log.unit("header.stamp.sec") is None
 

@@ -9,7 +9,7 @@ from std_msgs.msg import Float64
 from obelisk_py.core.command_watchdog import RejectionLog
 from obelisk_py.core.lockstep.interception import LogEntry
 from obk_cli.plan.plan import Endpoint, Plan
-from obk_testing.smoke import DURATION_S, problems_of, promised_rates
+from obk_testing.smoke import DURATION_S, expected_rates, problems_of
 
 from ..obk_cli.plans import node  # noqa: TID252 - shared by folders of tests
 from .test_result import result, topic
@@ -27,22 +27,22 @@ def at_rate(name: str, rate_hz: float) -> object:
     return topic(name, *(Float64(data=1.0) for _ in times), times_ms=times)
 
 
-def problems(*topics: object, promised: dict[str, float] | None = None) -> list[str]:
-    return [*problems_of(result(*topics), promised or {})]
+def problems(*topics: object, expected: dict[str, float] | None = None) -> list[str]:
+    return [*problems_of(result(*topics), expected or {})]
 
 
 def test_a_valid_run_has_no_problem() -> None:
-    assert problems(at_rate("/x", 100), promised={"/x": 100.0}) == []
+    assert problems(at_rate("/x", 100), expected={"/x": 100.0}) == []
 
 
 @pytest.mark.parametrize("rate_hz", [50, 125])
 def test_a_topic_has_the_rate_that_the_config_expects(rate_hz: int) -> None:
-    (problem,) = problems(at_rate("/x", rate_hz), promised={"/x": 100.0})
+    (problem,) = problems(at_rate("/x", rate_hz), expected={"/x": 100.0})
     assert problem == f"/x is published at {rate_hz:.1f} Hz, expected 100 Hz"
 
 
 def test_an_unpublished_topic_has_a_wrong_rate() -> None:
-    assert problems(promised={"/x": 1.0}) == ["/x is published at 0.0 Hz, expected 1 Hz"]
+    assert problems(expected={"/x": 1.0}) == ["/x is published at 0.0 Hz, expected 1 Hz"]
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -76,4 +76,4 @@ def test_rates_of_all_publishers_count_and_pictures_do_not() -> None:
         Endpoint(topic="/c", msg_type="std_msgs/msg/Float64"),
     )
     one, two = (node(name, publishes=ends) for name in ("one", "two"))
-    assert promised_rates(Plan(name="stack", nodes=(one, two))) == {"/a": 200.0}
+    assert expected_rates(Plan(name="stack", nodes=(one, two))) == {"/a": 200.0}

@@ -48,6 +48,7 @@ __all__ = [
     "EntityHandler",
     "ExecutorReference",
     "QosEventHandler",
+    "RCLError",
     "ServiceHandler",
     "SubscriptionHandler",
     "TimerCallbackHandler",
@@ -133,7 +134,7 @@ class EntityHandler(ABC):
 
 
 class SubscriptionHandler(EntityHandler):
-    """Runs the callback for each message, from DDS or from a publisher in this process."""
+    """Runs the callback for each message: from DDS, this process, or others of the run."""
 
     kind = EntityKind.SUBSCRIPTION
 
@@ -151,7 +152,7 @@ class SubscriptionHandler(EntityHandler):
         self._receiver: LocalReceiver | None = None
 
     def enable(self) -> None:
-        """Set the listener, and open the buffer to publishers in this process."""
+        """Set the listener, and open the buffer to publishers in this process and in the run."""
         super().enable()
         if self._buffer is not None:
             # DDS may already hold messages, and later messages must not overtake them.

@@ -34,6 +34,7 @@ __all__ = [
     "LockstepTimer",
     "LockstepWatchdog",
     "ServiceTable",
+    "adopt_client",
     "make_clock",
 ]
 

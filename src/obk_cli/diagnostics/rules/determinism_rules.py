@@ -9,12 +9,12 @@ RULES: tuple[Rule, ...] = (
         code="OBK601",
         severity="info",
         title="a node starts its own thread, process or event loop",
-        cause="A lockstep run calls all callbacks on one thread, in simulated time. Anything "
-        "else that a node starts is executed in real time, so its effects occur at a different "
-        "simulated time in each run. Threads run in lockstep only if they wait with `time.sleep`, "
-        "a `queue.Queue`, an event or a condition, as a simulated robot's `run_simulator` does.",
-        fix="Do the work in a timer, or in `run_simulator`. If results do not depend on when the "
-        "thread runs, silence the finding.",
+        cause="A lockstep run calls all callbacks on one thread, in simulated time. A thread that "
+        "waits with `time.sleep`, a `queue.Queue`, an event or a condition takes turns with them. "
+        "Any other thread, process or event loop is executed in real time, so its effects occur at "
+        "a different simulated time in each run.",
+        fix="Do the work in a timer, or in `run_simulator`. If the thread waits as described, or "
+        "if results do not depend on when it runs, silence the finding.",
     ),
     Rule(
         code="OBK602",

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from obk_cli.launch.event_lines import Journal, JsonReport
-from obk_cli.launch.events import Ended, Phase, ProcessEnded
+from obk_cli.launch.events import Ended, ProcessEnded
 
 
 def test_a_line_is_the_record_of_the_journal(tmp_path: Path) -> None:
@@ -40,5 +40,3 @@ def test_the_last_line_reports_the_end() -> None:
         "consequences": 0,
         "origin": "c.yaml:1:2",
     }
-    late = (report.event(Phase(name="x", seconds=1)), report.line("/a", "x"), report.note("x"))
-    assert [list(lines) for lines in late] == [[], [], []]

@@ -134,14 +134,29 @@ def test_what_is_left_is_shown_before_the_end(launch: Launch, end: OutputEvent) 
     )
 
 
+class Shown:
+    """A screen."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def put(self, line: str, *, may_drop: bool = False) -> None:
+        self.lines.append(line)
+
+
+def test_nothing_follows_the_end_on_the_screen(tmp_path: Path, launch: Launch) -> None:
+    shown = Shown()
+    output = Output(tmp_path, shown, launch.report, ())  # type: ignore[arg-type]
+    output.note("before")
+    output.event(Ended(exit_code=0, cause=""))
+    output.note("after")
+    output.journal.close()
+    assert shown.lines[0] == "before"
+    assert "after" not in shown.lines
+    assert "after" in (tmp_path / "launch.log").read_text()
+
+
 def test_the_log_has_a_line_for_each_event(tmp_path: Path, launch: Launch) -> None:
-    class Shown:
-        def __init__(self) -> None:
-            self.lines: list[str] = []
-
-        def put(self, line: str, *, may_drop: bool = False) -> None:
-            self.lines.append(line)
-
     shown = Shown()
     output = Output(tmp_path, shown, launch.report, ())  # type: ignore[arg-type]
     for event in (broken(200.0), kept(), broken(100.0), kept()):

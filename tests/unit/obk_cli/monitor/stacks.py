@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Final
 
-from obelisk_spec.runtime_protocol import Rate as Promised
+from obelisk_spec.runtime_protocol import Rate
 from obk_cli.monitor.model import MessageAge, NodeView, ProcessLoad, StackView, TopicView
 from obk_cli.ros.meters import TopicRate
 
@@ -103,7 +103,7 @@ BROKEN: Final = replace(
         replace(
             HEALTHY.nodes[0],
             promises=(
-                Promised(
+                Rate(
                     name="timer_ctrl",
                     expected_hz=1000.0,
                     measured_hz=463.4,

@@ -14,7 +14,6 @@ from obk_cli.runs.folder import (
     RunOrigin,
     make_run_folder,
     read_run,
-    read_runs,
     record_end,
     run_folders,
     runs_folder,
@@ -57,7 +56,7 @@ def test_the_last_of_a_hundred_runs_in_one_second_is_rejected_with_the_reason(
 def test_a_run_is_read_back(tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path, "dummy", NOW)
     write_run(folder, RUN)
-    assert read_runs(tmp_path) == (RUN,)
+    assert read_run(folder) == RUN
     assert [path.name for path in folder.iterdir()] == ["run.json"]
 
 
@@ -71,7 +70,7 @@ def test_runs_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
     for second, text in enumerate(("{", "[]", '{"pid": 1}')):
         folder = make_run_folder(tmp_path, "dummy", NOW.replace(second=second))
         (folder / "run.json").write_text(text)
-    assert read_runs(tmp_path) == ()
+        assert read_run(folder) is None
 
 
 @pytest.mark.parametrize(
@@ -84,7 +83,7 @@ def test_runs_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
 def test_a_run_of_another_shape_is_left_out(tmp_path: Path, field: str, value: object) -> None:
     folder = make_run_folder(tmp_path, "dummy", NOW)
     (folder / "run.json").write_text(json.dumps({**asdict(RUN), field: value}))
-    assert read_runs(tmp_path) == ()
+    assert read_run(folder) is None
 
 
 def test_an_invalid_run_file_is_not_waited_for(tmp_path: Path) -> None:
@@ -93,7 +92,7 @@ def test_an_invalid_run_file_is_not_waited_for(tmp_path: Path) -> None:
     (device / "run.json").symlink_to("/dev/zero")
     with (long / "run.json").open("wb") as file:
         file.truncate(1 << 40)
-    assert read_runs(tmp_path) == ()
+    assert [read_run(folder) for folder in (pipe, device, long)] == [None] * 3
 
 
 def test_obk_home_moves_the_runs(tmp_path: Path) -> None:

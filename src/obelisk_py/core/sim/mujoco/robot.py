@@ -30,11 +30,10 @@ from obelisk_py.core.clock_page import open_clock_writer
 from obelisk_py.core.command_watchdog import LastingRejection
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.intra_process import disconnect_all
-from obelisk_py.core.messages import optional_message
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameter_rules import Getter
 from obelisk_py.core.rate_monitor import REPORT_RATES, TickCounter
-from obelisk_py.core.robot import ObeliskSimRobot
+from obelisk_py.core.robot import ObeliskSimRobot, TrueSimState
 from obelisk_py.core.sim.mujoco.control import ControlInbox, WhenStale, make_inbox
 from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
 from obelisk_py.core.sim.mujoco.outputs import (
@@ -83,7 +82,6 @@ Array = NDArray[np.float64]
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-TrueSimState: Any = optional_message("TrueSimState")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,10 +14,10 @@ from obelisk_py.core.sim.mujoco.geoms import GEOM_KINDS
 from obelisk_py.core.sim.mujoco.noise import SensorNoise, typed_sensor_noise
 from obelisk_py.core.sim.mujoco.raycast import RayCaster, typed_ray_caster
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
-from obelisk_spec.components import SettingTextError, parse_mapping
+from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SettingTextError, parse_mapping
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.names import bare_name
-from obelisk_spec.sim_block import check_sim_shape
+from obelisk_spec.sim_block import DEFAULT_STEPS_PER_VIZ, check_sim_shape
 from obelisk_spec.sim_checks import check_sim
 from obelisk_spec.suggestions import with_article
 from obelisk_spec.values import PERIOD_RANGE, is_none, is_period
@@ -39,9 +39,7 @@ __all__ = [
 
 PARAMETER: Final = "mujoco_setting"
 """The ROS parameter with the `sim` block."""
-_DEFAULT_DEPTH: Final = 10
 _DEFAULT_GEOMS_PERIOD_S: Final = 1.0
-_DEFAULT_STEPS_PER_VIEW: Final = 8
 REALTIME_FACTOR: Final = "realtime_factor"
 CLOCK_RATE: Final = "clock_rate"
 DEFAULT_CLOCK_RATE_HZ: Final = 1000.0
@@ -153,7 +151,7 @@ def typed_block(block: Mapping[str, Any], model_geoms: Collection[str] = ()) -> 
         groups=tuple(_group(group) for group in block.get("sensor_settings") or ()),
         geoms={name: kind for name, kind in geoms.items() if name in model_geoms},
         geoms_period_s=period_s,
-        steps_per_view=block.get("num_steps_per_viz") or _DEFAULT_STEPS_PER_VIEW,
+        steps_per_view=block.get("num_steps_per_viz") or DEFAULT_STEPS_PER_VIZ,
     )
 
 
@@ -163,7 +161,7 @@ def _group(group: Mapping[str, Any]) -> SensorGroupConfig:
         topic=group["topic"],
         period_s=float(group["dt"]),
         msg_type=bare_name(group["msg_type"]),
-        history_depth=group.get("history_depth") or _DEFAULT_DEPTH,
+        history_depth=group.get("history_depth") or DEFAULT_HISTORY_DEPTH,
         sensor_names=dict(group.get("sensor_names") or {}),
         rays=None if scan is None else typed_ray_caster(scan),
         sensor_noise=typed_sensor_noise(group),

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Final, Protocol
 
-__all__ = ["Clock", "MonotonicClock", "Pace", "SampleTimes", "StepTime", "whole_steps"]
+__all__ = ["NS_PER_S", "Clock", "MonotonicClock", "Pace", "SampleTimes", "StepTime", "whole_steps"]
 
 NS_PER_S: Final = 1_000_000_000
 _LARGEST_DENOMINATOR: Final = 1_000_000_000
