@@ -59,6 +59,11 @@ class Command:
     """The function of `module` that is called; None if the module is run as a program."""
 
     @property
+    def program(self) -> Path:
+        """The file that is run, if no module is known."""
+        return Path(self.arguments[-1])
+
+    @property
     def is_of_this_python(self) -> bool:
         """Whether it is Python, run by this interpreter or installed in its environment."""
         if self.module is None:

@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -14,6 +14,7 @@ __all__ = [
     "computes_console_scripts",
     "installed_console_scripts",
     "module_run_by",
+    "setup_scripts",
     "source_console_scripts",
 ]
 
@@ -38,6 +39,12 @@ def source_console_scripts(folder: Path) -> Mapping[str, EntryPoint]:
         *_pyproject_lines(folder / "pyproject.toml"),
     )
     return dict(_entries(lines, folder))
+
+
+def setup_scripts(folder: Path) -> tuple[str, ...]:
+    """The files in `setup(scripts=...)`, relative to the package's folder."""
+    texts = _setup_py_texts(folder / "setup.py", _script_files)
+    return tuple(text for text in texts if text is not None)
 
 
 def computes_console_scripts(folder: Path) -> bool:
@@ -78,15 +85,22 @@ def _root_of(module: str, folder: Path) -> str:
 
 def _setup_py_lines(path: Path) -> Iterator[str | None]:
     """The lines of `console_scripts` in `setup(entry_points=...)`; None for each computed one."""
+    for text in _setup_py_texts(path, _script_values):
+        yield from [None] if text is None else text.splitlines()
+
+
+def _setup_py_texts(
+    path: Path, values: Callable[[ast.AST], Iterator[ast.expr]]
+) -> Iterator[str | None]:
+    """The texts in expressions of a setup.py; None for each computed one."""
     if not path.is_file():  # reading a pipe or a device might never return
         return
     try:
         tree = ast.parse(path.read_text(encoding="utf-8"))
         constants = _constants(tree)
         for node in ast.walk(tree):
-            for value in _script_values(node):
-                for text in _texts(value, constants):
-                    yield from [None] if text is None else text.splitlines()
+            for value in values(node):
+                yield from _texts(value, constants)
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return
 
@@ -105,6 +119,12 @@ def _script_values(node: ast.AST) -> Iterator[ast.expr]:
         is_text = not isinstance(node.value, ast.Dict | ast.Call | ast.Name)
         if node.arg == "console_scripts" or (node.arg == "entry_points" and is_text):
             yield node.value
+
+
+def _script_files(node: ast.AST) -> Iterator[ast.expr]:
+    """The values of `scripts=`."""
+    if isinstance(node, ast.keyword) and node.arg == "scripts":
+        yield node.value
 
 
 Constants = Mapping[str, tuple[str | None, ...]]
@@ -140,6 +160,12 @@ def _texts(node: ast.expr, constants: Constants) -> Iterator[str | None]:
             yield from _texts(value, constants)
         case ast.Name(id=name):
             yield from constants.get(name, (None,))
+        case ast.ListComp(
+            elt=element,
+            generators=[ast.comprehension(target=ast.Name(id=name), iter=items, ifs=[])],
+        ):
+            for text in _texts(items, constants):
+                yield from _texts(element, {**constants, name: (text,)})
         case ast.BinOp(left=left, op=ast.Add(), right=right) if _text(node, constants) is None:
             yield from _texts(left, constants)
             yield from _texts(right, constants)
@@ -166,11 +192,29 @@ def _text(node: ast.expr, constants: Constants) -> str | None:
             return _text(value, constants)
         case ast.BinOp(left=left, op=ast.Add(), right=right):
             parts = [_text(left, constants), _text(right, constants)]
+        case ast.BinOp(left=ast.Constant(value=str(text)), op=ast.Mod(), right=right):
+            given = right.elts if isinstance(right, ast.Tuple) else [right]
+            parts = _filled(text.split("%s"), given, constants)
+        case ast.Call(
+            func=ast.Attribute(value=ast.Constant(value=str(text)), attr="format"), keywords=[]
+        ):
+            parts = _filled(text.split("{}"), node.args, constants)
         case _:
             return None
     known = [part for part in parts if part is not None]
     text = "".join(known)
     return text if len(known) == len(parts) and len(text) <= _LONGEST_TEXT else None
+
+
+def _filled(
+    pieces: Sequence[str], given: Sequence[ast.expr], constants: Constants
+) -> list[str | None]:
+    """The pieces of a text with values in between; [None] for another number of values."""
+    if len(pieces) != len(given) + 1:
+        return [None]
+    values = (_text(value, constants) for value in given)
+    inside = [part for pair in zip(pieces, values, strict=False) for part in pair]
+    return [*inside, pieces[-1]]
 
 
 def _setup_cfg_lines(path: Path) -> Iterator[str]:

@@ -138,7 +138,7 @@ class MachineEnvironment:
             return command.declared_in is not None or (
                 not command.package_found and package.endswith("_cpp")
             )
-        return command.module is None and is_native(Path(command.arguments[0]))
+        return command.module is None and is_native(command.program)
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """Facts about a model; None without MuJoCo."""

@@ -50,19 +50,20 @@ class NodeSources:
         """What a command's source defines; None if it is not Python or was not found."""
         if command.module is not None:
             return self._read_module(command.module, command.function, command.python_path)
-        program = Path(command.arguments[0])
+        program = command.program
         self._note(program)
         text = _script_text(program)
         first = text.partition("\n")[0]
         if "python" in first:
             source = FoundSource(source=SourceFile.of(self._shown(program), text))
+            path = (program.parent, *command.python_path)
             return read_node_code(
                 _PROGRAM,
                 None,
                 lambda name: (
-                    parse_module(name, source) if name == _PROGRAM else self._load(name, ())
+                    parse_module(name, source) if name == _PROGRAM else self._load(name, path)
                 ),
-                self._import_places((), (), runs_here=False),
+                self._import_places(path, (), runs_here=False),
             )
         runs = _RUNS_MODULE.search(text)
         return self._read_module(runs[1], None, ()) if runs else None

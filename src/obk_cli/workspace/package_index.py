@@ -14,11 +14,13 @@ from typing import Final
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing, ReplacedMessages
 from obk_cli.files import SHARED_FOLDER_BITS, is_untrusted
+from obk_cli.workspace.cmake_lists import read_cmake_lists
 from obk_cli.workspace.entry_points import (
     EntryPoint,
     computes_console_scripts,
     installed_console_scripts,
     module_run_by,
+    setup_scripts,
     source_console_scripts,
 )
 from obk_cli.workspace.overlay import overlay_prefixes
@@ -39,11 +41,12 @@ _SKIPPED = {*UNSEARCHED, "node_modules", "site-packages", "__pycache__"}
 _NAME = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
 _FIELD = re.compile(r"^[ \t]*[\w/]+(?:<=\d+)?(?:\[[<=\d]*\])?[ \t]+([a-z]\w*)(?![ \t]*=|\w)", re.M)
 """A field of a message, not a constant."""
-_PACKAGE_FILES = ("package.xml", "setup.py", "setup.cfg", "pyproject.toml")
+_PYTHON_PACKAGE_FILES = ("setup.py", "setup.cfg", "pyproject.toml")
+_PACKAGE_FILES = ("package.xml", *_PYTHON_PACKAGE_FILES, "CMakeLists.txt")
 _ELF: Final = b"\x7fELF"
-_CMAKE_COMMENT: Final = re.compile(r"#.*")
-_CMAKE_PROJECT: Final = re.compile(r"\bproject\s*\(\s*\"?([\w.-]+)", re.IGNORECASE)
-_CMAKE_EXECUTABLE: Final = re.compile(r"\badd_executable\s*\(\s*\"?([\w.${}-]+)", re.IGNORECASE)
+_LONGEST_SHEBANG: Final = 255
+_OF_OBELISK: Final = ("obelisk_py", "obelisk_recordings", "obelisk_spec", "obk_cli", "obk_testing")
+"""Modules that a checkout in the workspace must not replace."""
 _DEEPEST = 6
 """Maximum depth of a package below a workspace [folders]."""
 
@@ -226,18 +229,21 @@ class PackageIndex:
         """The command of an executable: from source, otherwise installed, otherwise in `lib`."""
         source = self.source_packages.get(package)
         in_source = source_console_scripts(source) if source else {}
-        if executable in in_source:
-            return _python_command(in_source[executable], source, f"the sources in {source}")
+        if source is not None and executable in in_source:
+            entry = in_source[executable]
+            path = self._python_path(source / entry.package_root)
+            return _python_command(entry, path, f"the sources in {source}")
         scripts = self._source_scripts(package)
-        if executable in scripts:
-            return _program_command(scripts[executable], f"the sources in {source}")
+        if source is not None and executable in scripts:
+            path = self._python_path(*_python_roots(source))
+            return _program_command(scripts[executable], path, f"the sources in {source}")
         installed = installed_console_scripts(package)
         if executable in installed:
-            return _python_command(installed[executable], None, "an installed Python distribution")
+            return _python_command(installed[executable], (), "an installed Python distribution")
         programs = self._lib_programs(package)
         if executable in programs:
             program = programs[executable]
-            return _program_command(program, str(program.parent))
+            return _program_command(program, (), str(program.parent))
         is_found = self.has_package(package) or bool(installed)
         return ExecutableMissing(
             package=package,
@@ -247,7 +253,7 @@ class PackageIndex:
             not_executable=self._without_execute_bit(package, executable),
             unsourced=self._unsourced(package, executable),
             is_computed=source is not None and computes_console_scripts(source),
-            declared_in=_cmake_that_declares(source, executable) if source else None,
+            declared_in=_file_that_declares(source, executable) if source else None,
             searched=self.searched(),
             available=tuple(sorted({*in_source, *scripts, *installed, *programs})),
         )
@@ -269,11 +275,31 @@ class PackageIndex:
         return next((program for program in programs if os.path.isfile(program)), None)  # noqa: PTH113
 
     def _source_scripts(self, package: str) -> Mapping[str, Path]:
-        """Programs in the `scripts` folder of a source package."""
+        """Programs of a source package: those that its build installs, and those in `scripts`."""
         folder = self.source_packages.get(package)
         if folder is None:
             return {}
-        return {path.name: path for path in _listed(folder / "scripts") if _is_program(path)}
+        scripts = {path.name: path for path in _listed(folder / "scripts") if _is_program(path)}
+        cmake = read_cmake_lists(folder)
+        named = (folder / name for name in setup_scripts(folder))
+        installed = {path.name: path for path in named} | dict(cmake.programs if cmake else {})
+        # A build sets the execute bit of what it installs.
+        return scripts | {
+            name: path for name, path in installed.items() if _is_program(path) or _is_python(path)
+        }
+
+    def _python_path(self, *own: Path) -> tuple[Path, ...]:
+        """Where a node of the workspaces finds modules: in all packages, as if they were built."""
+        return tuple(dict.fromkeys((*own, *self._python_roots)))
+
+    @cached_property
+    def _python_roots(self) -> tuple[Path, ...]:
+        return tuple(
+            root
+            for folder in self.source_packages.values()
+            for root in _python_roots(folder)
+            if not any(_is_folder(root / name) for name in _OF_OBELISK)
+        )
 
     def _lib_programs(self, package: str) -> Mapping[str, Path]:
         """Programs in `<prefix>/lib/<package>` of all prefixes; the first prefix wins."""
@@ -285,12 +311,21 @@ class PackageIndex:
         return programs
 
 
-def _python_command(entry: EntryPoint, root: Path | None, found_in: str) -> Command:
+def _python_roots(package: Path) -> Iterator[Path]:
+    """The folders of a source package from which its Python modules are imported."""
+    cmake = read_cmake_lists(package)
+    yield from (root for root in (cmake.python_roots if cmake else ()) if _is_folder(root))
+    if any(_has(package, name) for name in _PYTHON_PACKAGE_FILES):
+        roots = (package, package / "src")
+        yield from (root for root in roots if any(_has(c, "__init__.py") for c in _listed(root)))
+
+
+def _python_command(entry: EntryPoint, path: tuple[Path, ...], found_in: str) -> Command:
     code = f"import sys; from {entry.module} import {entry.function}; sys.exit({entry.function}())"
     return Command(
         # -P: files in the working folder must not shadow libraries.
         arguments=(sys.executable, "-P", "-c", code),
-        python_path=(root / entry.package_root,) if root else (),
+        python_path=path,
         found_in=found_in,
         module=entry.module,
         function=entry.function,
@@ -302,8 +337,14 @@ def _is_folder(path: Path) -> bool:
     return os.path.isdir(path)  # noqa: PTH112  (`Path.is_dir` raises)
 
 
-def _program_command(program: Path, found_in: str) -> Command:
-    return Command(arguments=(str(program),), found_in=found_in, module=module_run_by(program))
+def _program_command(program: Path, path: tuple[Path, ...], found_in: str) -> Command:
+    is_program = _is_program(program)
+    return Command(
+        arguments=(str(program),) if is_program else (sys.executable, str(program)),
+        python_path=path,
+        found_in=found_in,
+        module=module_run_by(program) if is_program else None,
+    )
 
 
 def is_native(program: Path) -> bool:
@@ -315,25 +356,26 @@ def is_native(program: Path) -> bool:
         return False
 
 
-def _cmake_that_declares(package: Path, executable: str) -> Path | None:
+def _file_that_declares(package: Path, executable: str) -> Path | None:
     """The CMakeLists.txt of a package in source, if it declares an executable with that name."""
-    path = package / "CMakeLists.txt"
-    if not path.is_file():  # reading a pipe or a device might never return
-        return None
-    try:
-        text = _CMAKE_COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace"))
-    except OSError:
-        return None
-    project = _CMAKE_PROJECT.search(text)
-    names = (
-        name.replace("${PROJECT_NAME}", project[1] if project else package.name)
-        for name in _CMAKE_EXECUTABLE.findall(text)
-    )
-    return path if executable in names else None
+    cmake = read_cmake_lists(package)
+    return cmake.path if cmake is not None and executable in cmake.executables else None
 
 
 def _is_program(path: Path) -> bool:
     return path.is_file() and path.stat().st_mode & 0o111 != 0
+
+
+def _is_python(path: Path) -> bool:
+    """Whether a file is a Python script, judged by its name or first line."""
+    if path.suffix == ".py":
+        return path.is_file()
+    try:
+        with path.open("rb") as file:
+            first = file.read(_LONGEST_SHEBANG).partition(b"\n")[0]
+    except OSError:
+        return False
+    return first.startswith(b"#!") and b"python" in first
 
 
 def _listed(folder: Path, suffix: str = "") -> tuple[Path, ...]:

@@ -234,6 +234,17 @@ def test_prefixes_are_those_of_ament_then_this_pythons(tmp_path: Path) -> None:
             'setup(entry_points="[console_scripts]\\nrun = demo.run:main\\nx = demo.x:go")\n',
         ),
         (
+            "setup.py",
+            "P = 'demo'\nsetup(entry_points={'console_scripts': [\n"
+            "    *[f'{n} = demo.{n}:main' for n in ('run',)],\n"
+            "    '{} = {}.x:go'.format('x', P),\n]})\n",
+        ),
+        (
+            "setup.py",
+            "P = 'demo'\nsetup(entry_points={'console_scripts': [\n"
+            "    'run = %s.run:main' % P, '%s = %s.x:go' % ('x', P),\n]})\n",
+        ),
+        (
             "setup.cfg",
             "[options.entry_points]\nconsole_scripts =\n  run = demo.run:main\n  x = demo.x:go\n",
         ),
@@ -252,8 +263,10 @@ def test_scripts_are_read_from_each_kind_of_file(tmp_path: Path, file: str, text
 @pytest.mark.parametrize(
     "scripts",
     [
-        "[f'{n} = demo.{n}:main' for n in ('run', 'x')]",
-        "['run = demo.run:main', '%s = demo.x:go' % 'x']",
+        "[f'{n} = demo.{n}:main' for n in NAMES]",
+        "['run = demo.run:main', '%s = demo.x:go' % x]",
+        "['{0} = demo.x:go'.format('x')]",
+        "[entry(n) for n in ('run', 'x')]",
         "SCRIPTS",
         "[f'x = {NAME}.x:go']",
     ],
@@ -264,6 +277,86 @@ def test_a_missing_script_may_be_one_that_setup_py_computes(tmp_path: Path, scri
     answer = index(tmp_path).find_executable("demo", "x")
     assert isinstance(answer, ExecutableMissing)
     assert answer.is_computed
+
+
+def make_script(path: Path, first: str = "#!/usr/bin/env python3\n") -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(first)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "lines"),
+    [
+        ("drive.py", "install(PROGRAMS nodes/drive.py DESTINATION lib/${PROJECT_NAME})"),
+        ("drive", 'INSTALL( PROGRAMS "nodes/drive.py"\n RENAME drive DESTINATION lib/demo )'),
+        ("drive.py", "set(NODES nodes/drive.py other.py)\ninstall(PROGRAMS ${NODES}\n"
+         "  DESTINATION lib/${PROJECT_NAME}  # here\n)"),
+        ("drive.py", "install(PROGRAMS ${CMAKE_CURRENT_SOURCE_DIR}/nodes/drive.py\n"
+         "  PERMISSIONS OWNER_EXECUTE DESTINATION lib/${PROJECT_NAME})"),
+    ],
+)  # fmt: skip
+def test_a_script_that_cmake_installs_runs_from_its_source(
+    tmp_path: Path, name: str, lines: str
+) -> None:
+    root = make_package(tmp_path / "demo", "demo")
+    script = make_script(root / "nodes" / "drive.py")
+    (root / "CMakeLists.txt").write_text(f"project(demo)\n{lines}\n")
+    command = index(tmp_path).find_executable("demo", name)
+    assert isinstance(command, Command)
+    assert command.arguments == (sys.executable, str(script)), "a build sets the execute bit"
+    script.chmod(0o755)
+    command = index(tmp_path).find_executable("demo", name)
+    assert isinstance(command, Command)
+    assert command.arguments == (str(script),)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "# install(PROGRAMS nodes/drive.py DESTINATION lib/demo)",
+        "install(PROGRAMS nodes/drive.py DESTINATION share/demo)",
+        "install(PROGRAMS nodes/drive.py DESTINATION lib/${OTHER})",
+        "install(FILES nodes/drive.py DESTINATION lib/demo)",
+        "install(PROGRAMS missing/drive.py DESTINATION lib/demo)",
+        "install(PROGRAMS",
+    ],
+)
+def test_what_cmake_does_not_install_as_a_program_is_missing(tmp_path: Path, lines: str) -> None:
+    root = make_package(tmp_path / "demo", "demo")
+    make_script(root / "nodes" / "drive.py")
+    (root / "CMakeLists.txt").write_text(f"project(demo)\n{lines}\n")
+    assert isinstance(index(tmp_path).find_executable("demo", "drive.py"), ExecutableMissing)
+
+
+def test_a_script_that_setup_py_installs_runs_from_its_source(tmp_path: Path) -> None:
+    root = make_package(tmp_path / "demo", "demo", setup_py="setup(scripts=['demo/drive.py'])")
+    script = make_script(root / "demo" / "drive.py")
+    command = index(tmp_path).find_executable("demo", "drive.py")
+    assert isinstance(command, Command)
+    assert command.arguments == (sys.executable, str(script))
+
+
+def test_a_node_imports_from_all_packages_of_its_workspace(tmp_path: Path) -> None:
+    root = make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
+    script = make_program(root / "scripts" / "drive")
+    tools = make_package(tmp_path / "tools", "tools", setup_py="")
+    make_script(tools / "src" / "tools" / "__init__.py", "")
+    math = make_package(tmp_path / "math", "lab-math")
+    make_script(math / "python" / "lab_math" / "__init__.py", "")
+    (math / "CMakeLists.txt").write_text(
+        "project(lab-math)\nament_python_install_package(lab_math PACKAGE_DIR python/lab_math)\n"
+    )
+    checkout = make_package(tmp_path / "obelisk", "obelisk_py", setup_py="")
+    make_script(checkout / "obelisk_py" / "__init__.py", "")
+    make_package(tmp_path / "only_data", "only_data", setup_py="")
+    others = {tools / "src", math / "python"}
+    for name in ("run", script.name):
+        command = index(tmp_path).find_executable("demo", name)
+        assert isinstance(command, Command)
+        assert {*command.python_path} - {root} == others
+    assert isinstance(command := index(tmp_path).find_executable("demo", "run"), Command)
+    assert command.python_path[0] == root
 
 
 @pytest.mark.parametrize("file", ["setup.py", "setup.cfg", "pyproject.toml"])
