@@ -158,6 +158,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption("--keep-all", action="store_true", help="also keep recordings of passed tests")
     group.addoption("--keep-none", action="store_true", help="keep no recordings")
+    group.addoption("--end-file", metavar="FILE", help="file to create when all tests have ended")
     group.addoption(
         "--trial-folder",
         metavar="DIR",
@@ -209,7 +210,13 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Unregister hypothesis if tests do not use it, because its summary takes 0.5 s to import."""
+    """Confirm the end of the tests.
+
+    Also unregister hypothesis if tests do not use it, because its summary takes 0.5 s to import.
+    """
+    end_file = session.config.getoption("end_file")
+    if end_file and not hasattr(session.config, "workerinput"):
+        Path(end_file).touch()
     plugins = session.config.pluginmanager
     if "hypothesis" not in sys.modules and plugins.has_plugin("hypothesispytest"):
         plugins.unregister(name="hypothesispytest")
@@ -475,8 +482,9 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
     stem = file_stem(item)
     results = trials.results()
     reason = failure_reason(report)
-    for old in [*folder.glob(f"{stem}.*")]:
-        old.unlink()
+    if not config.getoption("keep_none"):
+        for old in [*folder.glob(f"{stem}.*")]:
+            old.unlink()
     files: list[str] = []
     if is_kept:
         about = {"test": node_id, "outcome": report.outcome, "reason": reason}

@@ -56,7 +56,7 @@ def replay(request: ReplayRequest) -> Iterator[str]:
     """Run the nodes, write the messages that they publish, and yield notes for the user.
 
     Raises:
-        CommandFailedError: the config cannot be run, or message definitions differ.
+        CommandFailedError: the config cannot be run, message definitions differ, or a node failed.
         LockstepError: a node cannot run in lockstep.
         RecordingError: the recording cannot be read.
     """
@@ -74,7 +74,11 @@ def replay(request: ReplayRequest) -> Iterator[str]:
             result = trial.result()
             about = {"replay": run.name, "shift_ns": str(shift_ns)}
             write_recording(Path(request.output), result, about)
-            yield from result.faults
+            if result.faults:
+                raise CommandFailedError(
+                    "\n".join(result.faults),
+                    help=f"{request.output} contains the messages published until then",
+                )
     finally:
         stack.close()
 

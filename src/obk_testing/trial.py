@@ -37,7 +37,7 @@ from obelisk_py.core.lockstep.surroundings import LockstepRun, StepEvents
 from obelisk_py.core.lockstep.topics import Topic
 from obelisk_py.core.messages import message_name
 from obelisk_py.core.parameter_rules import guard_setting_service
-from obelisk_py.core.robot import ObeliskSimRobot
+from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
 from obelisk_spec.suggestions import did_you_mean
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
 from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult
@@ -192,10 +192,18 @@ class StackTrial:
                 scheduler.run_until(scheduler.now_ns + round(duration * NS_PER_S))
         finally:
             self.wall_s += time.perf_counter() - start_s
-        return self.result()
+        return self._result()
 
     def result(self) -> TrialResult:
         """Return the trial from its start until now."""
+        with self._lockstep.entered():
+            for name, node in self.nodes.items():
+                if isinstance(node, ObeliskRobot):
+                    scheduled = self._lockstep.nodes[name]
+                    self._lockstep.scheduler.run_as(scheduled, node.report_rejections)
+        return self._result()
+
+    def _result(self) -> TrialResult:
         self._collect_faults()
         lockstep = self._lockstep
         return TrialResult(

@@ -304,10 +304,13 @@ class RejectionLog:
                 return None
             return LastingRejection(seconds=seconds, reason=self._newest_reason)
 
-    def report(self) -> RejectionReport | None:
+    def report(self, *, is_last: bool = False) -> RejectionReport | None:
         """Return a sentence that summarizes everything unreported, at most once a second.
 
         After an error, the next report follows 10 s later.
+
+        Args:
+            is_last: report even if the next report is not due.
 
         Returns:
             None if there is nothing to report or the next report is not due.
@@ -316,7 +319,7 @@ class RejectionLog:
             return None
         now_s = self._monotonic_s()
         with self._lock:
-            if now_s < self._next_report_s:
+            if now_s < self._next_report_s and not is_last:
                 return None
             since_s = self._since_s
             lasting_s = 0.0 if since_s is None else now_s - since_s

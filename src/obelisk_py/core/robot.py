@@ -129,9 +129,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         rejection = self._rejection_of(control_msg)
         if rejection is not None:
             self._rejections.add(rejection)
-            report = self._rejections.report()
-            if report is not None:
-                self._log_rejection(report)
+            self.report_rejections(is_last=False)
             return
         with self._applying:
             if not self._applies(control_msg):
@@ -167,6 +165,19 @@ class ObeliskRobot(ABC, ObeliskNode):
 
     def _can_damp(self) -> bool:
         return type(self).apply_damping is not ObeliskRobot.apply_damping
+
+    def report_rejections(self, *, is_last: bool = True) -> None:
+        """Log the number of commands rejected since the last report.
+
+        Args:
+            is_last: log even if the last report was less than a second ago.
+        """
+        for report in self._rejection_reports(is_last=is_last):
+            self._log_rejection(report)
+
+    def _rejection_reports(self, *, is_last: bool) -> list[RejectionReport]:
+        report = self._rejections.report(is_last=is_last)
+        return [] if report is None else [report]
 
     def _log_rejection(self, report: RejectionReport) -> None:
         # Two calls, because rclpy does not allow a call site to change its severity.
@@ -260,6 +271,7 @@ class ObeliskRobot(ABC, ObeliskNode):
 
     def _stop_components(self, state: LifecycleState) -> None:
         self._stop_watchdog()
+        self.report_rejections()
         super()._stop_components(state)
 
     def destroy_node(self) -> None:

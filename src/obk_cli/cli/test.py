@@ -24,7 +24,13 @@ from obk_cli.cli.config_options import (
     valid_plan,
 )
 from obk_cli.compiler import compile_config
-from obk_cli.errors import EXIT_DONE, EXIT_FAILED, EXIT_INTERRUPTED, MisuseError
+from obk_cli.errors import (
+    EXIT_DONE,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    CommandFailedError,
+    MisuseError,
+)
 from obk_cli.files import STANDARD_INPUT
 from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import Plan
@@ -197,6 +203,7 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
 
     Raises:
         MisuseError: no test was found.
+        CommandFailedError: a test or node ended the process.
     """
     from obk_cli.process.child_process import run_in_foreground
 
@@ -209,9 +216,18 @@ def _run_pytest(arguments: Sequence[str], environment: Mapping[str, str]) -> int
             "TMPDIR": scratch,
             "ROS_LOG_DIR": str(Path(scratch, "log")),
         }
-        code = run_in_foreground([sys.executable, "-m", "pytest", *arguments], variables)
+        end_file = Path(scratch, "end")
+        options = ["--end-file", str(end_file)]
+        words = [sys.executable, "-m", "pytest", *options, *arguments]
+        code = run_in_foreground(words, variables)
+        has_ended = end_file.exists()
     if code is None:
         return EXIT_INTERRUPTED
+    if code in (0, _NO_TESTS) and not has_ended:
+        raise CommandFailedError(
+            f"the test process ended with exit code {code} before its tests did",
+            help="look for `os._exit` in the nodes and tests, and in libraries that they call",
+        )
     if code == _NO_TESTS:
         raise MisuseError(
             "no tests were run",

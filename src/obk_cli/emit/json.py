@@ -12,14 +12,14 @@ from dataclasses import asdict
 from obk_cli.emit.graph import Graph
 from obk_cli.plan.plan import Plan
 
-__all__ = ["emit_graph_json", "emit_plan"]
+__all__ = ["emit_graph_json", "emit_plan", "json_text"]
 
 
 def emit_plan(plan: Plan) -> str:
     """The text of a plan: `name`, `processes` in the order of the config, `external_topics`."""
     values = asdict(plan).items()
     # The JSON key is older than the field's name, and must stay.
-    return _json_text({"processes" if key == "nodes" else key: value for key, value in values})
+    return json_text({"processes" if key == "nodes" else key: value for key, value in values})
 
 
 def emit_graph_json(graph: Graph) -> str:
@@ -27,7 +27,7 @@ def emit_graph_json(graph: Graph) -> str:
     topics = [asdict(topic) for topic in graph.topics]
     for topic in topics:  # `edges` holds the ends of topics
         del topic["publishers"], topic["subscribers"]
-    return _json_text(
+    return json_text(
         {
             "name": graph.name,
             "devices": graph.devices,
@@ -49,7 +49,7 @@ def _edges(graph: Graph) -> Iterator[dict[str, str]]:
 _SURROGATE = re.compile("[\ud800-\udfff]")
 
 
-def _json_text(value: object) -> str:
+def json_text(value: object) -> str:
     """Format a JSON document; numbers that JSON lacks become strings as in YAML, such as `.inf`."""
     text = json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False)
     # UTF-8 cannot encode an unpaired surrogate, but JSON can escape it.

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from obelisk_spec.suggestions import with_number
+from obk_cli.emit.json import json_text
 from obk_cli.errors import (
     EXIT_DONE,
     EXIT_FAILED,
@@ -168,7 +169,8 @@ def run_sweep(request: SweepRequest) -> int:
         page = folder / "report.html"
         page.write_text(report_page(summary), encoding="utf-8")
     if request.is_json:
-        print(json.dumps(summary_json(summary, str(page), str(folder / "sweep.sqlite")), indent=1))
+        values = summary_json(summary, str(page), str(folder / "sweep.sqlite"))
+        print(json_text(values), end="")
     else:
         print(summary_text(summary, str(page)))
     if not is_complete:

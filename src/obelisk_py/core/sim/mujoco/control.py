@@ -174,9 +174,9 @@ class ControlInbox:
         self.has_rejected = False
         return True
 
-    def reports(self) -> list[RejectionReport]:
-        """Return the reports that are due, each kind at most once per second."""
-        reports = (self._rejections.report(), self._late.report())
+    def reports(self, *, is_last: bool = False) -> list[RejectionReport]:
+        """Return the reports that are due, each kind at most once per second, or the last ones."""
+        reports = (self._rejections.report(is_last=is_last), self._late.report(is_last=is_last))
         return [report for report in reports if report is not None]
 
     def lasting_rejection(self) -> LastingRejection | None:

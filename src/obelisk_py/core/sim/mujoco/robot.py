@@ -27,7 +27,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
 from obelisk_py.core.clock_page import open_clock_writer
-from obelisk_py.core.command_watchdog import LastingRejection
+from obelisk_py.core.command_watchdog import LastingRejection, RejectionReport
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.intra_process import disconnect_all
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
@@ -353,7 +353,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if inbox is None:
             return False
         is_taken = inbox.offer(control_msg)
-        self._log_rejections(inbox)
+        self.report_rejections(is_last=False)
         return is_taken
 
     @property
@@ -401,7 +401,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """
         if self._inbox is not None:
             self._inbox.put(ctrl)
-            self._log_rejections(self._inbox)
+            self.report_rejections(is_last=False)
 
     def push_body(
         self, body: int, force: Sequence[float], duration_s: float, torque: Sequence[float]
@@ -645,17 +645,16 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         )
 
     def _report(self, report: StepReport) -> None:
-        if self._inbox is not None:
-            self._log_rejections(self._inbox)
+        self.report_rejections(is_last=False)
         # A node that reports its rates reports this as the rate `steps`.
         if self.get_parameter(REPORT_RATES).value:
             return
         if warning := self._skipped_time.add(report):
             self._warn(warning)
 
-    def _log_rejections(self, inbox: ControlInbox) -> None:
-        for rejection in inbox.reports():
-            self._log_rejection(rejection)
+    def _rejection_reports(self, *, is_last: bool) -> list[RejectionReport]:
+        reports = super()._rejection_reports(is_last=is_last)
+        return reports + (self._inbox.reports(is_last=is_last) if self._inbox is not None else [])
 
     def _own_publisher(self, message: type[Any], topic: str, depth: int) -> LifecyclePublisher:
         publisher: LifecyclePublisher = self.create_lifecycle_publisher(message, topic, depth)
