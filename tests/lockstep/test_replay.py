@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from obelisk_estimator_msgs.msg import EstimatedState
 
 from obelisk_recordings.run import open_run
 from obk_cli.errors import CommandFailedError
@@ -69,6 +70,20 @@ def test_a_node_publishes_the_recorded_messages_again(
         assert count > 10
     if VIEWS in second.topics:  # the values that the controller received; the last column is random
         np.testing.assert_array_equal(first[VIEWS].data[:, :3], second[VIEWS].data[:, :3])
+
+
+def test_a_node_that_fails_is_an_error_with_its_messages_until_then(
+    start_config: Start, tmp_path: Path
+) -> None:
+    recording = tmp_path / "trial.mcap"
+    trial = start_config(CONFIG)
+    trial.run(0.5)
+    trial.publish("/hazards/est", EstimatedState())
+    write_recording(recording, trial.run(0.5), {})
+    request = request_for(trial, CONTROL, recording)
+    with pytest.raises(CommandFailedError, match="IndexError"):
+        list(replay(request))
+    assert 40 < len(open_run(request.output)["/hazards/ctrl"]) < 60
 
 
 def test_messages_with_a_different_definition_are_rejected(

@@ -152,6 +152,24 @@ def test_hardware_is_rejected_without_a_traceback(repository: Path, tmp_path: Pa
     assert "Traceback" not in done.stdout + done.stderr
 
 
+def test_a_test_that_ends_the_process_is_an_error_and_a_sweep_keeps_its_recording(
+    folder: Path,
+) -> None:
+    test = folder / "tests" / "test_end.py"
+    test.write_text(
+        "import os\n\ndef test_fails(stack):\n    stack().run(0.01)\n    assert 0\n\n"
+        "def test_ends(stack):\n    os._exit(0)\n"
+    )
+    done = run(folder, str(test))
+    assert done.returncode == 1
+    assert "ended with exit code 0 before its tests did" in done.stderr
+    kept = folder / "build" / "obk-test" / "test_end-test_fails.mcap"
+    assert kept.is_file()
+    swept = obk_in(folder, "sweep", "dummy.yaml", f"{test}::test_fails", "-j", "1")
+    assert swept.returncode == 1, swept.stdout + swept.stderr
+    assert kept.is_file()
+
+
 def test_an_empty_selection_and_an_unknown_test_are_misuse(folder: Path) -> None:
     assert run(folder, "-k", "nothing_at_all").returncode == 2
     assert run(folder, "--again", "tests/no.py::test_x[seed1]").returncode == 2

@@ -290,6 +290,16 @@ def test_without_an_end_message_nothing_is_an_error():
     assert not late.report().is_lasting
 
 
+def test_the_last_report_counts_everything_without_waiting():
+    rejections = RejectionLog("control rejected", lambda: 0.0)
+    rejections.add("nan")
+    assert rejections.report().text == "control rejected: nan (1x); 1 in total"
+    rejections.add("nan")
+    assert rejections.report() is None
+    assert rejections.report(is_last=True).text == "control rejected: nan (1x); 2 in total"
+    assert rejections.report(is_last=True) is None
+
+
 def test_reasons_that_differ_each_time_make_no_endless_line():
     rejections = RejectionLog("control rejected", lambda: 0.0)
     for value in range(1000):
