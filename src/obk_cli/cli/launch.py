@@ -118,7 +118,9 @@ def command(
     ] = False,
     record_topic: Annotated[
         list[str] | None,
-        typer.Option(metavar="PATTERN", help="Record these topics instead; may be repeated."),
+        typer.Option(
+            metavar="TOPIC", help="Record these topics (names, patterns) instead; may be repeated."
+        ),
     ] = None,
     viewer: Annotated[
         str | None,
@@ -248,7 +250,7 @@ def command(
             is_composed=composed,
             replaces=replace_,
             allows_foreign=allow_foreign,
-            recording=recording_of(record_topic) if record or record_topic else None,
+            recording=recording_of(record_topic or (), plan) if record or record_topic else None,
             kept_runs=keep,
             gated_executables=gated_executables(plan, outcome.environment),
         )

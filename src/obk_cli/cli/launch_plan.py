@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from obelisk_spec.suggestions import did_you_mean
 from obelisk_spec.values import ParameterValue
 from obk_cli.cli.options import require_choice
+from obk_cli.cli.record import request_of
 from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.node_reader import LOG_LEVELS
 from obk_cli.errors import MisuseError
+from obk_cli.introspect.resolve import absolute
 from obk_cli.launch.event_loop import Limits
 from obk_cli.launch.options import with_simulator_parameters
 from obk_cli.launch.process_groups import Share, devices_of
@@ -62,14 +65,28 @@ def require_devices(plan: Plan, device: str | None, lead: str | None) -> None:
         raise MisuseError("`--lead` needs `--device`: it names the device whose launch leads")
 
 
-def recording_of(patterns: Sequence[str] | None) -> RecordRequest:
-    """What to record: the topics of these patterns, or the plan's if there are none.
+def recording_of(given: Sequence[str], plan: Plan) -> RecordRequest:
+    """What to record: topics given by name or pattern, or the plan's if there are none.
 
     Raises:
         CommandFailedError: the library for recordings is missing.
+        MisuseError: a name without a slash at its start is not that of one of the plan's topics.
     """
     require_extra("mcap", "record")
-    return RecordRequest(patterns=tuple(patterns or ()))
+    known = {
+        end.topic: end.msg_type
+        for node in plan.nodes
+        for end in (*node.publishes, *node.subscribes)
+    }
+    request = request_of(given, known)
+    for name in given:
+        full = absolute(name)
+        if not name.startswith("/") and full in request.topics and full not in known:
+            raise MisuseError(
+                f"`--record-topic {name}`: the config has no such topic",
+                help=did_you_mean(name, known),
+            )
+    return request if given else RecordRequest()
 
 
 def with_viewer(plan: Plan, share: Share, viewer: str | None) -> Plan:

@@ -2,15 +2,18 @@
 
 import os
 import sys
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from obelisk_spec.suggestions import list_names
 from obk_cli.cli.options import require_positive
 from obk_cli.clock import local_time
-from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.errors import EXIT_FAILED, CommandFailedError, MisuseError
+from obk_cli.introspect.resolve import absolute, matching_names
 from obk_cli.introspect.target import with_run_types
 from obk_cli.record.recorder_job import (
     RecorderJob,
@@ -23,7 +26,7 @@ from obk_cli.ros.environment import ros_environment
 from obk_cli.runs.folder import runs_folder, topics_of_run
 from obk_cli.runs.registry import select_runs
 
-__all__ = ["EXAMPLE", "command"]
+__all__ = ["EXAMPLE", "command", "request_of"]
 
 EXAMPLE = """\b
 Example: obk record --duration 10
@@ -58,7 +61,8 @@ def command(
     By default, the command records the topics in the config of the running stack in this ROS
     domain. The file starts with the compiled config and its hash, software versions, and the
     parameters with which the nodes were launched. Recording ends on Ctrl-C, on SIGTERM or after
-    --duration. After a crash, the file is readable except for the last 0.25 s.
+    --duration. After a crash, the file is readable except for the last 0.25 s. The exit code is 1
+    if no message was recorded.
     """
     require_positive("--duration", duration, "a number of seconds")
 
@@ -73,7 +77,8 @@ def command(
         print(f"warning: {note}", file=sys.stderr)
     folder = _stack(run, environment.domain, is_needed=not (topics or all_))
     with_run_types(environment, folder).put_into_effect()
-    request = _request(topics or [], folder, every=all_)
+    known = topics_of_run(folder) if folder else {}
+    request = request_of(topics or [], known, every=all_)
     background = run_metadata_of(folder) if folder else RunMetadata()
     job = RecorderJob(
         path=output or Path(file_name(folder, local_time())),
@@ -82,7 +87,10 @@ def command(
         attachments=background.attachments,
         duration_s=duration,
     )
-    print(recorded_text(record(job, lambda text: print(text, file=sys.stderr))))
+    recorded = record(job, lambda text: print(text, file=sys.stderr))
+    print(recorded_text(recorded))
+    if not any(counter.count for counter in recorded.counters.values()):
+        raise typer.Exit(EXIT_FAILED)
 
 
 def _stack(name: str | None, domain: int, *, is_needed: bool) -> Path | None:
@@ -102,14 +110,27 @@ def _stack(name: str | None, domain: int, *, is_needed: bool) -> Path | None:
     return next(iter(runs)) if len(runs) == 1 else None
 
 
-def _request(topics: list[str], folder: Path | None, *, every: bool) -> RecordRequest:
-    """Build the request; the recorder waits for topics that are named without a pattern."""
-    patterns = tuple(topic for topic in topics if any(sign in topic for sign in "*?["))
-    names = [_absolute(topic) for topic in topics if topic not in patterns]
-    known = topics_of_run(folder) if folder else {}
-    requested = {name: known.get(name) for name in names} if topics or every else known
+def request_of(
+    given: Sequence[str], known: Mapping[str, str | None], *, every: bool = False
+) -> RecordRequest:
+    """What to record; the recorder waits for topics that are named without a pattern.
+
+    Args:
+        given: full names, suffixes of known names, and patterns; empty: all known topics.
+        known: the stack's topics, with their types as far as they are known.
+        every: record all topics of the ROS domain.
+
+    Raises:
+        MisuseError: a suffix fits several known topics.
+    """
+    patterns = tuple(topic for topic in given if any(sign in topic for sign in "*?["))
+    names = [_full_name(topic, known) for topic in given if topic not in patterns]
+    requested = {name: known.get(name) for name in names} if given or every else known
     return RecordRequest(topics=requested, patterns=("*",) if every else patterns)
 
 
-def _absolute(topic: str) -> str:
-    return topic if topic.startswith("/") else f"/{topic}"
+def _full_name(topic: str, known: Collection[str]) -> str:
+    fitting = matching_names(topic, known)
+    if len(fitting) > 1:
+        raise MisuseError(f"`{topic}` is ambiguous", help=f"choose one of {list_names(fitting)}")
+    return fitting[0] if fitting else absolute(topic)
