@@ -23,8 +23,16 @@ from obelisk_spec.suggestions import (
     with_article,
     with_number,
 )
+from obelisk_spec.values import LONGEST_PERIOD_S, SHORTEST_PERIOD_S, is_number
 
-__all__ = ["SimFault", "SimPath", "check_group_against_model", "check_group_rule", "check_sim"]
+__all__ = [
+    "SimFault",
+    "SimPath",
+    "check_group_against_model",
+    "check_group_rule",
+    "check_sim",
+    "is_time_step",
+]
 
 _CAMERA = "camera"
 """The sensor type of an entry that names a camera of the model."""
@@ -327,6 +335,11 @@ def check_sim(
     return tuple(faults)
 
 
+def is_time_step(seconds: float) -> bool:
+    """Whether a model can be simulated with this time step [s]; times have a resolution of 1 ns."""
+    return is_number(seconds, SHORTEST_PERIOD_S, LONGEST_PERIOD_S)
+
+
 def _time_step(block: Mapping[str, Any], facts: ModelFacts) -> float:
     """Simulation step [s]: the config's if set, otherwise the model's."""
     written = block.get("time_step")
@@ -408,6 +421,16 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
         )
     written = block.get("time_step")
     step_s = _time_step(block, facts)
+    if written is None and not is_time_step(step_s):
+        yield SimFault(
+            code="OBK302",
+            severity="error",
+            path=("model_xml_path",),
+            message=f"the model's time step is {step_s:g} s, so it cannot be simulated",
+            help="correct `timestep` in the model's `option`, or set `time_step` here",
+            element=("option", ""),
+        )
+        return
     is_other = written is not None and abs(written - facts.timestep) > 1e-12
     if step_s > _COARSE_TIME_STEP_S:
         model_step = f" (the model specifies {facts.timestep:g} s)" if is_other else ""

@@ -119,11 +119,6 @@ class _Kinds:
     @classmethod
     def of(cls, model: Any, shown: str) -> "_Kinds":
         mujoco = import_mujoco()
-        if model.nu == 0:
-            raise CommandFailedError(
-                f"{shown} has neither actuators nor a hinge or slide joint with a name",
-                help="name the joints to be driven by motors",
-            )
         drives = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         scalar = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
         is_driving = np.isin(model.actuator_trntype, drives) & (model.actuator_gear[:, 0] != 0)

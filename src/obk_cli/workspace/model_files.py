@@ -15,6 +15,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from obelisk_spec.model import ModelFacts
+from obelisk_spec.sim_checks import is_time_step
 from obelisk_spec.suggestions import list_names
 from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.errors import CommandFailedError
@@ -71,6 +72,7 @@ def copy_model(path: Path, stack: str) -> ModelCopy:
             files = {**files, main: more.text.encode()}
             _write(folder, {main: files[main]})
         facts = _read(folder / main, shown=_copy_of(path)).facts
+        _require_robot(facts, path)
         period_s = _period(facts)
         hold = find_hold(folder / main, period_s, shown=str(path))
     sensors = sensor_groups(facts, (actuator.joint for actuator in hold.actuators))
@@ -86,6 +88,20 @@ def copy_model(path: Path, stack: str) -> ModelCopy:
             RenderedFile(path=_FOLDER / place, content=content) for place, content in files.items()
         ),
     )
+
+
+def _require_robot(facts: ModelFacts, path: Path) -> None:
+    if not is_time_step(facts.timestep):
+        raise CommandFailedError(
+            f"{path} cannot be simulated: its time step is {facts.timestep:g} s",
+            help="correct `timestep` in its `option`",
+        )
+    if not {"hinge", "slide"} & set(facts.joints.values()):
+        raise CommandFailedError(
+            f"{path} has no hinge or slide joint with a name",
+            help="messages contain the positions of hinges and slides; write your own robot node "
+            "for other joints",
+        )
 
 
 def _parsed(path: Path) -> ElementTree.Element | None:

@@ -1,3 +1,5 @@
+import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -48,6 +50,15 @@ def group(msg_type: str = "JointEncoders", **more: Any) -> dict[str, Any]:
 def codes(block: dict[str, Any], parameters: dict[str, Any] | None = None) -> list[str]:
     block = {"model_xml_path": "m.xml", **block}
     return [fault.code for fault in check_sim(block, parameters or {}, FACTS)]
+
+
+@pytest.mark.parametrize("step_s", [0.0, -1.0, math.nan, math.inf, 1e-300])
+def test_a_model_without_a_valid_time_step_needs_one_in_the_config(step_s: float) -> None:
+    facts = replace(FACTS, timestep=step_s)
+    block = {"model_xml_path": "m.xml", "sensor_settings": [group()]}
+    (fault,) = check_sim(block, {}, facts)
+    assert (fault.code, fault.severity, fault.path) == ("OBK302", "error", ("model_xml_path",))
+    assert "OBK302" not in [one.code for one in check_sim({**block, "time_step": 0.001}, {}, facts)]
 
 
 def test_a_valid_block_has_no_findings() -> None:

@@ -22,8 +22,9 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK302",
         severity="error",
-        title="MuJoCo cannot load the model",
-        cause="MuJoCo cannot read the file; the message shows its error.",
+        title="MuJoCo cannot load or simulate the model",
+        cause="MuJoCo cannot read the file, and the message shows its error. Or the time step is "
+        "not a positive number.",
         fix="Fix the model at the reported line.",
     ),
     Rule(
