@@ -17,6 +17,7 @@ from typing import Any, Final, Self
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.runs.folder import config_of, run_folders, runs_folder
+from obk_testing.arguments import require_times
 
 __all__ = ["MEASURED", "Activation", "BringUp", "Schedule", "bring_up_times", "read_activations"]
 
@@ -47,6 +48,16 @@ class Schedule:
     """Node -> computing time of each of its callbacks."""
     bring_up: Mapping[str, float] = field(default_factory=dict)
     """Node -> when it becomes active; the others at time 0."""
+
+    def __post_init__(self) -> None:
+        """Check the times.
+
+        Raises:
+            ValueError: one is negative or not finite.
+        """
+        require_times("time", {"latency": self.latency, "jitter": self.jitter})
+        require_times("computing time", self.compute)
+        require_times("bring-up", self.bring_up)
 
     @classmethod
     def varied(cls, seed: int, nodes: Iterable[str]) -> Self:

@@ -7,6 +7,7 @@ act at exact times. Actions without a time happen immediately.
 import functools
 import gc
 import math
+import operator
 import re
 import time
 import weakref
@@ -39,6 +40,7 @@ from obelisk_py.core.messages import message_name
 from obelisk_py.core.parameter_rules import guard_setting_service
 from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
 from obelisk_spec.suggestions import did_you_mean
+from obk_testing.arguments import require_duration, require_number, require_vector
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
 from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult
 from obk_testing.schedule import Schedule
@@ -54,6 +56,10 @@ _KEYFRAME: Final = "ic_keyframe"
 _BEFORE: Final = {"configure": "unconfigured", "activate": "inactive"}
 """The state that a transition starts from."""
 _STUB_DEPTH: Final = 10
+_LONGEST_S: Final = 1e8
+_LARGEST_SIGMA: Final = 1e300
+_WORLD: Final = "world"
+"""The body to which the others are attached."""
 _OFFERED: Final = QoSProfile(
     depth=_STUB_DEPTH,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -107,6 +113,7 @@ class StackTrial:
             LockstepError: a node cannot be brought up or cannot run in lockstep.
             LookupError: a node does not exist.
         """
+        seed = operator.index(seed)  # NumPy's integers are not seeds for `random`
         self.stack = stack
         self.seed = seed
         # Simulators are active at time 0, so that a test can act on them immediately.
@@ -184,7 +191,9 @@ class StackTrial:
 
         Raises:
             LockstepError: nodes trigger each other endlessly, or a thread does not end its turn.
+            ValueError: the duration is negative or not finite.
         """
+        require_number("the duration", duration, most=_LONGEST_S)
         scheduler = self._lockstep.scheduler
         start_s = time.perf_counter()
         try:
@@ -250,7 +259,14 @@ class StackTrial:
 
         Raises:
             LookupError: no model has such a body, several have it, or the stack has no simulator.
+            ValueError: the duration is not positive, a number is not finite, or the body cannot
+                move.
         """
+        require_vector("the force", force)
+        require_vector("the torque", torque)
+        require_duration("the duration", duration)
+        if body == _WORLD:
+            raise ValueError(f"`{_WORLD}` cannot move")
         simulator = self._simulators[self._robot_with(body, robot)].robot
         self._log_intervention(f"push {body} with {_list(force)} N, {_list(torque)} N m", duration)
         simulator.push_body(_body_of(simulator.mj_model, body), force, duration, torque)
@@ -267,7 +283,7 @@ class StackTrial:
             LookupError: no model has such a body, several have it, or the stack has no simulator.
             ValueError: the factor is not above 0.
         """
-        if factor <= 0:
+        if not 0 < factor < math.inf:
             raise ValueError(f"factor {factor}: expected a number above 0")
         name = self._robot_with(body, robot)
         model = self._simulators[name].robot.mj_model
@@ -285,7 +301,13 @@ class StackTrial:
             topic: full name.
             share: 0 to 1.
             duration: duration [s].
+
+        Raises:
+            LookupError: no node has the topic.
+            ValueError: the share is not from 0 to 1, or the duration is not positive.
         """
+        require_number("the share", share, most=1.0)
+        require_duration("the duration", duration)
         self._log_intervention(f"drop {share:g} of {topic}", duration)
         numbers, during = self._numbers(f"drop {topic}"), self._during(duration)
         self._topic(topic).rules.append(
@@ -299,7 +321,13 @@ class StackTrial:
             topic: full name.
             seconds: additional latency [s].
             duration: how long messages are delayed [s].
+
+        Raises:
+            LookupError: no node has the topic.
+            ValueError: the latency is negative, or the duration is not positive.
         """
+        require_number("the delay", seconds, most=_LONGEST_S)
+        require_duration("the duration", duration)
         self._log_intervention(f"delay {topic} by {seconds:g} s", duration)
         during, delay_ns = self._during(duration), round(seconds * NS_PER_S)
         self._topic(topic).rules.append(lambda now_ns, _: delay_ns if during(now_ns) else 0)
@@ -315,7 +343,10 @@ class StackTrial:
 
         Raises:
             LookupError: the messages have no such field, or it has another type.
+            ValueError: the standard deviation is negative, or the duration is not positive.
         """
+        require_number("sigma", sigma, most=_LARGEST_SIGMA)
+        require_duration("the duration", duration)
         found = self._topic(topic)
         fields = found.message_class.get_fields_and_field_types()
         if field not in fields:
@@ -345,8 +376,9 @@ class StackTrial:
 
         Raises:
             LookupError: no node has the topic.
+            TypeError: the topic has another type.
         """
-        self._topic(topic)
+        self._require_type(topic, type(message))
         self._log_intervention(f"publish on {topic}")
         with self._lockstep.entered():
             self._lockstep.topics.publish(topic, message)
@@ -385,7 +417,11 @@ class StackTrial:
         """Freeze a node for some time [s]; events that become due meanwhile run afterwards.
 
         With several freezes, the node is frozen until the last one ends.
+
+        Raises:
+            ValueError: the duration is not positive.
         """
+        require_duration("the duration", duration)
         scheduler, scheduled = self._lockstep.scheduler, self._scheduled(node)
         self._log_intervention(f"freeze {node}", duration)
         scheduler.freeze(scheduled)
@@ -400,7 +436,12 @@ class StackTrial:
         self._lockstep.kill(scheduled)
 
     def restart(self, node: str, after: float = 0.0) -> None:
-        """Kill a node, and create and bring up a new one after some time [s]."""
+        """Kill a node, and create and bring up a new one after some time [s].
+
+        Raises:
+            ValueError: the time is negative or not finite.
+        """
+        require_number("the time until the restart", after, most=_LONGEST_S)
         name = find_node(self.stack.plan, node).full_name
         self.kill(name)
         self._log_intervention(f"restart {node}", after)
@@ -458,7 +499,12 @@ class StackTrial:
             on: the topic that it subscribes to.
             do: called with each message; returns the messages to publish, topic -> message.
             kind: the message class of `on`.
+
+        Raises:
+            LookupError: no node has the topic `on`.
+            TypeError: the topic has another type.
         """
+        self._require_type(on, kind)
 
         def make() -> GuardedLifecycleNode:
             namespace, _, own = name.rpartition("/")
@@ -614,6 +660,13 @@ class StackTrial:
             near = did_you_mean(name, topics) or ", ".join(sorted(topics))
             raise LookupError(f"no node has the topic `{name}`: {near}")
         return topics[name]
+
+    def _require_type(self, topic: str, kind: type[Any]) -> None:
+        expected = self._topic(topic).message_class
+        if kind is not expected:
+            raise TypeError(
+                f"{topic} has messages of type {message_name(expected)}, not {kind.__name__}"
+            )
 
     def _log_intervention(self, text: str, duration: float = 0.0) -> None:
         self.interventions.append(Intervention(t=self.t, duration=duration, text=text))

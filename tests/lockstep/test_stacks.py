@@ -305,6 +305,40 @@ def test_verbs_on_topics(start: Start) -> None:
         trial.drop("/hazards/estimate")
 
 
+@pytest.mark.parametrize(
+    ("act", "reported"),
+    [
+        (lambda trial: trial.run(-1.0), "the duration is -1.0"),
+        (lambda trial: trial.run(math.nan), "the duration is nan"),
+        (lambda trial: trial.push("body", (1.0, 0.0), 0.1), "three finite numbers"),
+        (lambda trial: trial.push("body", (1.0, 0.0, math.nan), 0.1), "three finite numbers"),
+        (lambda trial: trial.push("body", (1.0, 0.0, 0.0), 0), "the duration is 0"),
+        (lambda trial: trial.push("world", (1.0, 0.0, 0.0), 0.1), "`world` cannot move"),
+        (lambda trial: trial.scale_mass("body", math.nan), "factor nan"),
+        (lambda trial: trial.drop(CTRL, 30), "from 0 to 1"),
+        (lambda trial: trial.drop(CTRL, 0.5, duration=-0.1), "the duration is -0.1"),
+        (lambda trial: trial.delay(CTRL, -0.1), "the delay is -0.1"),
+        (lambda trial: trial.noise(CTRL, "u_mujoco", -0.1), "sigma is -0.1"),
+        (lambda trial: trial.freeze("control", -1.0), "the duration is -1.0"),
+        (lambda trial: trial.restart("control", after=-1.0), "the time until the restart is -1.0"),
+        (lambda trial: trial.publish(CTRL, EstimatedState()), "not EstimatedState"),
+        (
+            lambda trial: trial.stub("/s", CTRL, lambda _: {}, JointEncoders),
+            "obelisk_control_msgs/msg/PositionSetpoint, not JointEncoders",
+        ),
+        (lambda _: Schedule(latency=-1.0), "latency is -1.0"),
+        (lambda _: Schedule(compute={"control": math.inf}), "computing time of control is inf"),
+    ],
+)
+def test_an_impossible_action_is_an_error_at_its_call(
+    start: Start, act: Callable[[StackTrial], object], reported: str
+) -> None:
+    trial = start(seed=np.int64(3))
+    with pytest.raises((ValueError, TypeError), match=reported):
+        act(trial)
+    assert not trial.run(0.1).faults
+
+
 def test_actions_on_topics_affect_stubs_and_messages_from_outside(start: Start) -> None:
     trial = start(without=("control",), schedule=Schedule(latency=0.005))
     sent = PositionSetpoint(u_mujoco=[7.0])

@@ -1,0 +1,50 @@
+"""Check the arguments of a test's actions, so that a mistake fails the test and no node."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["require_duration", "require_number", "require_times", "require_vector"]
+
+
+def require_number(name: str, value: float, *, least: float = 0.0, most: float = math.inf) -> None:
+    """Check that a number is within limits.
+
+    Raises:
+        ValueError: it is not, or it is NaN.
+    """
+    if not least <= value <= most:
+        limits = f"at least {least:g}" if most == math.inf else f"from {least:g} to {most:g}"
+        raise ValueError(f"{name} is {value}, expected a number {limits}")
+
+
+def require_duration(name: str, seconds: float) -> None:
+    """Check that a duration is positive; infinity is allowed.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if not seconds > 0.0:
+        raise ValueError(f"{name} is {seconds}, expected a number of seconds greater than 0")
+
+
+def require_times(name: str, times: Mapping[str, float]) -> None:
+    """Check that the times of nodes are finite and not negative.
+
+    Raises:
+        ValueError: one is not.
+    """
+    for node, seconds in times.items():
+        require_number(f"{name} of {node}", seconds, most=1e6)
+
+
+def require_vector(name: str, vector: Sequence[float] | NDArray[np.float64]) -> None:
+    """Check that a vector has three finite numbers.
+
+    Raises:
+        ValueError: it does not.
+    """
+    if len(vector) != 3 or not all(map(math.isfinite, vector)):
+        raise ValueError(f"{name} is {list(vector)}, expected three finite numbers")
