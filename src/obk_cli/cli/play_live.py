@@ -210,6 +210,11 @@ def _compare(run: "RecordedRun", replay: LiveReplay) -> None:
     if silent := [topic for topic in outputs if not counts.get(topic)]:
         raise CommandFailedError(f"the nodes published nothing on {list_names(silent)}")
     found = compare_runs(run, again, outputs)
+    if not found.signals:
+        raise CommandFailedError(
+            "no message could be compared: the nodes published too little",
+            help="replay a longer recording, or at a lower --rate",
+        )
     beyond = [one for one in found.signals if not one.is_within(replay.tolerance)]
     within = len(found.signals) - len(beyond)
     part = f"{100 * replay.tolerance:g} %"

@@ -4,6 +4,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from math import inf
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -21,6 +22,7 @@ Example: obk plot dummy est.q_joints ctrl.u_mujoco[0]
          obk plot dummy est.q_joints[0] ctrl.u_mujoco[0] --overlay -o arm.svg
 """
 FORMATS: Final = (".png", ".svg", ".html")
+_LATEST_S: Final = 1e9
 
 
 def command(
@@ -68,6 +70,8 @@ def command(
     names = [parse_field(text) for text in texts]
     if xlim is not None and not xlim[0] < xlim[1]:
         raise MisuseError(f"`--xlim {xlim[0]:g} {xlim[1]:g}`: expected the earlier time first")
+    if xlim is not None and any(_LATEST_S < abs(limit) < inf for limit in xlim):
+        raise MisuseError(f"`--xlim {xlim[0]:g} {xlim[1]:g}`: expected times up to {_LATEST_S:g} s")
     parent = runs_folder(os.environ)
     paths = [find_recording(parent, name) for name in recordings]
     ending = ".html" if html else ".png"

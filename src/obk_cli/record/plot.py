@@ -14,6 +14,7 @@ from html import escape
 from importlib.resources import files
 from io import BytesIO
 from itertools import islice
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
@@ -301,7 +302,8 @@ def draw(
         if len(part.lines) <= MOST_NAMED and any(line.label for line in part.lines):
             axis.legend(loc="upper right", fontsize="small")
     if xlim is not None:
-        axes[-1].set_xlim(*xlim)
+        # An infinite limit shows everything on that side.
+        axes[-1].set_xlim(*(limit if isfinite(limit) else None for limit in xlim))
         for axis, part in zip(axes, parts, strict=True):
             _fit(axis, part, xlim)
     axes[-1].set_xlabel("time since activation [s]")

@@ -76,6 +76,7 @@ def test_plot_takes_files_then_fields_and_writes_a_page(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert obk("plot", bag, "speed.mcap", "speed.data", "--html", "--xlim", "-1", "2") == 0
+    assert obk("plot", "speed.mcap", "speed.data", "--xlim", "0", "inf") == 0
     assert capsys.readouterr().out == "speed_speed_data.html\n"
     assert Path("speed_speed_data.html").read_text().startswith("<!DOCTYPE html>")
 
@@ -91,6 +92,7 @@ def test_plot_takes_files_then_fields_and_writes_a_page(
         (("plot", "speed.mcap", "speed.data", "-o", "a.png", "--html"), 2, "ends in .html"),
         (("plot", "speed.mcap", "speed.data", "--xlim", "2", "1"), 2, "`--xlim 2 1`"),
         (("plot", "speed.mcap", "speed.data", "--xlim", "8", "9"), 2, "`--xlim 8 9`"),
+        (("plot", "speed.mcap", "speed.data", "--xlim", "0", "1e300"), 2, "times up to 1e+09 s"),
         (("plot", "speed.mcap", "speed"), 2, "`speed` does not name a field"),
         (("record", "--duration", "0"), 2, "`--duration 0`"),
     ],
