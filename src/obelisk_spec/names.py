@@ -32,6 +32,8 @@ __all__ = [
 ]
 
 _LONGEST_NODE_NAME = 255
+_LONGEST_TOPIC_NAME = 247
+_LONGEST_NAMESPACE = 245
 
 
 def topic_name_fault(name: str) -> str | None:
@@ -40,6 +42,8 @@ def topic_name_fault(name: str) -> str | None:
         return "it is empty"
     if name != "~" and name.startswith("~") and not name.startswith("~/"):
         return "`~` must be followed by `/`"
+    if len(name) > _LONGEST_TOPIC_NAME:
+        return f"it is longer than {_LONGEST_TOPIC_NAME} characters"
     body = name.removeprefix("~")
     if "~" in body:
         return "`~` is only allowed at the start"
@@ -50,6 +54,8 @@ def namespace_fault(name: str) -> str | None:
     """Why `name` is not a valid namespace, with or without its leading `/`."""
     if not name:
         return "it is empty"
+    if len(name) > _LONGEST_NAMESPACE:
+        return f"it is longer than {_LONGEST_NAMESPACE} characters"
     return None if name == "/" else _path_fault(name)
 
 

@@ -159,6 +159,11 @@ def _set_key(
 ) -> TreeMap:
     if tree is None:
         tree = TreeMap((), span)
+    if isinstance(tree, TreeList):
+        raise _UnfitError(
+            f"`{key}` needs a mapping, but its parent is a list",
+            f"select an item of the list, such as `[0].{key}`",
+        )
     if not isinstance(tree, TreeMap):
         raise _UnfitError(f"`{key}` needs a mapping, found {kind_of(tree)}")
     old = tree.get(key)

@@ -284,6 +284,11 @@ def _item(tree: Tree | None, number: int, path: str, done: str) -> Tree | None:
 
 
 def _entry(tree: Tree | None, key: str, path: str, done: str) -> Tree | None:
+    if isinstance(tree, TreeList):
+        raise MisuseError(
+            f"`--vary {path}`: `{done}` is a list",
+            help=f"select an item, such as `{done}[0].{key}`",
+        )
     entry = tree.get(key) if isinstance(tree, TreeMap) else None
     if entry is None:
         known = [each.key for each in tree] if isinstance(tree, TreeMap) else []

@@ -30,6 +30,7 @@ def test_topic_names(name: str) -> None:
         ("~a", "`~` must be followed by `/`"),
         ("a/~/b", "`~` is only allowed at the start"),
         ("/ä", "'ä' is not a letter, digit or `_`"),
+        ("/" + "a" * 247, "it is longer than 247 characters"),
     ],
 )
 def test_an_invalid_topic_name_is_reported_with_the_reason(name: str, reason: str) -> None:
@@ -40,6 +41,7 @@ def test_namespaces() -> None:
     assert namespace_fault("/") is None
     assert namespace_fault("/left/arm") is None
     assert namespace_fault("left") is None
+    assert namespace_fault("a" * 246) == "it is longer than 245 characters"
     assert namespace_fault("/left//arm") == "it contains `//`"
     assert namespace_fault("~/left") == "'~' is not a letter, digit or `_`"
 

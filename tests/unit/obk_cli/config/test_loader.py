@@ -146,7 +146,7 @@ def test_set(option: str, value: object) -> None:
         ("a..b=1", "is not a path"),
         ("[0]=1", "is not a path"),
         ("a[1].b=1", "out of range"),
-        ("a.b=1", "`b` needs a mapping, found a list"),
+        ("a.b=1", "`b` needs a mapping, but its parent is a list"),
         ("m[1]=1", "`[1]` needs a list, found a mapping"),
         ("x[0]=1", "unknown key `x`"),
         ("m.c=[", "never closed"),
