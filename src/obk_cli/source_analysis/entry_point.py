@@ -191,6 +191,6 @@ def _node_code(
         missing_methods=tuple(lineage.missing_methods()),
         control_lengths=tuple(control_lengths(lineage, library)),
         key_uses=tuple(key_uses(lineage, library)),
-        findings=(*faults, *without_base, *callbacks, *waits),
+        findings=(*faults, *without_base, *found.invalid.values(), *callbacks, *waits),
         can_damp=lineage.can_damp,
     )

@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Final
 
 from obelisk_spec.registration import (
+    EXPECTED,
     ArgumentKind,
     RegistrationArgumentError,
     bind_registration,
@@ -18,6 +19,7 @@ from obelisk_spec.registration import (
 )
 from obk_cli.config.environment import CodeComponent, CodeParameter, kind_of_value
 from obk_cli.config.model import ComponentKind
+from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
 from obk_cli.source_analysis.live_parameters import class_parameters
 from obk_cli.source_analysis.modules import (
@@ -78,9 +80,16 @@ class RegisterCall:
     callback: ast.expr | None
 
 
+@dataclass(frozen=True, slots=True)
+class InvalidCall:
+    """A registration that raises an exception."""
+
+    reason: str
+
+
 def register_call(
     name: str, call: ast.Call, scope: Scope, library: ModuleLibrary
-) -> RegisterCall | str | None:
+) -> RegisterCall | InvalidCall | str | None:
     """What a call registers; a string says why that is unknown; None: no registration."""
     if name not in _KINDS:
         return None
@@ -96,7 +105,11 @@ def register_call(
     try:
         given = bind_registration(name, call.args, named, lambda one: _described(value(one)))
     except RegistrationArgumentError as error:
-        return str(error)
+        return InvalidCall(str(error))
+    if isinstance(value(given.get("msg_type")), str):
+        return InvalidCall(f"`msg_type` is a string, expected {EXPECTED['msg_type']}")
+    if "callback" not in given and _KINDS[name] != "publisher":
+        return InvalidCall(f"it has no `callback`, expected {EXPECTED['callback']}")
     ros_parameter, key = value(given.get("ros_parameter")), value(given.get("key"))
     names = [ros_parameter, key]
     if not any(isinstance(text, str) for text in names):
@@ -318,6 +331,8 @@ class Registrations:
     """By the call, preceded by the calls of helper methods that lead to it."""
     callbacks: dict[ast.Call, tuple[ast.Attribute, Module]] = field(default_factory=dict)
     """Callbacks that are attributes of the node."""
+    invalid: dict[ast.Call, Diagnostic] = field(default_factory=dict)
+    """The errors of calls that certainly raise an exception."""
     without_base: tuple[Function, ClassSource] | None = None
     """The constructor that does not call its base classes' constructors."""
     parameters: dict[str, CodeParameter] = field(default_factory=dict)
@@ -501,14 +516,18 @@ class _Walk:
 
     def _register(
         self,
-        registered: RegisterCall | str,
+        registered: RegisterCall | InvalidCall | str,
         call: ast.Call,
         source: ClassSource,
         scope: Scope,
         *,
         is_certain: bool,
     ) -> None:
-        if isinstance(registered, str):
+        if isinstance(registered, InvalidCall) and is_certain:
+            span = span_of(call, scope.module.source)
+            method = call.func.attr if isinstance(call.func, ast.Attribute) else ""
+            self.found.invalid[call] = found("OBK427", f"`{method}`: {registered.reason}", span)
+        if not isinstance(registered, RegisterCall):
             self.found.knows_components = False
             return
         match registered.callback:

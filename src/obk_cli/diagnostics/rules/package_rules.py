@@ -196,4 +196,12 @@ RULES: tuple[Rule, ...] = (
         fix="Use `await client.call_async(...)` in an `async def` callback, or continue in a "
         "done callback: `client.call_async(...).add_done_callback(...)`.",
     ),
+    Rule(
+        code="OBK427",
+        severity="error",
+        title="an invalid registration",
+        cause="The arguments of `register_obk_...` fit none of its signatures, so the node cannot "
+        "be created or configured.",
+        fix="Pass the name, then the callback of a subscription or timer, and the message class.",
+    ),
 )

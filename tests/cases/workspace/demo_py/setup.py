@@ -31,6 +31,7 @@ setup(
             "untyped = demo_py.untyped:main",
             "without_base = demo_py.without_base:main",
             "wrong_callback = demo_py.wrong_callback:main",
+            "wrong_registration = demo_py.wrong_registration:main",
             "wrong_key = demo_py.wrong_key:main",
         ]
     },

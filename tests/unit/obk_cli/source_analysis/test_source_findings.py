@@ -140,6 +140,30 @@ def test_a_constructor_that_may_run_the_base_is_not_found(constructor: str) -> N
 
 
 @pytest.mark.parametrize(
+    ("call", "is_found"),
+    [
+        ("subscription('sub_a', self.on_x, 'String', key='a', msg_type=ObkImu, kind=1)", True),
+        ("subscription('sub_a_setting', self.on_x, msg_type='ObkImu')", True),
+        ("subscription('sub_a_setting', msg_type=ObkImu)", True),
+        ("timer('timer_a', self.on_x, period=0.1)", True),
+        ("timer('timer_a')", True),
+        ("publisher('pub_a', ObkImu, default='topic:/a', topic='/a')", True),
+        ("publisher('pub_a_setting', 'a', ObkImu)", False),
+        ("publisher('pub_a', msg_type=self.kind)", False),
+        ("timer('timer_a', callback=self.on_x)", False),
+        ("timer(*self.given)", False),
+    ],
+)
+def test_an_invalid_registration_is_reported_if_it_certainly_runs(
+    call: str, is_found: bool
+) -> None:
+    body = node(f"self.register_obk_{call}") + "    def on_x(self, msg=None): ...\n"
+    assert codes(body) == (["OBK427"] if is_found else [])
+    unsure = body.replace("self.register_obk", "if node_name: self.register_obk")
+    assert codes(unsure) == []
+
+
+@pytest.mark.parametrize(
     ("more", "is_found"),
     [
         ("", True),
