@@ -33,11 +33,14 @@ def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[
 
     Such a program may be started early: it waits at the gate before it creates its node.
     """
+    if environment is None:
+        return frozenset()
     programs = {(node.package, node.executable) for node in plan.nodes}
+    codes = {program: environment.read_node_code(*program) for program in programs}
     return frozenset(
         program
-        for program in programs
-        if environment is not None and isinstance(environment.read_node_code(*program), NodeFacts)
+        for program, code in codes.items()
+        if isinstance(code, NodeFacts) and code.is_run_by_library
     )
 
 

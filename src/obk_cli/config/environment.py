@@ -301,7 +301,7 @@ class KeyUse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeFacts:
-    """The class that an executable spins."""
+    """The node class that an executable runs."""
 
     class_name: str
     span: Span
@@ -320,6 +320,8 @@ class NodeFacts:
     """Findings in the source that do not depend on the config."""
     can_damp: bool | None = None
     """Whether a robot implements `apply_damping`; None for other nodes, or if unknown."""
+    is_run_by_library: bool = True
+    """Whether `spin_obelisk` creates and runs the node."""
 
     def component_of(self, component: Component) -> CodeComponent | None:
         """The registration in the code for a component of the config."""

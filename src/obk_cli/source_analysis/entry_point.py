@@ -41,7 +41,7 @@ _SPIN = "spin_obelisk"
 
 @dataclass(frozen=True, slots=True)
 class _Spun:
-    """The arguments of a `spin_obelisk` call."""
+    """A node class that a program runs, with `spin_obelisk` or with an executor of its own."""
 
     node_type: ast.expr
     module: Module
@@ -49,6 +49,8 @@ class _Spun:
     """Whether the class is instantiated with arguments other than its defaults."""
     may_have_threads: bool
     """Whether the program chooses an executor that may run callbacks in parallel."""
+    by_library: bool = True
+    """Whether `spin_obelisk` runs it."""
 
 
 def read_node_code(
@@ -83,7 +85,7 @@ def _read(
     if function is not None and function not in entry.names and not entry.has_more_names:
         return _no_function(entry, function)
     module, runs = entry_function(entry, function, library)
-    spun = list(_spun_in(runs, module))
+    spun = list(_spun_in(runs, module)) or list(_created_in(runs, module, library))
     found = _class_of(spun[0], library) if len(spun) == 1 else None
     lineage = lineage_of(found, library) if found else None
     faults = tuple(_faults_of_modules(entry, (module, runs), lineage, library, places))
@@ -157,6 +159,20 @@ def _spun_in(body: Iterable[ast.stmt], module: Module) -> Iterator[_Spun]:
                 yield _Spun(node_type, module, has_arguments, is_parallel or None in keywords)
 
 
+def _created_in(
+    body: Iterable[ast.stmt], module: Module, library: ModuleLibrary
+) -> Iterator[_Spun]:
+    """The node classes that a program instantiates itself."""
+    calls = (n for statement in body for n in ast.walk(statement) if isinstance(n, ast.Call))
+    for call in calls:
+        has_arguments = bool(call.args or call.keywords)
+        spun = _Spun(call.func, module, has_arguments, may_have_threads=True, by_library=False)
+        found = _class_of(spun, library)
+        lineage = lineage_of(found, library) if found else None
+        if lineage is not None and lineage.is_node:
+            yield spun
+
+
 def _is_single_threaded(executor: ast.expr, module: Module) -> bool:
     name = dotted_name(executor, module) or ""
     is_none = isinstance(executor, ast.Constant) and executor.value is None
@@ -193,4 +209,5 @@ def _node_code(
         key_uses=tuple(key_uses(lineage, library)),
         findings=(*faults, *without_base, *found.invalid.values(), *callbacks, *waits),
         can_damp=lineage.can_damp,
+        is_run_by_library=spun.by_library,
     )

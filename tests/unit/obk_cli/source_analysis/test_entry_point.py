@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obk_cli.config.environment import CodeFault, NodeFacts
+from obk_cli.config.environment import CodeFault, NodeFacts, SourceFaults
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
 from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
@@ -77,6 +77,29 @@ def test_components_of_the_bases_have_the_types_of_the_constructor_call() -> Non
     }
     assert all(c.is_of_library and c.is_required for c in found.components)
     assert [m.name for m in found.missing_methods] == ["update_x_hat", "compute_control"]
+
+
+def run_by(main: str) -> NodeFacts | CodeFault | SourceFaults | None:
+    body = node("self.register_obk_timer('timer_a', self.on_x)")
+    other = "class Other(ObeliskNode):\n    pass\n"
+    lines = "".join(f"    {line}\n" for line in main.splitlines())
+    text = f"import rclpy\n{HEAD}{body}{other}\ndef main(args=None):\n{lines}"
+    return read_node_code("m", "main", lambda name: load_from({"m": text}, name))
+
+
+def test_a_program_may_run_its_node_itself() -> None:
+    found = run_by("rclpy.init(args=args)\nmine = Mine('mine')\nrclpy.spin(mine)")
+    assert isinstance(found, NodeFacts)
+    assert (found.class_name, names(found)) == ("Mine", ["timer_a"])
+    assert not found.is_run_by_library
+    spun = run_by("Other()\nspin_obelisk(args, Mine)")
+    assert isinstance(spun, NodeFacts)
+    assert spun.is_run_by_library
+
+
+@pytest.mark.parametrize("main", ["pass", "rclpy.spin(args)", "for n in (Mine(), Other()): ..."])
+def test_a_program_with_no_or_several_nodes_leaves_the_class_open(main: str) -> None:
+    assert run_by(main) is None
 
 
 def test_a_method_that_the_constructor_calls_registers_too() -> None:
