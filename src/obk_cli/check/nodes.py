@@ -212,7 +212,7 @@ def _misspelt_key(parameter: Spanned[str], key: Spanned[str], own: str) -> Diagn
 
 
 def check_callback_groups(context: CheckContext) -> Iterator[Diagnostic]:
-    """Report groups that are used but not defined, or defined but not used."""
+    """Report groups that are used but not defined, or defined but not used, not even by code."""
     undefined = 0
     for node in context.stack.nodes:
         defined = {group.name.value: group for group in node.callback_groups}
@@ -228,8 +228,10 @@ def check_callback_groups(context: CheckContext) -> Iterator[Diagnostic]:
                 names = defined if undefined <= _MOST_SUGGESTIONS else ()
                 used.update(near_names(group.value, names))
                 yield _undefined_group(group, node, names)
-        for name, unused in defined.items():
-            if name not in used:
+        unused_groups = {name: group for name, group in defined.items() if name not in used}
+        code = code_of(node, context.environment) if unused_groups else None
+        for name, unused in unused_groups.items():
+            if code is None or name not in code.words:
                 message = f"callback group `{name}` of `{node.node_name}` is not used"
                 yield found("OBK208", message, unused.name.span)
 

@@ -320,6 +320,8 @@ class NodeFacts:
     """Findings in the source that do not depend on the config."""
     can_damp: bool | None = None
     """Whether a robot implements `apply_damping`; None for other nodes, or if unknown."""
+    words: frozenset[str] = frozenset()
+    """Attributes and strings in the node's own classes."""
     is_run_by_library: bool = True
     """Whether `spin_obelisk` creates and runs the node."""
 

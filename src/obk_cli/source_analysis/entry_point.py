@@ -209,5 +209,14 @@ def _node_code(
         key_uses=tuple(key_uses(lineage, library)),
         findings=(*faults, *without_base, *found.invalid.values(), *callbacks, *waits),
         can_damp=lineage.can_damp,
+        words=frozenset(_words(lineage)),
         is_run_by_library=spun.by_library,
     )
+
+
+def _words(lineage: Lineage) -> Iterator[str]:
+    own = (source.node for source in lineage.classes if not source.is_of_library)
+    for node in (inner for outer in own for inner in ast.walk(outer)):
+        match node:
+            case ast.Attribute(attr=word) | ast.Constant(value=str(word)):
+                yield word

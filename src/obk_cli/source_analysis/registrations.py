@@ -19,7 +19,7 @@ from obelisk_spec.registration import (
 )
 from obk_cli.config.environment import CodeComponent, CodeParameter, kind_of_value
 from obk_cli.config.model import ComponentKind
-from obk_cli.diagnostics.diagnostic import Diagnostic, found
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
 from obk_cli.source_analysis.live_parameters import class_parameters
 from obk_cli.source_analysis.modules import (
@@ -395,6 +395,7 @@ class _Walk:
         self._calls: tuple[ast.Call, ...] = ()
         self._helpers: dict[Function, bool] = {}
         self._helper_calls = 0
+        self._certain: dict[tuple[ast.Call, ...], CodeComponent] = {}
         self.reaches_library = False
 
     def constructor(self, start: int, call: tuple[ast.Call, Scope] | None) -> None:
@@ -535,6 +536,16 @@ class _Walk:
                 self.found.callbacks[call] = (callback, source.module)
         component = registered.component
         place = (*self._calls, call)
+        earlier = self._earlier(component, place) if is_certain else None
+        if earlier is not None:
+            self.found.invalid[call] = found(
+                "OBK427",
+                f"the {component.kind} `{component.name}` is already registered",
+                component.span,
+                help="give it another name, or remove one of the two calls",
+                related=(Related(message="registered here", span=earlier.span),),
+            )
+            return
         certain = is_certain and component.is_required
         if place not in self.found.components or certain:
             types = [v for name, v in scope.local.items() if name.endswith("_msg_type")]
@@ -550,6 +561,22 @@ class _Walk:
             name = component.ros_parameter
             parameter = CodeParameter(name=name, kind=None, span=component.span)
             self.found.parameters.setdefault(name, parameter)
+
+    def _earlier(
+        self, component: CodeComponent, place: tuple[ast.Call, ...]
+    ) -> CodeComponent | None:
+        """A registration of the same component that certainly runs, by another call."""
+        same = (
+            other
+            for other_place, other in self._certain.items()
+            if other_place != place
+            and other.kind == component.kind
+            and not component.names.isdisjoint(other.names)
+        )
+        earlier = next(same, None)
+        if earlier is None:
+            self._certain[place] = component
+        return earlier
 
     def _declare(self, method: str, call: ast.Call, scope: Scope, *, is_certain: bool) -> None:
         declared = declared_parameters(method, call, scope, self._library)

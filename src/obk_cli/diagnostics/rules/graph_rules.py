@@ -70,7 +70,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK208",
         severity="warning",
         title="an unused callback group",
-        cause="No component of the node is in the group.",
+        cause="No component of the node is in the group, and its code does not mention the group.",
         fix="Remove the group, or assign components to it.",
     ),
     Rule(

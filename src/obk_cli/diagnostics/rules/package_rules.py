@@ -200,8 +200,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK427",
         severity="error",
         title="an invalid registration",
-        cause="The arguments of `register_obk_...` fit none of its signatures, so the node cannot "
-        "be created or configured.",
-        fix="Pass the name, then the callback of a subscription or timer, and the message class.",
+        cause="The arguments of `register_obk_...` fit none of its signatures, or the component "
+        "is already registered. The node cannot be created or configured.",
+        fix="Pass the name, then the callback of a subscription or timer, and the message class. "
+        "Register each component once.",
     ),
 )

@@ -164,6 +164,23 @@ def test_an_invalid_registration_is_reported_if_it_certainly_runs(
 
 
 @pytest.mark.parametrize(
+    ("second", "is_found"),
+    [
+        ("'timer_a_setting', self.on_x, 'a'", True),
+        ("'timer_a', self.on_x, required=False", True),
+        ("'timer_b', self.on_x", False),
+    ],
+)
+def test_a_component_is_registered_once(second: str, is_found: bool) -> None:
+    first = "self.register_obk_timer('timer_a', self.on_x)"
+    body = "    def on_x(self): ...\n"
+    twice = node(f"{first}\nself.register_obk_timer({second})") + body
+    assert codes(twice) == (["OBK427"] if is_found else [])
+    inner = f"if node_name: {first}\nelse: self.register_obk_timer({second})"
+    assert codes(node(inner) + body) == []
+
+
+@pytest.mark.parametrize(
     ("more", "is_found"),
     [
         ("", True),
