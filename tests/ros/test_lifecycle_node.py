@@ -349,6 +349,38 @@ def test_publishing_while_inactive_is_dropped() -> None:
         assert node.last_fault is None
 
 
+class TooEarly(ObeliskNode):
+    """Registers a component before the base class is initialized."""
+
+    def __init__(self) -> None:
+        self.register_obk_timer("timer_a", print)
+        super().__init__("too_early")
+
+
+def test_registering_before_the_base_class_is_an_error() -> None:
+    with pytest.raises(ObeliskConfigError, match=r"called before super\(\).__init__"):
+        TooEarly()
+
+
+class WithoutArgument(Controller):
+    """Its callback takes no message."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_obk_subscription("sub_a", self.on_a, PositionSetpoint, default="topic:/a")
+
+    def on_a(self) -> None:
+        """Not called."""
+
+
+def test_a_callback_without_an_argument_is_reported_with_its_subscription() -> None:
+    with spinning(WithoutArgument) as node:
+        assert not request(node, "configure")
+        assert node.last_fault is not None
+        assert "the subscription `sub_a`" in node.last_fault.text
+        assert "callback" in node.last_fault.text
+
+
 def test_registering_twice_or_late_is_an_error() -> None:
     with spinning(Controller) as node:
         assert isinstance(node, Controller)

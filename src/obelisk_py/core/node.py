@@ -301,6 +301,11 @@ class ObeliskNode(RateMonitoredNode):
     def _register(
         self, kind: ComponentKind, arguments: tuple[Any, ...], named: Mapping[str, Any]
     ) -> None:
+        if "_registered_components" not in vars(self):
+            raise ObeliskConfigError(
+                f"register_obk_{kind.noun} was called before super().__init__(...); components are "
+                "registered after it"
+            )
         component = registered_component(self.get_name(), kind, arguments, named)
         if not self._registration_open:
             raise ObeliskConfigError(
@@ -409,13 +414,18 @@ class ObeliskNode(RateMonitoredNode):
     ) -> Subscription:
         settings = topic_settings(component, raw)
         assert component.callback is not None
-        return self.create_subscription(
-            message_class_of(component, settings.msg_type),
-            settings.topic,
-            component.callback,
-            settings.qos,
-            callback_group=self._callback_group_of(component, settings.callback_group),
-        )
+        group = self._callback_group_of(component, settings.callback_group)
+        message_class = message_class_of(component, settings.msg_type)
+        try:
+            return self.create_subscription(
+                message_class,
+                settings.topic,
+                component.callback,
+                settings.qos,
+                callback_group=group,
+            )
+        except RuntimeError as error:  # for example, the callback takes no argument
+            raise ObeliskConfigError(f"the {component}: {error}") from error
 
     def _make_timer(
         self, name: str, component: RegisteredComponent, raw: Mapping[str, Any]
