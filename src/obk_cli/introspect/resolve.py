@@ -230,6 +230,11 @@ def _find(
         full = likely[0]
         if source.wait_for(lambda: is_there(full) or None, timeout_s):
             return full
+        if kind == "node" and full in target.nodes:
+            raise CommandFailedError(
+                f"{full} belongs to a running stack, but is not in the ROS graph",
+                help="it has exited or does not answer; `obk ps` shows its state",
+            )
     settle(source, target, timeout_s)
     return resolve_one(kind, name, there(), target.domain)
 

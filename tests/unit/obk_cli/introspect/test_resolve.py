@@ -94,3 +94,16 @@ def test_a_node_outside_the_stack_gets_time_to_announce_itself(tmp_path: Path) -
     with pytest.raises(CommandFailedError, match="no node `walker`"):
         find_node(cast(RosParticipant, patient), place(tmp_path, 20.0, runs=True), "walker", 5.0)
     assert patient.waited_s == [3.3]
+
+
+class WithoutArm(Later):
+    """The stack's node is missing, because it hangs or has exited."""
+
+    def nodes(self) -> tuple[str, ...]:
+        return ("/other",)
+
+
+def test_a_missing_node_of_the_stack_is_reported_as_such(tmp_path: Path) -> None:
+    where = place(tmp_path, runs=True)
+    with pytest.raises(CommandFailedError, match="/arm belongs to a running stack"):
+        find_node(cast(RosParticipant, WithoutArm()), where, "arm", 5.0)
