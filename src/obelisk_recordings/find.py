@@ -25,13 +25,19 @@ __all__ = [
 _FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
 RECORDING: Final = "recording.mcap"
 """Name of the recording in a run's folder."""
+_LONGEST_NAME: Final = 200
+"""Maximum length of a config's name in that of a folder [bytes]."""
 _EARLIER: Final = re.compile(r"(?P<name>.+)~(?P<place>[0-9]{1,4})")
 """`arm~1` is the run before the most recent one."""
 
 
 def run_name(config: str, start: datetime) -> str:
-    """Return the name of a run's folder, without the suffix that is added if the name is taken."""
-    return f"{config.replace('/', '_')}_{start:%Y%m%d_%H%M%S}"
+    """Return the name of a run's folder, without the suffix that is added if the name is taken.
+
+    Very long names are cut, because the length of file names is limited.
+    """
+    short = config.replace("/", "_").encode()[:_LONGEST_NAME].decode(errors="ignore")
+    return f"{short}_{start:%Y%m%d_%H%M%S}"
 
 
 def folder_of_runs(environment: Mapping[str, str]) -> Path | None:

@@ -185,7 +185,7 @@ def dump(
         else:
             written[name] = one.value
     text = emit_node_params(opened.node, written)
-    if output is None:
+    if output is None or output == Path("-"):
         print(text, end="")
         return
 

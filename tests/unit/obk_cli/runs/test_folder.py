@@ -60,6 +60,12 @@ def test_a_run_is_read_back(tmp_path: Path) -> None:
     assert [path.name for path in folder.iterdir()] == ["run.json"]
 
 
+def test_a_run_of_a_very_long_name_has_a_folder(tmp_path: Path) -> None:
+    folder = make_run_folder(tmp_path, "é" * 300, NOW)
+    assert folder.name == "é" * 100 + "_20310203_040506"
+    assert run_folders(tmp_path) == (folder,)
+
+
 def test_a_run_whose_config_has_a_path_that_is_not_utf_8_is_read_back(tmp_path: Path) -> None:
     run = replace(RUN, config="caf\udce9.yaml")
     write_run(tmp_path, run)
