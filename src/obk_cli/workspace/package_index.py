@@ -231,11 +231,11 @@ class PackageIndex:
         in_source = source_console_scripts(source) if source else {}
         if source is not None and executable in in_source:
             entry = in_source[executable]
-            path = self._python_path(source / entry.package_root)
+            path = self._python_path(source, source / entry.package_root)
             return _python_command(entry, path, f"the sources in {source}")
         scripts = self._source_scripts(package)
         if source is not None and executable in scripts:
-            path = self._python_path(*_python_roots(source))
+            path = self._python_path(source, *_python_roots(source))
             return _program_command(scripts[executable], path, f"the sources in {source}")
         installed = installed_console_scripts(package)
         if executable in installed:
@@ -288,9 +288,11 @@ class PackageIndex:
             name: path for name, path in installed.items() if _is_program(path) or _is_python(path)
         }
 
-    def _python_path(self, *own: Path) -> tuple[Path, ...]:
-        """Where a node of the workspaces finds modules: in all packages, as if they were built."""
-        return tuple(dict.fromkeys((*own, *self._python_roots)))
+    def _python_path(self, package: Path, *own: Path) -> tuple[Path, ...]:
+        """Where a package's nodes find modules: in all of its workspace, as if that were built."""
+        workspace = next(one for one in self.workspaces if package.is_relative_to(one))
+        roots = (root for root in self._python_roots if root.is_relative_to(workspace))
+        return tuple(dict.fromkeys((*own, *roots)))
 
     @cached_property
     def _python_roots(self) -> tuple[Path, ...]:

@@ -70,12 +70,13 @@ class EventLoopExecutor(Executor):
         Raises:
             ValueError: `num_threads` below 1.
         """
-        if num_threads < 1:
-            raise ValueError(f"num_threads is {num_threads}, expected at least 1")
         context = get_default_context() if context is None else context
         # Created before the base class is initialized, because its constructor may call `wake`.
         self._pool = _WorkerPool(num_threads, context, weakref.ref(self))
         super().__init__(context=context)
+        if num_threads < 1:
+            self._pool.close()
+            raise ValueError(f"num_threads is {num_threads}, expected at least 1")
         # Stops the threads when the process exits if the program never calls `shutdown`.
         self._finalizer = weakref.finalize(self, self._pool.stop, _END_OF_PROCESS_S)
 

@@ -359,6 +359,15 @@ def test_a_node_imports_from_all_packages_of_its_workspace(tmp_path: Path) -> No
     assert command.python_path[0] == root
 
 
+def test_packages_of_another_workspace_are_not_imported(tmp_path: Path) -> None:
+    root = make_package(tmp_path / "own" / "demo", "demo", setup_py=SETUP_PY)
+    other = make_package(tmp_path / "other" / "tools", "tools", setup_py="")
+    make_script(other / "tools" / "__init__.py", "")
+    command = index(tmp_path / "own", tmp_path / "other").find_executable("demo", "run")
+    assert isinstance(command, Command)
+    assert command.python_path == (root,)
+
+
 @pytest.mark.parametrize("file", ["setup.py", "setup.cfg", "pyproject.toml"])
 def test_a_broken_file_has_no_scripts(tmp_path: Path, file: str) -> None:
     for data in (b"[[[ \xff (", b"a" + b".a" * 20_000):
