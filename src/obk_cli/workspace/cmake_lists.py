@@ -19,6 +19,8 @@ _ARGUMENT: Final = re.compile(r'"([^"]*)"|([^\s"]+)')
 _VARIABLE: Final = re.compile(r"\$\{(\w+)\}")
 _FOLDERS: Final = ("CMAKE_CURRENT_SOURCE_DIR", "CMAKE_CURRENT_LIST_DIR", "CMAKE_SOURCE_DIR")
 _NAMES: Final = ("PROJECT_NAME", "CMAKE_PROJECT_NAME")
+_LONGEST_VALUE: Final = 4096
+"""Longer values of variables are ignored, because each may contain another one several times."""
 _ENDS_FILES: Final = ("DESTINATION", "RENAME", "PERMISSIONS", "COMPONENT", "OPTIONAL")
 """Keywords after the files of `install(PROGRAMS ...)`."""
 
@@ -90,7 +92,8 @@ class CMakeLists:
         }
         for name, words in given:
             if name == "set" and words:
-                found[words[0]] = [_replaced(word, found) for word in words[1:]]
+                values = [_replaced(word, found) for word in words[1:]]
+                found[words[0]] = [value for value in values if len(value) < _LONGEST_VALUE]
         return found
 
 

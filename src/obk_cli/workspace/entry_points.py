@@ -100,7 +100,7 @@ def _setup_py_texts(
         constants = _constants(tree)
         for node in ast.walk(tree):
             for value in values(node):
-                yield from _texts(value, constants)
+                yield from islice(_texts(value, constants), _MOST_TEXTS)
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return
 

@@ -329,6 +329,17 @@ def test_what_cmake_does_not_install_as_a_program_is_missing(tmp_path: Path, lin
     assert isinstance(index(tmp_path).find_executable("demo", "drive.py"), ExecutableMissing)
 
 
+def test_variables_that_double_again_and_again_take_no_time(tmp_path: Path) -> None:
+    doubled = "".join(f"set(V{n + 1} ${{V{n}}}${{V{n}}})\n" for n in range(100))
+    root = make_package(tmp_path / "demo", "demo")
+    (root / "CMakeLists.txt").write_text(f"set(V0 a)\n{doubled}install(PROGRAMS ${{V100}})\n")
+    assert isinstance(index(tmp_path).find_executable("demo", "a"), ExecutableMissing)
+    items = ", ".join(f"'{number}'" for number in range(30))
+    nested = f"[[[[f'{{a}}{{b}}' for a in ({items})] for b in ({items})] for c in ({items})]]"
+    (root / "setup.py").write_text(f"setup(entry_points={{'console_scripts': {nested}}})\n")
+    assert isinstance(index(tmp_path).find_executable("demo", "a"), ExecutableMissing)
+
+
 def test_a_script_that_setup_py_installs_runs_from_its_source(tmp_path: Path) -> None:
     root = make_package(tmp_path / "demo", "demo", setup_py="setup(scripts=['demo/drive.py'])")
     script = make_script(root / "demo" / "drive.py")
