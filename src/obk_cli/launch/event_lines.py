@@ -30,6 +30,7 @@ from obk_cli.launch.events import (
     RatesUnreported,
     Restarted,
     Restarting,
+    SignalIgnored,
     StackStateChanged,
     StateSeen,
     TransitionEnded,
@@ -211,8 +212,8 @@ class LaunchReport:
                 yield f"  waiting for nodes of {where}: {_names(event.nodes)}"
             case Ended():
                 yield from self._ended(event)
-            case ProcessStarted() | ProcessEnded():
-                yield from self._process(event)
+            case ProcessStarted() | ProcessEnded() | SignalIgnored():
+                yield self._process(event)
             case GoesOnWithout() | Restarting() | Restarted():
                 yield self._after_a_crash(event)
             case RateBroken() | RateKept() | RateMoved():
@@ -231,13 +232,15 @@ class LaunchReport:
         if event.url:
             yield f"  {short_name(event.node)}: the simulation is shown at {plain(event.url)}"
 
-    def _process(self, event: ProcessStarted | ProcessEnded) -> Iterator[str]:
-        name = short_name(event.process)
+    def _process(self, event: ProcessStarted | ProcessEnded | SignalIgnored) -> str:
         match event:
             case ProcessStarted():
-                yield f"  {name}: process {event.pid}"
+                return f"  {short_name(event.process)}: process {event.pid}"
             case ProcessEnded():
-                yield self._paint(_RED, f"  {name}: {plain(event.how)}")
+                return self._paint(_RED, f"  {short_name(event.process)}: {plain(event.how)}")
+            case SignalIgnored():
+                late = f"still running {event.seconds:.1f} s after {event.signal}"
+                return self._paint(_YELLOW, f"  {_names(event.processes)}: {late}")
 
     def _node(
         self, event: TransitionEnded | StateSeen | Failed | Hung | AnswersAgain | Evidence

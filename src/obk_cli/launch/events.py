@@ -45,6 +45,7 @@ __all__ = [
     "RejectionReported",
     "Restarted",
     "Restarting",
+    "SignalIgnored",
     "StackStateChanged",
     "StateAnswered",
     "StateSeen",
@@ -405,6 +406,16 @@ class Evidence:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SignalIgnored:
+    """Processes are still running some time after a signal; the next one is sent now."""
+
+    processes: tuple[str, ...]
+    signal: str
+    """Its name, such as `SIGINT`."""
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Ended:
     """The run has ended."""
 
@@ -436,6 +447,7 @@ OutputEvent = (
     | RateMoved
     | WaitingFor
     | Evidence
+    | SignalIgnored
     | ActivationReported
     | VideoReported
     | PageReported

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from obk_cli.launch.event_loop import RunContext
-from obk_cli.launch.events import Evidence, OutputLine, ProcessEnded, ProcessStarted
+from obk_cli.launch.events import Evidence, OutputLine, ProcessEnded, ProcessStarted, SignalIgnored
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.warden_client import WardenClient
 
@@ -305,6 +305,10 @@ class ProcessControl:
             is_short = context.run.force_quit and number != signal.SIGKILL
             grace_s = context.limits.hurry_s if is_short else context.limits.grace_s
             if context.loop.wait(start + grace_s) is None:
+                late = tuple(sorted(state.running))
+                name = signal.Signals(number).name
+                event = SignalIgnored(processes=late, signal=name, seconds=grace_s)
+                context.publisher.publish(event)
                 return
 
 

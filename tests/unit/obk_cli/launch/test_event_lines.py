@@ -19,6 +19,7 @@ from obk_cli.launch.events import (
     RateMoved,
     Restarted,
     Restarting,
+    SignalIgnored,
     StackStateChanged,
     StateSeen,
     TransitionEnded,
@@ -156,6 +157,11 @@ def test_hangs_and_restarts_are_reported() -> None:
         "  the stack continues without control_0",
         "  waiting for nodes of base, arm: robot_0, arm/control_1",
     ]
+
+
+def test_ignored_signals_are_shown() -> None:
+    event = SignalIgnored(processes=(ROBOT,), signal="SIGINT", seconds=3.0)
+    assert lines_of(event) == ["  robot_0: still running 3.0 s after SIGINT"]
 
 
 def test_evidence_is_shown_if_the_nodes_output_is_not() -> None:

@@ -68,6 +68,7 @@ def test_the_names_of_events_are_those_of_the_json_stream() -> None:
         "RatesUnreported",
         "WaitingFor",
         "Evidence",
+        "SignalIgnored",
         "ActivationReported",
         "VideoReported",
         "PageReported",

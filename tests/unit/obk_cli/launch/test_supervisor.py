@@ -18,6 +18,7 @@ from obk_cli.launch.events import (
     ProcessStarted,
     RejectionReported,
     Restarted,
+    SignalIgnored,
     StackStateChanged,
     StateSeen,
     StopRequested,
@@ -213,6 +214,11 @@ def test_a_process_that_ignores_sigint_gets_harder_signals() -> None:
         signal.SIGKILL,
     ]
     assert not world.alive
+    ignored = [event for event in world.published if isinstance(event, SignalIgnored)]
+    assert [(event.processes, event.signal) for event in ignored] == [
+        ((ROBOT,), "SIGINT"),
+        ((ROBOT,), "SIGTERM"),
+    ]
 
 
 def test_a_finalized_node_whose_process_ends_slowly_has_ended_cleanly() -> None:
