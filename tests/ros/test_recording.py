@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -184,8 +185,9 @@ def test_topics_of_a_running_stack_are_recorded_and_drawn(tmp_path: Path) -> Non
         with recorder(path, "*/imu", ENCODERS, "--exclude", "*obk_*"):
             eventually(lambda: min(counts(path, IMU, ENCODERS).values()) > 3, "messages of both")
         short = obk("record", "--duration", "0.1", "-o", tmp_path / "short.mcap")
-        assert short.returncode == 0, short.stderr
-        assert "recorded " in short.stdout
+        count = re.match("recorded ([0-9]+) message", short.stdout)
+        assert count is not None, short.stderr
+        assert (short.returncode == 0) == (int(count[1]) > 0)
         again = obk("record", "--duration", "1", "-o", path)
         assert again.returncode == 1
         assert str(path) in again.stderr
@@ -195,6 +197,13 @@ def test_topics_of_a_running_stack_are_recorded_and_drawn(tmp_path: Path) -> Non
     drawn = obk("plot", path, "imu.angular_velocity", "joint_encoders.y", "-o", picture)
     assert drawn.returncode == 0, drawn.stderr
     assert ">imu.angular_velocity [rad/s]<" in picture.read_text(encoding="utf-8")
+
+
+def test_a_recording_without_messages_fails(tmp_path: Path) -> None:
+    result = obk("record", "/nothing", "--duration", "0.2", "-o", tmp_path / "empty.mcap")
+    assert result.returncode == 1
+    assert "/nothing was not found" in result.stderr
+    assert result.stdout.startswith("recorded 0 messages")
 
 
 def test_without_a_stack_and_without_topics_nothing_is_recorded(tmp_path: Path) -> None:
