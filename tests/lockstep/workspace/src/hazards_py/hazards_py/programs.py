@@ -23,5 +23,5 @@ def without_spin(args=None):
 
 def waits(args=None):
     """Wait for something before the node is created."""
-    time.sleep(4.0)
+    time.sleep(3.0)
     spin_obelisk(args, Controller)
