@@ -1,12 +1,14 @@
 """Check the arguments of a test's actions, so that a mistake fails the test and no node."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["require_duration", "require_number", "require_times", "require_vector"]
+__all__ = ["require_duration", "require_number", "require_time", "require_vector"]
+
+_LONGEST_S = 1e8
 
 
 def require_number(name: str, value: float, *, least: float = 0.0, most: float = math.inf) -> None:
@@ -30,14 +32,16 @@ def require_duration(name: str, seconds: float) -> None:
         raise ValueError(f"{name} is {seconds}, expected a number of seconds greater than 0")
 
 
-def require_times(name: str, times: Mapping[str, float]) -> None:
-    """Check that the times of nodes are finite and not negative.
+def require_time(name: str, seconds: float) -> None:
+    """Check that a time is finite and not negative.
 
     Raises:
-        ValueError: one is not.
+        ValueError: it is not.
     """
-    for node, seconds in times.items():
-        require_number(f"{name} of {node}", seconds, most=1e6)
+    if not 0.0 <= seconds <= _LONGEST_S:
+        raise ValueError(
+            f"{name} is {seconds}, expected a number of seconds from 0 to {_LONGEST_S:g}"
+        )
 
 
 def require_vector(name: str, vector: Sequence[float] | NDArray[np.float64]) -> None:

@@ -17,7 +17,7 @@ from typing import Any, Final, Self
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan, PlannedNode
 from obk_cli.runs.folder import config_of, run_folders, runs_folder
-from obk_testing.arguments import require_times
+from obk_testing.arguments import require_time
 
 __all__ = ["MEASURED", "Activation", "BringUp", "Schedule", "bring_up_times", "read_activations"]
 
@@ -55,9 +55,12 @@ class Schedule:
         Raises:
             ValueError: one is negative or not finite.
         """
-        require_times("time", {"latency": self.latency, "jitter": self.jitter})
-        require_times("computing time", self.compute)
-        require_times("bring-up", self.bring_up)
+        require_time("the latency", self.latency)
+        require_time("the jitter", self.jitter)
+        for node, seconds in self.compute.items():
+            require_time(f"the computing time of {node}", seconds)
+        for node, seconds in self.bring_up.items():
+            require_time(f"the activation time of {node}", seconds)
 
     @classmethod
     def varied(cls, seed: int, nodes: Iterable[str]) -> Self:

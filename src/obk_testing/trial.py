@@ -40,7 +40,7 @@ from obelisk_py.core.messages import message_name
 from obelisk_py.core.parameter_rules import guard_setting_service
 from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
 from obelisk_spec.suggestions import did_you_mean
-from obk_testing.arguments import require_duration, require_number, require_vector
+from obk_testing.arguments import require_duration, require_number, require_time, require_vector
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
 from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult
 from obk_testing.schedule import Schedule
@@ -56,7 +56,6 @@ _KEYFRAME: Final = "ic_keyframe"
 _BEFORE: Final = {"configure": "unconfigured", "activate": "inactive"}
 """The state that a transition starts from."""
 _STUB_DEPTH: Final = 10
-_LONGEST_S: Final = 1e8
 _LARGEST_SIGMA: Final = 1e300
 _WORLD: Final = "world"
 """The body to which the others are attached."""
@@ -193,7 +192,7 @@ class StackTrial:
             LockstepError: nodes trigger each other endlessly, or a thread does not end its turn.
             ValueError: the duration is negative or not finite.
         """
-        require_number("the duration", duration, most=_LONGEST_S)
+        require_time("the duration", duration)
         scheduler = self._lockstep.scheduler
         start_s = time.perf_counter()
         try:
@@ -326,7 +325,7 @@ class StackTrial:
             LookupError: no node has the topic.
             ValueError: the latency is negative, or the duration is not positive.
         """
-        require_number("the delay", seconds, most=_LONGEST_S)
+        require_time("the delay", seconds)
         require_duration("the duration", duration)
         self._log_intervention(f"delay {topic} by {seconds:g} s", duration)
         during, delay_ns = self._during(duration), round(seconds * NS_PER_S)
@@ -441,7 +440,7 @@ class StackTrial:
         Raises:
             ValueError: the time is negative or not finite.
         """
-        require_number("the time until the restart", after, most=_LONGEST_S)
+        require_time("the time until the restart", after)
         name = find_node(self.stack.plan, node).full_name
         self.kill(name)
         self._log_intervention(f"restart {node}", after)

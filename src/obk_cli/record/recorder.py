@@ -278,7 +278,7 @@ def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
     """
 
     def tell(sentence: str) -> None:
-        with suppress(BrokenPipeError):  # nobody reads the output; the recording continues
+        with suppress(BrokenPipeError):  # the output was closed; the recording continues
             report(sentence)
 
     with ExitStack() as stack:

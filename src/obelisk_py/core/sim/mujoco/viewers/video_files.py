@@ -214,7 +214,11 @@ class UnfinishedFile:
     def _link(self, path: Path) -> None:
         if self._name is not None:
             path.touch(exist_ok=False)  # reserves the name
-            self._name.rename(path)
+            try:
+                self._name.rename(path)
+            except OSError:
+                path.unlink()
+                raise
             return
         file_fd = self.file.fileno()
         # Python follows the link in /proc only if a descriptor argument is given.
