@@ -21,7 +21,8 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 
-from obelisk_py.core.lockstep import guest_thread
+from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.lockstep import callback_limit, guest_thread
 from obelisk_py.core.lockstep.scheduler import LockstepError
 
 from .world import World, seconds
@@ -368,6 +369,56 @@ def test_a_guest_thread_that_never_sleeps_is_an_error_with_its_stack(
     ended.set()
     thread.join()
     assert not thread.is_alive()
+
+
+@pytest.fixture
+def short_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(callback_limit, "LONGEST_CALLBACK_S", 0.2)
+    monkeypatch.setattr(callback_limit, "POLL_S", 0.05)
+
+
+def _computes_for_ever() -> None:
+    while True:
+        pass
+
+
+@pytest.mark.usefixtures("short_limit")
+def test_a_callback_that_never_ends_is_an_error_with_its_place(world: World) -> None:
+    world.at(world.node(), 0.1, _computes_for_ever)
+    with pytest.raises(LockstepError, match=r"/node .*test_system\.py:\d+"):
+        world.run(0.2)
+    assert world.t == pytest.approx(0.1)
+
+
+@pytest.mark.usefixtures("short_limit")
+def test_a_callback_that_catches_the_error_still_ends_the_run(world: World) -> None:
+    def compute() -> None:
+        with suppress(LockstepError):
+            _computes_for_ever()
+
+    world.at(world.node(), 0.1, compute)
+    with pytest.raises(LockstepError, match="/node "):
+        world.run(0.2)
+
+
+@pytest.mark.usefixtures("short_limit")
+def test_a_constructor_that_never_ends_is_an_error_with_its_place(world: World) -> None:
+    class Endless(GuardedLifecycleNode):
+        def __init__(self, name: str) -> None:
+            super().__init__(name)
+            _computes_for_ever()
+
+    with pytest.raises(LockstepError, match=r"/node .*test_system\.py:\d+"):
+        world.node(make=Endless)
+
+
+@pytest.mark.usefixtures("short_limit")
+def test_the_limit_is_for_one_callback_not_for_all(world: World) -> None:
+    node = world.node()
+    end = time.thread_time() + 0.5
+    while time.thread_time() < end:
+        world.at(node, world.t, lambda: None)
+        world.run(0.001)
 
 
 def test_logs_have_the_simulated_time_and_their_location(world: World) -> None:

@@ -130,6 +130,8 @@ class Scheduler:
         """Time that the running callback has taken so far [ns]."""
         self.running: ScheduledNode | None = None
         """The node whose callback is running."""
+        self.calls = 0
+        """Number of callbacks that have begun."""
         self.thread_id = threading.get_ident()
         self._seed = seed
         self._phases = random.Random(f"schedule {seed}")  # noqa: S311
@@ -240,6 +242,7 @@ class Scheduler:
                 self._fail_without_progress(event)
             self.running = node
             count += 1
+            self.calls += 1
             is_done = call() is not False
             if is_done and node is not None and (self.offset_ns or (node.compute_ns and kind)):
                 node.busy_until_ns = due_ns + self.offset_ns + node.compute_ns
@@ -288,6 +291,7 @@ class Scheduler:
         """Call a node's function, such as a transition, outside the node's events."""
         before, self.running = self.running, node
         offset_ns, self.offset_ns = self.offset_ns, 0
+        self.calls += 1
         try:
             return call()
         finally:
@@ -361,9 +365,13 @@ class Scheduler:
         )
 
 
-def user_place() -> str:
-    """Return `file:line` of the innermost call outside this library and rclpy."""
-    frame: FrameType | None = sys._getframe(1)
+def user_place(start: FrameType | None = None) -> str:
+    """Return `file:line` of the innermost call outside this library and rclpy.
+
+    Args:
+        start: where another thread is; None for the calling one.
+    """
+    frame: FrameType | None = start or sys._getframe(1)
     while frame is not None and frame.f_back is not None:
         if not f"{frame.f_globals.get('__name__', '')}.".startswith(_LIBRARIES):
             break

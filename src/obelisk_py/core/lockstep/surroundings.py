@@ -17,6 +17,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 
 from obelisk_py.core.lockstep.actions import ActionTable, lockstep_actions
+from obelisk_py.core.lockstep.callback_limit import CallbackLimit
 from obelisk_py.core.lockstep.entities import (
     LockstepRate,
     LockstepTimer,
@@ -134,6 +135,7 @@ class LockstepRun:
         self.faults: list[str] = []
         """Why nodes' processes ended."""
         self.scheduler.on_exit = self._end
+        self._limit = CallbackLimit(self.scheduler)
 
     @contextmanager
     def entered(self) -> Iterator[None]:
@@ -187,7 +189,7 @@ class LockstepRun:
         self.simulators.pop(node.name, None)
 
     def close(self) -> None:
-        """Stop the threads of the nodes' code, and release all nodes."""
+        """Stop the threads of the run and of the nodes' code, and release all nodes."""
         for guest in self.interception.guests:
             guest.end()
         self.scheduler.clear()
@@ -197,6 +199,7 @@ class LockstepRun:
             topic.subscribers = ()
             topic.publishers.clear()
         self.executor.shutdown()
+        self._limit.close()
 
 
 class _GlobalGenerators:
