@@ -10,7 +10,7 @@ import pytest
 from obelisk_control_msgs.msg import PDFeedForward
 from std_srvs.srv import Trigger
 
-from obelisk_py.core import command_watchdog
+from obelisk_py.core import command_watchdog, robot
 from obelisk_py.core.robot import ObeliskRobot
 
 from .stack import DEADLINE_S, eventually, parameters, request, spinning
@@ -103,6 +103,21 @@ def test_zeros_are_applied_once_and_the_next_command_is_executed() -> None:
             "(`stale_action: zero`)"
         )
         assert again.startswith("commands resumed after ")
+
+
+def test_a_robot_that_gets_no_command_says_so_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot, "LONGEST_IDLE_S", 0.1)
+    with arm() as node:
+        publisher = active(node)
+        eventually(lambda: node.reported, "the warning")
+        (warning,) = node.reported
+        assert warning.startswith("no command has arrived on /ctrl")
+        assert warning.endswith("its publishers: /arm")
+        publisher.publish(COMMAND)
+        eventually(lambda: node.applied, "the command")
+        publisher.publish(COMMAND)
+        eventually(lambda: len(node.applied) > 1, "the next command")
+        assert "no command has arrived" not in "".join(node.reported[1:])
 
 
 def test_neither_a_missing_command_nor_that_of_the_last_run_is_old() -> None:

@@ -345,6 +345,7 @@ class RateReporter:
         self._timers: list[TimerTicks] = []
         self._values: dict[str, float] = {}
         self._faults: dict[str, Callable[[], Values | None]] = {}
+        self._checks: list[Callable[[], None]] = []
         self._publisher: Publisher | None = None
         self._timer: Timer | None = None
 
@@ -393,6 +394,10 @@ class RateReporter:
     def watch_fault(self, name: str, read: Callable[[], Values | None]) -> None:
         """Publish the result of `read` with each report, as a status; None publishes nothing."""
         self._faults[name] = read
+
+    def at_each_report(self, check: Callable[[], None]) -> None:
+        """Call `check` with each report."""
+        self._checks.append(check)
 
     def start(self) -> None:
         """Start monitoring and publishing."""
@@ -445,6 +450,8 @@ class RateReporter:
 
     def _report(self) -> None:
         assert self._publisher is not None
+        for check in self._checks:
+            check()
         node = self._node.get_fully_qualified_name()
         values, self._values = self._values, {}
         rates = [_status(node, rate.read()) for rate in self._rates]

@@ -46,6 +46,8 @@ __all__ = ["ObeliskRobot", "ObeliskSimRobot", "TrueSimState"]
 TrueSimState: Any = optional_message("TrueSimState")
 LONGEST_STOP_S = 5.0
 """Maximum time for `run_simulator`, or the action on stale commands, to return [s]."""
+LONGEST_IDLE_S = 5.0
+"""Time after activation by which a robot usually has its first command [s]."""
 LOOP_GRACE_S = 0.5
 """Time for a loop that does not read `simulator_stop` to end by itself [s]."""
 
@@ -84,6 +86,9 @@ class ObeliskRobot(ABC, ObeliskNode):
         self._rejections = RejectionLog("control rejected", time.monotonic, ONLY_REJECTIONS)
         self._has_reported_rejection = False
         self.rates.watch_fault(REJECTION, self._rejection_values)
+        self._idle_since_s: float | None = None
+        """Since when the active robot waits for its first command [s]; None if it does not."""
+        self.rates.at_each_report(self._warn_if_idle)
         # apply_control has one caller at a time: the executor's thread or the watchdog.
         self._applying = threading.Lock()
         # A literal key, because `obk validate` reads constructors without running them.
@@ -123,6 +128,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         # An inactive robot must not move, even if a node still publishes commands.
         if self.state_label != "active":
             return
+        self._idle_since_s = None
         if self._command_age is None:
             self.apply_control(control_msg)
             return
@@ -162,6 +168,20 @@ class ObeliskRobot(ABC, ObeliskNode):
         if lasting is not None:
             return rejection_values(lasting.seconds, lasting.reason)
         return rejection_values(0.0, "") if was_reported else None
+
+    def _warn_if_idle(self) -> None:
+        """Warn once if no command arrives after activation."""
+        since_s = self._idle_since_s
+        if since_s is None or time.monotonic() - since_s < LONGEST_IDLE_S:
+            return
+        self._idle_since_s = None
+        topic = self.obk_subscriptions[CONTROL_SUBSCRIPTION].topic_name
+        ends = self.get_publishers_info_by_topic(topic)
+        names = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in ends}
+        who = f"its publishers: {', '.join(sorted(names))}" if names else "it has no publishers"
+        self.get_logger().warning(
+            f"no command has arrived on {topic} in the {LONGEST_IDLE_S:g} s since activation; {who}"
+        )
 
     def _can_damp(self) -> bool:
         return type(self).apply_damping is not ObeliskRobot.apply_damping
@@ -267,6 +287,7 @@ class ObeliskRobot(ABC, ObeliskNode):
 
     def _start_components(self) -> None:
         super()._start_components()
+        self._idle_since_s = time.monotonic()
         self._start_watchdog()
 
     def _stop_components(self, state: LifecycleState) -> None:
