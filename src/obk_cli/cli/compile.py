@@ -74,8 +74,10 @@ def deliver(
 
     Raises:
         CommandFailedError: the file cannot be written.
-        MisuseError: the output is one of these files, or one that a node reads.
+        MisuseError: the output is empty, one of these files, or one that a node reads.
     """
+    if output == "":
+        raise MisuseError("`--output`: expected a file or folder, not an empty text")
     if output is None or output == STDOUT:
         if isinstance(content, str):
             print(content, end="")

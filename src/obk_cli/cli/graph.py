@@ -57,9 +57,11 @@ def command(
 
     Without options, the graph is drawn in the terminal. Findings go to stderr.
     """
-    to = to or _picture_of(output)
-    if to is not None:
+    if to is None:
+        to = _picture_of(output)
+    else:
         require_choice("--to", to, _PICTURES)
+        _require_fit(to, output)
     if to == "png" and output in (None, STDOUT) and sys.stdout.isatty():
         raise MisuseError("`--to png` cannot be shown in a terminal; add `--output FILE`")
     outcome = compile_config(config, make_options(set_, ignore))
@@ -71,6 +73,16 @@ def command(
         deliver(outcome.files, plan, emit_png(graph_of(plan)), _PICTURES[to], output)
     else:
         deliver(outcome.files, plan, FORMS[to].emit(plan), _PICTURES[to], output)
+
+
+def _require_fit(to: str, output: str | None) -> None:
+    """Reject an output file with the extension of another image format."""
+    path = Path(output or "")
+    if path.suffix != _PICTURES[to] and path.suffix in _PICTURES.values() and not path.is_dir():
+        raise MisuseError(
+            f"`--to {to}`: `{output}` has the extension of another format",
+            help=f"leave out `--to`, or use the extension `{_PICTURES[to]}`",
+        )
 
 
 def _picture_of(output: str | None) -> str | None:

@@ -85,6 +85,25 @@ def test_a_form_that_is_no_picture_is_misuse(capsys: pytest.CaptureFixture[str])
     assert "expected one of `mermaid`, `dot`, `svg`, `png`" in capsys.readouterr().err
 
 
+def test_the_format_must_fit_the_extension(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "x.png"
+    assert graph("--to", "svg", "--output", str(path)) == 2
+    assert "x.png" in capsys.readouterr().err
+    assert not path.exists()
+    assert graph("--to", "dot", "--output", str(tmp_path / "x.gv")) == 0
+
+
+def test_an_empty_output_name_is_misuse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert graph("--to", "svg", "--output", "") == 2
+    assert "`--output`" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_config_with_errors_is_not_drawn(capsys: pytest.CaptureFixture[str]) -> None:
     assert graph("--set", "robot.pkg=") == 1
     out, err = capsys.readouterr()
