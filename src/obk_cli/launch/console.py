@@ -11,7 +11,7 @@ import re
 import select
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Protocol, Self
@@ -34,6 +34,7 @@ __all__ = [
     "takes_footer",
 ]
 
+_STDERR: Final = 2
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _LOGGED = re.compile(r"\[(?:DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[([^\]]*)\]: ")
 _LAST_WORDS = re.compile(r"(/[\w/]+): ")
@@ -439,7 +440,27 @@ def open_console(
         quiet: hide the nodes' output.
         terminal: the variable TERM.
     """
-    json = JsonReport(wall_s, quiet=quiet) if as_json else None
-    with Screen(fd, left_out=json.left_out) if json else Screen(fd) as screen:
-        takes_status = not as_json and takes_footer(fd, terminal)
-        yield Console(screen, json=json, colour=colour, quiet=quiet, takes_status=takes_status)
+    if as_json:
+        json = JsonReport(wall_s, quiet=quiet)
+        with _own_copy(fd) as own, Screen(own, left_out=json.left_out) as screen:
+            yield Console(screen, json=json, colour=colour, quiet=quiet, takes_status=False)
+        return
+    with Screen(fd) as screen:
+        takes_status = takes_footer(fd, terminal)
+        yield Console(screen, json=None, colour=colour, quiet=quiet, takes_status=takes_status)
+
+
+@contextmanager
+def _own_copy(fd: int) -> Iterator[int]:
+    """A copy of a descriptor; what libraries write to the original goes to stderr.
+
+    Fast DDS prints its errors on stdout, where they would be between the JSON lines.
+    """
+    own = os.dup(fd)
+    try:
+        with suppress(OSError):  # stderr is closed
+            os.dup2(_STDERR, fd)
+        yield own
+    finally:
+        os.dup2(own, fd)
+        os.close(own)

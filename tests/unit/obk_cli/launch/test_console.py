@@ -5,10 +5,11 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import closing
+from typing import Any
 
 import pytest
 
-from obk_cli.launch.console import Footer, Screen, takes_footer
+from obk_cli.launch.console import Footer, Screen, open_console, takes_footer
 from obk_cli.launch.status import status_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 from obk_cli.terminal import plain
@@ -38,6 +39,19 @@ def test_lines_are_printed_in_order(pipe: tuple[int, int]) -> None:
         for n in range(100):
             screen.put(str(n))
     assert read_to_the_end_of(read_fd, "99") == [str(n) for n in range(100)]
+
+
+def test_what_libraries_print_is_not_between_json_lines(
+    pipe: tuple[int, int], capfd: pytest.CaptureFixture[str]
+) -> None:
+    read_fd, write_fd = pipe
+    options: Any = {"colour": False, "quiet": False, "terminal": ""}
+    with open_console(write_fd, as_json=True, **options) as console:
+        os.write(write_fd, b"from a library\n")
+        console.screen.put("a line")
+    os.write(write_fd, b"after it\n")
+    assert read_to_the_end_of(read_fd, "after it") == ["a line", "after it"]
+    assert capfd.readouterr().err == "from a library\n"
 
 
 def test_without_a_reader_lines_are_dropped_and_counted(pipe: tuple[int, int]) -> None:
