@@ -1,14 +1,19 @@
 """`obk diff RUN1 RUN2`: what differs between two recorded runs."""
 
 import os
-import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from obelisk_recordings.find import find_recording
 from obelisk_spec.suggestions import with_number
-from obk_cli.cli.options import FormatOption, RunArgument, print_json, wants_json
+from obk_cli.cli.options import (
+    FormatOption,
+    RunArgument,
+    note_if_incomplete,
+    print_json,
+    wants_json,
+)
 from obk_cli.runs.folder import runs_folder
 from obk_cli.terminal import columns_of, escaped, shortened
 
@@ -53,8 +58,7 @@ def command(
     parent = runs_folder(os.environ)
     runs = [open_run(find_recording(parent, name)) for name in (first, second)]
     for run in runs:
-        if not run.bag.is_complete:
-            print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)
+        note_if_incomplete(run)
     found = compare_runs(runs[0], runs[1])
     if is_json:
         print_json(asdict(found))

@@ -23,6 +23,7 @@ from obk_cli.cli.new_target import (
     read_package_texts,
     require_suitable_package,
 )
+from obk_cli.cli.options import print_note
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import STANDARD_INPUT, explain_os_error, resource_folder
 from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
@@ -299,7 +300,7 @@ def _note_missing_packages(spec: PackageSpec, target: TargetFolder) -> None:
     for package in sorted(name for name in used if index.message_names(name) is None):
         near = ask_for(near_names(package, index.message_packages()))
         fix = near or f"create it with `obk new msgs {package}`"
-        print(f"note: the message package `{package}` does not exist yet: {fix}", file=sys.stderr)
+        print_note(f"the message package `{package}` does not exist yet: {fix}")
 
 
 def _compose(

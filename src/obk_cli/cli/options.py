@@ -24,7 +24,9 @@ __all__ = [
     "TopicsOption",
     "graph_target",
     "load_message",
+    "note_if_incomplete",
     "print_json",
+    "print_note",
     "require_choice",
     "require_positive",
     "wants_json",
@@ -32,6 +34,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from obelisk_recordings.run import RecordedRun
     from obk_cli.introspect.target import GraphTarget
 
 
@@ -147,6 +150,17 @@ def with_types(target: "GraphTarget") -> "GraphTarget":
     from obk_cli.introspect.target import find_message_types  # slow to import
 
     return find_message_types(target)
+
+
+def print_note(text: str) -> None:
+    """Print a note for the user on stderr."""
+    print(f"note: {text}", file=sys.stderr)
+
+
+def note_if_incomplete(run: "RecordedRun") -> None:
+    """Print a note if a recording was not closed."""
+    if not run.bag.is_complete:
+        print_note(f"{run.path} is incomplete: its recorder did not close it")
 
 
 def print_json(value: object) -> None:

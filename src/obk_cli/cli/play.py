@@ -19,6 +19,8 @@ from obk_cli.cli.options import (
     TimeoutOption,
     TopicsOption,
     graph_target,
+    note_if_incomplete,
+    print_note,
     require_positive,
     with_types,
 )
@@ -130,8 +132,7 @@ def command(
     from obelisk_recordings.run import open_run, topic_named
 
     run = open_run(find_recording(runs_folder(os.environ), recording))
-    if not run.bag.is_complete:
-        print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)
+    note_if_incomplete(run)
     topics = [topic_named(name, run.topics) for name in topic or ()]
     if into is not None:
         target = output or Path(f"{run.name}_replay.mcap")
@@ -188,9 +189,11 @@ def _publish(
 
     topics, left_out = playable_topics(run, named, may_move=may_move)
     for name in left_out:
-        print(f"note: skipping {name}: it commands a robot", file=sys.stderr)
+        print_note(f"skipping {name}: it commands a robot")
     target = with_types(graph_target(domain, timeout_s))
-    played = play(run, topics, target, speed=speed, may_move=may_move, wait_s=timeout_s)
+    played = play(
+        run, topics, target, speed=speed, may_move=may_move, wait_s=timeout_s, note=print_note
+    )
     for name, count in played.counts.items():
         print(f"{name}  {with_number(count, 'message')}")
     total = with_number(sum(played.counts.values()), "message")
@@ -352,7 +355,7 @@ def _inputs(
         )
     for name in wanted:
         if name not in recorded:
-            print(f"note: {name} is not in the recording", file=sys.stderr)
+            print_note(f"{name} is not in the recording")
     yield from (name for name in recorded if not named or name in named)
 
 

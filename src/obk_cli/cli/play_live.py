@@ -14,7 +14,7 @@ from obelisk_recordings.find import RECORDING
 from obelisk_recordings.run import open_run
 from obelisk_spec.suggestions import list_names, with_number
 from obk_cli.cli.diff import signal_lines
-from obk_cli.cli.options import with_types
+from obk_cli.cli.options import print_note, with_types
 from obk_cli.cli.play_nodes import NodesRequest
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.target import DOMAIN, GraphTarget, target_of
@@ -82,7 +82,7 @@ def refuse_commands(
             )
     for topic in inputs:
         if topic in moving:
-            print(f"note: skipping {topic}: it commands a robot", file=sys.stderr)
+            print_note(f"skipping {topic}: it commands a robot")
     left = [topic for topic in inputs if topic not in moving]
     if not left:
         raise CommandFailedError(f"{run.path} has no other messages for the nodes")
@@ -112,6 +112,7 @@ def replay_live(run: "RecordedRun", replay: LiveReplay) -> None:
                 speed=replay.speed,
                 may_move=replay.may_move,
                 wait_s=replay.wait_s,
+                note=print_note,
                 sets_clock=True,
             )
             time.sleep(LAST_S)

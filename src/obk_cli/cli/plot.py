@@ -2,7 +2,6 @@
 
 import os
 import re
-import sys
 from collections.abc import Sequence
 from math import inf
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Annotated, Final
 import typer
 
 from obelisk_recordings.find import find_recording
+from obk_cli.cli.options import note_if_incomplete
 from obk_cli.errors import MisuseError
 from obk_cli.runs.folder import runs_folder
 
@@ -81,8 +81,7 @@ def command(
         expected = ".html" if html else ".png, .svg or .html"
         raise MisuseError(f"`--output {picture}`: expected a file name that ends in {expected}")
     for run in runs:
-        if not run.bag.is_complete:
-            print(f"note: {run.path} is incomplete: its recorder did not close it", file=sys.stderr)
+        note_if_incomplete(run)
     parts = plot_parts(runs, names, by_receipt=received, overlay=overlay)
     if xlim is not None:
         check_time_range(parts, xlim)

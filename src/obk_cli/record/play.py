@@ -29,6 +29,9 @@ _DEPTH: Final = 1000
 _CHECK_S: Final = 1.0
 """Interval between checks for subscribing robots [s]."""
 _TICK_S: Final = 0.001
+_SILENT_WAIT_S: Final = 1.0
+"""How long to wait for nodes before saying so [s]."""
+_QUIET_S: Final = 0.5
 _NS_PER_S: Final = 1_000_000_000
 _COMMANDS: Final = "obelisk_control_msgs/"
 """Messages of this package command robots, whatever the topic's name."""
@@ -104,6 +107,7 @@ def play(
     speed: float,
     may_move: bool,
     wait_s: float,
+    note: Callable[[str], None],
     sets_clock: bool = False,
 ) -> Played:
     """Publish the messages of the given topics in real time.
@@ -115,6 +119,7 @@ def play(
         speed: playback speed, relative to the recording.
         may_move: whether commanding robots is allowed.
         wait_s: limit for finding subscribers of each topic [s].
+        note: called with what the user should know.
         sets_clock: whether to also publish the recorded time on `/clock`.
 
     Raises:
@@ -128,7 +133,9 @@ def play(
     types = {one.topic: one.msg_type for one in run.bag.topics if one.topic in topics}
     node = ALLOWED_PUBLISHER if may_move else OBSERVER_NODE
     with open_participant(target.environment, target.modules(topics), node) as participant:
-        participant.settle(target.nodes, 0.5, wait_s)
+        if not participant.settle(target.nodes, _QUIET_S, min(_SILENT_WAIT_S, wait_s)):
+            note(f"waiting up to {wait_s:g} s for nodes")
+            participant.settle(target.nodes, _QUIET_S, wait_s)
 
         def refuse_robots() -> None:
             for topic in () if may_move else types:
@@ -141,7 +148,7 @@ def play(
             )
             for topic, msg_type in types.items()
         }
-        _wait_for_subscribers(participant, publishers, wait_s)
+        _wait_for_subscribers(participant, publishers, wait_s, note)
         ticker = _Ticker(participant, RecordedClock(run), speed) if sets_clock else None
         start, start_ns = time.monotonic(), time.time_ns()
         counts, first_ns = dict.fromkeys(types, 0), None
@@ -248,7 +255,10 @@ def paced(
 
 
 def _wait_for_subscribers(
-    participant: "RosParticipant", publishers: "Mapping[str, RosPublisher]", wait_s: float
+    participant: "RosParticipant",
+    publishers: "Mapping[str, RosPublisher]",
+    wait_s: float,
+    note: Callable[[str], None],
 ) -> None:
     """Wait until a subscription exists and all known ones are matched; continue after the limit."""
 
@@ -259,4 +269,7 @@ def _wait_for_subscribers(
         )
         return True if known and any(matched.values()) else None
 
-    participant.wait_for(is_ready, wait_s)
+    if not participant.wait_for(is_ready, wait_s if participant.nodes() else 0.0):
+        has_some = any(participant.topic(topic).subscriptions for topic in publishers)
+        why = "not all subscribers are connected" if has_some else "no node subscribes"
+        note(f"{why}; publishing anyway")
