@@ -223,10 +223,11 @@ class Peer:
         with self._lock:
             if self.is_lost:
                 return False
+            was_empty = not self._waiting
             self._waiting.append(packet)
             if len(packet) > NUMBER_BYTES:
                 self._page[2] = stamp_of(packet).packets
-            if len(self._waiting) == 1:
+            if was_empty:
                 flusher_of(os.getpid()).watch(self)
         return True
 
@@ -245,11 +246,17 @@ class Peer:
             return False
 
     def skip(self, number: int) -> None:
-        """Make the subscription drop a message from DDS, which a packet already contains.
+        """Make the subscription drop the DDS copy of the message that was just sent as a packet.
+
+        If the packet is still waiting, it is withdrawn instead.
 
         Args:
             number: number of the message among the publisher's messages in DDS.
         """
+        with self._lock:
+            if self._waiting:
+                self._waiting.pop()
+                return
         self._page[1] = number
         self.send(packed_number(number))
 

@@ -6,10 +6,12 @@ packets that precede it. An inbox reads only on request and has no thread.
 """
 
 import os
+import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from fcntl import ioctl
+from math import inf
 from socket import SHUT_RDWR, recv_fds, socket
 from termios import FIONREAD
 from typing import Final
@@ -29,6 +31,14 @@ from obelisk_spec.local_transport.sockets import (
 
 __all__ = ["Connection", "PublisherInbox"]
 
+_RELIABLE_WAIT_S: Final = 4.0
+"""How long a packet waits for an earlier message from DDS [s].
+
+A reliable subscription detects missing messages by the publisher's heartbeats, which are sent every
+3 s. If a message has not arrived by then, the publisher dropped it from its full history.
+"""
+_BEST_EFFORT_WAIT_S: Final = 0.05
+"""The same for a best-effort subscription, whose messages DDS may lose [s]."""
 _NO_BYTES: Final = bytes(4)
 """The answer to `FIONREAD` if no packet is waiting."""
 _REMEMBERED: Final = 64
@@ -62,6 +72,10 @@ class Connection:
         last message in DDS that must be dropped, and number of the last packet that had to wait."""
         self.outdated = 0
         """Packets up to this number were dropped."""
+        self.overtaken = 0
+        """Packets up to this number are too late: newer messages from DDS were delivered."""
+        self.release_s = inf
+        """When to stop waiting for what is missing (monotonic [s]); infinite if nothing waits."""
         self.last_skipped = 0
         """The largest number of a message in DDS that was also received as a packet."""
         self.has_ended = False
@@ -97,9 +111,10 @@ class PublisherInbox:
         gid: bytes,
         *,
         depth: int,
+        is_reliable: bool,
         put: Callable[[bytes], object],
         on_connect: Callable[[Connection], object],
-        on_wait: Callable[[], object],
+        on_wait: Callable[[], object] = lambda: None,
     ) -> None:
         """Open the socket, so that publishers can connect.
 
@@ -107,9 +122,11 @@ class PublisherInbox:
             folder: the run's socket folder.
             gid: the subscription's GID.
             depth: depth of the subscription's history; limits the waiting packets per publisher.
+            is_reliable: whether the subscription wants every message, even if it is late.
             put: receives the packet of each message when it is due.
             on_connect: receives each new connection; `read` it when its socket is readable.
-            on_wait: called when the first packet of a publisher must wait.
+            on_wait: called when a message has to wait; call `release` at the latest at
+                `next_release_s`.
 
         Raises:
             OSError: the socket cannot be created in the folder.
@@ -118,11 +135,18 @@ class PublisherInbox:
         self.connections: list[Connection] = []
         self._folder, self._gid, self._depth = folder, gid, depth
         self._put, self._on_connect, self._on_wait = put, on_connect, on_wait
+        self._is_reliable = is_reliable
+        self._wait_s = _RELIABLE_WAIT_S if is_reliable else _BEST_EFFORT_WAIT_S
         self._buffer = memoryview(bytearray(LARGEST_PACKET))
         self._by_publisher: dict[bytes, Connection] = {}
         self._unconnected: dict[bytes, tuple[int, int | None]] = {}
         """`Connection.taken` and `packets` of publishers that are not connected; None instead of
         the packets if the publisher never was."""
+
+    @property
+    def next_release_s(self) -> float:
+        """When the next messages have waited long enough (monotonic [s]); infinite if none wait."""
+        return min((connection.release_s for connection in self.connections), default=inf)
 
     def accept(self) -> None:
         """Accept new connections."""
@@ -151,7 +175,9 @@ class PublisherInbox:
         try:
             if connection.publisher is None:
                 self._greet(connection)
-            outdated = 0 if connection.page is None else connection.page[2] - self._depth
+            outdated = connection.overtaken
+            if connection.page is not None:
+                outdated = max(outdated, connection.page[2] - self._depth)
             while size := peer.recv_into(buffer):
                 packet = buffer[:size].tobytes()
                 if outdated > connection.outdated and _is_outdated(connection, packet, outdated):
@@ -174,6 +200,7 @@ class PublisherInbox:
         connection.has_ended = has_ended
         if connection.samples:
             self._advance(connection)
+        self._note_wait(connection)
         return has_ended
 
     def merge(self, publisher: bytes, number: int, put: Callable[[int | None], object]) -> None:
@@ -207,10 +234,24 @@ class PublisherInbox:
         self.read(connection)
         self._remove_done()
 
-    def release(self) -> None:
-        """Deliver all packets that wait for messages from DDS, and skip these messages."""
+    def release(self, now_s: float = inf) -> None:
+        """Deliver what has waited long enough, and skip the missing messages.
+
+        A reliable subscription waits for packets until the publisher sends them or ends.
+
+        Args:
+            now_s: the monotonic time [s]; infinite to release everything.
+        """
         for connection in self.connections:
-            self._release_all(connection)
+            if connection.release_s > now_s:
+                continue
+            waits_for_packets = self._is_reliable and connection.is_missing_packets
+            was_suspended = now_s > connection.release_s + self._wait_s  # and DDS with this process
+            if now_s < inf and (waits_for_packets or was_suspended):
+                connection.release_s = now_s + self._wait_s
+            else:
+                self._release_all(connection)
+                self._note_wait(connection)
         self._remove_done()
 
     def forget(self, connection: Connection) -> None:
@@ -263,8 +304,6 @@ class PublisherInbox:
             self._pass(connection, packet)
         else:
             connection.held.append(packet)
-            if len(connection.held) == 1:
-                self._on_wait()
 
     def _greet(self, connection: Connection) -> None:
         packet, pages, _, _ = recv_fds(connection.socket, LARGEST_PACKET, 1)
@@ -282,6 +321,7 @@ class PublisherInbox:
             connection.held, before.held = before.held, connection.held
             connection.samples, before.samples = before.samples, connection.samples
             connection.skipped, before.skipped = before.skipped, connection.skipped
+            self._note_wait(before)
         connection.publisher = publisher
         connection.packets_before = greeting.packets
         taken, _ = self._unconnected.pop(publisher, (0, None))
@@ -292,14 +332,20 @@ class PublisherInbox:
 
     def _advance(self, connection: Connection) -> None:
         """Deliver messages from DDS that need not wait, and the packets that waited for them."""
-        while connection.samples:
-            if connection.is_missing_packets:
-                self._on_wait()
-                return
+        while connection.samples and not connection.is_missing_packets:
             self._put_sample(connection)
+
+    def _note_wait(self, connection: Connection) -> None:
+        """Set when a connection's messages have waited long enough, if any wait."""
+        if not connection.held and not connection.samples:
+            connection.release_s = inf
+        elif connection.release_s == inf:
+            connection.release_s = time.monotonic() + self._wait_s
+            self._on_wait()
 
     def _put_sample(self, connection: Connection) -> None:
         number, put = connection.samples.popleft()
+        connection.release_s = inf  # those that remain wait for another message
         self._release(connection, number - 1)  # anything that has not arrived by now is lost
         if number in connection.skipped:
             connection.skipped.discard(number)
@@ -311,6 +357,8 @@ class PublisherInbox:
 
     def _release_all(self, connection: Connection) -> None:
         """Deliver everything that is waiting."""
+        if connection.samples and connection.page is not None and connection.is_missing_packets:
+            connection.overtaken = connection.page[0]
         while connection.samples:
             self._put_sample(connection)
         self._release(connection, None)
@@ -320,6 +368,7 @@ class PublisherInbox:
         held = connection.held
         while held and (taken is None or number_of(held[0]) <= taken):
             connection.taken = max(connection.taken, number_of(held[0]))
+            connection.release_s = inf
             self._pass(connection, held.popleft())
         connection.taken = max(connection.taken, taken or 0)
 

@@ -39,8 +39,6 @@ __all__ = [
 ]
 
 
-_LONGEST_WAIT_S: Final = 4.0
-"""Maximum wait of a packet for an earlier DDS message, which may be lost [s]."""
 DEPTH: Final = 1000
 """Maximum number of waiting messages of a topic: one second at 1 kHz."""
 
@@ -65,15 +63,14 @@ class Tap:
             folder,
             gid,
             depth=depth,
+            is_reliable=True,
             put=self._put,
             on_connect=self._watch,
-            on_wait=self._wait,
         )
         self._reader = DdsReader(handle)
         self._is_without_connection = False
         self._dds_received_ns = 0
         """Time of receipt of the message from DDS for which the next packets have waited."""
-        self._release_s = float("inf")
         self._connections: dict[int, Connection] = {}
         self._epoll = select.epoll()
         self._epoll.register(self._inbox.listener, select.EPOLLIN)
@@ -90,9 +87,8 @@ class Tap:
             put = partial(self._put_sample, sample)
             self._dds_received_ns = 0
             self._inbox.merge(sample.publisher, sample.number, put)
-        elif not self._waiting and time.monotonic() > self._release_s:
-            self._release_s = float("inf")
-            self._inbox.release()
+        elif not self._waiting and (now_s := time.monotonic()) > self._inbox.next_release_s:
+            self._inbox.release(now_s)
         return self._waiting.popleft() if self._waiting else None
 
     def release(self) -> None:
@@ -121,9 +117,6 @@ class Tap:
     def _watch(self, connection: Connection) -> None:
         self._connections[connection.socket.fileno()] = connection
         self._epoll.register(connection.socket, select.EPOLLIN)
-
-    def _wait(self) -> None:
-        self._release_s = time.monotonic() + _LONGEST_WAIT_S
 
     def _put(self, packet: bytes) -> None:
         stamp = stamp_of(packet)

@@ -21,6 +21,7 @@ from obelisk_py.core.executor.worker import Worker
 from obelisk_py.core.intra_process import IntraProcessPublisher, MessageBuffer, disconnect_all
 from obelisk_py.core.local_sender import LocalSender, Peer, SubscriptionEndpoint, socket_folder
 from obelisk_py.core.serialization.codec import codec_for
+from obelisk_spec.local_transport import inbox
 from obelisk_spec.local_transport import sockets as sockets_module
 from obelisk_spec.local_transport.dds_reader import Sample
 from obelisk_spec.local_transport.sockets import (
@@ -380,13 +381,23 @@ class Subscription:
         reader: MagicMock = MagicMock(take=self.dds.take)
         self.receiver = LocalReceiver(folder, gid(1), self.buffer, reader)
         self.worker.add(self.receiver, shared=False)
+        self.depth = qos.depth
         self._folder = folder
 
-    def connect(self) -> socket.socket:
-        connection = self._folder.connect(gid(1), DEPTH)
+    def connect(self, publisher: bytes = PUBLISHER) -> socket.socket:
+        connection = self._folder.connect(gid(1), self.depth)
         assert connection is not None
-        connection.send(bytes(GREETING))
+        connection.send(bytes(Greeting(publisher=publisher, packets=GREETING.packets)))
         return connection
+
+    def connect_with_page(self) -> "tuple[socket.socket, memoryview[int]]":
+        """Connect a publisher that has sent nothing yet; return its page, too."""
+        connection = self._folder.connect(gid(1), self.depth)
+        assert connection is not None
+        descriptor, page = new_page()
+        socket.send_fds(connection, [bytes(Greeting(publisher=PUBLISHER, packets=0))], [descriptor])
+        os.close(descriptor)
+        return connection, page
 
     def read(self) -> None:
         """Read from the sockets."""
@@ -506,14 +517,10 @@ def test_after_a_stall_only_the_messages_of_the_history_are_received(
 
 
 def test_a_message_that_came_by_a_packet_is_dropped_even_if_that_is_known_late(
-    folder: SocketFolder, subscription: Subscription
+    subscription: Subscription,
 ) -> None:
-    connection = folder.connect(gid(1), DEPTH)
-    assert connection is not None
+    connection, page = subscription.connect_with_page()
     with connection:
-        descriptor, page = new_page()
-        socket.send_fds(connection, [bytes(Greeting(publisher=PUBLISHER, packets=0))], [descriptor])
-        os.close(descriptor)
         connection.send(stamped(PACK(Int64(data=1)), 0, 1))
         # The next packet does not fit into the socket.
         page[1] = 1
@@ -548,8 +555,7 @@ def test_a_message_that_came_by_a_packet_is_dropped_when_dds_has_it(
 def test_a_packet_does_not_wait_for_ever_for_a_message_that_dds_lost(
     folder: SocketFolder,
 ) -> None:
-    best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-    subscription = Subscription(folder, best_effort)
+    subscription = Subscription(folder, best_effort())
     got: list[int] = []
 
     def has_arrived() -> list[int]:
@@ -566,6 +572,115 @@ def test_a_packet_does_not_wait_for_ever_for_a_message_that_dds_lost(
         subscription.read()
         assert subscription.taken() == [2]
     subscription.close()
+
+
+def best_effort(depth: int = DEPTH) -> QoSProfile:
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@pytest.mark.parametrize("depth", [1, 2, DEPTH])
+def test_frequent_packets_do_not_extend_the_wait_for_a_lost_message(
+    folder: SocketFolder, depth: int
+) -> None:
+    subscription = Subscription(folder, best_effort(depth))
+    with subscription.connect() as publisher:
+
+        def has_arrived() -> list[int]:
+            publisher.send(packet(1, 5))
+            subscription.worker.run_ready(0.001)
+            return subscription.taken()
+
+        eventually(has_arrived, "a packet")
+    subscription.close()
+
+
+def test_the_waits_of_two_publishers_are_independent(folder: SocketFolder) -> None:
+    subscription = Subscription(folder, best_effort())
+    other, got = bytes(16), set[int]()
+    numbers = iter(range(1, 1_000_000))
+    with subscription.connect() as first, subscription.connect(other) as second:
+        subscription.dds.hold(0, 1)
+        subscription.dds.hold(0, 1, other)
+        subscription.taken()
+        first.send(packet(7, 9))  # the message before it is lost
+
+        def has_arrived() -> bool:
+            number = next(numbers) + 1
+            second.send(packet(8, number))
+            subscription.read()
+            subscription.dds.hold(8, number, other)
+            subscription.worker.run_ready(0.001)
+            got.update(subscription.taken())
+            return 7 in got
+
+        eventually(has_arrived, "the packet of the first publisher")
+    subscription.close()
+
+
+def test_late_packets_do_not_follow_newer_messages(folder: SocketFolder) -> None:
+    subscription = Subscription(folder, best_effort())
+    connection, page = subscription.connect_with_page()
+    with connection:
+        subscription.read()
+        page[0] = 3  # these packets are still waiting in the publisher
+        subscription.dds.hold(4, 1)
+        assert subscription.taken() == []
+
+        def has_arrived() -> bool:
+            subscription.worker.run_ready(0.01)
+            return subscription.taken() == [4]
+
+        eventually(has_arrived, "the message from DDS")
+        for value in (1, 2, 3):
+            connection.send(stamped(PACK(Int64(data=value)), 0, value))
+        connection.send(stamped(PACK(Int64(data=5)), 1, 4))
+        subscription.read()
+        assert subscription.taken() == [5]
+    subscription.close()
+
+
+def test_a_reliable_subscription_waits_for_all_packets(
+    folder: SocketFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(inbox, "_RELIABLE_WAIT_S", 0.01)
+    subscription = Subscription(folder, QoSProfile(depth=DEPTH))
+    connection, page = subscription.connect_with_page()
+    with connection:
+        subscription.read()
+        page[0] = 3
+        subscription.dds.hold(4, 1)
+        assert subscription.taken() == []
+        for _ in range(5):
+            subscription.worker.run_ready(0.03)
+            assert subscription.taken() == []
+        for value in (1, 2, 3):
+            connection.send(stamped(PACK(Int64(data=value)), 0, value))
+        subscription.read()
+        assert subscription.taken() == [1, 2, 3, 4]
+    subscription.close()
+
+
+def test_a_waiting_packet_is_withdrawn_if_dds_delivers_its_message(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sender_module, "flusher_of", MagicMock())  # flushed below
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    near.setblocking(False)
+    peer = Peer(near, gid(1), 1, bytes(GREETING))
+    with far:
+        sent = 0
+        while not peer._waiting:
+            sent += 1
+            assert peer.send(packet(sent, 0))
+        peer.skip(1)
+        assert greeting_of(far.recv(100)) == GREETING
+        received = [far.recv(100) for _ in range(sent - 1)]
+        assert received == [packet(value, 0) for value in range(1, sent)]
+        assert not peer.flush()
+        far.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            far.recv(100)
+        peer.close()
 
 
 def test_only_the_latest_messages_are_kept(subscription: Subscription) -> None:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
+from math import inf
 from typing import Any, Final
 
 from rclpy.callback_groups import CallbackGroup
@@ -24,14 +25,6 @@ from obelisk_spec.local_transport.sockets import SocketFolder
 
 __all__ = ["LocalReceiver", "open_receiver"]
 
-_RELIABLE_WAIT_S: Final = 4.0
-"""How long a packet waits for an earlier message from DDS [s].
-
-A reliable subscription detects missing messages by the publisher's heartbeats, which are sent every
-3 s. If a message has not arrived by then, the publisher dropped it from its full history.
-"""
-_BEST_EFFORT_WAIT_S: Final = 0.05
-"""The same for a best-effort subscription, whose messages DDS may lose [s]."""
 _NS_PER_S: Final = 1_000_000_000
 
 
@@ -56,16 +49,18 @@ class LocalReceiver:
         Raises:
             OSError: the socket cannot be created in the folder.
         """
-        depth = buffer.qos.depth
         self._inbox = PublisherInbox(
-            folder, gid, depth=depth, put=buffer.append, on_connect=self._watch, on_wait=self._wait
+            folder,
+            gid,
+            depth=buffer.qos.depth,
+            is_reliable=buffer.qos.reliability == ReliabilityPolicy.RELIABLE,
+            put=buffer.append,
+            on_connect=self._watch,
+            on_wait=self._wait,
         )
         self._buffer = buffer
         self._reader = reader
-        reliable = buffer.qos.reliability == ReliabilityPolicy.RELIABLE
-        self._longest_wait_s = _RELIABLE_WAIT_S if reliable else _BEST_EFFORT_WAIT_S
         self._timer_fd = open_timer(time.CLOCK_MONOTONIC)
-        self._release_s = 0.0
         self._worker: Worker | None = None
         self._is_open = True
         self._lock = threading.Lock()
@@ -123,8 +118,8 @@ class LocalReceiver:
         return False
 
     def _wait(self) -> None:
-        self._release_s = time.monotonic() + self._longest_wait_s
-        arm_timer(self._timer_fd, int(self._release_s * _NS_PER_S), 0)
+        """Set the timer for the messages that are the first to have waited long enough."""
+        arm_timer(self._timer_fd, int(self._inbox.next_release_s * _NS_PER_S) + 1, 0)
 
     def _accept(self) -> bool:
         with self._lock:
@@ -148,12 +143,11 @@ class LocalReceiver:
         with suppress(BlockingIOError):
             os.read(self._timer_fd, 8)
         with self._lock:
-            if time.monotonic() > self._release_s + self._longest_wait_s:
-                self._wait()  # the process was suspended, and DDS with it
-                return False
             while self._take_sample():
                 pass
-            self._inbox.release()
+            self._inbox.release(time.monotonic())
+            if self._inbox.next_release_s < inf:
+                self._wait()
         return self.deliver()
 
 
