@@ -166,7 +166,10 @@ def test_a_call_that_does_not_return_blocks_the_action_and_is_reported() -> None
 @pytest.mark.parametrize(
     ("refused", "reported"),
     [
-        (PDFeedForward(kp=[1.0]), []),
+        (
+            PDFeedForward(kp=[1.0]),
+            ["control rejected: apply_control returned False (1x); 1 in total"],
+        ),
         (
             PDFeedForward(kp=[1.0, float("nan")]),
             ["control rejected: `kp[1]` is nan (1x); 1 in total"],
@@ -266,3 +269,57 @@ def test_an_exception_in_the_action_takes_the_robot_to_error_processing() -> Non
         active(node).publish(COMMAND)
         eventually(lambda: node.state_label == "unconfigured", "error processing")
         assert "the bus is gone" in str(node.last_fault)
+
+
+def test_an_action_that_ends_its_thread_takes_the_robot_to_error_processing() -> None:
+    class Exiting(Arm):
+        def apply_damping(self) -> None:
+            raise SystemExit(3)
+
+    with arm(Exiting, stale_action="damp", max_age_sec=0.01) as node:
+        active(node).publish(COMMAND)
+        eventually(lambda: node.state_label == "unconfigured", "error processing")
+        assert "SystemExit: 3" in str(node.last_fault)
+
+
+def test_an_action_that_does_not_return_is_reported() -> None:
+    class Hanging(Arm):
+        def apply_damping(self) -> None:
+            self.is_busy.set()
+            assert self.is_free.wait(DEADLINE_S)
+
+    with arm(Hanging, stale_action="damp", max_age_sec=0.01) as node:
+        active(node).publish(COMMAND)
+        eventually(lambda: node.errors, "the error")
+        assert node.is_busy.is_set()
+        assert node.errors[0].endswith("; the action has not returned")
+        node.is_free.set()
+
+
+def test_there_is_no_action_while_the_robot_deactivates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command_watchdog, "SILENCE_GRACE_S", 0.0)
+
+    class Slow(BrakingArm):
+        def on_deactivate(self, state: Any) -> Any:
+            self._command_age.accept(time.monotonic())  # its watchdog is due during this call
+            self._watchdog.wake()
+            eventually(lambda: self._command_age.deadline_s is None, "the watchdog")
+            return super().on_deactivate(state)
+
+    with arm(Slow, stale_action="damp", max_age_sec=0.01) as node:
+        active(node)
+        assert request(node, "deactivate")
+        assert node.dampings == 0
+        assert node.reported == []
+
+
+def test_a_rejected_command_of_zeros_is_an_error() -> None:
+    class Limited(Arm):
+        def apply_control(self, control_msg: PDFeedForward) -> bool | None:
+            return super().apply_control(control_msg) if any(control_msg.kp) else False
+
+    with arm(Limited, max_age_sec=0.01) as node:
+        active(node).publish(COMMAND)
+        eventually(lambda: node.errors, "the error")
+        assert "zeros" in node.errors[0]
+        assert node.applied == [COMMAND]

@@ -73,7 +73,8 @@ class ObeliskNode(RateMonitoredNode):
     """A lifecycle node wired by a config: `obk_publishers`, `obk_subscriptions`, `obk_timers`.
 
     `opened` is an `ExitStack`. It is closed in `cleanup`, in `shutdown` and after an error, before
-    the publishers are destroyed.
+    the publishers are destroyed. `fail(cause, where)` puts the node into error processing, from any
+    thread; exceptions in callbacks do so by themselves.
     """
 
     loop_stage: LoopStage = LoopStage.SENSE

@@ -91,6 +91,9 @@ class ObeliskRobot(ABC, ObeliskNode):
         self.rates.at_each_report(self._warn_if_idle)
         # apply_control has one caller at a time: the executor's thread or the watchdog.
         self._applying = threading.Lock()
+        self._is_acting = False
+        """Whether the action on stale commands is running."""
+        self.rates.at_each_report(self._report_hanging_action)
         # A literal key, because `obk validate` reads constructors without running them.
         self.register_obk_subscription(
             "sub_ctrl_setting", self._take_control, key="sub_ctrl", msg_type=ctrl_msg_type
@@ -108,7 +111,8 @@ class ObeliskRobot(ABC, ObeliskNode):
             control_msg: the latest control.
 
         Returns:
-            False if the robot rejects it, so that it does not count as a command; otherwise None.
+            False if the robot rejects it, so that it does not count as a command; the node logs the
+            number of rejected commands. Otherwise None.
         """
 
     def apply_damping(self) -> None:
@@ -130,7 +134,10 @@ class ObeliskRobot(ABC, ObeliskNode):
             return
         self._idle_since_s = None
         if self._command_age is None:
-            self.apply_control(control_msg)
+            if self._applies(control_msg):
+                self._rejections.accept()
+            else:
+                self._reject_by_answer()
             return
         rejection = self._rejection_of(control_msg)
         if rejection is not None:
@@ -138,16 +145,24 @@ class ObeliskRobot(ABC, ObeliskNode):
             self.report_rejections(is_last=False)
             return
         with self._applying:
-            if not self._applies(control_msg):
-                return
-            self._newest_control = control_msg
-            was_idle = self._command_age.deadline_s is None
-            silent_s = self._command_age.accept(time.monotonic())
+            is_applied = self._applies(control_msg)
+            if is_applied:
+                self._newest_control = control_msg
+                was_idle = self._command_age.deadline_s is None
+                silent_s = self._command_age.accept(time.monotonic())
+        if not is_applied:
+            self._reject_by_answer()
+            return
         self._rejections.accept()
         if was_idle and self._watchdog is not None:
             self._watchdog.wake()
         if silent_s is not None and self._silence_log.end(silent_s):
             self.get_logger().warning(f"commands resumed after {silent_s:.3f} s")
+
+    def _reject_by_answer(self) -> None:
+        """Count a command for which `apply_control` returned False."""
+        self._rejections.add("apply_control returned False")
+        self.report_rejections(is_last=False)
 
     def _applies(self, control_msg: ObeliskControlMsg) -> bool:
         """Apply a command; returns whether it counts as one."""
@@ -231,7 +246,9 @@ class ObeliskRobot(ABC, ObeliskNode):
             f"{self._silence_log.report(now_s, silent_s)}, more than `max_age_sec` of "
             f"{policy.max_age_s:g} s: {_ACTIONS[policy.action]} (`stale_action: {policy.action}`)"
         )
-        if self._watchdog is not None and self._applying.locked():
+        if self._is_acting:
+            text += "; the action has not returned"
+        elif self._watchdog is not None and self._applying.locked():
             text += "; the action is delayed because apply_control has not returned"
         topic = self.obk_subscriptions[CONTROL_SUBSCRIPTION].topic_name
         if silent_s is not None and self.count_publishers(topic) == 0:
@@ -241,8 +258,21 @@ class ObeliskRobot(ABC, ObeliskNode):
             self.get_logger().error(text)
 
     def _act_if_stale(self) -> None:
+        if self.state_label != "active":
+            # `on_deactivate` brings the robot to rest; an action in the middle of it may do harm.
+            self._forget_commands()
+            return
         if self._becomes_stale():
-            self.guarded(self._act_on_old_commands)()
+            try:
+                self.guarded(self._act_on_old_commands)()
+            except BaseException as error:  # `sys.exit()` would end only this thread
+                self.fail(error, "the action on stale commands")
+
+    def _report_hanging_action(self) -> None:
+        """Log missing commands if the thread that should do so is busy with the action."""
+        due_s = self._silence_log.due_s
+        if self._is_acting and due_s is not None and time.monotonic() >= due_s:
+            self._log_silence(time.monotonic())
 
     def _act_on_old_commands(self) -> None:
         # While this waits for a hanging apply_control, the hang is logged.
@@ -252,8 +282,10 @@ class ObeliskRobot(ABC, ObeliskNode):
             self._becomes_stale()
         try:
             if self._has_to_act():
+                self._is_acting = True
                 self._make_safe()
         finally:
+            self._is_acting = False
             self._applying.release()
 
     def _has_to_act(self) -> bool:
@@ -267,7 +299,8 @@ class ObeliskRobot(ABC, ObeliskNode):
             control = zeroed(self._newest_control)
             if hasattr(control, "header"):
                 control.header.stamp = self.get_clock().now().to_msg()
-            self.apply_control(control)
+            if self.apply_control(control) is False:
+                self.get_logger().error("the robot rejected the command of zeros")
         elif self._command_age.policy.action == "damp":
             self.apply_damping()
 
