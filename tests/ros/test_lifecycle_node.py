@@ -17,6 +17,7 @@ from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskHardwareError
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.sensing import ObeliskSensor
+from obelisk_py.core.spinning import _shut_down
 
 from .stack import eventually, parameters, request, spinning
 
@@ -199,6 +200,49 @@ def test_resources_of_configure_are_closed_at_an_error_and_opened_again() -> Non
             node.fail("the bus is dead", "watchdog")
             eventually(lambda: node.state_label == "unconfigured", "error processing")
             assert node.reported == reported
+
+
+@pytest.mark.parametrize("label", ["configure", "activate", "deactivate"])
+def test_a_transition_that_calls_exit_fails_and_resources_are_closed(label: str) -> None:
+    class Exiting(Opening):
+        def _exit(self, state: LifecycleState) -> TransitionCallbackReturn:
+            raise SystemExit(0)
+
+        def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+            return self._exit(state) if label == "activate" else super().on_activate(state)
+
+        def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+            return self._exit(state) if label == "deactivate" else super().on_deactivate(state)
+
+        def open(self) -> None:
+            super().open()
+            if label == "configure":
+                raise SystemExit(0)
+
+    with spinning(Exiting) as node:
+        assert isinstance(node, Exiting)
+        for step in ("configure", "activate", "deactivate"):
+            assert request(node, step) == (step != label)
+            if step == label:
+                break
+        assert node.state_label == "unconfigured"
+        assert node.reported == ["opened", "closed"]
+        assert "SystemExit" in str(node.last_fault)
+
+
+def test_a_shutdown_that_fails_is_not_repeated() -> None:
+    class Failing(ObeliskNode):
+        attempts = 0
+
+        def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+            self.attempts += 1
+            raise OSError("the bus is gone")
+
+    with spinning(lambda: Failing("failing")) as node:
+        assert isinstance(node, Failing)
+        _shut_down(node)
+        assert node.attempts == 1
+        assert node.ended.done()
 
 
 def test_a_node_whose_error_processing_fails_is_finalized_and_ended() -> None:

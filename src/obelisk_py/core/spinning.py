@@ -370,7 +370,8 @@ def _shut_down(node: GuardedLifecycleNode) -> None:
         if steps[state]() != TransitionCallbackReturn.SUCCESS:
             fault = node.last_fault
         if node.state_label == state:
-            node.trigger_shutdown()
+            if state != "unconfigured":
+                node.trigger_shutdown()
             break
     if not node.ended.done():
         node.ended.set_result(fault)
