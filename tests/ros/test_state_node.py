@@ -238,7 +238,7 @@ def test_nodes_are_asked_with_an_rclpy_that_has_no_events_executor(
 def test_a_restarted_node_is_ready_when_its_new_process_replies(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ready = Ready(node="/n")
+    ready = Ready(node="/n", state="unconfigured")
     monkeypatch.setattr("obk_cli.ros.lifecycle_client.PING_S", 0.0)
     with open_ros_nodes("watch", environment) as ros:
         ears = Ears(ros)

@@ -70,7 +70,10 @@ def command(
     ] = None,
     timeout: Annotated[
         float,
-        typer.Option(help="Time limit for a transition [s]; startup gets at least 20 s."),
+        typer.Option(
+            help="Time limit for a transition [s]. Startup gets at least 20 s, and each transition "
+            "at shutdown 3 s, or this time if it is above 10 s."
+        ),
     ] = 10.0,
     on_crash: Annotated[
         str,

@@ -45,14 +45,19 @@ def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[
 
 
 def limits_for(timeout_s: float, hang_s: float) -> Limits:
-    """Time limits; a longer transition limit also allows a longer start.
+    """Time limits; a transition limit above the default also allows a longer start and shutdown.
 
     Args:
         timeout_s: limit for a transition.
         hang_s: how long a node may not answer; 0: forever.
     """
-    start_s = max(timeout_s, Limits().start_s)
-    return Limits(transition_s=timeout_s, start_s=start_s, hang_s=hang_s or float("inf"))
+    default = Limits()
+    return Limits(
+        transition_s=timeout_s,
+        start_s=max(timeout_s, default.start_s),
+        down_s=timeout_s if timeout_s > default.transition_s else default.down_s,
+        hang_s=hang_s or float("inf"),
+    )
 
 
 def require_devices(plan: Plan, device: str | None, lead: str | None) -> None:

@@ -115,6 +115,8 @@ class Ready:
     """A node's lifecycle services answer."""
 
     node: str
+    state: str
+    """The state in the answer; not `unconfigured` if someone else has already changed it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

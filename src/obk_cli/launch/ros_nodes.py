@@ -307,12 +307,12 @@ class NodeWatch:
     def _has_services(self, name: str) -> bool:
         return all(self._clients.is_ready(name, kind) for kind in ("change_state", "get_state"))
 
-    def _ready(self, name: str, wait: "_Wait", _answer: Any) -> None:
+    def _ready(self, name: str, wait: "_Wait", answer: Any) -> None:
         with self._lock:
             if self._waiting.get(name) is not wait:
                 return
             del self._waiting[name]
-        self._on_event(Ready(node=name))
+        self._on_event(Ready(node=name, state=str(answer.result().current_state.label)))
 
     def _on_transition_event(self, node: str, event: Any) -> None:
         start, goal = str(event.start_state.label), str(event.goal_state.label)

@@ -370,7 +370,10 @@ class Supervisor:
         node = member.node
         if member.result == "timed out":
             silent.add(node)
-        if member.result == "timed out" or (member.result == "refused" and node not in unsettled):
+        is_refused = member.result == "refused" and node not in unsettled
+        # The answer to `shutdown` may be lost, because the process then exits.
+        has_vanished = member.result == "gone" and transition.goal != FINALIZED
+        if member.result == "timed out" or is_refused or has_vanished:
             self._run.fail(reason(member, transition, self._context.limits.down_s), node)
 
     # --- between two events: hangs and rates ---
@@ -433,8 +436,8 @@ class Supervisor:
                 self._process_started(event)
             case ProcessEnded() if event.process in self._state.units:
                 self._process_ended(event)
-            case Ready(node=node):
-                self._ready(node)
+            case Ready():
+                self._ready(event)
             case Answered(node=node):
                 self._state.in_transition.discard(node)
                 self._alive(node)
@@ -535,15 +538,16 @@ class Supervisor:
             self._context.publisher.publish(event)
             self._run.fail(f"{unit}: {event.how}", culprit)
 
-    def _ready(self, node: str) -> None:
-        state = self._state
+    def _ready(self, event: Ready) -> None:
+        state, node = self._state, event.node
         if node == state.lead:
             self._watch({node})
             return
         if not state.is_local(node):
             self._context.lifecycle.ask_state(node)
         elif node not in state.ready:
-            state.states[node] = UNCONFIGURED
+            # On a device that does not lead, the lead may already have changed it.
+            state.states[node] = event.state
         state.ready.add(node)
 
     def _alive(self, node: str) -> None:

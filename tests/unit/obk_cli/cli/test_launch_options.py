@@ -24,6 +24,7 @@ def test_a_lead_without_a_single_device_is_misuse(capsys: pytest.CaptureFixture[
 def test_a_generous_transition_limit_extends_the_start_limit() -> None:
     assert (limits_for(10.0, 1.3).transition_s, limits_for(10.0, 1.3).start_s) == (10.0, 20.0)
     assert (limits_for(60.0, 1.3).transition_s, limits_for(60.0, 1.3).start_s) == (60.0, 60.0)
+    assert [limits_for(limit_s, 1.3).down_s for limit_s in (1.0, 10.0, 20.0)] == [3.0, 3.0, 20.0]
 
 
 def test_an_answer_may_be_waited_for_without_end() -> None:

@@ -335,6 +335,24 @@ def test_the_end_of_a_shared_process_is_attributed_to_the_node_in_its_last_outpu
 def test_a_node_reported_as_ready_again_keeps_its_state() -> None:
     answers: list[ChangeAnswer] = []
     asked = ChangeRequested(transition="deactivate", nodes=(ROBOT,), reply=answers.append)
-    world = World(later=deque([Ready(node=ROBOT), asked, STOP]))
+    world = World(later=deque([Ready(node=ROBOT, state="unconfigured"), asked, STOP]))
     assert world.run(duration_s=None).exit_code == 0
     assert answers[0].success
+
+
+def test_a_node_that_something_else_has_configured_is_not_configured_again() -> None:
+    world = World(found={ROBOT: "inactive"})
+    assert world.run().exit_code == 0
+    assert "configure" not in world.transitions_of(ROBOT)
+    assert "activate" in world.transitions_of(ROBOT)
+
+
+@pytest.mark.parametrize(
+    ("transition", "code"), [("deactivate", 1), ("cleanup", 1), ("shutdown", 0)]
+)
+def test_a_process_that_exits_before_its_node_is_shut_down_fails_the_run(
+    transition: str, code: int
+) -> None:
+    world = World(silent={(ROBOT, transition)})
+    world.later.extend([STOP, ProcessEnded(process=ROBOT, code=0)])
+    assert world.run(duration_s=None).exit_code == code

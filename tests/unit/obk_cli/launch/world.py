@@ -63,6 +63,8 @@ class World:
     refuses: dict[tuple[str, str], str] = field(default_factory=dict)
     silent: set[tuple[str, str]] = field(default_factory=set)
     never_ready: set[str] = field(default_factory=set)
+    found: dict[str, str] = field(default_factory=dict)
+    """States of nodes that something else has changed before they are ready."""
     deaf_to: set[tuple[str, int]] = field(default_factory=set)
     unanswered: set[tuple[str, str]] = field(default_factory=set)
     """Transitions that are made, but whose responses are lost."""
@@ -121,7 +123,11 @@ class World:
                 self.inbox.append(ProcessEnded(process=process, code=code))
 
     def watch(self, nodes: Iterable[str]) -> None:
-        self.inbox.extend(Ready(node=node) for node in nodes if node not in self.never_ready)
+        self.inbox.extend(
+            Ready(node=node, state=self.found.get(node, "unconfigured"))
+            for node in nodes
+            if node not in self.never_ready
+        )
 
     def publishes_diagnostics(self, node: str) -> bool:
         return node in self.diagnostics
