@@ -37,6 +37,7 @@ __all__ = [
 
 PUBLISHERS_PERIOD_S: Final = 0.1
 TYPES_PERIOD_S: Final = 1.0
+_COMMANDS: Final = "now commands the robot, too: it publishes on"
 NAMING_CHECKS: Final = 4
 """Number of checks after which an endpoint is reported without its node's name, which DDS sends
 later."""
@@ -79,9 +80,19 @@ def refuse_unknown_publishers(plan: Plan, ros: RosNodes, domain: int) -> None:
 
 
 def watching_publishers(
-    plan: Plan, ros: RosNodes, on_event: Callable[[InputEvent], None]
+    plan: Plan,
+    ros: RosNodes,
+    on_event: Callable[[InputEvent], None],
+    note: Callable[[str], None],
 ) -> AbstractContextManager[None]:
-    """Inside the `with` block, report late unknown publishers on the robot's topics."""
+    """Inside the `with` block, report unknown publishers on the robot's topics.
+
+    Args:
+        plan: the stack.
+        ros: discovers the publishers.
+        on_event: receives those that may have existed before the launch, which ends the run.
+        note: receives a warning for each one that appears later.
+    """
     begin_s = since_boot_s()
     # A command that has ended stays in the graph a little longer.
     allowed: set[str] = set()
@@ -94,12 +105,23 @@ def watching_publishers(
 
     def check(is_over: threading.Event) -> None:
         end = monotonic_s() + FOREIGN_DISCOVERY_S
-        found: tuple[tuple[str, str], ...] = ()
-        while not found and monotonic_s() < end and not is_over.wait(PUBLISHERS_PERIOD_S):
+        noted: set[tuple[str, str]] = set()
+        period_s = PUBLISHERS_PERIOD_S
+        while not is_over.wait(period_s):
             seen = ros.foreign_publishers(control_topics(plan), _names(plan), 0.0)
-            found = tuple(publisher for publisher in seen if is_unknown(publisher[1]))
-        for topic, node in found:
-            on_event(UnknownPublisherFound(topic=topic, node=node))
+            found = [publisher for publisher in seen if is_unknown(publisher[1])]
+            if monotonic_s() > end:
+                period_s = TYPES_PERIOD_S
+                for topic, node in found:
+                    if (topic, node) not in noted:
+                        noted.add((topic, node))
+                        note(
+                            f"warning: {node}, which is not part of this stack, {_COMMANDS} {topic}"
+                        )
+            elif found:
+                for topic, node in found:
+                    on_event(UnknownPublisherFound(topic=topic, node=node))
+                return
 
     return _background_thread(check, "publishers")
 

@@ -144,7 +144,7 @@ def run_plan(
             if has_others:
                 _refuse_conflicts(plan, units, ros, environment, options)
             if not options.allows_foreign:
-                stack.enter_context(watching_publishers(plan, ros, inbox.put))
+                stack.enter_context(watching_publishers(plan, ros, inbox.put, output.note))
         stack.enter_context(watching_types(plan, ros.graph, output.note))
         state_node = StateNode(ros, plan.name, inbox.put, output.note) if share.leads else None
         local = [node for unit in units for node in unit.nodes]

@@ -63,6 +63,10 @@ def _looks_often_and_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(conflicts, "FOREIGN_DISCOVERY_S", math.inf)
 
 
+def no_note(text: str) -> None:
+    raise AssertionError(text)
+
+
 def look_twice(graph: Graph) -> None:
     """Wait until the result of the first check has been handled."""
     for _ in range(2):
@@ -91,7 +95,7 @@ def test_a_publisher_of_an_external_topic_is_accepted() -> None:
     graph = Graph(("/ctrl", "/teleop"))
     received: SimpleQueue[InputEvent] = SimpleQueue()
     refuse_unknown_publishers(external, graph, 7)  # type: ignore[arg-type]
-    with watching_publishers(external, graph, received.put):  # type: ignore[arg-type]
+    with watching_publishers(external, graph, received.put, no_note):  # type: ignore[arg-type]
         look_twice(graph)
     assert received.empty()
 
@@ -108,14 +112,29 @@ def test_for_a_real_robot_the_check_takes_as_long_as_necessary() -> None:
 
 def test_one_that_is_found_late_is_reported() -> None:
     received: SimpleQueue[InputEvent] = SimpleQueue()
-    with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), received.put):  # type: ignore[arg-type]
+    with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), received.put, no_note):  # type: ignore[arg-type]
         assert received.get(timeout=20) == UnknownPublisherFound(topic="/ctrl", node="/teleop")
+
+
+def test_one_that_starts_during_the_run_is_noted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conflicts, "FOREIGN_DISCOVERY_S", -1.0)
+    monkeypatch.setattr(conflicts, "TYPES_PERIOD_S", 0.001)
+    received: SimpleQueue[InputEvent] = SimpleQueue()
+    noted: list[str] = []
+    graph = Graph(("/ctrl", "/teleop"))
+    with watching_publishers(PLAN, graph, received.put, noted.append):  # type: ignore[arg-type]
+        look_twice(graph)
+        look_twice(graph)
+    assert received.empty()
+    (note,) = noted
+    assert "/teleop" in note
+    assert "/ctrl" in note
 
 
 def test_an_unnamed_publisher_is_not_foreign_once_our_nodes_have_started() -> None:
     received: SimpleQueue[InputEvent] = SimpleQueue()
     graph = Graph(("/ctrl", UNNAMED))
-    with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
+    with watching_publishers(PLAN, graph, received.put, no_note):  # type: ignore[arg-type]
         look_twice(graph)
     assert received.empty()
 
@@ -127,11 +146,11 @@ def test_a_command_allowed_to_publish_after_the_start_is_not_foreign(
     with _child() as pid:
         graph = Graph(("/ctrl", f"/{ALLOWED_PUBLISHER}_{pid}"))
         # It started before this launch; whether it commands the robot is a different question.
-        with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
+        with watching_publishers(PLAN, graph, received.put, no_note):  # type: ignore[arg-type]
             assert isinstance(received.get(timeout=20), UnknownPublisherFound)
         monkeypatch.setattr(conflicts, "since_boot_s", lambda: 0.0)
         graph = Graph(*graph.others)
-        with watching_publishers(PLAN, graph, received.put):  # type: ignore[arg-type]
+        with watching_publishers(PLAN, graph, received.put, no_note):  # type: ignore[arg-type]
             look_twice(graph)
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
@@ -163,7 +182,7 @@ def _child() -> Iterator[int]:
 
 def test_the_check_ends_with_the_run() -> None:
     graph = Graph()
-    with watching_publishers(PLAN, graph, lambda _: None):  # type: ignore[arg-type]
+    with watching_publishers(PLAN, graph, lambda _: None, no_note):  # type: ignore[arg-type]
         look_twice(graph)
         assert "publishers" in {thread.name for thread in threading.enumerate()}
     assert "publishers" not in {thread.name for thread in threading.enumerate()}
