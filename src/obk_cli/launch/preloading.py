@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.process import preload
+from obk_cli.ros.environment import PROFILES_FILES
 
 __all__ = ["SWITCH", "Preload", "can_preload", "preload_for"]
 
@@ -51,9 +52,9 @@ FEWEST: Final = 2
 OWN_PREFIX: Final = "OBK_"
 """Prefix of variables that only the runtime library reads, when a node is created."""
 PATH: Final = "PYTHONPATH"
-READ_LATE: Final = (PATH, "AMENT_PREFIX_PATH")
-"""Variables that take effect in a forked process too: it adds the first to its search path, and
-ROS reads the second at each search."""
+READ_LATE: Final = (PATH, "AMENT_PREFIX_PATH", PROFILES_FILES[0])
+"""Variables that take effect in a forked process too: it adds the first to its search path, ROS
+reads the second at each search, and DDS reads the third when the first node is created."""
 HOOKS: Final = ("COV", "LD_PRELOAD")
 """Prefixes of variables through which tools measure or replace parts of a process from its
 start."""

@@ -12,6 +12,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from shutil import rmtree
 from tempfile import TemporaryDirectory
+from typing import Final
 
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
@@ -66,6 +67,10 @@ from obk_cli.workspace.share_prefix import make_share_prefix, with_prefix
 
 __all__ = ["run_plan"]
 
+_QUICK_UNITS: Final = 8
+"""Number of processes up to which all announce themselves often at first, so that they have usually
+discovered each other before they become active. Larger stacks take longer to start anyway."""
+
 
 def run_plan(
     plan: Plan,
@@ -100,10 +105,11 @@ def run_plan(
         output = stack.enter_context(Output(lock.folder, console.screen, formatter, units))
         lock.report(output)
         marks = launch_marks(lock.folder)
-        launcher = environment.for_launcher()
+        launcher = environment.with_quick_discovery()
+        of_nodes = launcher if len(units) <= _QUICK_UNITS else environment
         sockets = stack.enter_context(socket_folder(lock.folder, environment.variables))
         variables = {
-            **environment.variables,
+            **of_nodes.variables,
             **marks,
             **gate_variables(lock.folder),
             **control_variables(lock.folder),

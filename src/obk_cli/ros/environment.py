@@ -86,7 +86,7 @@ PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROF
 SKIP_FOLDER: Final = "SKIP_DEFAULT_XML_FILE"
 """Whether Fast DDS ignores an XML profile file with the default name in the working folder."""
 LOCALHOST_PROFILE: Final = str(Path(__file__).with_name("dds_localhost.xml"))
-LAUNCHER_PROFILE: Final = str(Path(__file__).with_name("dds_launcher.xml"))
+QUICK_PROFILE: Final = str(Path(__file__).with_name("dds_quick.xml"))
 LAN_PROFILE: Final = str(Path(__file__).with_name("dds_lan.xml"))
 AS_THE_PROFILE_SAYS: Final = "SYSTEM_DEFAULT"
 """The range with which ROS leaves Fast DDS's settings unchanged."""
@@ -114,11 +114,11 @@ class RosEnvironment:
         """Whether obk's profile limits discovery to this host."""
         return self.variables.get(PROFILES_FILES[0]) == LOCALHOST_PROFILE
 
-    def for_launcher(self) -> "RosEnvironment":
-        """The environment of a launcher and its recorder, which new nodes discover sooner."""
+    def with_quick_discovery(self) -> "RosEnvironment":
+        """The environment of processes that announce themselves more often at first."""
         if not self.is_local:
             return self
-        return replace(self, variables={**self.variables, PROFILES_FILES[0]: LAUNCHER_PROFILE})
+        return replace(self, variables={**self.variables, PROFILES_FILES[0]: QUICK_PROFILE})
 
     def put_into_effect(self) -> None:
         """Set the variables for this process."""
@@ -164,10 +164,10 @@ def _as_the_user_has_it() -> dict[str, str]:
     if not variables.get(DOMAIN):
         variables.pop(DOMAIN, None)  # ROS treats an empty value as not set
     profile = variables.get(PROFILES_FILES[0])
-    if profile in (LOCALHOST_PROFILE, LAUNCHER_PROFILE, LAN_PROFILE):
+    if profile in (LOCALHOST_PROFILE, QUICK_PROFILE, LAN_PROFILE):
         del variables[PROFILES_FILES[0]]
     if (
-        profile in (LOCALHOST_PROFILE, LAUNCHER_PROFILE)
+        profile in (LOCALHOST_PROFILE, QUICK_PROFILE)
         and variables.get(RANGE) == AS_THE_PROFILE_SAYS
     ):
         variables[RANGE] = "LOCALHOST"

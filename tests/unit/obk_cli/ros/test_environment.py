@@ -11,8 +11,8 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.ros.environment import (
     HIGHEST_DOMAIN,
     LAN_PROFILE,
-    LAUNCHER_PROFILE,
     LOCALHOST_PROFILE,
+    QUICK_PROFILE,
     RosEnvironment,
     ros_environment,
 )
@@ -153,7 +153,7 @@ def test_another_middleware_ignores_settings_of_fast_dds(
 def test_a_nested_environment_is_created_again(
     monkeypatch: pytest.MonkeyPatch, is_launcher: bool
 ) -> None:
-    outer = ros_environment().for_launcher() if is_launcher else ros_environment()
+    outer = ros_environment().with_quick_discovery() if is_launcher else ros_environment()
     for name, value in outer.variables.items():
         monkeypatch.setenv(name, value)
     within = ros_environment()
@@ -185,15 +185,15 @@ def test_the_settings_for_the_lan_differ_in_addresses_and_first_announcements() 
 
 def test_a_launcher_announces_itself_more_often_while_a_stack_starts() -> None:
     local = ros_environment()
-    assert reported_to_ros(local.for_launcher()) == ("SYSTEM_DEFAULT", "dds_launcher.xml")
-    assert sorted(differences(LOCALHOST_PROFILE, LAUNCHER_PROFILE)) == [
+    assert reported_to_ros(local.with_quick_discovery()) == ("SYSTEM_DEFAULT", "dds_quick.xml")
+    assert sorted(differences(LOCALHOST_PROFILE, QUICK_PROFILE)) == [
         "+ count: 60",
         "+ nanosec: 50000000",
         "- count: 1",
         "- nanosec: 300000000",
     ]
     lan = ros_environment("lan")
-    assert lan.for_launcher() == lan
+    assert lan.with_quick_discovery() == lan
 
 
 def test_every_domain_has_ports_for_discoverable_participants() -> None:
