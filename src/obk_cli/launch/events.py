@@ -17,6 +17,7 @@ from obk_cli.runs.protocol import ChangeAnswer, Result, StackStatus
 __all__ = [
     "FAULT_TRANSITIONS",
     "OUTPUT_EVENTS",
+    "SIGNAL_EXIT",
     "UNKNOWN_FAULT",
     "ActivationReported",
     "Answered",
@@ -57,6 +58,10 @@ __all__ = [
     "VideoReported",
     "WaitingFor",
 ]
+
+
+SIGNAL_EXIT: Final = 128
+"""A program that handles a signal and then exits adds the signal's number to this exit code."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,6 +108,9 @@ class ProcessEnded:
     @property
     def how(self) -> str:
         """How the process ended, as a sentence."""
+        if self.code in (-signal.SIGTERM, SIGNAL_EXIT + signal.SIGTERM):
+            # Someone requested that, so the last output is not the reason.
+            return "the process was terminated by SIGTERM"
         if self.code < 0:
             end = f"the process was terminated by {_signal_name(-self.code)}"
         else:

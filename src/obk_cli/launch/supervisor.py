@@ -14,6 +14,7 @@ from obk_cli.errors import EXIT_DONE, EXIT_FAILED
 from obk_cli.launch.event_loop import EventLoop, Inbox, Lifecycle, Limits, Processes, RunContext
 from obk_cli.launch.events import (
     FAULT_TRANSITIONS,
+    SIGNAL_EXIT,
     UNKNOWN_FAULT,
     ActivationReported,
     Answered,
@@ -57,8 +58,6 @@ from obk_cli.runs.protocol import ChangeAnswer, Member
 
 __all__ = ["Supervisor"]
 
-SIGNAL_EXIT: Final = 128
-"""A program that handles a signal and then exits adds the signal's number to this exit code."""
 REMINDER_S: Final = 5.0
 """Time between two messages about the nodes that the bring-up is waiting for [s]."""
 REACHED: Final[dict[Until, str]] = {

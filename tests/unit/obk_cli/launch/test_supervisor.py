@@ -462,3 +462,6 @@ def test_a_fault_in_a_transition_requested_elsewhere_keeps_the_stack_running() -
 
 def test_a_signal_without_a_name_is_reported_by_its_number() -> None:
     assert ProcessEnded(process=ROBOT, code=-40).how == "the process was terminated by signal 40"
+    for code in (-signal.SIGTERM, 128 + signal.SIGTERM):
+        ended = ProcessEnded(process=ROBOT, code=code, text="the last output")
+        assert ended.how == "the process was terminated by SIGTERM"
