@@ -360,7 +360,7 @@ class GuardedLifecycleNode(LifecycleNode):
         def attempt(state: LifecycleState) -> TransitionCallbackReturn:
             try:
                 result = callback(state)
-            except BaseException as error:  # `sys.exit()` would leave the node between two states
+            except (Exception, SystemExit) as error:  # an exit would leave it between two states
                 self._keep_fault(error, where)
                 return failed
             if not isinstance(result, TransitionCallbackReturn):
