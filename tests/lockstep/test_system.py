@@ -4,9 +4,11 @@ import asyncio
 import calendar
 import datetime
 import functools
+import inspect
 import os
 import queue
 import random
+import sched
 import socket
 import threading
 import time
@@ -82,6 +84,23 @@ def _wait_for_a_job(timeout_s: float) -> None:
         queue.Queue[int]().get(timeout=timeout_s)
 
 
+def _wait_for_a_condition(timeout_s: float) -> None:
+    condition = threading.Condition()
+    with condition:
+        assert not condition.wait_for(lambda: False, timeout_s)
+
+
+def _wait_at_a_barrier(timeout_s: float) -> None:
+    with pytest.raises(threading.BrokenBarrierError):
+        threading.Barrier(2).wait(timeout_s)
+
+
+def _run_scheduler(delay_s: float) -> None:
+    scheduler = sched.scheduler()
+    scheduler.enter(delay_s, 1, lambda: None)
+    scheduler.run()
+
+
 SLEEPS: dict[str, Callable[[Any], object]] = {
     "time.sleep": lambda _: time.sleep(0.03),
     "Rate.sleep": lambda node: node.create_rate(1 / 0.03).sleep(),
@@ -92,6 +111,10 @@ SLEEPS: dict[str, Callable[[Any], object]] = {
     "asyncio": lambda _: asyncio.run(asyncio.sleep(0.03)),
     "event": lambda _: threading.Event().wait(0.03),
     "queue": lambda _: _wait_for_a_job(0.03),
+    "condition": lambda _: _wait_for_a_condition(0.03),
+    "semaphore": lambda _: threading.Semaphore(0).acquire(timeout=0.03),
+    "barrier": lambda _: _wait_at_a_barrier(0.03),
+    "scheduler": lambda _: _run_scheduler(0.03),
 }
 
 
@@ -201,6 +224,61 @@ def test_draws_outside_of_the_run_change_nothing(make_world: Callable[..., World
     random.seed(5)
     draws(lambda: None)
     assert random.random() == own
+
+
+@pytest.mark.parametrize("name", ["condition", "semaphore", "barrier", "scheduler"])
+def test_a_thread_waits_until_a_timeout_in_simulated_time(world: World, name: str) -> None:
+    node = world.node()
+    ended: list[float] = []
+
+    def wait() -> None:
+        SLEEPS[name](node)
+        ended.append(seconds(node))
+
+    world.at(node, 0.1, threading.Thread(target=wait).start)
+    world.run(0.2)
+    assert ended == pytest.approx([0.13], abs=1e-8)
+    assert not world.notes
+
+
+def test_a_timer_of_the_threading_module_is_on_simulated_time(world: World) -> None:
+    node = world.node()
+    fired: list[float] = []
+    timer = threading.Timer(0.03, lambda: fired.append(seconds(node)))
+    canceled = threading.Timer(0.03, lambda: fired.append(seconds(node)))
+    world.at(node, 0.1, lambda: (timer.start(), canceled.start()))
+    world.at(node, 0.12, canceled.cancel)
+    world.run(0.2)
+    assert fired == pytest.approx([0.13], abs=1e-8)
+
+
+@pytest.mark.parametrize("module", [queue, sched, threading], ids=lambda module: module.__name__)
+def test_no_module_with_timeouts_keeps_the_time_of_the_system(module: Any) -> None:
+    of_system = [
+        name
+        for name, value in vars(module).items()
+        if inspect.isbuiltin(value) and value.__module__ == "time"
+    ]
+    assert not of_system
+
+
+def test_a_condition_times_out_beside_a_thread_outside_lockstep(world: World) -> None:
+    node = world.node()
+    ours, its = socket.socketpair()
+    thread = threading.Thread(target=lambda: its.recv(1))
+    ended: list[float] = []
+
+    def wait() -> None:
+        _wait_for_a_condition(0.03)
+        ended.append(seconds(node))
+
+    with ours, its:
+        world.at(node, 0.1, thread.start)
+        world.at(node, 0.2, wait)
+        world.run(0.3)
+        ours.send(b"1")
+        thread.join(5.0)
+    assert ended == pytest.approx([0.23], abs=1e-8)
 
 
 def test_a_thread_takes_turns_with_the_callbacks(world: World) -> None:

@@ -12,6 +12,7 @@ import functools
 import os
 import queue
 import random
+import sched
 import selectors
 import sys
 import threading
@@ -19,7 +20,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from types import FrameType
+from types import BuiltinFunctionType, FrameType
 from typing import Any, Final, cast
 
 from rclpy import utilities
@@ -58,11 +59,13 @@ _IN_SECONDS: Final = ("time", "monotonic", "perf_counter")
 _IN_NANOSECONDS: Final = ("time_ns", "monotonic_ns", "perf_counter_ns")
 _OF_A_TIME: Final = ("localtime", "gmtime", "ctime")
 """Functions of `time` that use the current time unless given a time."""
+_TIMED: Final = (threading, queue, sched)
+"""Modules whose timeouts use functions of `time` that they imported by name."""
 _CLOCKS: Final = ("CLOCK_REALTIME", "CLOCK_MONOTONIC", "CLOCK_MONOTONIC_RAW", "CLOCK_BOOTTIME")
 """System clocks that show the time, as opposed to the CPU time of a process or thread."""
 _EVENT_LOOPS: Final = ("asyncio.",)
-_OWN_WAITS: Final = ("obelisk_py.", "threading.")
-_OWN_THREADS: Final = (*_OWN_WAITS, "rclpy.", "mujoco.")
+_OWN_WAITS: Final = ("obelisk_py.",)
+_OWN_THREADS: Final = (*_OWN_WAITS, "threading.", "rclpy.", "mujoco.")
 """Modules whose waits and threads do not belong to user code."""
 _THREAD_STARTERS: Final = tuple(f"{name}." for name in sys.stdlib_module_names - {"__main__"})
 """Modules whose threads, such as those of a pool, block where they cannot have turns."""
@@ -182,17 +185,22 @@ def intercepted() -> Iterator[None]:
 
 
 def _replacements() -> Iterator[tuple[Any, str, Any]]:
-    for name in _IN_SECONDS:
-        yield time, name, _simulated(getattr(time, name), in_seconds=True)
-    for name in _IN_NANOSECONDS:
-        yield time, name, _simulated(getattr(time, name), in_seconds=False)
-    yield queue, "time", _simulated(queue.time, in_seconds=True)  # type: ignore[attr-defined]
+    functions: dict[Any, Any] = {time.sleep: _sleep_function(time.sleep)}
+    for name in (*_IN_SECONDS, *_IN_NANOSECONDS):
+        real = getattr(time, name)
+        functions[real] = _simulated(real, in_seconds=name in _IN_SECONDS)
+    for module in (time, *_TIMED):
+        for name, value in list(vars(module).items()):
+            if isinstance(value, BuiltinFunctionType) and value in functions:
+                yield module, name, functions[value]
+    defaults = sched.scheduler.__init__.__defaults__ or ()
+    simulated_defaults = tuple(functions.get(value, value) for value in defaults)
+    yield sched.scheduler.__init__, "__defaults__", simulated_defaults
     yield time, "clock_gettime", _clock_function(time.clock_gettime, in_seconds=True)
     yield time, "clock_gettime_ns", _clock_function(time.clock_gettime_ns, in_seconds=False)
     for name in _OF_A_TIME:
         yield time, name, _of_present(getattr(time, name))
     yield time, "strftime", _text_of_present(time.strftime)
-    yield time, "sleep", _sleep_function(time.sleep)
     selector = selectors.DefaultSelector
     yield selector, "select", _select_function(selector.select)
     yield threading.Condition, "wait", _condition_wait_function(threading.Condition.wait)
@@ -277,10 +285,13 @@ def _sleep_function(real: Callable[[float], None]) -> Callable[[float], None]:
 
 
 def _wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
+    of_start = threading.Thread.start.__code__
+
     def wait(self: threading.Event, timeout: float | None = None) -> bool:
-        run = _process.inside()
-        # Events that rclpy waits for belong to blocking calls such as `send_goal`.
-        if run is None or _is_of(_OWN_WAITS, sys._getframe(1)):
+        run, caller = _process.inside(), sys._getframe(1)
+        # Events that rclpy waits for belong to blocking calls such as `send_goal`. `Thread.start`
+        # waits until the new thread exists.
+        if run is None or caller.f_code is of_start or _is_of(_OWN_WAITS, caller):
             return real(self, timeout)
         guest = guest_of(threading.current_thread())
         if guest is not None:
@@ -301,9 +312,14 @@ def _condition_wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
 
     def wait(self: Any, timeout: float | None = None) -> bool:
         run, guest = _process.inside(), guest_of(threading.current_thread())
-        is_free = guest is None and (run is None or run.has_threads)
-        if is_free or sys._getframe(1).f_code is of_event:
+        if (guest is None and run is None) or sys._getframe(1).f_code is of_event:
             return real(self, timeout)
+        if guest is None and cast(Interception, run).has_threads:
+            is_notified = real(self, timeout)
+            if not is_notified and timeout is not None:
+                # Loops such as that of `wait_for` end when the time is over.
+                cast(Interception, run).scheduler.sleep(timeout)
+            return is_notified
         wait_for = guest.wait_for if guest is not None else cast(Interception, run).wait
         notified = threading.Lock()
         notified.acquire()

@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 NS_PER_S: Final = 1_000_000_000
-_LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.", "queue.", "asyncio.")
+_LIBRARIES: Final = ("obelisk_py.core.", "rclpy.", "threading.", "queue.", "sched.", "asyncio.")
 _STOP: Final = -1
 """Kind of the event that ends a run with an error; it runs before other events with the same due
 time."""
