@@ -72,6 +72,11 @@ class Guest:
         self._turns = 0
 
     @property
+    def thread_id(self) -> int | None:
+        """Id of the thread; None before its start."""
+        return self._thread.ident
+
+    @property
     def has_ended(self) -> bool:
         """Whether the thread's function has returned."""
         return self._ended.is_set()
@@ -302,8 +307,9 @@ def wait_in_callback(
         raise scheduler.stop(
             LockstepError(
                 f"{scheduler.running.name if scheduler.running else 'a callback'} waits in a "
-                f"callback for an event ({user_place()}) that no other callback can set "
-                "meanwhile: with one thread that is a deadlock. Use `await` or a done callback"
+                f"callback for an event or a lock ({user_place()}) that no other callback can set "
+                "or release meanwhile: with one thread that is a deadlock. Use `await` or a done "
+                "callback"
             )
         )
     scheduler.sleep((end_ns - scheduler.time_ns) / NS_PER_S)

@@ -39,6 +39,7 @@ from obelisk_py.core.lockstep.guest_thread import (
     take_time,
     wait_in_callback,
 )
+from obelisk_py.core.lockstep.locks import NodeLock, NodeRLock, lock_class
 from obelisk_py.core.lockstep.scheduler import (
     NS_PER_S,
     LockstepError,
@@ -69,6 +70,7 @@ _OWN_THREADS: Final = (*_OWN_WAITS, "threading.", "rclpy.", "mujoco.")
 """Modules whose waits and threads do not belong to user code."""
 _THREAD_STARTERS: Final = tuple(f"{name}." for name in sys.stdlib_module_names - {"__main__"})
 """Modules whose threads, such as those of a pool, block where they cannot have turns."""
+_WITH_REAL_LOCKS: Final = (*_THREAD_STARTERS, *_OWN_THREADS)
 _OF_CHANCE: Final = (f"{__name__}.", "random.", "secrets.", "numpy.random.")
 """Modules that request the system's randomness on behalf of their callers."""
 _SEED_BITS: Final = 256
@@ -98,7 +100,7 @@ class Interception:
     """Replaces the system's randomness, so that unseeded generators are repeatable too."""
     log: list[LogEntry] = field(default_factory=list)
     guests: list[Guest] = field(default_factory=list)
-    """Threads started by the nodes' code."""
+    """Threads of the nodes."""
     has_threads: bool = False
     """Whether a node has started a thread outside lockstep."""
 
@@ -109,6 +111,10 @@ class Interception:
         if threading.get_ident() == self.scheduler.thread_id:
             return True
         return guest_of(threading.current_thread()) is not None
+
+    def has_guest(self, thread_id: int | None) -> bool:
+        """Whether a thread takes turns with the callbacks."""
+        return any(guest.thread_id == thread_id and not guest.has_left for guest in self.guests)
 
     def wait(self, condition: Callable[[], bool], timeout_s: float | None) -> bool:
         """Wait in a callback for a condition that only threads of its node can change.
@@ -205,6 +211,9 @@ def _replacements() -> Iterator[tuple[Any, str, Any]]:
     yield selector, "select", _select_function(selector.select)
     yield threading.Condition, "wait", _condition_wait_function(threading.Condition.wait)
     yield threading.Event, "wait", _wait_function(threading.Event.wait)
+    for name, kind in (("Lock", NodeLock), ("RLock", NodeRLock)):
+        lock = getattr(threading, name)
+        yield threading, name, lock_class(lock, kind, _is_of_node, _wait_for_lock)
     yield threading.Thread, "join", _join_function(threading.Thread.join)
     yield datetime, "datetime", _datetime_class(datetime.datetime)
     yield Clock, "now", _now_of_clocks(Clock.now)
@@ -335,6 +344,27 @@ def _condition_wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
         return is_notified
 
     return wait
+
+
+def _is_of_node(frame: FrameType) -> bool:
+    """Whether a node's code runs in a frame."""
+    is_importing = _process.importing == threading.get_ident()
+    return (is_importing or _process.inside() is not None) and not _is_of(_WITH_REAL_LOCKS, frame)
+
+
+def _wait_for_lock(lock: NodeLock, timeout: float) -> bool:
+    limit_s = None if timeout < 0 else timeout
+    while (guest := guest_of(threading.current_thread())) is not None:
+        if guest.wait_for(lock.take, limit_s):
+            return True
+        if limit_s is not None:
+            return False
+        # The thread must end, or it has just left lockstep.
+    run = _process.inside()
+    if run is None or (run.has_threads and not run.has_guest(lock.holder)):
+        is_acquired: bool = lock.real.acquire(timeout=timeout)
+        return is_acquired
+    return run.wait(lock.take, limit_s)
 
 
 def _join_function(real: Callable[..., None]) -> Callable[..., None]:

@@ -360,7 +360,9 @@ class LockstepSurroundings(Surroundings):
 
     def make_thread(self, node: Any, target: Callable[[], None], name: str) -> threading.Thread:
         """Create a thread that takes turns with the scheduler."""
-        return GuestThread(self._scheduler, self._run.scheduled(node), target, name)
+        thread = GuestThread(self._scheduler, self._run.scheduled(node), target, name)
+        self._run.interception.guests.append(thread.lockstep_guest)
+        return thread
 
     def make_watchdog(
         self, node: Any, deadline_s: Callable[[], float | None], check: Callable[[], None]
