@@ -2,10 +2,12 @@
 
 import asyncio
 import calendar
+import copy
 import datetime
 import functools
 import inspect
 import os
+import pickle
 import queue
 import random
 import sched
@@ -19,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
@@ -77,6 +80,30 @@ def test_dates_of_the_system_are_dates(world: World) -> None:
     assert isinstance(now, datetime.datetime)
     assert isinstance(datetime.datetime.fromtimestamp(0), datetime.date)
     assert now - datetime.datetime.fromtimestamp(0, datetime.UTC) == datetime.timedelta(seconds=1.5)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: datetime.datetime(2026, 1, 2, 3, 4, 5, tzinfo=datetime.UTC),
+        lambda: datetime.datetime.now(datetime.UTC),
+        lambda: datetime.datetime.fromtimestamp(1.5) + datetime.timedelta(1),
+        lambda: datetime.datetime(2026, 1, 2, fold=1),
+    ],
+)
+def test_dates_can_be_saved(world: World, make: Callable[[], datetime.datetime]) -> None:
+    date = _in_callback(world, make)
+    assert isinstance(date, datetime.datetime)
+    assert pickle.loads(pickle.dumps(date)) == date
+    assert copy.deepcopy(date) == date
+    assert yaml.safe_load(yaml.safe_dump({"at": date})) == {"at": date}
+
+
+def test_a_class_of_dates_keeps_its_objects(world: World) -> None:
+    class Deadline(datetime.datetime):
+        pass
+
+    assert type(_in_callback(world, lambda: Deadline(2026, 1, 2))) is Deadline
 
 
 def _wait_for_a_job(timeout_s: float) -> None:

@@ -7,6 +7,7 @@ so a module with `from time import monotonic` must be imported after the install
 that cannot be simulated, such as spinning an executor, raise an error.
 """
 
+import copyreg
 import datetime
 import functools
 import os
@@ -184,6 +185,7 @@ def repeatable_import() -> Iterator[None]:
 def intercepted() -> Iterator[None]:
     """Replace the system's functions inside the `with` block."""
     with ExitStack() as stack:
+        stack.enter_context(_pickled_by_name(datetime.datetime))
         for target, name, replacement in _replacements():
             stack.callback(setattr, target, name, getattr(target, name))
             setattr(target, name, replacement)
@@ -414,6 +416,10 @@ def _datetime_class(real: type[datetime.datetime]) -> type[datetime.datetime]:
     class SimulatedDatetime(real, metaclass=IsDatetime):  # type: ignore[misc, valid-type]
         """`datetime` that uses the simulated time inside callbacks."""
 
+        def __new__(cls, *args: Any, **kwargs: Any) -> Any:
+            # Libraries such as YAML look up an object's class, and do not know this one.
+            return real.__new__(real if cls is SimulatedDatetime else cls, *args, **kwargs)
+
         @classmethod
         def now(cls, tz: datetime.tzinfo | None = None) -> datetime.datetime:
             run = _process.inside()
@@ -430,7 +436,22 @@ def _datetime_class(real: type[datetime.datetime]) -> type[datetime.datetime]:
             return cls.now()
 
     SimulatedDatetime.__name__ = SimulatedDatetime.__qualname__ = real.__name__
+    SimulatedDatetime.__module__ = real.__module__
     return SimulatedDatetime
+
+
+@contextmanager
+def _pickled_by_name(real: type[datetime.datetime]) -> Iterator[None]:
+    """Let pickle save objects of a class although its name now refers to the simulated one."""
+
+    def reduce(value: datetime.datetime) -> tuple[Any, ...]:
+        return datetime.datetime, *cast(tuple[Any, ...], value.__reduce_ex__(4))[1:]
+
+    copyreg.pickle(cast(Any, real), cast(Any, reduce))
+    try:
+        yield
+    finally:
+        del copyreg.dispatch_table[real]
 
 
 def _now_of_clocks(real: Callable[[Any], Time]) -> Callable[[Any], Time]:
