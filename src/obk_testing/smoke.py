@@ -7,11 +7,12 @@ commands, and a second run is bitwise equal.
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
 
+from obelisk_py.core.robot import non_finite_number
 from obk_cli.plan.plan import Plan
 from obk_testing.result import TrialResult
 from obk_testing.topic_log import TopicLog
@@ -96,26 +97,10 @@ def _not_finite(name: str, topic: TopicLog) -> Iterator[str]:
     if topic.message_class.__name__ in _MAY_BE_INFINITE:
         return
     for t, message in zip(topic.t, topic.messages, strict=True):
-        field = _field_not_finite(message)
-        if field is not None:
-            yield f"{name}: `{field}` is not finite at {t:.3f} s"
+        number = non_finite_number(message)
+        if number is not None:
+            yield f"{name}: {number} at {t:.3f} s"
             return
-
-
-def _field_not_finite(message: Any) -> str | None:
-    """Return the path of the first number in a message that is not finite."""
-    for field, kind in message.get_fields_and_field_types().items():
-        value = getattr(message, field)
-        if "float" in kind or "double" in kind:
-            if not np.isfinite(value).all():
-                return str(field)
-        elif "/" in kind:
-            items = value if "sequence" in kind or "[" in kind else (value,)
-            for item in items:
-                inner = _field_not_finite(item)
-                if inner is not None:
-                    return f"{field}.{inner}"
-    return None
 
 
 def _wrong_rate(name: str, topic: TopicLog | None, rate_hz: float) -> Iterator[str]:

@@ -10,6 +10,7 @@ from obelisk_py.core.command_watchdog import RejectionLog
 from obelisk_py.core.lockstep.interception import LogEntry
 from obk_cli.plan.plan import Endpoint, Plan
 from obk_testing.smoke import DURATION_S, expected_rates, problems_of
+from obk_testing.topic_log import TopicLog
 
 from ..obk_cli.plans import node  # noqa: TID252 - shared by folders of tests
 from .test_result import result, topic
@@ -50,7 +51,25 @@ def test_numbers_are_finite(value: float) -> None:
     pose = PoseStamped()
     pose.pose.position.z = value
     (problem,) = problems(topic("/pose", PoseStamped(), pose))
-    assert problem == "/pose: `pose.position.z` is not finite at 0.001 s"
+    assert problem == f"/pose: `pose.position.z` is {value} at 0.001 s"
+
+
+class FloatingState:
+    """A message of a package whose name contains `float`."""
+
+    def __init__(self, x: float | None) -> None:
+        self.inner = None if x is None else FloatingState(None)
+        self.x = x
+
+    def get_fields_and_field_types(self) -> dict[str, str]:
+        return {"inner": "floating_base_msgs/State", "x": "double"} if self.inner else {}
+
+
+@pytest.mark.parametrize(("x", "count"), [(1.0, 0), (np.nan, 1)])
+def test_names_of_packages_are_not_types_of_numbers(x: float, count: int) -> None:
+    run = result()
+    run.topics = {"/x": TopicLog("/x", FloatingState, [(0, 0, b"")], lambda _: FloatingState(x))}
+    assert len([*problems_of(run, {})]) == count
 
 
 def test_a_scanner_may_see_nothing() -> None:
