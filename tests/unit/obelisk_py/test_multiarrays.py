@@ -39,7 +39,7 @@ def test_every_element_is_at_the_position_of_the_contract(
 
 @given(st.lists(st.integers(1, 3), min_size=1, max_size=3), st.data())
 def test_layouts_that_the_contract_allows_are_read(shape: list[int], draw: st.DataObject) -> None:
-    strides = draw.draw(st.tuples(*(st.integers(0, 9) for _ in shape)))
+    strides = draw.draw(st.tuples(*(st.integers(0, 9) for _ in shape)).filter(any))
     message = np_to_multiarray(np.zeros(shape))
     for dim, stride in zip(message.layout.dim, strides, strict=True):
         dim.stride = stride
@@ -80,6 +80,27 @@ def test_a_layout_longer_than_the_data_is_rejected(strides: tuple[int, int]) -> 
         dim.stride = stride
     message.data = [0.0, 1.0, 2.0]
     with pytest.raises(ObeliskMsgError, match=r"elements .* has 3"):
+        multiarray_to_np(message)
+
+
+@given(arrays(np.float64, SHAPES, elements=st.floats(-9, 9)))
+def test_an_array_with_unset_strides_is_row_major(array: NDArray[np.float64]) -> None:
+    message = np_to_multiarray(array)
+    for dim in message.layout.dim:
+        dim.stride = 0
+    np.testing.assert_array_equal(multiarray_to_np(message), array)
+    message.data = message.data[:-1]
+    with pytest.raises(ObeliskMsgError):
+        multiarray_to_np(message)
+
+
+@pytest.mark.parametrize("strides", [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_a_layout_with_more_elements_than_the_data_is_rejected(strides: tuple[int, int]) -> None:
+    message = np_to_multiarray(np.zeros((2, 2)))
+    for dim, stride in zip(message.layout.dim, strides, strict=True):
+        dim.size, dim.stride = 2**31 if stride == 0 else 2, stride
+    message.data = [0.0, 1.0, 2.0]
+    with pytest.raises(ObeliskMsgError):
         multiarray_to_np(message)
 
 

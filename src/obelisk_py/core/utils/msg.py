@@ -62,7 +62,8 @@ def np_to_multiarray(
 def multiarray_to_np(message: FloatMultiArray | UInt8MultiArray) -> NDArray[Any]:
     """Convert a message to an array, as a copy.
 
-    A message without dimensions yields a flat array of all its data. The comment in
+    A message without dimensions yields a flat array of all its data. If all strides are 0, because
+    the sender did not set them, the array is row-major. The comment in
     std_msgs/MultiArrayLayout defines other strides, 12 and 4 for the shape (3, 4). They are
     accepted if they are unambiguous: each is at least the size of its dimension times the next
     stride (1 after the last), and the usual strides would exceed the data.
@@ -82,6 +83,13 @@ def multiarray_to_np(message: FloatMultiArray | UInt8MultiArray) -> NDArray[Any]
     if 0 in shape:
         return np.zeros(shape, data.dtype)
     strides = tuple(int(dim.stride) for dim in dims)
+    if not any(strides):
+        strides = tuple(prod(shape[axis + 1 :]) for axis in range(len(shape)))
+    if prod(shape) > elements.size:
+        raise ObeliskMsgError(
+            f"the layout has {prod(shape)} elements (shape {shape}), but the message has "
+            f"{elements.size} after the offset {message.layout.data_offset}"
+        )
     enclosing = (*strides[1:], 1)
     if _extent(shape, strides) > elements.size:
         layers = zip(shape, strides, enclosing, strict=True)
