@@ -5,6 +5,8 @@ the simulator.
 """
 
 import hashlib
+import struct
+from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -321,7 +323,8 @@ def _compare(name: str, t: Array, mine: Array, theirs: Array, atol: float) -> st
     if mine.shape[1:] != theirs.shape[1:]:
         return f"{name}: shapes {mine.shape[1:]} and {theirs.shape[1:]}"
     mine, theirs = mine[:count], theirs[:count]
-    away = np.where(np.isnan(mine) & np.isnan(theirs), 0.0, np.abs(mine - theirs))
+    differs = (mine != theirs) & ~(np.isnan(mine) & np.isnan(theirs))
+    away = np.abs(np.subtract(mine, theirs, out=np.zeros_like(mine), where=differs))
     away[np.isnan(away)] = np.inf
     if not away.size or away.max() <= atol:
         return None
@@ -333,8 +336,19 @@ def _compare(name: str, t: Array, mine: Array, theirs: Array, atol: float) -> st
 def _differing_fields(messages: TopicLog, one: bytes, two: bytes) -> str:
     first, second = messages.unpack(one), messages.unpack(two)
     names = messages.message_class.get_fields_and_field_types()
-    differing = [n for n in names if repr(getattr(first, n)) != repr(getattr(second, n))]
+    differing = [n for n in names if _bits(getattr(first, n)) != _bits(getattr(second, n))]
     return ", ".join(f"`{name}`" for name in differing) or "its time"
+
+
+def _bits(value: Any) -> Any:
+    """Return an object that is equal only for values with the same bits, also for NaN and -0.0."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return [_bits(getattr(value, name)) for name in value.get_fields_and_field_types()]
+    if isinstance(value, list):
+        return [_bits(item) for item in value]
+    if isinstance(value, np.ndarray | array):
+        return value.tobytes()
+    return struct.pack("d", value) if isinstance(value, float) else value
 
 
 def joints_of(model: Any) -> dict[str, int]:

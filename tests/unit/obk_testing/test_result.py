@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovariance
 from obelisk_estimator_msgs.msg import EstimatedState
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectoryPoint
 
 from obelisk_py.core.lockstep.topics import Topic
 from obk_cli.plan.plan import Plan
@@ -196,6 +198,38 @@ def test_close_to_shows_the_greatest_difference() -> None:
     comparison = one.close_to(two, atol=0.1, fields=["/est.q_joints"])
     assert not comparison
     assert repr(comparison) == "/est.q_joints[1] differs by 0.25 at 0.001 s, more than 0.1"
+
+
+def test_close_to_accepts_equal_infinities() -> None:
+    one, two, other = (
+        result(topic("/scan", LaserScan(ranges=values)))
+        for values in ([np.inf, -np.inf, 1.0], [np.inf, -np.inf, 1.25], [np.inf, np.inf, 1.0])
+    )
+    assert one.close_to(one, atol=0.0, fields=["/scan.ranges"])
+    assert one.close_to(two, atol=0.3, fields=["/scan.ranges"])
+    assert "ranges[2] differs by 0.25" in repr(one.close_to(two, atol=0.1, fields=["/scan.ranges"]))
+    assert "ranges[1] differs by inf" in repr(one.close_to(other, atol=1, fields=["/scan.ranges"]))
+
+
+@pytest.mark.parametrize("value", [1e-12, -0.0, np.nan])
+@pytest.mark.parametrize("place", [0, 1000])
+def test_the_first_difference_names_the_field_with_other_bits(place: int, value: float) -> None:
+    one, two = np.zeros(2000), np.zeros(2000)
+    two[place] = value
+    messages = (
+        JointTrajectoryPoint(positions=[1.0], velocities=[np.nan], effort=values.tolist())
+        for values in (one, two)
+    )
+    first, second = (result(topic("/x", message)) for message in messages)
+    assert first.first_difference(second) == "0.000000 s: message 0 of /x: `effort`"
+
+
+@pytest.mark.parametrize("value", [1e-12, -0.0, np.nan])
+def test_the_first_difference_compares_fields_of_fixed_length(value: float) -> None:
+    messages = (PoseWithCovariance(), PoseWithCovariance())
+    messages[1].covariance[3] = value
+    first, second = (result(topic("/x", message)) for message in messages)
+    assert first.first_difference(second) == "0.000000 s: message 0 of /x: `covariance`"
 
 
 def test_a_joint_of_the_simulator_by_its_name() -> None:
