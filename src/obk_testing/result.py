@@ -132,7 +132,7 @@ class TrialResult:
         self.facts = facts
         self.duration_s = duration_s
         self.topics = {
-            name: TopicLog.of(topic, self._note_look)
+            name: TopicLog.of(topic, self._note_look, ways.get(name))
             for name, topic in topics.items()
             if topic.log is not None
         }
@@ -326,7 +326,9 @@ def _compare(name: str, t: Array, mine: Array, theirs: Array, atol: float) -> st
     differs = (mine != theirs) & ~(np.isnan(mine) & np.isnan(theirs))
     away = np.abs(np.subtract(mine, theirs, out=np.zeros_like(mine), where=differs))
     away[np.isnan(away)] = np.inf
-    if not away.size or away.max() <= atol:
+    if not away.size:
+        return f"{name} has no values to compare"
+    if away.max() <= atol:
         return None
     row, *place = np.unravel_index(int(np.argmax(away)), away.shape)
     where = "".join(f"[{number}]" for number in place)

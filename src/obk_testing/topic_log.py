@@ -2,12 +2,13 @@
 
 import functools
 import importlib
+import math
 import re
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import islice
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ Array = NDArray[Any]
 Steps = tuple[str | int, ...]
 """Names of fields and indices in arrays, outermost first."""
 _HALF_NS: Final = 0.5e-9
+_ARRAY: Final = re.compile(r"sequence<(?P<sequence>.+?)(, \d+)?>|(?P<array>.+)\[\d+\]")
+_MESSAGE: Final = re.compile(r"([a-z]\w*)/(\w+)")
+"""Types of fields, as rclpy names them."""
 
 
 class FieldLog:
@@ -79,6 +83,7 @@ class TopicLog:
         log: Sequence[tuple[int, int, bytes]],
         unpack: Callable[[bytes], Any],
         on_look: Callable[[tuple[str, ...]], None] = lambda _: None,
+        why_unpublished: str | None = None,
     ) -> None:
         """Wrap the messages of a topic.
 
@@ -89,6 +94,8 @@ class TopicLog:
                 added later are ignored.
             unpack: bytes -> message.
             on_look: called with topic and field when a field is read.
+            why_unpublished: why the topic has no messages, if that is probably a mistake in the
+                test; then reading a field is an error.
         """
         self.label = label
         self.message_class = message_class
@@ -96,11 +103,18 @@ class TopicLog:
         self._log = log
         self._count = len(log)
         self._on_look = on_look
+        self._why_unpublished = why_unpublished
 
     @classmethod
-    def of(cls, topic: Topic, on_look: Callable[[tuple[str, ...]], None]) -> "TopicLog":
+    def of(
+        cls,
+        topic: Topic,
+        on_look: Callable[[tuple[str, ...]], None],
+        why_unpublished: str | None = None,
+    ) -> "TopicLog":
         """Wrap the messages that a topic has logged so far."""
-        return cls(topic.label, topic.message_class, topic.log or (), topic.codec.unpack, on_look)
+        log, unpack = topic.log or (), topic.codec.unpack
+        return cls(topic.label, topic.message_class, log, unpack, on_look, why_unpublished)
 
     def __repr__(self) -> str:
         return f"<{self.label}: {self._count} messages>"
@@ -131,10 +145,11 @@ class TopicLog:
         """Times in the headers of the messages [s], shape `(n,)`.
 
         Raises:
-            LookupError: the messages have no header.
+            LookupError: the messages have no header, or no node subscribes to the topic.
         """
         if "header" not in self.message_class.get_fields_and_field_types():
             raise LookupError(f"the messages of {self.label} have no header")
+        self._require_published()
         stamps = [message.header.stamp for message in self.messages]
         return np.array([stamp.sec + stamp.nanosec / NS_PER_S for stamp in stamps])
 
@@ -170,19 +185,19 @@ class TopicLog:
 
         Raises:
             AttributeError: the messages have no such field.
-            LookupError: an array in a message is too short, or its length varies.
+            LookupError: an array in a message is too short, or its length varies; or no node
+                subscribes to the topic, so it has no messages.
         """
         self._on_look((self.label, _path(steps)))
+        is_message = _message_class(self._kind_of(steps)) is not None
+        self._require_published()
         values: list[Any] = list(self.messages)
-        if not values:
-            self._require(self.message_class, steps[0], ())
         for number, step in enumerate(steps):
             if isinstance(step, int):
                 values = [self._item(value, step, steps[:number]) for value in values]
-            elif values:
-                self._require(type(values[0]), step, steps[:number])
+            else:
                 values = [getattr(value, step) for value in values]
-        if values and hasattr(type(values[0]), "get_fields_and_field_types"):
+        if is_message:
             return FieldLog(self, steps, values)
         try:
             return np.array(values)
@@ -193,21 +208,35 @@ class TopicLog:
             ) from error
 
     def _item(self, value: Any, place: int, steps: Steps) -> Any:
-        if isinstance(value, str) or not hasattr(value, "__getitem__"):
-            raise AttributeError(f"{self.label}: `{_path(steps)}` is not an array")
         if place >= len(value):
             raise LookupError(
                 f"{self.label}: `{_path(steps)}` has only {with_number(len(value), 'item')}"
             )
         return value[place]
 
-    def _require(self, kind: type[Any], name: str | int, before: Steps) -> None:
-        find = getattr(kind, "get_fields_and_field_types", None)
-        known = list(find()) if find is not None else []
-        if name not in known:
-            where = f"`{_path(before)}` of {self.label}" if before else self.label
-            help = did_you_mean(str(name), known) or f"it has {', '.join(known) or 'none'}"
-            raise AttributeError(f"{where} has no field `{name}`: {help}")
+    def _kind_of(self, steps: Steps) -> str:
+        """Return the type of a field, as rclpy names it."""
+        kind, message_class = "", cast(type[Any] | None, self.message_class)
+        for number, step in enumerate(steps):
+            before = steps[:number]
+            if isinstance(step, int):
+                items = _ARRAY.fullmatch(kind)
+                if items is None:
+                    raise AttributeError(f"{self.label}: `{_path(before)}` is not an array")
+                kind = items["sequence"] or items["array"]
+            else:
+                known = message_class.get_fields_and_field_types() if message_class else {}
+                if step not in known:
+                    where = f"`{_path(before)}` of {self.label}" if before else self.label
+                    help = did_you_mean(step, known) or f"it has {', '.join(known) or 'none'}"
+                    raise AttributeError(f"{where} has no field `{step}`: {help}")
+                kind = known[step]
+            message_class = _message_class(kind)
+        return kind
+
+    def _require_published(self) -> None:
+        if self._why_unpublished is not None and not self._count:
+            raise LookupError(self._why_unpublished)
 
     def unit(self, field: str) -> str | None:
         """Return the unit of a field, such as `rad/s`; None if its definition has none.
@@ -222,10 +251,9 @@ class TopicLog:
                 return None
             # In a message such as Imu, the vector has the unit, and its `x` has none of its own.
             unit = _unit_of(message_name(message_class), name) or unit
-            inner = re.search(r"([a-z]\w*)/(\w+)", kind)
-            if inner is not None:
-                module = importlib.import_module(f"{inner[1]}.msg")
-                message_class = getattr(module, inner[2])
+            items = _ARRAY.fullmatch(kind)
+            inner = _message_class(kind if items is None else items["sequence"] or items["array"])
+            message_class = inner or message_class
         return unit
 
     def at(self, t: float) -> Any:
@@ -233,7 +261,11 @@ class TopicLog:
 
         Raises:
             LookupError: no message was published by then.
+            ValueError: the time is NaN.
         """
+        if math.isnan(t):
+            raise ValueError("the time is nan, expected a number of seconds")
+        self._require_published()
         place = int(np.searchsorted(self.t, t + _HALF_NS, side="right")) - 1
         if place < 0:
             raise LookupError(f"{self.label}: no message by {t:g} s")
@@ -247,9 +279,10 @@ class TopicLog:
             field: an array with one item per joint, such as `q_joints`.
 
         Raises:
-            LookupError: the messages have no such joint.
+            LookupError: the messages have no such joint, or no node subscribes to the topic.
             AttributeError: the messages have no such field.
         """
+        self._require_published()
         first = self.messages[0] if len(self) else None
         names = list(getattr(first, "joint_names", ()) or getattr(first, "name", ()))
         if name not in names:
@@ -257,6 +290,15 @@ class TopicLog:
             raise LookupError(f"the messages of {self.label} have no joint `{name}`: {help}")
         column: Array = self[f"{field}[{names.index(name)}]"]
         return column
+
+
+def _message_class(kind: str) -> type[Any] | None:
+    """Return the class of a field that is itself a message; None for any other type."""
+    match = _MESSAGE.fullmatch(kind)
+    if match is None:
+        return None
+    found: type[Any] = getattr(importlib.import_module(f"{match[1]}.msg"), match[2])
+    return found
 
 
 def _path(steps: Steps) -> str:

@@ -110,8 +110,10 @@ class StackTrial:
 
         Raises:
             LockstepError: a node cannot be brought up or cannot run in lockstep.
-            LookupError: a node does not exist.
+            LookupError: a node or topic does not exist.
+            TypeError: `watch` or `record` is a string.
         """
+        watched, recorded = _topics_in("watch", watch), _topics_in("record", record)
         seed = operator.index(seed)  # NumPy's integers are not seeds for `random`
         self.stack = stack
         self.seed = seed
@@ -133,7 +135,6 @@ class StackTrial:
         self._uses: Counter[str] = Counter()
         """Use of random numbers -> how many generators it has."""
         self._looked_at: dict[tuple[str, ...], None] = {}
-        recorded = None if record is None else frozenset(record)
         self._lockstep = LockstepRun(
             seed=seed,
             timing=TimingModel(
@@ -141,8 +142,8 @@ class StackTrial:
                 jitter=self.schedule.jitter,
                 random_phases=self.schedule.phases,
             ),
-            watched=watch,
-            is_recorded=lambda topic: recorded is None or topic in recorded,
+            watched=watched,
+            is_recorded=lambda topic: record is None or topic in recorded,
             on_simulator=self._observe,
         )
         for node in stack.plan.nodes:
@@ -164,6 +165,8 @@ class StackTrial:
         self._has_begun = True
         try:
             self._bring_up()
+            for topic in (*watched, *recorded):
+                self._require_topic(topic)
         except BaseException:
             self.close()
             raise
@@ -654,11 +657,22 @@ class StackTrial:
         return found[0] if found else names[0]
 
     def _topic(self, name: str) -> Topic:
-        topics = self._lockstep.topics.by_name
-        if name not in topics:
-            near = did_you_mean(name, topics) or ", ".join(sorted(topics))
+        self._require_topic(name, self._lockstep.topics.by_name)
+        return self._lockstep.topics.by_name[name]
+
+    def _require_topic(self, name: str, known: Iterable[str] | None = None) -> None:
+        """Check that a topic is known, by default in the plan or to a node.
+
+        Raises:
+            LookupError: it is not.
+        """
+        if known is None:
+            nodes = self.stack.plan.nodes
+            ends = (end for node in nodes for end in (*node.publishes, *node.subscribes))
+            known = {*self._lockstep.topics.by_name, *(end.topic for end in ends)}
+        if name not in known:
+            near = did_you_mean(name, known) or ", ".join(sorted(known))
             raise LookupError(f"no node has the topic `{name}`: {near}")
-        return topics[name]
 
     def _require_type(self, topic: str, kind: type[Any]) -> None:
         expected = self._topic(topic).message_class
@@ -694,13 +708,27 @@ class StackTrial:
     def _unpublished(self) -> dict[str, str]:
         """Return why topics in the plan have no messages."""
         listened = {end.topic for node in self.stack.plan.nodes for end in node.subscribes}
+        topics = self._lockstep.topics.by_name
+
+        def is_unpublished(name: str) -> bool:
+            topic = topics.get(name)
+            if topic is None:
+                return name not in listened
+            return topic.lacked_subscribers and not topic.log
+
         return {
             end.topic: f"{end.topic} has no messages: no node subscribes, so {node.full_name} does "
             f"not publish it. Pass `watch=['{end.topic}']` to the stack"
             for node in self.stack.plan.nodes
             for end in node.publishes
-            if end.topic not in listened and end.topic not in self._lockstep.topics.by_name
+            if is_unpublished(end.topic)
         }
+
+
+def _topics_in(argument: str, topics: Iterable[str] | None) -> tuple[str, ...]:
+    if isinstance(topics, str):
+        raise TypeError(f"{argument}={topics!r} is a string, expected a list of topics")
+    return tuple(topics or ())
 
 
 def _bodies(model: Any) -> list[str]:

@@ -52,6 +52,26 @@ def test_pause_step_and_reset(start_config: Start) -> None:
     assert not run.faults
 
 
+def test_an_unpublished_topic_is_not_read_as_empty(start_config: Start) -> None:
+    run = start_config(ARM).run(0.1)
+    for read in (lambda log: log.forces, lambda log: log.at(0.1), lambda log: log.stamps):
+        with pytest.raises(LookupError, match=r"watch=\['/arm/wrist_force'\]"):
+            read(run["/arm/wrist_force"])
+    assert run.digest() == start_config(ARM).run(0.1).digest()
+    watched = start_config(ARM, watch=["/arm/wrist_force"]).run(0.1)
+    assert len(watched["/arm/wrist_force"].t) > 0
+
+
+def test_topics_to_watch_and_record_exist(start_config: Start) -> None:
+    for options in ({"watch": ["/arm/wrist_forse"]}, {"record": ["/arm/ets"]}):
+        with pytest.raises(LookupError, match="did you mean"):
+            start_config(ARM, **options)
+    for options in ({"watch": "/arm/wrist_force"}, {"record": "/arm/est"}):
+        with pytest.raises(TypeError):
+            start_config(ARM, **options)
+    start_config(ARM, watch=["/arm/wrist_force"], record=["/arm/wrist_force"])
+
+
 @pytest.mark.parametrize("action", ["hold", "zero", "damp"])
 def test_old_commands_are_acted_on_at_the_step_after_the_deadline(
     start_config: Start, action: str

@@ -1,5 +1,6 @@
 """The result of a run, by name, with topics built by hand and without nodes."""
 
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, PoseWithCovariance
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovariance
 from obelisk_estimator_msgs.msg import EstimatedState
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Float64, Float64MultiArray
@@ -134,6 +135,8 @@ def test_the_latest_message_at_a_time() -> None:
     assert log.at(0.02).data == 2
     with pytest.raises(LookupError, match="no message by"):
         log.at(0.005)
+    with pytest.raises(ValueError, match="nan"):
+        log.at(math.nan)
 
 
 def test_a_misspelled_topic_and_field_get_a_suggestion() -> None:
@@ -266,3 +269,45 @@ def test_a_log_without_messages_still_knows_its_fields() -> None:
     assert log.data.shape == (0,)
     with pytest.raises(AttributeError, match="no field"):
         _ = log.dta
+    poses = TopicLog("/x", PoseArray, (), bytes)
+    assert poses.header.stamp.sec.shape == (0,)
+    assert poses["poses[0].position.x"].shape == (0,)
+    assert np.asarray(poses.header.stamp).shape == (0,)
+
+
+@pytest.mark.parametrize("messages", [(), (PoseArray(poses=[Pose()]),)])
+@pytest.mark.parametrize(
+    "path", ["header.stamp.secs", "poses.position", "poses[0].position.w", "header[0]", "frame"]
+)
+def test_every_name_in_a_path_is_checked(messages: tuple[PoseArray, ...], path: str) -> None:
+    made = topic("/x", *messages) if messages else topic("/x", PoseArray())
+    log = TopicLog("/x", PoseArray, (made.log or ())[: len(messages)], made.codec.unpack)
+    with pytest.raises(LookupError):
+        log[path]
+
+
+def test_a_log_without_messages_can_be_a_mistake() -> None:
+    log = TopicLog("/x", EstimatedState, (), bytes, why_unpublished="no node subscribes")
+    assert len(log) == len(log.t) == 0
+    for read in (
+        lambda: log.q_joints,
+        lambda: log["q_joints"],
+        lambda: log.stamps,
+        lambda: log.at(0.1),
+        lambda: log.joint("elbow", "q_joints"),
+    ):
+        with pytest.raises(LookupError, match="no node subscribes"):
+            read()
+    with pytest.raises(AttributeError, match="no field"):
+        _ = log.q_joint
+
+
+def test_close_to_needs_values() -> None:
+    empty = topic("/x", Float64())
+    empty.log = []
+    one, two = result(empty), result(topic("/x", *numbers(1)))
+    for comparison in (
+        one.close_to(one, atol=1.0, fields=["/x.data"]),
+        one.close_to(two, atol=1.0, fields=["/x.data"]),
+    ):
+        assert not comparison

@@ -72,6 +72,8 @@ class Topic:
         """Functions that modify a message when it is published; called with the time [ns]."""
         self.is_watched = is_watched
         """Whether the topic counts as subscribed even without a subscription."""
+        self.lacked_subscribers = False
+        """Whether a publisher has asked for the number of subscriptions, and none existed."""
 
     def delay_ns(self, sent_ns: int, message: Any) -> int | None:
         """The delay that the rules add to a message or its bytes [ns]; None if one drops it."""
@@ -400,7 +402,9 @@ class RoutedPublisher(Publisher):
         """Number of matching subscriptions; a watched topic counts one more."""
         topic = self._topic
         matched = self._matched if self._all is topic.subscribers else self._match()
-        return len(matched) + topic.is_watched
+        count = len(matched) + topic.is_watched
+        topic.lacked_subscribers = count == 0
+        return count
 
     def wait_for_all_acked(self, timeout: Any = None) -> bool:
         """Always true: every published message arrives."""
