@@ -35,6 +35,8 @@ from obelisk_spec.values import ParameterValue
 from obk_cli.compiler import Options, compile_config
 from obk_cli.config.environment import Environment
 from obk_cli.config.model import refuse_hardware
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import COMMAND_LINE
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import find_executables, is_composable, ros_arguments
@@ -72,6 +74,8 @@ class CompiledStack:
     """The packages and models found during compilation."""
     unclear_robots: frozenset[str] = frozenset()
     """Full names of robots for which the config does not specify whether they are hardware."""
+    warnings: tuple[Diagnostic, ...] = ()
+    """Warnings about the overrides."""
 
 
 def compile_stack(
@@ -130,6 +134,11 @@ def compile_stack(
         packages=packages,
         environment=outcome.environment,
         unclear_robots=unclear,
+        warnings=tuple(
+            finding
+            for finding in outcome.diagnostics
+            if finding.severity == "warning" and finding.span.path == COMMAND_LINE
+        ),
     )
 
 
@@ -270,6 +279,7 @@ class LoadedStack:
         self.plan = compiled.plan
         self.config = compiled.config
         self.environment = compiled.environment
+        self.warnings = compiled.warnings
         self._is_variant = False
         self.participant = _participant
         self.unclear_robots = compiled.unclear_robots
@@ -322,17 +332,17 @@ class LoadedStack:
             self._thread.join(5.0)
         self._resources.close()
 
-    def with_parameters(self, plan: Plan) -> "LoadedStack":
-        """Return the same programs with another plan's parameters, until this stack is closed.
+    def with_parameters(self, compiled: CompiledStack) -> "LoadedStack":
+        """Return the same programs with other parameters, until this stack is closed.
 
         Args:
-            plan: may differ from the plan of this stack only in parameters.
+            compiled: its plan may differ from the plan of this stack only in parameters.
         """
         other = copy.copy(self)
-        other.plan = plan
+        other.plan, other.warnings = compiled.plan, compiled.warnings
         other._is_variant = True
         other._folder = Path(tempfile.mkdtemp(dir=self._folder))
-        nodes = {node.full_name: node for node in plan.nodes}
+        nodes = {node.full_name: node for node in compiled.plan.nodes}
         other.nodes = [
             node.with_parameters(
                 nodes[node.planned.full_name],
@@ -464,7 +474,7 @@ class LoadedStacks:
             stack = LoadedStack(compiled)
             self._programs.append((*key[:2], stack))
         else:
-            stack = stack.with_parameters(compiled.plan)
+            stack = stack.with_parameters(compiled)
         self._variants[key] = stack
         return stack
 

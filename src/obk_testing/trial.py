@@ -153,6 +153,13 @@ class StackTrial:
                     f"{node.full_name} runs without its environment variables "
                     f"({', '.join(node.env)}): all nodes share this process",
                 )
+        for warning in stack.warnings:
+            option = warning.span.source.text
+            self._lockstep.scheduler.note(
+                ("set", warning),
+                f"set={[option]}: warning[{warning.code}]: {warning.message}"
+                + (f"; {warning.help}" if warning.help else ""),
+            )
         self._compute_s = self._by_full_name(self.schedule.compute)
         self._start_s = self._by_full_name(self.schedule.bring_up)
         self._parameters = {n: dict(p) for n, p in self._by_full_name(parameters or {}).items()}

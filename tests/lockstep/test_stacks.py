@@ -25,7 +25,7 @@ from obk_cli.launch import commands
 from obk_cli.launch.commands import Command
 from obk_cli.plan.plan import PlannedNode
 from obk_testing import programs
-from obk_testing.programs import load_stack
+from obk_testing.programs import LoadedStacks, load_stack
 from obk_testing.trial import Schedule, StackTrial
 
 pytestmark = pytest.mark.ros
@@ -54,6 +54,25 @@ def test_components_of_the_config_run_on_simulated_time(start: Start) -> None:
     assert views[-1, 2] > 0.1  # the loop is closed
     assert not run.faults
     assert not run.notes
+
+
+def test_warnings_about_overrides_are_notes(start: Start) -> None:
+    (note,) = start("control.params.fualt=compute").run(0.1).notes
+    assert "OBK409" in note
+    assert "control.params.fualt=compute" in note
+    assert not start("control.params.fault=none").run(0.1).notes
+
+
+def test_variants_of_a_stack_have_their_own_warnings() -> None:
+    stacks = LoadedStacks()
+    try:
+        counts = [
+            len(stacks.get(CONFIG, [f"control.params.{name}=none"]).warnings)
+            for name in ("fault", "fualt", "fault")
+        ]
+    finally:
+        stacks.close()
+    assert counts == [0, 1, 0]
 
 
 VIEWS = """
