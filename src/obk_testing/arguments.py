@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["require_duration", "require_number", "require_time", "require_vector"]
+__all__ = ["LONGEST_S", "require_duration", "require_number", "require_time", "require_vector"]
 
-_LONGEST_S = 1e8
+LONGEST_S: Final = 1e8
+"""Longer times are mistakes, except for infinity where it is allowed [s]."""
 
 
 def require_number(name: str, value: float, *, least: float = 0.0, most: float = math.inf) -> None:
@@ -38,9 +40,9 @@ def require_time(name: str, seconds: float) -> None:
     Raises:
         ValueError: it is not.
     """
-    if not 0.0 <= seconds <= _LONGEST_S:
+    if not 0.0 <= seconds <= LONGEST_S:
         raise ValueError(
-            f"{name} is {seconds}, expected a number of seconds from 0 to {_LONGEST_S:g}"
+            f"{name} is {seconds}, expected a number of seconds from 0 to {LONGEST_S:g}"
         )
 
 

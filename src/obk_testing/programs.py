@@ -74,6 +74,8 @@ class CompiledStack:
     """The packages and models found during compilation."""
     unclear_robots: frozenset[str] = frozenset()
     """Full names of robots for which the config does not specify whether they are hardware."""
+    left_out: tuple[PlannedNode, ...] = ()
+    """Nodes of the config that are not in the plan; stubs may publish their topics."""
     warnings: tuple[Diagnostic, ...] = ()
     """Warnings about the overrides."""
 
@@ -134,6 +136,7 @@ def compile_stack(
         packages=packages,
         environment=outcome.environment,
         unclear_robots=unclear,
+        left_out=tuple(each for each in outcome.plan.nodes if each.full_name in left_out),
         warnings=tuple(
             finding
             for finding in outcome.diagnostics
@@ -279,6 +282,7 @@ class LoadedStack:
         self.plan = compiled.plan
         self.config = compiled.config
         self.environment = compiled.environment
+        self.left_out = compiled.left_out
         self.warnings = compiled.warnings
         self._is_variant = False
         self.participant = _participant

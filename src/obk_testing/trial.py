@@ -40,7 +40,13 @@ from obelisk_py.core.messages import message_name
 from obelisk_py.core.parameter_rules import guard_setting_service
 from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
 from obelisk_spec.suggestions import did_you_mean
-from obk_testing.arguments import require_duration, require_number, require_time, require_vector
+from obk_testing.arguments import (
+    LONGEST_S,
+    require_duration,
+    require_number,
+    require_time,
+    require_vector,
+)
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
 from obk_testing.result import Intervention, StateLog, TrialFacts, TrialResult
 from obk_testing.schedule import Schedule
@@ -112,9 +118,11 @@ class StackTrial:
             LockstepError: a node cannot be brought up or cannot run in lockstep.
             LookupError: a node or topic does not exist.
             TypeError: `watch` or `record` is a string.
+            ValueError: the seed is negative.
         """
         watched, recorded = _topics_in("watch", watch), _topics_in("record", record)
         seed = operator.index(seed)  # NumPy's integers are not seeds for `random`
+        require_number("the seed", seed)
         self.stack = stack
         self.seed = seed
         # Simulators are active at time 0, so that a test can act on them immediately.
@@ -243,8 +251,15 @@ class StackTrial:
         )
 
     def at(self, t: float, call: Callable[[], object]) -> None:
-        """Schedule a call at a time [s], after the steps and before the messages of that time."""
-        due_ns = max(round(t * NS_PER_S), self._lockstep.scheduler.now_ns)
+        """Schedule a call at a time [s], after the steps and before the messages of that time.
+
+        Raises:
+            ValueError: the time is in the past, or not finite.
+        """
+        require_time("the time", t)
+        due_ns = round(t * NS_PER_S)
+        if due_ns < self._lockstep.scheduler.now_ns:
+            raise ValueError(f"the time is {t}, expected at least the current time, {self.t:g}")
         self._lockstep.scheduler.push(due_ns, FAULT, None, lambda: (call(), None)[1])
 
     # --- the robot
@@ -262,7 +277,8 @@ class StackTrial:
         Args:
             body: name of the body.
             force: force at its center of mass, in the world frame [N], shape `(3,)`.
-            duration: duration, rounded up to steps of the simulator [s].
+            duration: duration, rounded up to steps of the simulator [s]; infinity for the rest of
+                the trial.
             torque: torque in the world frame [N m], shape `(3,)`.
             robot: the simulator; None if only one has such a body.
 
@@ -278,7 +294,8 @@ class StackTrial:
             raise ValueError(f"`{_WORLD}` cannot move")
         simulator = self._simulators[self._robot_with(body, robot)].robot
         self._log_intervention(f"push {body} with {_list(force)} N, {_list(torque)} N m", duration)
-        simulator.push_body(_body_of(simulator.mj_model, body), force, duration, torque)
+        number = _body_of(simulator.mj_model, body)
+        simulator.push_body(number, force, min(duration, LONGEST_S), torque)
 
     def scale_mass(self, body: str, factor: float, robot: str | None = None) -> None:
         """Multiply the mass and inertia of a body of the model, for the rest of the trial.
@@ -434,7 +451,7 @@ class StackTrial:
         scheduler, scheduled = self._lockstep.scheduler, self._scheduled(node)
         self._log_intervention(f"freeze {node}", duration)
         scheduler.freeze(scheduled)
-        if math.isfinite(duration):
+        if duration <= LONGEST_S:
             self.at(self.t + duration, lambda: scheduler.thaw(scheduled))
 
     def kill(self, node: str) -> None:
@@ -468,12 +485,18 @@ class StackTrial:
 
         Raises:
             LookupError: no node provides the service.
+            TypeError: the service has another type.
             LockstepError: the service does not respond within 1 s.
         """
         services, scheduler = self._lockstep.services, self._lockstep.scheduler
         if not services.has(service):
             near = did_you_mean(service, services.names()) or ", ".join(services.names())
             raise LookupError(f"no node provides the service {service}: {near}")
+        expected = services.request_class(service)
+        if not (request is None or isinstance(request, expected)):
+            raise TypeError(
+                f"{service} has requests of type {expected.__name__}, not {type(request).__name__}"
+            )
         self._log_intervention(f"call {service}")
         answers: list[Any] = []
         with self._lockstep.entered():
@@ -492,11 +515,15 @@ class StackTrial:
 
         Raises:
             LookupError: the node has no such parameter.
-            LockstepError: the node rejects the value; the message has the node's reason.
+            LockstepError: the node rejects the value, and the message has the node's reason; or the
+                node was killed.
         """
+        full_name = find_node(self.stack.plan, node).full_name
+        if not self._lockstep.nodes[full_name].is_alive:
+            raise LockstepError(f"{full_name} was killed or has ended, so it has no parameters")
         self._log_intervention(f"set `{name}` of {node} to {value!r}")
         with self._lockstep.entered():
-            self._set_parameter(find_node(self.stack.plan, node).full_name, name, value)
+            self._set_parameter(full_name, name, value)
 
     def stub(
         self, name: str, on: str, do: Callable[[Any], Mapping[str, Any] | None], kind: type[Any]
@@ -506,7 +533,8 @@ class StackTrial:
         Args:
             name: full name of the node.
             on: the topic that it subscribes to.
-            do: called with each message; returns the messages to publish, topic -> message.
+            do: called with each message; returns the messages to publish, topic -> message. A
+                topic that does not exist or has another type ends the run with an error.
             kind: the message class of `on`.
 
         Raises:
@@ -523,6 +551,7 @@ class StackTrial:
             def answer(message: Any) -> None:
                 for topic, published in (do(message) or {}).items():
                     if topic not in publishers:
+                        self._check_output(topic, type(published))
                         publishers[topic] = node.create_publisher(type(published), topic, _OFFERED)
                     publishers[topic].publish(published)
 
@@ -648,6 +677,12 @@ class StackTrial:
     def _robot_with(self, body: str, robot: str | None) -> str:
         """The full name of the simulator whose model has a body."""
         if not self._simulators:
+            nodes = self._lockstep.nodes
+            for node in self.stack.plan.nodes:
+                if node.model and not nodes[node.full_name].is_alive:
+                    raise LookupError(
+                        f"{node.full_name} was killed or has ended, so it has no bodies"
+                    )
             raise LookupError("the stack has no MuJoCo simulator of Obelisk, so it has no bodies")
         names = sorted(self._simulators)
         if robot is not None:
@@ -674,7 +709,7 @@ class StackTrial:
             LookupError: it is not.
         """
         if known is None:
-            nodes = self.stack.plan.nodes
+            nodes = (*self.stack.plan.nodes, *self.stack.left_out)
             ends = (end for node in nodes for end in (*node.publishes, *node.subscribes))
             known = {*self._lockstep.topics.by_name, *(end.topic for end in ends)}
         if name not in known:
@@ -687,6 +722,15 @@ class StackTrial:
             raise TypeError(
                 f"{topic} has messages of type {message_name(expected)}, not {kind.__name__}"
             )
+
+    def _check_output(self, topic: str, kind: type[Any]) -> None:
+        """End the run, and not only the stub, if its output is a mistake."""
+        try:
+            self._require_topic(topic)
+            if topic in self._lockstep.topics.by_name:
+                self._require_type(topic, kind)
+        except (LookupError, TypeError) as error:
+            raise self._lockstep.scheduler.stop(error) from None
 
     def _log_intervention(self, text: str, duration: float = 0.0) -> None:
         self.interventions.append(Intervention(t=self.t, duration=duration, text=text))

@@ -196,6 +196,21 @@ def test_a_push_lasts_as_long_as_it_should(start_config: Start) -> None:
         trial.push("forarm", [1.0, 0.0, 0.0], duration=0.1)
 
 
+def test_a_push_may_last_until_the_end(start_config: Start) -> None:
+    trials = [start_config(CARTPOLE) for _ in range(2)]
+    for trial, duration in zip(trials, (math.inf, 0.2), strict=True):
+        trial.push("cart", [5.0, 0.0, 0.0], duration=duration)
+    endless, finite = (trial.run(0.2) for trial in trials)
+    assert endless.first_difference(finite) is None
+
+
+def test_a_killed_robot_cannot_be_pushed(start_config: Start) -> None:
+    trial = start_config(CARTPOLE)
+    trial.kill("robot")
+    with pytest.raises(LookupError, match=f"{ROBOT} was killed"):
+        trial.push("cart", [5.0, 0.0, 0.0], duration=0.1)
+
+
 def test_a_push_shorter_than_a_step_lasts_one_step(start_config: Start) -> None:
     trial = start_config(CARTPOLE, without=("control",))
     step_s = trial.nodes[ROBOT].mj_model.opt.timestep

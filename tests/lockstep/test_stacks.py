@@ -16,7 +16,7 @@ import pytest
 from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_estimator_msgs.msg import EstimatedState
 from obelisk_sensor_msgs.msg import JointEncoders
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 
 from obelisk_py.core.lockstep import guest_thread
 from obelisk_py.core.lockstep.scheduler import LockstepError
@@ -237,6 +237,29 @@ def test_a_stub_replaces_a_node(start: Start) -> None:
 
 
 @pytest.mark.parametrize(
+    ("published", "error"),
+    [
+        ({"/hazards/ets": EstimatedState()}, LookupError),
+        ({"/hazards/est": PositionSetpoint()}, TypeError),
+    ],
+)
+def test_a_stub_publishes_topics_of_the_stack(
+    start: Start, published: dict[str, Any], error: type[Exception]
+) -> None:
+    trial = start(without=("estimation",))
+    trial.stub("/stand_in", "/hazards/joint_encoders", lambda _: published, JointEncoders)
+    with pytest.raises(error, match="/hazards/est"):
+        trial.run(0.1)
+
+
+def test_a_stub_publishes_a_topic_of_nodes_that_are_left_out(start: Start) -> None:
+    trial = start(without=("control", "estimation"), record=["/hazards/est"])
+    sent = {"/hazards/est": EstimatedState()}
+    trial.stub("/stand_in", "/hazards/joint_encoders", lambda _: sent, JointEncoders)
+    assert len(trial.run(0.1)["/hazards/est"]) > 0
+
+
+@pytest.mark.parametrize(
     ("action", "expected"),
     [("hold", []), ("zero", [(0.56, 0.0)]), ("damp", [(0.56, "damped")])],
 )
@@ -345,6 +368,14 @@ def test_verbs_on_topics(start: Start) -> None:
             lambda trial: trial.stub("/s", CTRL, lambda _: {}, JointEncoders),
             "obelisk_control_msgs/msg/PositionSetpoint, not JointEncoders",
         ),
+        (lambda trial: trial.at(math.nan, lambda: None), "the time is nan"),
+        (lambda trial: trial.at(-0.1, lambda: None), "the time is -0.1"),
+        (lambda trial: (trial.run(0.1), trial.at(0.05, lambda: None)), "the time is 0.05"),
+        (
+            lambda trial: trial.call(f"{CONTROL}/get_parameters", SetParameters.Request()),
+            "GetParameters_Request, not SetParameters_Request",
+        ),
+        (lambda trial: StackTrial(trial.stack, seed=-1), "the seed is -1"),
         (lambda _: Schedule(latency=-1.0), "latency is -1.0"),
         (lambda _: Schedule(compute={"control": math.inf}), "computing time of control is inf"),
     ],
@@ -412,6 +443,16 @@ def test_a_node_stays_frozen_until_the_last_freeze_ends(start: Start) -> None:
     trial.freeze("control", math.inf)
     count = len(run[CTRL])
     assert len(trial.run(0.5)[CTRL]) == count
+
+
+def test_a_killed_node_has_no_parameters(start: Start) -> None:
+    trial = start()
+    trial.kill("control")
+    with pytest.raises(LockstepError, match="was killed"):
+        trial.set_parameter("control", "fault", "none")
+    trial.restart("control")
+    trial.run(0.1)
+    trial.set_parameter("control", "fault", "none")
 
 
 def test_a_parameter_that_a_node_rejects_is_an_error(start: Start) -> None:

@@ -315,6 +315,16 @@ class ServiceTable:
         """Whether a node serves this name."""
         return name in self._services
 
+    def request_class(self, name: str) -> type[Any]:
+        """Return the class of a service's requests.
+
+        Raises:
+            KeyError: no node serves this name.
+        """
+        kind: Any = self._services[name][0].srv_type
+        request_class: type[Any] = kind.Request
+        return request_class
+
     def call(
         self, name: str, request: Any, client: ScheduledNode | None, answered: Callable[[Any], None]
     ) -> None:

@@ -18,7 +18,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import FrameType
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from obelisk_py.core.exceptions import ObeliskError
 
@@ -51,6 +51,7 @@ another event, which cannot occur while the callback runs."""
 _TRACED: Final = 64
 """Number of events to trace when nodes trigger each other endlessly."""
 
+_Error = TypeVar("_Error", bound=Exception)
 Event = tuple[int, int, Any, "ScheduledNode | None", Callable[[], object]]
 """Due time [ns], kind, position among events with the same time and kind, node, call."""
 
@@ -261,7 +262,7 @@ class Scheduler:
         order = place if kind == _PUT_OFF else (due_ns, kind, place)
         heapq.heappush(self._heap, (node.busy_until_ns, _PUT_OFF, order, node, call))
 
-    def stop(self, error: LockstepError) -> LockstepError:
+    def stop(self, error: _Error) -> _Error:
         """End the run with an error, even if the running callback catches it; the first one counts.
 
         Returns:
