@@ -440,9 +440,10 @@ class StackTrial:
     # --- nodes
 
     def freeze(self, node: str, duration: float) -> None:
-        """Freeze a node for some time [s]; events that become due meanwhile run afterwards.
+        """Freeze a node for some time [s]; messages and timers that become due run afterwards.
 
-        With several freezes, the node is frozen until the last one ends.
+        The simulation of a frozen robot stands still, and does not make up for missed steps. With
+        several freezes, the node is frozen until the last one ends.
 
         Raises:
             ValueError: the duration is not positive.
