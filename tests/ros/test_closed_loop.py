@@ -118,6 +118,16 @@ def test_a_failed_test_leaves_everything_needed_to_repeat_it(folder: Path) -> No
     assert not recording.exists()
 
 
+def test_a_repeated_test_takes_options_of_pytest_but_no_other_tests(folder: Path) -> None:
+    (folder / "tests" / "limit").write_text("10")
+    again = ("--again", "tests/test_it.py::test_two_trials")
+    done = run(folder, *again, "--", "--durations", "1")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "slowest" in done.stdout
+    assert "1 of 1" in done.stdout
+    assert run(folder, *again, "tests", "--", "-s").returncode == 2
+
+
 def test_twice_finds_irreproducible_tests(folder: Path) -> None:
     (folder / "tests" / "limit").write_text("10")
     done = run(folder, "--twice")

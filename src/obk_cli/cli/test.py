@@ -133,7 +133,8 @@ def command(
     if jobs is not None and jobs < 1:
         raise MisuseError(f"`-j {jobs}`: expected a number of at least 1")
     limit_s = None if time_limit is None else _seconds_of(time_limit)
-    if again is not None and tests:
+    # Only words after `--` can start with a hyphen.
+    if again is not None and tests and not tests[0].startswith("-"):
         raise MisuseError("`--again` already names the test; leave out TESTS")
     require_extra("pytest", "test")
     if jobs is not None and jobs > 1:
@@ -143,7 +144,7 @@ def command(
     print_findings(outcome.hazards, color)
     folder = Path(config).resolve().parent
     if again is not None:
-        tests = [_found_again(again, folder)]
+        tests = [_found_again(again, folder), *(tests or ())]
         seed = _SEED.search(again.partition("[")[2])
         seeds = f"={seed[1]}" if seed else seeds
     output = output or folder / "build" / "obk-test"
