@@ -219,6 +219,7 @@ _NAMED_KINDS: Final = {
     "STRING_ARRAY": "list of strings",
 }
 """`Parameter.Type` of rclpy -> its name in configs."""
+_DECLARING: Final = ("declare_parameter", "declare_parameters")
 _ARGUMENTS: Final = ("name", "value", "descriptor", "ignore_override")
 
 
@@ -427,16 +428,18 @@ class _Walk:
         reached = (self._lineage.method(attribute.attr) for attribute in attributes)
         return not any(found and _mentions(found[1], "__init__") for found in reached)
 
-    def helper(self, name: str, call: ast.Call, scope: Scope, *, is_certain: bool) -> None:
+    def helper(
+        self, name: str, start: int, call: ast.Call, scope: Scope, *, is_certain: bool
+    ) -> None:
         """Follow a method of the node that is called here, with its arguments if it registers."""
-        reached = self._lineage.method(name)
+        reached = self._lineage.method(name, start)
         if reached is None:
             return
         index, function = reached
         if function not in self._helpers:
             self._helpers[function] = _takes_names(function)
         if not self._helpers[function]:
-            self.method(name, 0, is_certain=is_certain)
+            self.method(name, start, is_certain=is_certain)
             return
         self._helper_calls += 1
         if call in self._calls or self._helper_calls > _MOST_HELPER_CALLS:
@@ -492,10 +495,10 @@ class _Walk:
         """Process a call; return the children that still need processing."""
         match call.func:
             case ast.Attribute(value=value, attr=name) if scope.is_self(value):
-                self._own_call(name, call, source, scope, is_certain=is_certain)
+                self._own_call(name, 0, call, source, scope, is_certain=is_certain)
                 return (call.func,)
             case ast.Attribute(value=ast.Call(func=ast.Name(id="super")), attr=name):
-                self._super_call(name, index, call, scope, is_certain=is_certain)
+                self._super_call(name, index, call, source, scope, is_certain=is_certain)
                 return (call.func,)
             case ast.Attribute(attr="__init__"):
                 self._explicit_base(index, call, scope)
@@ -505,15 +508,24 @@ class _Walk:
         return ()
 
     def _own_call(
-        self, name: str, call: ast.Call, source: ClassSource, scope: Scope, *, is_certain: bool
+        self,
+        name: str,
+        start: int,
+        call: ast.Call,
+        source: ClassSource,
+        scope: Scope,
+        *,
+        is_certain: bool,
     ) -> None:
-        registered = register_call(name, call, scope, self._library)
+        reached = self._lineage.method(name, start)
+        is_overridden = reached and not self._lineage.classes[reached[0]].is_of_library
+        registered = None if is_overridden else register_call(name, call, scope, self._library)
         if registered is not None:
             self._register(registered, call, source, scope, is_certain=is_certain)
-        elif name in ("declare_parameter", "declare_parameters"):
+        elif name in _DECLARING and not is_overridden:
             self._declare(name, call, scope, is_certain=is_certain)
         else:
-            self.helper(name, call, scope, is_certain=is_certain)
+            self.helper(name, start, call, scope, is_certain=is_certain)
 
     def _register(
         self,
@@ -591,12 +603,21 @@ class _Walk:
                 self.found.parameters.setdefault(parameter.name, of_any_kind)
 
     def _super_call(
-        self, name: str, index: int, call: ast.Call, scope: Scope, *, is_certain: bool
+        self,
+        name: str,
+        index: int,
+        call: ast.Call,
+        source: ClassSource,
+        scope: Scope,
+        *,
+        is_certain: bool,
     ) -> None:
         if any(keyword.arg in _DECLARES_ALL for keyword in call.keywords):
             self.found.knows_parameters = False
         if name == "__init__":
             self.constructor(index + 1, (call, scope))
+        elif name in _KINDS or name in _DECLARING:
+            self._own_call(name, index + 1, call, source, scope, is_certain=is_certain)
         else:
             self.method(name, index + 1, is_certain=is_certain)
 
