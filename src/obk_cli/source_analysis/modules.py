@@ -64,7 +64,7 @@ class Imported:
 
 
 Binding = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.expr | Imported | None
-"""What a name of a module refers to; None if it is bound more than once."""
+"""What a name of a module refers to; None if it is bound more than once, or computed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,6 +86,15 @@ class Module:
         if self.has_more_names or words_in(self.tree) & {*BIND_UNSEEN}:
             return None
         return frozenset(stored_names(self.tree))
+
+    @cached_property
+    def stored_attributes(self) -> frozenset[str | None]:
+        """The full names of attributes that the module assigns: `pkg.constants.KEY`."""
+        return frozenset(
+            dotted_name(node, self)
+            for node in ast.walk(self.tree)
+            if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +197,7 @@ def parse_module(name: str, found: FoundSource) -> Module:
         for bound, value in _bindings(statement, name, found.is_package):
             is_same = bound not in names or names[bound] == value
             names[bound] = value if is_same else None
+    names.update(dict.fromkeys(_names_of_functions(tree)))
     stars = any(
         isinstance(s, ast.ImportFrom) and any(alias.name == "*" for alias in s.names)
         for s in statements
@@ -243,6 +253,36 @@ def _bindings(statement: ast.stmt, module: str, is_package: bool) -> Iterator[tu
                     yield target.id, value
         case ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value):
             yield name, value
+    yield from ((name, None) for name in _computed_names(statement))
+
+
+def _computed_names(statement: ast.stmt | ast.ExceptHandler) -> Iterator[str]:
+    """The names that a loop, `+=`, `del` or other syntax binds."""
+    parts: Iterable[ast.AST] = ()
+    match statement:
+        case ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef() | ast.AnnAssign():
+            pass
+        case ast.Import() | ast.ImportFrom() | ast.Try():
+            pass
+        case ast.Assign(targets=targets):
+            parts = (target for target in targets if not isinstance(target, ast.Name))
+        case ast.If(test=test):
+            parts = (test,)
+        case ast.With(items=items):
+            parts = items
+        case ast.ExceptHandler(name=name):
+            yield from [name] if name else []
+        case _:
+            parts = (statement,)
+    for part in parts:
+        yield from stored_names(part)
+
+
+def _names_of_functions(tree: ast.Module) -> Iterator[str]:
+    """The names of a module that its functions may assign."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Global):
+            yield from node.names
 
 
 def import_origin(statement: ast.ImportFrom, module: str, is_package: bool) -> str:
@@ -351,6 +391,8 @@ def _named(expression: ast.expr, module: Module, library: ModuleLibrary) -> Valu
         return UNKNOWN
     if _MESSAGE.fullmatch(dotted):
         return Dotted(dotted)
+    if dotted in module.stored_attributes:
+        return UNKNOWN
     found = library.definition(dotted)
     if found is None:
         return UNKNOWN

@@ -122,6 +122,33 @@ def test_a_method_that_calls_itself_ends() -> None:
     assert not found.knows_components
 
 
+def test_registrations_and_parameters_may_be_of_super() -> None:
+    found = code(
+        node(
+            "super().register_obk_timer('timer_a_setting', self.on_x)\n"
+            "super().declare_parameter('kp', 1)"
+        )
+    )
+    assert names(found) == ["timer_a_setting"]
+    assert found.components[0].is_required
+    assert {"timer_a_setting", "kp"} <= {p.name for p in found.parameters}
+    assert found.knows_components
+    assert found.knows_parameters
+
+
+def test_a_registration_method_that_the_class_overrides_is_followed() -> None:
+    override = """\
+    def register_obk_timer(self, name, key=None):
+        return super().register_obk_timer(name, self.on_x, key=key)
+"""
+    found = code(node("self.register_obk_timer('timer_a_setting')") + override)
+    assert names(found) == ["timer_a_setting"]
+    assert not found.findings
+    assert found.knows_components
+    of_any = override.replace("name, key=None", "name, **rest").replace("key=key", "**rest")
+    assert not code(node("self.register_obk_timer('timer_a', key='a')") + of_any).knows_components
+
+
 def test_names_may_be_constants_of_the_module_or_of_another() -> None:
     body = "from names import TOPIC as T\nNAME = 'pub_a_setting'\n"
     found = code(
@@ -130,6 +157,37 @@ def test_names_may_be_constants_of_the_module_or_of_another() -> None:
     )
     assert names(found) == ["pub_a_setting", "pub_b"]
     assert found.knows_components
+
+
+@pytest.mark.parametrize(
+    "again",
+    [
+        "NAME += '_setting'",
+        "for NAME in ('pub_b',): ...",
+        "with open('x') as NAME: ...",
+        "NAME, other = 'pub_b', 1",
+        "if (NAME := 'pub_b'): ...",
+        "del NAME",
+        "while True:\n    NAME = 'pub_b'",
+        "try: ...\nexcept OSError as NAME: ...",
+        "def rename():\n    global NAME\n    NAME = 'pub_b'",
+    ],
+)
+def test_a_constant_that_is_bound_more_than_once_has_no_known_value(again: str) -> None:
+    body = node("self.register_obk_publisher(NAME)")
+    assert names(code(f"NAME = 'pub_a'\n{body}")) == ["pub_a"]
+    found = code(f"NAME = 'pub_a'\n{again}\n{body}")
+    assert names(found) == []
+    assert not found.knows_components
+
+
+def test_a_constant_of_a_module_whose_attribute_is_assigned_has_no_known_value() -> None:
+    body = node("self.register_obk_publisher(constants.NAME)")
+    modules = {"constants": "NAME = 'pub_a'\nOTHER = 1\n"}
+    kept = code(f"import constants\nconstants.OTHER = 'pub_b'\n{body}", **modules)
+    assert names(kept) == ["pub_a"]
+    changed = code(f"import constants\nconstants.NAME = 'pub_b'\n{body}", **modules)
+    assert not changed.knows_components
 
 
 def test_the_class_may_be_reexported_from_another_module() -> None:
