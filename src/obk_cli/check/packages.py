@@ -100,18 +100,26 @@ def _no_executable(answer: ExecutableMissing, place: Span) -> Diagnostic:
             place,
             help=_build(answer.package),
         )
-    build = (
-        f"its setup.py computes names of executables, and is not run: {_build(answer.package)}"
-        if answer.is_computed
-        else None
+    if answer.computed_in is not None:
+        return found(
+            "OBK402",
+            f"`{answer.executable}` of package `{answer.package}` does not exist or is not built",
+            place,
+            help=f"its {answer.computed_in.name} computes names of executables, and is not run: "
+            f"{_build(answer.package)}",
+        )
+    declare = (
+        "executables are declared with `add_executable` or `install(PROGRAMS ...)` in "
+        "CMakeLists.txt"
+        if answer.is_of_cmake
+        else "Python nodes are declared as `console_scripts` in setup.py"
     )
     return found(
         "OBK402",
         f"package `{answer.package}` has no executable `{answer.executable}`",
         place,
-        help=build
-        or did_you_mean(answer.executable, answer.available)
-        or "it has no executables; Python nodes are declared as `console_scripts` in setup.py",
+        help=did_you_mean(answer.executable, answer.available)
+        or f"it has no executables; {declare}",
     )
 
 

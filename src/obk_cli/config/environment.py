@@ -81,13 +81,15 @@ class ExecutableMissing:
     package_found: bool
     searched: tuple[str, ...]
     available: tuple[str, ...] = ()
-    """Executables that the package has."""
+    """Executables that the package has or declares."""
     not_executable: Path | None = None
     """A file with that name, but without the execute bit."""
     declared_in: Path | None = None
     """The CMakeLists.txt that declares it, if it is not built."""
-    is_computed: bool = False
-    """Whether its setup.py computes names of executables."""
+    computed_in: Path | None = None
+    """The setup.py or CMakeLists.txt that computes names of executables, if it is not built."""
+    is_of_cmake: bool = False
+    """Whether the package has a CMakeLists.txt."""
     unsourced: Path | None = None
     """The file in an `install` folder of the workspace, if that is not sourced."""
     left_out: Path | None = None

@@ -21,6 +21,9 @@ _FOLDERS: Final = ("CMAKE_CURRENT_SOURCE_DIR", "CMAKE_CURRENT_LIST_DIR", "CMAKE_
 _NAMES: Final = ("PROJECT_NAME", "CMAKE_PROJECT_NAME")
 _LONGEST_VALUE: Final = 4096
 """Longer values of variables are ignored, because each may contain another one several times."""
+_MAKE_EXECUTABLES: Final = ("add_executable", "ament_auto_add_executable")
+_REGISTER_COMPONENT: Final = "rclcpp_components_register_node"
+_BIND_VARIABLES: Final = ("foreach", "function", "macro")
 _ENDS_FILES: Final = ("DESTINATION", "RENAME", "PERMISSIONS", "COMPONENT", "OPTIONAL")
 """Keywords after the files of `install(PROGRAMS ...)`."""
 
@@ -34,14 +37,25 @@ class CMakeLists:
 
     @cached_property
     def executables(self) -> frozenset[str]:
-        """The names in `add_executable`."""
-        return frozenset(given[0] for given in self._calls("add_executable") if given)
+        """The executables with a name that is known without CMake."""
+        return frozenset(name for name in self._executables if "$" not in name)
+
+    @cached_property
+    def computes_executables(self) -> bool:
+        """Whether a macro, a loop or an unknown variable computes names of executables."""
+        return len(self.executables) < len(self._executables)
+
+    @cached_property
+    def _executables(self) -> frozenset[str]:
+        names = [words[0] for name, words in self._calls if name in _MAKE_EXECUTABLES and words]
+        components = [words for name, words in self._calls if name == _REGISTER_COMPONENT]
+        return frozenset(filter(None, (*names, *(_value("EXECUTABLE", w) for w in components))))
 
     @cached_property
     def programs(self) -> Mapping[str, Path]:
         """Executable -> file, for `install(PROGRAMS ... DESTINATION lib/<package>)`."""
         found: dict[str, Path] = {}
-        for kind, *given in self._calls("install"):
+        for kind, *given in self._known("install"):
             if kind != "PROGRAMS" or _value("DESTINATION", given) != f"lib/{self._project}":
                 continue
             ends = [place for place, word in enumerate(given) if word in _ENDS_FILES]
@@ -56,45 +70,50 @@ class CMakeLists:
         folder = self.path.parent
         roots = (
             folder.joinpath(_value("PACKAGE_DIR", given) or name).parent
-            for name, *given in self._calls("ament_python_install_package")
+            for name, *given in self._known("ament_python_install_package")
             if folder.joinpath(_value("PACKAGE_DIR", given) or name).name == name
         )
         return tuple(dict.fromkeys(roots))
 
-    def _calls(self, command: str) -> Iterator[list[str]]:
+    def _known(self, command: str) -> Iterator[list[str]]:
         """The arguments of each call of a command, without those that cannot be evaluated."""
-        for name, given in _CALL.findall(self.text):
-            if name.lower() == command:
-                arguments = [word for word in self._expanded(given) if "$" not in word]
-                if arguments:
-                    yield arguments
-
-    def _expanded(self, given: str) -> Iterator[str]:
-        for quoted, bare in _ARGUMENT.findall(given):
-            values = self._variables.get(bare[2:-1]) if _VARIABLE.fullmatch(bare) else None
-            yield from values or [_replaced(quoted or bare, self._variables)]
+        for name, words in self._calls:
+            arguments = [word for word in words if "$" not in word]
+            if name == command and arguments:
+                yield arguments
 
     @cached_property
     def _project(self) -> str:
-        return self._variables["PROJECT_NAME"][0]
+        projects = (words[0] for name, words in self._calls if name == "project" and words)
+        return next(projects, self.path.parent.name)
 
     @cached_property
-    def _variables(self) -> Mapping[str, Sequence[str]]:
-        given = [
-            (name.lower(), [quoted or bare for quoted, bare in _ARGUMENT.findall(words)])
-            for name, words in _CALL.findall(self.text)
-        ]
-        projects = [words[0] for name, words in given if name == "project" and words]
-        project = projects[0] if projects else self.path.parent.name
-        found: dict[str, Sequence[str]] = {
-            **{name: [project] for name in _NAMES},
+    def _calls(self) -> Sequence[tuple[str, Sequence[str]]]:
+        """Every command with its arguments, where variables without a known value are left."""
+        variables: dict[str, Sequence[str]] = {
+            **{name: [self.path.parent.name] for name in _NAMES},
             **{name: [str(self.path.parent)] for name in _FOLDERS},
         }
-        for name, words in given:
-            if name == "set" and words:
-                values = [_replaced(word, found) for word in words[1:]]
-                found[words[0]] = [value for value in values if len(value) < _LONGEST_VALUE]
-        return found
+        calls: list[tuple[str, Sequence[str]]] = []
+        for name, given in _CALL.findall(self.text):
+            command = name.lower()
+            written = [quoted or bare for quoted, bare in _ARGUMENT.findall(given)]
+            calls.append((command, list(_expanded(given, variables))))
+            if command == "project":
+                variables.update(dict.fromkeys(_NAMES, written[:1]))
+            elif command == "set" and written:
+                values = [_replaced(word, variables) for word in written[1:]]
+                variables[written[0]] = [v for v in values if len(v) < _LONGEST_VALUE]
+            elif command in _BIND_VARIABLES:
+                for word in written:
+                    variables.pop(word, None)
+        return calls
+
+
+def _expanded(given: str, variables: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    for quoted, bare in _ARGUMENT.findall(given):
+        values = variables.get(bare[2:-1]) if _VARIABLE.fullmatch(bare) else None
+        yield from values or [_replaced(quoted or bare, variables)]
 
 
 def _value(keyword: str, given: Sequence[str]) -> str | None:

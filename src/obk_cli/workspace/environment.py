@@ -135,9 +135,10 @@ class MachineEnvironment:
         """Whether an executable is C++: native, in CMakeLists.txt, or in a `*_cpp` package."""
         command = self.find_executable(package, executable)
         if isinstance(command, ExecutableMissing):
-            return command.declared_in is not None or (
-                not command.package_found and package.endswith("_cpp")
-            )
+            is_declared = command.declared_in is not None
+            is_computed = command.computed_in is not None and command.is_of_cmake
+            is_unknown = not command.package_found and package.endswith("_cpp")
+            return is_declared or is_computed or is_unknown
         return command.module is None and is_native(command.program)
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:

@@ -14,7 +14,7 @@ from typing import Final
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing, ReplacedMessages
 from obk_cli.files import SHARED_FOLDER_BITS, is_untrusted
-from obk_cli.workspace.cmake_lists import read_cmake_lists
+from obk_cli.workspace.cmake_lists import CMakeLists, read_cmake_lists
 from obk_cli.workspace.entry_points import (
     EntryPoint,
     computes_console_scripts,
@@ -245,6 +245,8 @@ class PackageIndex:
             program = programs[executable]
             return _program_command(program, (), str(program.parent))
         is_found = self.has_package(package) or bool(installed)
+        cmake = read_cmake_lists(source) if source else None
+        declared = cmake.executables if cmake else frozenset()
         return ExecutableMissing(
             package=package,
             executable=executable,
@@ -252,10 +254,11 @@ class PackageIndex:
             left_out=None if is_found else self.left_out_packages.get(package),
             not_executable=self._without_execute_bit(package, executable),
             unsourced=self._unsourced(package, executable),
-            is_computed=source is not None and computes_console_scripts(source),
-            declared_in=_file_that_declares(source, executable) if source else None,
+            computed_in=_file_that_computes(source, cmake) if source and not programs else None,
+            is_of_cmake=cmake is not None,
+            declared_in=cmake.path if cmake and executable in declared else None,
             searched=self.searched(),
-            available=tuple(sorted({*in_source, *scripts, *installed, *programs})),
+            available=tuple(sorted({*in_source, *scripts, *installed, *programs, *declared})),
         )
 
     def _without_execute_bit(self, package: str, executable: str) -> Path | None:
@@ -358,10 +361,11 @@ def is_native(program: Path) -> bool:
         return False
 
 
-def _file_that_declares(package: Path, executable: str) -> Path | None:
-    """The CMakeLists.txt of a package in source, if it declares an executable with that name."""
-    cmake = read_cmake_lists(package)
-    return cmake.path if cmake is not None and executable in cmake.executables else None
+def _file_that_computes(package: Path, cmake: CMakeLists | None) -> Path | None:
+    """The file of a package in source that computes names of its executables."""
+    if computes_console_scripts(package):
+        return package / "setup.py"
+    return cmake.path if cmake is not None and cmake.computes_executables else None
 
 
 def _is_program(path: Path) -> bool:

@@ -276,7 +276,47 @@ def test_a_missing_script_may_be_one_that_setup_py_computes(tmp_path: Path, scri
     make_package(tmp_path / "demo", "demo", setup_py=setup)
     answer = index(tmp_path).find_executable("demo", "x")
     assert isinstance(answer, ExecutableMissing)
-    assert answer.is_computed
+    assert answer.computed_in == tmp_path / "demo/setup.py"
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "add_executable(drive src/drive.cpp)",
+        "ament_auto_add_executable(drive DIRECTORY src)",
+        'rclcpp_components_register_node(drive_component PLUGIN "a::B" EXECUTABLE drive)',
+        "set(N drive)\nadd_executable(${N} a.cpp)\nset(N b)\nadd_executable(${N} b.cpp)",
+    ],
+)
+def test_an_executable_that_cmake_declares_is_not_built(tmp_path: Path, lines: str) -> None:
+    root = make_package(tmp_path / "demo", "demo", CMakeLists_txt=f"project(demo)\n{lines}\n")
+    answer = index(tmp_path).find_executable("demo", "drive")
+    assert isinstance(answer, ExecutableMissing)
+    assert answer.declared_in == root / "CMakeLists.txt"
+    assert "drive" in answer.available
+    other = index(tmp_path).find_executable("demo", "other")
+    assert isinstance(other, ExecutableMissing)
+    assert (other.declared_in, other.computed_in) == (None, None)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "foreach(name drive stop)\n  add_executable(${name} src/main.cpp)\nendforeach()",
+        "macro(add_node name)\n  add_executable(${name}_node src/main.cpp)\nendmacro()",
+        "set(name a)\nfunction(add_node name)\n  add_executable(${name} a.cpp)\nendfunction()",
+        'rclcpp_components_register_node(c PLUGIN "a::B" EXECUTABLE ${name})',
+    ],
+)
+def test_a_missing_executable_may_be_one_that_cmake_computes(tmp_path: Path, lines: str) -> None:
+    root = make_package(tmp_path / "demo", "demo", CMakeLists_txt=f"project(demo)\n{lines}\n")
+    answer = index(tmp_path).find_executable("demo", "drive")
+    assert isinstance(answer, ExecutableMissing)
+    assert (answer.declared_in, answer.computed_in) == (None, root / "CMakeLists.txt")
+    make_program(tmp_path / "prefix/lib/demo/stop")
+    built = index(tmp_path, prefixes=(tmp_path / "prefix",)).find_executable("demo", "drive")
+    assert isinstance(built, ExecutableMissing)
+    assert built.computed_in is None
 
 
 def make_script(path: Path, first: str = "#!/usr/bin/env python3\n") -> Path:
