@@ -225,6 +225,10 @@ class Fields:
         """A non-empty string."""
         return self._read(key, required, "text", _text)
 
+    def any_text(self, key: str) -> Spanned[str] | None:
+        """A string, which may be empty."""
+        return self._read(key, False, "text", lambda value: value if type(value) is str else None)
+
     def no_or_text(self, key: str) -> Spanned[str] | None:
         """A string; the word `None`, in any case, counts as not set."""
         text = self.text(key)
@@ -348,7 +352,8 @@ def _hint(value: Tree, expected: str) -> str | None:
             return f"put a space after the colon: `{head}: {tail.strip()}`"
         if expected == "`true` or `false`" and value.value.lower() in ("yes", "no", "on", "off"):
             return f"in YAML 1.2 `{value.value}` is text; write `true` or `false`"
-        if value.span.text[:1] in ("'", '"') and not isinstance(core_scalar(value.value), str):
+        is_quoted = value.value and value.span.text[:1] in ("'", '"')
+        if is_quoted and not isinstance(core_scalar(value.value), str):
             bare = value.span.text[1:-1]
             where = ", which YAML allows outside of braces and brackets" if "${" in bare else ""
             return f"remove the quotes: `{bare}`{where}"

@@ -181,7 +181,7 @@ def _read_joystick_params(fields: Fields) -> tuple[ConfigParameter, ...]:
     """The parameters of ROS's `joy_node`, with the types that it declares."""
     read: Mapping[str, Spanned[int] | Spanned[float] | Spanned[str] | Spanned[bool] | None] = {
         "device_id": fields.count("device_id", least=0),
-        "device_name": fields.text("device_name"),
+        "device_name": fields.any_text("device_name"),
         "deadzone": fields.number("deadzone", least=0, most=1),
         "autorepeat_rate": fields.number("autorepeat_rate", least=0, most=1000),
         "sticky_buttons": fields.boolean("sticky_buttons"),

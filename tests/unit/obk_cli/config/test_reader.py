@@ -155,6 +155,17 @@ def test_a_misspelled_key_is_read_as_the_intended_one() -> None:
     assert stack.nodes[0].pkg.value == "demo"
 
 
+def test_the_name_of_a_joystick_may_be_empty() -> None:
+    stack, faults = read(f'control: {{{NODE}}}\njoystick: {{on: true, device_name: ""}}')
+    assert faults == []
+    assert [p.value for p in stack.joysticks[0].params] == [""]
+
+
+def test_an_empty_text_in_place_of_a_number_has_no_quotes_to_remove() -> None:
+    _, faults = read(f'control: {{{NODE}}}\njoystick: {{on: true, device_id: ""}}')
+    assert [(fault.code, fault.help) for fault in faults] == [("OBK103", None)]
+
+
 def test_disabled_parts_are_missing() -> None:
     stack, faults = read(
         f"viz: {{on: false, viz_nodes: [{{{NODE}}}]}}\njoystick: {{on: false, pub_topic: /joy}}"
