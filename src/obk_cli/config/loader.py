@@ -235,7 +235,7 @@ class _Replacer:
             message = "the expanded environment variables exceed 10 MiB in total"
             self.faults.append(found("OBK007", message, span))
             return TreeScalar(text, span)
-        is_plain = span.text[:1] not in ("'", '"', "|", ">")
+        is_plain = span.text[:1] not in ("'", '"', "|", ">", "!")
         return TreeScalar(core_scalar(new) if is_plain else new, span, new)
 
 

@@ -12,7 +12,7 @@ from typing import NoReturn
 import yaml
 from yaml.events import AliasEvent, MappingStartEvent, ScalarEvent
 
-from obelisk_spec.yaml_core import MOST_VALUES, core_scalar
+from obelisk_spec.yaml_core import MOST_VALUES, Scalar, core_scalar
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.config.yaml_error_context import YAML_LOADER, YamlText, forbidden_character
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
@@ -27,9 +27,10 @@ __all__ = [
 
 _DEEPEST = 100
 
-_CORE_TAGS = {
-    f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "map", "seq")
-}
+_PREFIX = "tag:yaml.org,2002:"
+_CORE_TAGS = {f"{_PREFIX}{name}" for name in ("str", "int", "float", "bool", "null", "map", "seq")}
+_TYPES = {"int": (int,), "float": (float, int), "bool": (bool,), "null": (type(None),)}
+"""Tag -> types of the plain scalars that it may have."""
 _QUOTED_STYLES = ("'", '"', "|", ">")
 
 
@@ -199,13 +200,23 @@ class _Composer:
         if event.tag:
             self._check_tag(event)
         span = self._span(event, event)
-        is_text = event.tag == "tag:yaml.org,2002:str" or event.style in _QUOTED_STYLES
         value = self._seen.restored(event.value)
         if "\0" in value:
             message = "text with the character U+0000 is valid neither in ROS nor in a path"
             self.faults.append(found("OBK003", message, span))
             value = value.replace("\0", "")
-        return TreeScalar(value if is_text else core_scalar(value), span)
+        return TreeScalar(self._typed(value, event, span), span)
+
+    def _typed(self, text: str, event: ScalarEvent, span: Span) -> Scalar:
+        """The value of the type that a tag names, otherwise of the type that YAML infers."""
+        tag = (event.tag or "").removeprefix(_PREFIX)
+        if tag not in _TYPES:
+            return text if tag == "str" or event.style in _QUOTED_STYLES else core_scalar(text)
+        value = core_scalar(text)
+        if type(value) not in _TYPES[tag]:
+            self.faults.append(found("OBK005", f"`{text}` does not fit the tag `!!{tag}`", span))
+        # `float(value)` would raise for a number that is too large.
+        return float(str(value)) if tag == "float" and type(value) is int else value
 
     def _key(self, tree: Tree) -> str:
         """The text of a key; a number or `true` is kept as it is spelled."""
@@ -281,7 +292,7 @@ class _Composer:
 
     def _check_tag(self, event: ScalarEvent | yaml.CollectionStartEvent) -> None:
         if event.tag and event.tag not in _CORE_TAGS and event.tag != "!":
-            tag = event.tag.replace("tag:yaml.org,2002:", "!!")
+            tag = event.tag.replace(_PREFIX, "!!")
             span = self._span(event, event)
             message = f"tag `{tag}` is not allowed, because a config contains only plain values"
             help = None if tag.startswith("!!") else "put text that starts with `!` in quotes"

@@ -37,9 +37,9 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK005",
         severity="error",
-        title="a tag that would create an object",
+        title="a tag that would create an object, or does not fit its value",
         cause="A config contains only plain values, so that reading it cannot run code.",
-        fix="Remove the tag.",
+        fix="Remove the tag, or write a value that fits it.",
     ),
     Rule(
         code="OBK006",

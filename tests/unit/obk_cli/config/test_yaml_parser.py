@@ -45,6 +45,18 @@ def test_scalars_are_those_of_yaml_1_2() -> None:
     }
 
 
+def test_a_tag_sets_the_type_of_its_scalar() -> None:
+    tree = parse("{a: !!int '10', b: !!float 2, c: !!bool \"true\", d: !!null '', e: !!float 0x10}")
+    values = [entry.value.value for entry in tree if isinstance(entry.value, TreeScalar)]
+    assert values == [10, 2.0, True, None, 16.0]
+    assert [type(value) for value in values] == [int, float, bool, type(None), float]
+
+
+@pytest.mark.parametrize("value", ["!!int a", "!!int 1.5", "!!bool 1", "!!null x", "!!float a"])
+def test_a_tag_that_does_not_fit_its_scalar_is_found(value: str) -> None:
+    assert codes(f"a: {value}\n") == ["OBK005"]
+
+
 @pytest.mark.parametrize("char", ["\x85", "\u2028", "\u2029"])
 def test_only_the_line_breaks_of_yaml_1_2_are_line_breaks(char: str) -> None:
     tree = parse(f"# a {char} b\na: 'x{char}y'\nb: x{char}y # {char}\nc: 1\n")
