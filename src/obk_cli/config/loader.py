@@ -388,12 +388,12 @@ Chain = tuple[tuple[str, Span], ...]
 
 
 class _Includes:
-    """Follows `include:` through all files of a config."""
+    """Follows `include:` through all files of a config; each file contributes once."""
 
     def __init__(self, files: ConfigFiles) -> None:
         self.faults: list[Diagnostic] = []
         self._files = files
-        self._included = 0
+        self._included: set[str] = set()
 
     def resolve(self, tree: TreeMap, chain: Chain) -> TreeMap:
         include = tree.get("include")
@@ -426,9 +426,11 @@ class _Includes:
         if any(path == open_path for open_path, _ in chain):
             self.faults.append(_cycle(path, span, chain))
             return None
-        self._included += 1
-        if self._included > _MOST_INCLUDED:
-            if self._included == _MOST_INCLUDED + 1:
+        if path in self._included:
+            return None  # its entries without an identity would be there twice
+        self._included.add(path)
+        if len(self._included) > _MOST_INCLUDED:
+            if len(self._included) == _MOST_INCLUDED + 1:
                 self.faults.append(_too_many(written, span))
             return None
         loaded = self._files.load(path)
@@ -451,7 +453,7 @@ def _too_many(written: str, span: Span) -> Diagnostic:
     message = (
         f"more than {_MOST_INCLUDED} files are included; `{written}` and all later ones are ignored"
     )
-    return found("OBK007", message, span, help="a file counts each time it is included")
+    return found("OBK007", message, span)
 
 
 def _cycle(path: str, span: Span, chain: Chain) -> Diagnostic:

@@ -196,8 +196,7 @@ def test_the_files_of_a_config_hold_only_so_many_values_together(
     assert fault.endswith(
         "error[OBK006]: there are more than 1,500 values, including those of the previous files"
     )
-    (fault,) = compile_files({"main.yaml": "include: [a, a, a, a]\n", **parts})
-    assert fault.startswith("a:1:1: error[OBK006]")
+    assert compile_files({"main.yaml": "include: [a, a, a, a]\n", **parts}) == []
 
 
 def test_the_files_of_a_config_are_only_so_long_together() -> None:
@@ -223,9 +222,9 @@ def test_a_file_named_like_the_standard_input_is_a_file() -> None:
 
 
 def test_only_so_many_files_are_included() -> None:
-    listed = ", ".join("a" * 102)
-    assert compile_files({"main.yaml": f"include: [{listed}]\n", "a": "vars: 1\n"}) == [
-        "main.yaml:1:311: error[OBK007]: more than 100 files are included; `a` and all later "
+    parts = {f"p{number:03}": "vars: 1\n" for number in range(102)}
+    assert compile_files({"main.yaml": f"include: [{', '.join(parts)}]\n", **parts}) == [
+        "main.yaml:1:611: error[OBK007]: more than 100 files are included; `p100` and all later "
         "ones are ignored"
     ]
 

@@ -108,7 +108,7 @@ def compiler() -> Iterator[subprocess.Popen[str]]:
         pytest.param(
             "vars: [&a [x, x], *a" + ", *a" * 60_000 + "]", "OBK006 1", id="many-small-aliases"
         ),
-        pytest.param("include: many.part", "OBK007 1", id="includes-that-double"),
+        pytest.param("include: many.part", "OBK201 1", id="includes-that-double"),
         pytest.param(
             f"vars: [{'x, ' * 60_000}]\n" + "vars: x\n" * 20_000,
             "OBK004 1001",

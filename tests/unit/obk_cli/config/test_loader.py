@@ -81,6 +81,20 @@ def test_the_same_file_may_be_included_twice_without_a_cycle() -> None:
     assert include(files, "top") == ({"x": 1}, [])
 
 
+def test_a_file_that_two_others_include_contributes_once() -> None:
+    files = {
+        "top": "include: [a, b]",
+        "a": "include: [c]\nx: a\nl: [{name: n, w: a}]",
+        "b": "include: [c]\ny: b\nz: ~",
+        "c": "{x: c, y: c, z: c, l: [{pkg: p}, {name: n, w: c, m: [{pkg: q}]}]}",
+    }
+    merged = {"x": "a", "y": "b", "l": [{"pkg": "p"}, {"name": "n", "w": "a", "m": [{"pkg": "q"}]}]}
+    assert include(files, "top") == (merged, [])
+    files["top"] = "include: [c, a, c]"
+    merged["y"] = merged["z"] = "c"
+    assert include(files, "top") == (merged, [])
+
+
 def test_a_circle_prints_the_chain() -> None:
     files = {"top": "include: [a]", "a": "include: [b]", "b": "include: [a]\nx: 1"}
     value, faults = include(files, "top")
