@@ -10,6 +10,7 @@ from math import inf
 from obelisk_spec.components import CONTROL_SUBSCRIPTION, standard_component
 from obelisk_spec.suggestions import with_number
 from obk_cli.check.context import CheckContext, code_of
+from obk_cli.check.topics import SHARED_TOPICS
 from obk_cli.config.environment import Environment, ModelRead
 from obk_cli.config.model import Component, Node, Spanned, Stack
 from obk_cli.config.topology import (
@@ -37,6 +38,12 @@ _HOPS = (
     (("estimation",), "control", "an estimator"),
     (("control",), "robot", "a controller"),
 )
+
+_SINGLE_SENDERS = (
+    ("control", "robot", "which commands the robot"),
+    ("estimation", "control", "which a controller uses as its estimate"),
+)
+"""Sections of the publishers and the subscribers, and the purpose of the topic."""
 
 _LEAST_RATE, _MOST_RATE = 10.0, 100_000.0
 """A period [s] between these values is more likely to be a rate [Hz]."""
@@ -97,27 +104,35 @@ def _reached(
 
 
 def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
-    """Check that only one controller publishes to each topic that commands the robot."""
+    """Check that only one node publishes to each topic of a command or an estimate."""
     endpoints = context.topology.endpoints
-    commands = {e.topic for e in endpoints if e.section == "robot" and e.direction == "subscribes"}
-    commanders: dict[str, list[TopicEndpoint]] = defaultdict(list)
-    for end in endpoints:
-        if end.direction == "publishes" and end.section == "control" and end.topic in commands:
-            commanders[end.topic].append(end)
-    for topic, (first, *others) in commanders.items():
-        for other in others:
-            if other.owner != first.owner:
-                yield found(
-                    "OBK210",
-                    f"both `{first.owner}` and `{other.owner}` publish to `{topic}`, which "
-                    "commands the robot",
-                    other.span,
-                    related=(
-                        Related(message="the other one", span=first.span),
-                        *first.renamed,
-                        *other.renamed,
-                    ),
-                )
+    for section, reader, purpose in _SINGLE_SENDERS:
+        read = {e.topic for e in endpoints if e.section == reader and e.direction == "subscribes"}
+        senders: dict[str, list[TopicEndpoint]] = defaultdict(list)
+        for end in endpoints:
+            if end.direction == "publishes" and end.section == section and end.topic in read:
+                senders[end.topic].append(end)
+        for topic, ends in senders.items():
+            if topic not in SHARED_TOPICS:
+                yield from _several_senders(topic, ends, purpose)
+
+
+def _several_senders(
+    topic: str, senders: list[TopicEndpoint], purpose: str
+) -> Iterator[Diagnostic]:
+    first, *others = senders
+    for other in others:
+        if other.owner != first.owner:
+            yield found(
+                "OBK210",
+                f"both `{first.owner}` and `{other.owner}` publish to `{topic}`, {purpose}",
+                other.span,
+                related=(
+                    Related(message="the other one", span=first.span),
+                    *first.renamed,
+                    *other.renamed,
+                ),
+            )
 
 
 def check_timers(context: CheckContext) -> Iterator[Diagnostic]:

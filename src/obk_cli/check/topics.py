@@ -19,6 +19,7 @@ from obk_cli.config.topology import Direction, TopicEndpoint, may_be_one
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = [
+    "SHARED_TOPICS",
     "check_doubles",
     "check_qos",
     "check_sensor_topics",
@@ -28,7 +29,7 @@ __all__ = [
 
 _MOST_SHOWN = 3
 _MOST_LISTED = 8
-_OF_MANY = ("/tf", "/tf_static", "/diagnostics", "/rosout")
+SHARED_TOPICS = ("/tf", "/tf_static", "/diagnostics", "/rosout")
 """Topics that any number of nodes may publish to."""
 _OF_OBELISK = tuple(f"{package}/" for package in OBELISK_MESSAGES)
 _MOST_COMPARED = 20_000
@@ -246,7 +247,7 @@ def check_sensor_topics(context: CheckContext) -> Iterator[Diagnostic]:
     shared: dict[tuple[str, str], list[tuple[TopicEndpoint, TopicEndpoint]]] = defaultdict(list)
     for topic, endpoints in context.topology.published.items():
         measured = [end for end in endpoints if end.section in ("robot", "sensing")]
-        if topic in _OF_MANY or len({end.known_type for end in measured} - {None}) > 1:
+        if topic in SHARED_TOPICS or len({end.known_type for end in measured} - {None}) > 1:
             continue
         for end in measured[1:]:
             if end.owner != measured[0].owner:

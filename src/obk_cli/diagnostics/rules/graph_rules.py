@@ -84,10 +84,11 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK210",
         severity="warning",
-        title="two controllers publish commands to one topic",
-        cause="The robot executes whichever command arrives last.",
-        fix="Remove one of the controllers, or have one of them forward the other's commands. If "
-        "they command different parts of the robot, give each its own topic.",
+        title="two controllers or two estimators publish to one topic",
+        cause="The robot executes whichever command arrives last, and a controller receives the "
+        "estimates of both estimators in turn.",
+        fix="Remove one of the two, or give each its own topic. Of two controllers of the same "
+        "part of the robot, one can forward the other's commands.",
     ),
     Rule(
         code="OBK211",
