@@ -60,7 +60,7 @@ def test_warnings_about_overrides_are_notes(start: Start) -> None:
     (note,) = start("control.params.fualt=compute").run(0.1).notes
     assert "OBK409" in note
     assert "control.params.fualt=compute" in note
-    assert not start("control.params.fault=none").run(0.1).notes
+    assert not start("control.params.fault='none'").run(0.1).notes
 
 
 def test_variants_of_a_stack_have_their_own_warnings() -> None:

@@ -41,7 +41,7 @@ from obelisk_py.core.surroundings import Watchdog
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
 from obelisk_spec.runtime_protocol import REJECTION, rejection_values
 
-__all__ = ["ObeliskRobot", "ObeliskSimRobot", "TrueSimState"]
+__all__ = ["ObeliskRobot", "ObeliskSimRobot", "TrueSimState", "non_finite_number"]
 
 TrueSimState: Any = optional_message("TrueSimState")
 LONGEST_STOP_S = 5.0

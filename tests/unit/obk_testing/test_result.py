@@ -12,7 +12,6 @@ from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovariance
 from obelisk_estimator_msgs.msg import EstimatedState
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Float64, Float64MultiArray
-from trajectory_msgs.msg import JointTrajectoryPoint
 
 from obelisk_py.core.lockstep.topics import Topic
 from obk_cli.plan.plan import Plan
@@ -214,24 +213,13 @@ def test_close_to_accepts_equal_infinities() -> None:
     assert "ranges[1] differs by inf" in repr(one.close_to(other, atol=1, fields=["/scan.ranges"]))
 
 
-@pytest.mark.parametrize("value", [1e-12, -0.0, np.nan])
-@pytest.mark.parametrize("place", [0, 1000])
-def test_the_first_difference_names_the_field_with_other_bits(place: int, value: float) -> None:
-    one, two = np.zeros(2000), np.zeros(2000)
-    two[place] = value
-    messages = (
-        JointTrajectoryPoint(positions=[1.0], velocities=[np.nan], effort=values.tolist())
-        for values in (one, two)
-    )
-    first, second = (result(topic("/x", message)) for message in messages)
-    assert first.first_difference(second) == "0.000000 s: message 0 of /x: `effort`"
-
-
-@pytest.mark.parametrize("value", [1e-12, -0.0, np.nan])
-def test_the_first_difference_compares_fields_of_fixed_length(value: float) -> None:
-    messages = (PoseWithCovariance(), PoseWithCovariance())
-    messages[1].covariance[3] = value
-    first, second = (result(topic("/x", message)) for message in messages)
+@pytest.mark.parametrize("place", [0, 35])
+def test_the_first_difference_names_the_field_with_other_bits(place: int) -> None:
+    one, two = (PoseWithCovariance(covariance=[1.0] * 36) for _ in range(2))
+    two.covariance[place] += 1e-12
+    for message in (one, two):
+        message.pose.position.x = math.nan
+    first, second = (result(topic("/x", message)) for message in (one, two))
     assert first.first_difference(second) == "0.000000 s: message 0 of /x: `covariance`"
 
 
