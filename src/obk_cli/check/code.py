@@ -108,6 +108,7 @@ def _check_components(
         yield from _check_type(component, registered, code)
         if not has_settings:
             yield from _check_has_type(component, registered, code)
+    unmatched = {c.kind for c in only_config}
     if not code.knows_components:
         only_config = []
     for component in only_config:
@@ -119,7 +120,11 @@ def _check_components(
         return
     nameless = {c.kind for c in node.components if c.identity is None}
     for registered in only_code:
-        if registered.kind not in nameless:
+        # An entry with any name may be the one whose key the code computes.
+        is_known = registered.is_named_in_full or (
+            registered.ros_parameter is not None and registered.kind not in unmatched
+        )
+        if is_known and registered.kind not in nameless:
             yield from _not_configured(registered, node, executable, code)
 
 
@@ -202,7 +207,7 @@ def _not_registered(
 def _not_configured(
     registered: CodeComponent, node: Node, executable: Spanned[str], code: NodeFacts
 ) -> Iterator[Diagnostic]:
-    if not registered.is_named_in_full or registered.has_default:
+    if registered.has_default:
         return
     rest = "timer_period_sec: ..." if registered.kind == "timer" else "topic: ..."
     line = f"{{{': '.join(registered.written)}, {rest}}}"

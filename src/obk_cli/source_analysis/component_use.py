@@ -47,7 +47,7 @@ def key_uses(lineage: Lineage, library: ModuleLibrary) -> Iterator[KeyUse]:
     for source, method in _methods(lineage):
         arguments = method.args
         names = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
-        scope = scope_of(method, source.module, {a.arg: UNKNOWN for a in names})
+        scope = scope_of(method, source.module, library, {a.arg: UNKNOWN for a in names})
         for node in _unconditional(method):
             match node:
                 case ast.Subscript(
@@ -87,7 +87,7 @@ class _Lengths:
         self._module = source.module
         self._method = method
         self._library = library
-        self._scope = scope_of(method, source.module, {})
+        self._scope = scope_of(method, source.module, library, {})
         arguments = [*method.args.posonlyargs, *method.args.args, *method.args.kwonlyargs]
         self._local = {*self._scope.local, *(a.arg for a in arguments)}
 

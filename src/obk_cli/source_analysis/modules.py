@@ -45,6 +45,8 @@ _TYPE_PARAMETERS = ("TypeVar", "ParamSpec", "TypeVarTuple")
 """Python 3.12 syntax, `class Filter[T]`."""
 _LONGEST_CHAIN = 20
 """Maximum number of imports followed for one name."""
+_LONGEST_TEXT = 1000
+"""Longer texts are unknown, because each may contain another one several times."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -381,8 +383,24 @@ def value_of(
             return (values[0] is values[1]) is isinstance(op, ast.Is)
         case ast.Name() | ast.Attribute():
             return _named(expression, module, library)
+        case ast.BinOp(left=left, op=ast.Add(), right=right):
+            return _joined(value_of(side, module, library, local) for side in (left, right))
+        case ast.JoinedStr(values=parts):
+            return _joined(value_of(part, module, library, local) for part in parts)
+        case ast.FormattedValue(value=inner, conversion=-1, format_spec=None):
+            return value_of(inner, module, library, local)
         case _:
             return UNKNOWN
+
+
+def _joined(values: Iterable[Value]) -> Value:
+    texts: list[str] = []
+    for value in values:
+        if not isinstance(value, str):
+            return UNKNOWN
+        texts.append(value)
+    text = "".join(texts)
+    return text if len(text) <= _LONGEST_TEXT else UNKNOWN
 
 
 def _named(expression: ast.expr, module: Module, library: ModuleLibrary) -> Value:

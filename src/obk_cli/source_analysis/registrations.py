@@ -5,6 +5,7 @@ are used on the way. Values computed at run time count as unknown.
 """
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -29,9 +30,11 @@ from obk_cli.source_analysis.modules import (
     Module,
     ModuleLibrary,
     Value,
+    at_top_level,
     dotted_name,
     message_type,
     span_of,
+    stored_names,
     value_of,
 )
 
@@ -58,11 +61,16 @@ class Scope:
         return isinstance(node, ast.Name) and node.id == self.self_name
 
 
-def scope_of(function: Function, module: Module, local: KnownValues) -> Scope:
-    """The scope of a method's body; assigned local names count as computed at run time."""
+def scope_of(
+    function: Function, module: Module, library: ModuleLibrary, local: KnownValues
+) -> Scope:
+    """The scope of a method's body; names assigned several times count as computed at run time."""
     arguments = [*function.args.posonlyargs, *function.args.args]
     self_name = arguments[0].arg if arguments else ""
-    return Scope(module, {**local, **dict.fromkeys(_assigned_names(function), UNKNOWN)}, self_name)
+    known = {**local, **dict.fromkeys(_assigned_names(function), UNKNOWN)}
+    for name, value in _constants(function):
+        known[name] = value_of(value, module, library, known)
+    return Scope(module, known, self_name)
 
 
 @lru_cache(maxsize=1_000)
@@ -70,6 +78,18 @@ def _assigned_names(function: Function) -> tuple[str, ...]:
     """The local names assigned anywhere in a function; cached, because it needs a full walk."""
     names = (n for n in ast.walk(function) if isinstance(n, ast.Name))
     return tuple(n.id for n in names if isinstance(n.ctx, ast.Store))
+
+
+@lru_cache(maxsize=1_000)
+def _constants(function: Function) -> tuple[tuple[str, ast.expr], ...]:
+    """The local names that are bound only once, by `name = value`, in source order."""
+    bound = Counter(stored_names(function))
+    found: list[tuple[str, ast.expr]] = []
+    for statement in at_top_level(function.body):
+        match statement:
+            case ast.Assign(targets=[ast.Name(id=name)], value=value) if bound[name] == 1:
+                found.append((name, value))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -468,7 +488,7 @@ class _Walk:
         self, index: int, function: Function, local: KnownValues, *, is_certain: bool
     ) -> None:
         source = self._lineage.classes[index]
-        scope = scope_of(function, source.module, local)
+        scope = scope_of(function, source.module, self._library, local)
         for statement in function.body:
             self._node(statement, index, source, scope, is_certain=is_certain)
             is_certain = is_certain and not _may_return(statement)

@@ -190,6 +190,36 @@ def test_a_constant_of_a_module_whose_attribute_is_assigned_has_no_known_value()
     assert not changed.knows_components
 
 
+def test_names_may_be_composed_of_local_names_that_are_assigned_once() -> None:
+    lines = "key = NAME + '_a'\nself.register_obk_publisher(f'{key}_setting', key=key)"
+    found = code(f"NAME = 'pub'\n{node(lines)}")
+    assert [(c.ros_parameter, c.key) for c in found.components] == [("pub_a_setting", "pub_a")]
+    assert found.knows_components
+
+
+@pytest.mark.parametrize(
+    "again",
+    [
+        "key += 'b'",
+        "for key in 'ab': ...",
+        "del key",
+        "def change():\n    nonlocal key\n    key = 'b'",
+        "import key",
+        "node_name = key = 'b'",
+    ],
+)
+def test_a_local_name_that_is_bound_again_has_no_known_value(again: str) -> None:
+    lines = f"key = 'pub_a'\n{again}\nself.register_obk_publisher(key)"
+    found = code(node(lines))
+    assert names(found) == []
+    assert not found.knows_components
+
+
+def test_a_name_that_doubles_again_and_again_is_not_computed() -> None:
+    doubled = "".join(f"n{i + 1} = n{i} + n{i}\n" for i in range(100))
+    assert names(code(node(f"n0 = 'a'\n{doubled}self.register_obk_publisher(n100)"))) == []
+
+
 def test_the_class_may_be_reexported_from_another_module() -> None:
     other = HEAD + node("self.register_obk_publisher('pub_a_setting')")
     package = "from other import Mine\n"
@@ -201,7 +231,7 @@ def test_the_class_may_be_reexported_from_another_module() -> None:
 @pytest.mark.parametrize(
     "constructor",
     [
-        "self.register_obk_publisher(f'pub_{node_name}_setting')",
+        "self.register_obk_publisher(f'pub_{self.get_name()}_setting')",
         "self.register_obk_publisher(name)",
         "self.register_obk_publisher(*names)",
         "self.register_obk_publisher(**settings)",
