@@ -112,7 +112,8 @@ def _check_components(
     if not code.knows_components:
         only_config = []
     for component in only_config:
-        meant = _nearest(component, only_code)
+        of_other_kind = (r for r in only_code if component.identity in r.names)
+        meant = next(of_other_kind, None) or _nearest(component, only_code)
         if meant is not None:
             only_code.remove(meant)
         yield _not_registered(component, meant, code)
@@ -177,7 +178,7 @@ def _not_registered(
     assert component.name is not None  # components without a name are not compared
     name = component.name
     elsewhere = next((r for r in code.components if name.value in r.names), None)
-    if meant is not None:
+    if meant is not None and meant.kind == component.kind:
         help = (
             ask_for((meant.name,))
             if near_names(name.value, meant.names)

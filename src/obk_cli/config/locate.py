@@ -10,7 +10,7 @@ from pathlib import Path
 
 from obelisk_spec.components import component_identity
 from obelisk_spec.suggestions import near_names, sure_name
-from obk_cli.config.environment import Environment, NodeFacts
+from obk_cli.config.environment import CodeComponent, Environment, NodeFacts
 from obk_cli.config.loader import ConfigFiles
 from obk_cli.config.model import Component, FileSearch, Node, Sim, Spanned, Stack
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
@@ -79,16 +79,26 @@ def _hardware_components(node: Node, code: NodeFacts) -> tuple[Component, ...]:
     """Components that only the robot's hardware registers, not its simulator; no misspellings."""
     if not (node.is_simulator and node.runs_simulation and code.knows_components):
         return ()
+    given = [*map(code.component_of, node.components)]
+    missing = [c for c in code.components if c.is_required and c not in given]
     return tuple(
         component
-        for component in node.components
+        for component, registered in zip(node.components, given, strict=True)
         if component.name is not None
-        and code.component_of(component) is None
+        and registered is None
         and not sure_name(
             component.identity or "",
             {component_identity(c.name) for c in code.components if c.kind == component.kind},
         )
+        and not any(_may_mean(component, c) for c in missing)
     )
+
+
+def _may_mean(component: Component, missing: CodeComponent) -> bool:
+    """Whether a component may be one that the code needs, with a misspelled name or kind."""
+    name = component.identity or ""
+    is_near = component.kind == missing.kind and near_names(name, missing.names)
+    return name in missing.names or bool(is_near)
 
 
 def _with_code_type(component: Component, code: NodeFacts) -> Component:

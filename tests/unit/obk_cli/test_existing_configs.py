@@ -284,6 +284,24 @@ def test_a_simulator_ignores_hardware_settings(tmp_path: Path) -> None:
 
 
 @pytest.mark.mujoco
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("key: sub_ctrl", "key: sub_control"),
+        ("]\n  subscribers: [{key: sub_ctrl", ", {key: sub_ctrl"),
+    ],
+)
+def test_the_misspelled_control_input_of_a_simulator_is_one_error(
+    tmp_path: Path, old: str, new: str
+) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    text = SIMULATED.replace(old, new)
+    assert text != SIMULATED
+    errors = [f for f in compiled_here(tmp_path, text).diagnostics if f.severity == "error"]
+    assert [(f.code, f.span.text) for f in errors] == [("OBK406", new.rpartition(" ")[2])]
+
+
+@pytest.mark.mujoco
 def test_the_hardware_s_components_of_a_simulator_are_one_finding(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_text(MODEL)
     own = "{key: pub_imu, topic: /joint_encoders, msg_type: ObkJointEncoders}"
