@@ -12,7 +12,14 @@ from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.diagnostics.rules import RULES, Rule
 from obk_cli.diagnostics.source import COMMAND_LINE, SourceFile, Span
 
-__all__ = ["check_ignores", "may_be_silenced", "near_codes", "said_on_command_line", "silence"]
+__all__ = [
+    "check_ignores",
+    "ignored_on_line",
+    "may_be_silenced",
+    "near_codes",
+    "said_on_command_line",
+    "silence",
+]
 
 _MOST_SUGGESTIONS = 50
 """Maximum number of findings that suggest a similar code."""
@@ -29,7 +36,7 @@ def silence(diagnostics: Collection[Diagnostic], codes: Iterable[str]) -> tuple[
     for diagnostic in diagnostics:
         place = (diagnostic.span.path, diagnostic.span.line)
         if place not in on_line:  # a line may be long, with many findings
-            on_line[place] = _on_line(diagnostic)
+            on_line[place] = ignored_on_line(diagnostic.span)
     return tuple(
         diagnostic
         for diagnostic in diagnostics
@@ -109,8 +116,9 @@ def _misspelt_comments(source: SourceFile) -> Iterator[Diagnostic]:
             yield found("OBK014", message, place, help="write it as `# obk: ignore[OBK203]`")
 
 
-def _on_line(diagnostic: Diagnostic) -> tuple[str, ...]:
-    comment = _COMMENT.search(diagnostic.span.source.line(diagnostic.span.line))
+def ignored_on_line(span: Span) -> tuple[str, ...]:
+    """The codes in a comment on the first line of a location."""
+    comment = _COMMENT.search(span.source.line(span.line))
     if comment is None:
         return ()
     return tuple(code for part in comment[1].split(",") if (code := part.strip()))

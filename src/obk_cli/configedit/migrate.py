@@ -1,8 +1,8 @@
 """Migrate a config's text from one syntax to the other, and verify that its meaning is unchanged.
 
 Pure: returns the new text and what could not be migrated, or the errors in invalid text. Includes
-are not followed. A component keeps its name if it also has a different `key`, or if the name lacks
-`_setting` or has an anchor.
+are not followed. A component keeps its name if it also has a different `key`, if the name lacks
+`_setting` or has an anchor, or if a comment next to it silences findings.
 """
 
 import re
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from obelisk_spec.components import SETTING_SUFFIX, component_identity
 from obk_cli.config.fixes import is_flow, remove_entry, respell
 from obk_cli.config.model import ONE_DEVICE
+from obk_cli.config.suppressions import ignored_on_line
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.configedit.spelling import (
@@ -34,6 +35,7 @@ _NEW_NAME = {"key": "key", "seed": "ros_parameter"}
 _OLD_NAME = {"key": "ros_parameter", "seed": "key"}
 _PLAIN_COLON = re.compile(r"[ \t]*:\s*(?:#[^\r\n]*\s*)*")
 _BEHIND_COLON = re.compile(r"[ \t]*:[ \t]*(?=(#)|[\r\n])")
+_SILENCES = "the comment on its line silences findings"
 _USUAL_INDENT = 2
 _IN_BRACES = "the file uses flow style (braces)"
 _BLOCK_STYLE = "write it in block style, one key on each line, then migrate"
@@ -126,7 +128,10 @@ def _rename_component(
     elif new is None:
         yield from _renamed(old, name, to)
     elif component_identity(text_of(new) or "") == component_identity(name):
-        yield from remove_entry(component, old)
+        if ignored_on_line(old.key_span) and old.key_span.line != new.key_span.line:
+            yield _kept(f"`{old.key}: {name}` is kept: {_SILENCES}", old.value.span)
+        else:
+            yield from remove_entry(component, old)
     else:
         yield _kept(
             f"`{old.key}: {name}` is kept: the `key` next to it differs, and nodes may use either",

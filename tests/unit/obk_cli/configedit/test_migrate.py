@@ -264,3 +264,15 @@ def test_document_marks_stay_outside_the_device() -> None:
     nested = "%YAML 1.2\n---\nonboard:\n  robot:\n    pkg: p\n# tail\n...\n"
     assert migrate(text, "seed").text == nested
     assert migrate(nested).text == text
+
+
+def test_a_name_whose_comment_silences_findings_is_kept() -> None:
+    text = (
+        "robot:\n  subscribers:\n"
+        "    - ros_parameter: sub_imuu_setting  # obk: ignore[OBK406]\n      key: sub_imuu\n"
+        "    - ros_parameter: sub_b_setting  # any other comment\n      key: sub_b\n"
+    )
+    migrated = migrate(text)
+    assert migrated.text.splitlines()[:4] == text.splitlines()[:4]
+    assert [str(one.span) for one in migrated.kept] == ["c.yaml:3:22"]
+    assert "sub_b_setting" not in migrated.text
