@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from obelisk_spec.suggestions import did_you_mean, list_names, near_names
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.graph import TopicInfo
-from obk_cli.runs.registry import section_of
+from obk_cli.runs.registry import name_ends, section_of
 
 if TYPE_CHECKING:
     from obk_cli.introspect.graph_source import GraphSource
@@ -48,7 +48,7 @@ def matching_names(name: str, known: Iterable[str]) -> tuple[str, ...]:
         return (absolute(name),)
     if name.startswith("/"):
         return ()
-    return tuple(one for one in every if one.endswith((f"/{name}", f"/obelisk_{name}")))
+    return tuple(one for one in every if one.endswith(name_ends(name)))
 
 
 def matching_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:

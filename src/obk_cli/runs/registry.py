@@ -28,6 +28,7 @@ __all__ = [
     "live_folders",
     "live_runs",
     "live_stacks",
+    "name_ends",
     "node_statuses",
     "section_of",
     "select_nodes",
@@ -213,9 +214,19 @@ def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
     every = tuple(known)
     if name in every:
         return (name,)
-    tails = (f"/{name.lstrip('/')}", f"/obelisk_{name.lstrip('/')}")
-    by_name = tuple(node for node in every if node.endswith(tails))
+    by_name = tuple(node for node in every if node.endswith(name_ends(name)))
     return by_name or tuple(node for node in every if section_of(node) == name)
+
+
+def name_ends(name: str) -> tuple[str, ...]:
+    """The ends of the full names that a short one means: `left/control_0`, as `obk launch` prints.
+
+    It means `/left/obelisk_control_0`, and `control_0/get_state` means the service
+    `/obelisk_control_0/get_state`.
+    """
+    short = name.lstrip("/")
+    namespace, slash, last = short.rpartition("/")
+    return (f"/{short}", f"/obelisk_{short}", f"/{namespace}{slash}obelisk_{last}")
 
 
 def stack_nodes(found: Iterable[str]) -> tuple[str, ...]:

@@ -186,6 +186,8 @@ NODES = ("/arm/obelisk_control_0", "/obelisk_robot_0", "/obelisk_robot_1", "/est
         ("control", ("/arm/obelisk_control_0",)),
         ("robot", ("/obelisk_robot_0", "/obelisk_robot_1")),
         ("robot_1", ("/obelisk_robot_1",)),
+        ("arm/control_0", ("/arm/obelisk_control_0",)),
+        ("leg/control_0", ()),
         ("estimation", ("/estimation",)),
         ("/control", ()),
         ("sensing", ()),

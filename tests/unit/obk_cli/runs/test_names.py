@@ -9,6 +9,8 @@ def test_a_name_is_full_or_short_or_a_sections() -> None:
     assert select_nodes("/obelisk_control_0", KNOWN) == ("/obelisk_control_0",)
     assert select_nodes("obelisk_control_0", KNOWN) == ("/obelisk_control_0",)
     assert select_nodes("control_1", KNOWN) == ("/left/obelisk_control_1",)
+    assert select_nodes("left/control_1", KNOWN) == ("/left/obelisk_control_1",)
+    assert select_nodes("right/control_1", KNOWN) == ()
     assert select_nodes("control", KNOWN) == ("/obelisk_control_0", "/left/obelisk_control_1")
     assert select_nodes("dummy", KNOWN) == ("/dummy",)
     assert select_nodes("contrl", KNOWN) == ()
