@@ -2,14 +2,17 @@
 
 `obk play --into` starts it. REQUEST is a `ReplayRequest` as JSON. Messages published by the nodes
 are written to a new recording. If the input was recorded in lockstep, every message arrives at
-the recorded time and in the recorded order, so the same code yields bitwise equal outputs.
+the recorded time and in the recorded order, so the same code yields bitwise equal outputs. Other
+recordings are replayed on the clock of their nodes. Wall time is shifted, together with the stamps
+of the messages, because lockstep begins at time 0.
 """
 
 import json
 import os
+import struct
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +23,7 @@ from obelisk_py.core.lockstep.interception import intercepted
 from obelisk_py.core.lockstep.scheduler import NS_PER_S, LockstepError
 from obelisk_recordings.bag import RecordingError
 from obelisk_recordings.chunks import RecordedMessage, messages_in_order
+from obelisk_recordings.clock import RecordedClock, begins_with_header
 from obelisk_recordings.layout import MessageDefinition, parse_definition
 from obelisk_recordings.run import RecordedRun, open_run
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError
@@ -61,18 +65,22 @@ def replay(request: ReplayRequest) -> Iterator[str]:
         RecordingError: the recording cannot be read.
     """
     run = open_run(request.recording)
-    shift_ns = 0 if run.is_lockstep else _first_ns(run, request.inputs)
+    times = _times(run, request.inputs)
     stack = load_stack(Path(request.config), request.overrides, without=request.without)
     try:
         names = {node.planned.full_name for node in stack.nodes}
         schedule, notes = _schedule(run, names)
         yield from notes
+        if times.start_ns:
+            late = [node.planned.full_name for node in stack.nodes if not node.planned.model]
+            start_s = times.start_ns / NS_PER_S
+            schedule = replace(schedule, bring_up=dict.fromkeys(late, start_s))
         seed = int(run.metadata.get("obelisk", {}).get("seed", "0")) if run.is_lockstep else 0
         with StackTrial(stack, seed=seed, schedule=schedule, watch=request.outputs) as trial:
             _require_types(run, request.inputs, trial)
-            _feed(trial, run, request, shift_ns)
+            _feed(trial, run, request, times)
             result = trial.result()
-            about = {"replay": run.name, "shift_ns": str(shift_ns)}
+            about = {"replay": run.name, "shift_ns": str(times.shift_ns)}
             write_recording(Path(request.output), result, about)
             if result.faults:
                 raise CommandFailedError(
@@ -83,9 +91,38 @@ def replay(request: ReplayRequest) -> Iterator[str]:
         stack.close()
 
 
-def _first_ns(run: RecordedRun, inputs: tuple[str, ...]) -> int:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Times:
+    """Converts times of the recorded run to those of the replay."""
+
+    clock: RecordedClock
+    shift_ns: int
+    """Subtracted from recorded times and stamps; 0 unless they are wall times."""
+    start_ns: int
+    """When the nodes become active in the replay: at the first input; in lockstep, 0 [ns]."""
+
+    def time_ns(self, published_ns: int) -> int:
+        return max(self.clock.time_ns(published_ns) - self.shift_ns, 0)
+
+    def shifted(self, data: bytes) -> bytes:
+        """Shift the stamp of a message that begins with a header, unless it is of another clock."""
+        layout = "<iI" if data[1] & 1 else ">iI"
+        seconds, nanoseconds = struct.unpack_from(layout, data, 4)
+        stamp_ns = seconds * NS_PER_S + nanoseconds - self.shift_ns
+        if stamp_ns < 0:
+            return data
+        return data[:4] + struct.pack(layout, *divmod(stamp_ns, NS_PER_S)) + data[12:]
+
+
+def _times(run: RecordedRun, inputs: tuple[str, ...]) -> _Times:
+    clock = RecordedClock(run)
     first = next(messages_in_order(run.path, inputs), None)
-    return 0 if first is None else first.published_ns
+    if run.is_lockstep or first is None:
+        return _Times(clock=clock, shift_ns=0, start_ns=0)
+    first_ns = clock.time_ns(first.published_ns)
+    # Messages were stamped before they were published.
+    shift_ns = 0 if clock.is_simulated else first_ns - NS_PER_S
+    return _Times(clock=clock, shift_ns=shift_ns, start_ns=first_ns - shift_ns)
 
 
 def _schedule(run: RecordedRun, names: set[str]) -> tuple[Schedule, list[str]]:
@@ -143,17 +180,20 @@ def _fields(definition: MessageDefinition) -> Mapping[str, list[tuple[Any, ...]]
     }
 
 
-def _feed(trial: StackTrial, run: RecordedRun, request: ReplayRequest, shift_ns: int) -> None:
+def _feed(trial: StackTrial, run: RecordedRun, request: ReplayRequest, times: _Times) -> None:
     """Run until the end of the recording, with the inputs at their times."""
     ticks = _ticks(run, request.outputs) if run.is_lockstep else {}
+    definitions = run.definitions(request.inputs) if times.shift_ns else {}
+    stamped = {topic for topic, one in definitions.items() if begins_with_header(one)}
     fed_ns = 0
     for message in messages_in_order(run.path, request.inputs):
-        time_ns = max(message.published_ns - shift_ns, 0)
+        time_ns = times.time_ns(message.published_ns)
         if time_ns - fed_ns > _SLICE_NS:
             trial.run((time_ns - fed_ns - 1) / NS_PER_S)
             fed_ns = round(trial.t * NS_PER_S)
-        trial.feed(message.topic, message.data, time_ns, after_timers=_is_late(message, ticks))
-    end_ns = (run.bag.end_ns or 0) - shift_ns
+        data = times.shifted(message.data) if message.topic in stamped else message.data
+        trial.feed(message.topic, data, time_ns, after_timers=_is_late(message, ticks))
+    end_ns = times.time_ns(run.bag.end_ns or 0)
     trial.run(max(0, end_ns - round(trial.t * NS_PER_S)) / NS_PER_S)
 
 

@@ -1,5 +1,7 @@
 """Replay of recorded inputs: the same code gives the same result, in any order of inputs."""
 
+import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,9 +9,11 @@ import numpy as np
 import pytest
 from obelisk_estimator_msgs.msg import EstimatedState
 
+from obelisk_recordings.chunks import messages_in_order
 from obelisk_recordings.run import open_run
 from obk_cli.errors import CommandFailedError
 from obk_cli.record.compare import first_different_message
+from obk_cli.record.mcap_writer import BagWriter
 from obk_cli.record.recorder import installed_definition
 from obk_testing.recording import write_recording
 from obk_testing.replay import ReplayRequest, replay
@@ -19,7 +23,7 @@ pytestmark = pytest.mark.ros
 
 WORKSPACE = Path(__file__).parent / "workspace"
 CONFIG = WORKSPACE / "hazards.yaml"
-VIEWS = "/hazards/views"
+VIEWS, ENCODERS, EST = "/hazards/views", "/hazards/joint_encoders", "/hazards/est"
 REVERSED = WORKSPACE / "reversed.yaml"
 CONTROL, ESTIMATION, ROBOT = "/obelisk_control_0", "/obelisk_estimation_0", "/obelisk_robot_0"
 
@@ -65,11 +69,52 @@ def test_a_node_publishes_the_recorded_messages_again(
     assert list(replay(request)) == []
     first, second = open_run(recording), open_run(request.output)
     for topic in request.outputs:
-        count, differs_s = first_different_message(first, second, topic)
-        assert differs_s is None, f"{topic} differs at {differs_s} s"
-        assert count > 10
+        found = first_different_message(first, second, topic)
+        assert found.at_s is None, f"{topic} differs at {found.at_s} s"
+        assert found.count > 10
     if VIEWS in second.topics:  # the values that the controller received; the last column is random
         np.testing.assert_array_equal(first[VIEWS].data[:, :3], second[VIEWS].data[:, :3])
+
+
+BEGIN_NS = 1_700_000_000_000_000_000
+
+
+def as_launched(path: Path, *, is_simulated: bool) -> Path:
+    """Give a recording made in lockstep the times of a launch: at half speed, or in wall time."""
+    run = open_run(path)
+    plan = json.loads(run.attachments["plan.json"])
+    for process in plan["processes"]:
+        process["parameters"]["use_sim_time"] = is_simulated
+    launched = path.with_name("launched.mcap")
+    with BagWriter(launched) as writer:
+        writer.describe({}, {"plan.json": json.dumps(plan)}, 0)
+        for name in (ENCODERS, EST):
+            text = run[name].messages.definition
+            channel = writer.add_topic(name, run[name].msg_type, text, {})
+            for number, one in enumerate(messages_in_order(path, [name])):
+                time_ns = BEGIN_NS + one.published_ns * (2 if is_simulated else 1)
+                stamp_ns = one.published_ns + (0 if is_simulated else BEGIN_NS)
+                stamp = struct.pack("<iI", *divmod(stamp_ns, 1_000_000_000))
+                data = one.data[:4] + stamp + one.data[12:]
+                writer.add_message(channel, data, time_ns, time_ns, number)
+    return launched
+
+
+@pytest.mark.parametrize("is_simulated", [True, False], ids=["simulated", "wall"])
+def test_a_launch_is_replayed_on_the_clock_of_its_nodes(
+    start_config: Start, tmp_path: Path, is_simulated: bool
+) -> None:
+    recording = tmp_path / "trial.mcap"
+    trial = start_config(CONFIG)
+    write_recording(recording, trial.run(0.5), {})
+    request = request_for(trial, ESTIMATION, as_launched(recording, is_simulated=is_simulated))
+    assert list(replay(request)) == []
+    first, again = open_run(recording), open_run(request.output)
+    fed = again[ENCODERS]
+    # The first stamp is 0, which counts as not set.
+    assert fed.stamps[1:] == pytest.approx(fed.t[1:], abs=1e-6)
+    assert abs(len(again[EST]) - len(first[EST])) <= 1
+    np.testing.assert_array_equal(fed.y, first[ENCODERS].y)
 
 
 def test_a_node_that_fails_is_an_error_with_its_messages_until_then(

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -30,6 +31,7 @@ from obk_cli.runs.folder import runs_folder
 if TYPE_CHECKING:
     from obelisk_recordings.run import RecordedRun
     from obk_cli.plan.plan import Plan, PlannedNode
+    from obk_cli.record.compare import FirstDifference
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -365,18 +367,40 @@ def _compare(run: "RecordedRun", output: Path, topics: Sequence[str]) -> None:
     from obk_cli.cli.diff import difference_lines
     from obk_cli.record.compare import compare_runs, first_different_message
 
-    again = open_run(output)
-    shift_ns = int(again.metadata.get("obelisk", {}).get("shift_ns", "0"))
-    again.origin_ns = run.origin_ns - shift_ns
-    are_same = True
-    for topic in topics:
-        count, differs_s = first_different_message(run, again, topic)
-        are_same = are_same and differs_s is None
-        if differs_s is None:
-            print(f"{topic}: {with_number(count, 'message')}, bit-identical to the recording")
-        else:
-            print(
-                f"{topic}: identical up to message {count}, first difference at {differs_s:.4f} s"
-            )
-    if not are_same:
-        print("\n".join(difference_lines(compare_runs(run, again, topics))))
+    with TemporaryDirectory(prefix="obk-play-") as folder:
+        again = open_run(output) if run.is_lockstep else _as_recorded(run, output, Path(folder))
+        are_same = True
+        for topic in topics:
+            found = first_different_message(run, again, topic)
+            are_same = are_same and found.at_s is None
+            print(f"{topic}: {_equality(found)}")
+        if not are_same:
+            print("\n".join(difference_lines(compare_runs(run, again, topics))))
+
+
+def _as_recorded(run: "RecordedRun", output: Path, folder: Path) -> "RecordedRun":
+    """Copy the outputs to a folder, with the times at which the recorded nodes' clock showed them.
+
+    A launch has another time base than the replay, which is in simulated time.
+    """
+    from obelisk_recordings.clock import RecordedClock
+    from obelisk_recordings.run import open_run
+    from obk_cli.record.rewrite import rewrite
+
+    again, clock = open_run(output), RecordedClock(run)
+    shift_ns = int(again.metadata["obelisk"]["shift_ns"])
+    path = folder / output.name
+    rewrite(again, path, again.topics, lambda ns: clock.published_ns(ns + shift_ns), {})
+    copied = open_run(path)
+    copied.origin_ns = run.origin_ns
+    return copied
+
+
+def _equality(found: "FirstDifference") -> str:
+    if found.at_s is None:
+        return f"{with_number(found.count, 'message')}, bit-identical to the recording"
+    text = f"identical up to message {found.count}, first difference at {found.at_s:.4f} s"
+    if not found.late_s:
+        return text
+    word = "later" if found.late_s > 0.0 else "earlier"
+    return f"{text}: same message, published {abs(found.late_s):.6g} s {word}"

@@ -19,6 +19,7 @@ from obelisk_recordings.topic import RecordedSignal, RecordedTopic
 
 __all__ = [
     "Difference",
+    "FirstDifference",
     "RunComparison",
     "SignalDifference",
     "TopicComparison",
@@ -378,13 +379,20 @@ def _jitter_ms(times: Floats) -> float:
     return float(np.percentile(np.abs(intervals - intervals.mean()), 99.0)) * 1e3
 
 
-def first_different_message(
-    first: RecordedRun, second: RecordedRun, topic: str
-) -> tuple[int, float | None]:
-    """The number of bit-identical messages of a topic, and the time of the first one that differs.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FirstDifference:
+    """How far a topic's messages are the same in two runs."""
 
-    Returns:
-        The number, and the time [s since activation]; None if all are bit-identical.
+    count: int
+    """Number of identical messages before the first one that differs."""
+    at_s: float | None
+    """When the first message that differs was published [s since activation]; None if none does."""
+    late_s: float = 0.0
+    """How much later an otherwise identical message is in the second run [s]."""
+
+
+def first_different_message(first: RecordedRun, second: RecordedRun, topic: str) -> FirstDifference:
+    """Find the first message of a topic with other bytes or, in lockstep, of another time.
 
     Raises:
         RecordingError: a recording cannot be read.
@@ -392,11 +400,17 @@ def first_different_message(
     count = 0
     both = (messages_in_order(run.path, [topic]) for run in (first, second))
     for one, two in zip_longest(*both):
-        if one is None or two is None or one.data != two.data:
+        if one is None or two is None:
             run, message = (first, one) if one is not None else (second, two)
-            return count, (message.published_ns - run.origin_ns) * 1e-9
+            at_s = (message.published_ns - run.origin_ns) * 1e-9
+            return FirstDifference(count=count, at_s=at_s)
+        late_ns = two.published_ns - one.published_ns if first.is_lockstep else 0
+        if one.data != two.data or late_ns:
+            at_s = (one.published_ns - first.origin_ns) * 1e-9
+            late_s = late_ns * 1e-9 if one.data == two.data else 0.0
+            return FirstDifference(count=count, at_s=at_s, late_s=late_s)
         count += 1
-    return count, None
+    return FirstDifference(count=count, at_s=None)
 
 
 def _compare_topics(

@@ -6,23 +6,19 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
 from obelisk_recordings.chunks import RecordedMessage, messages_in_order
-from obelisk_recordings.layout import MessageDefinition
+from obelisk_recordings.clock import RecordedClock
 from obelisk_recordings.run import RecordedRun
-from obelisk_spec.runtime_protocol import CLOCK_TOPIC, USE_SIM_TIME
+from obelisk_spec.runtime_protocol import CLOCK_TOPIC
 from obelisk_spec.suggestions import list_names
 from obk_cli.errors import CommandFailedError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from obk_cli.introspect.target import GraphTarget
     from obk_cli.ros.participant import RosParticipant
     from obk_cli.ros.publisher import RosPublisher
 
-__all__ = ["Played", "RecordedClock", "command_topics", "inputs_of", "play", "playable_topics"]
+__all__ = ["Played", "command_topics", "inputs_of", "play", "playable_topics"]
 
 _DEPTH: Final = 1000
 """Queue depth for a slow subscription: one second of a fast topic."""
@@ -169,51 +165,6 @@ def play(
     return Played(counts=counts, first_ns=first_ns or 0, start_ns=start_ns, seconds=seconds)
 
 
-class RecordedClock:
-    """Converts publication times to the clock that the recorded run's nodes used."""
-
-    def __init__(self, run: RecordedRun) -> None:
-        """Find out which clock the nodes used; for simulated time, read the stamps of all topics.
-
-        Raises:
-            RecordingError: the recording cannot be read.
-        """
-        parameters = [process.get("parameters") for process in run.processes]
-        is_simulated = not run.is_lockstep and any(
-            one.get(USE_SIM_TIME) for one in parameters if isinstance(one, dict)
-        )
-        stamps = [*_stamps(run)] if is_simulated else []
-        self._published_ns = np.concatenate([one for one, _ in stamps] or [np.empty(0, np.int64)])
-        order = np.argsort(self._published_ns, kind="stable")
-        stamped = np.concatenate([one for _, one in stamps] or [np.empty(0, np.int64)])
-        self._published_ns = self._published_ns[order]
-        self._time_ns = np.maximum.accumulate(stamped[order])
-
-    def time_ns(self, message: RecordedMessage) -> int:
-        """The time of a message [ns]: the latest stamp so far or, without stamps, when it was sent.
-
-        Messages are in the order of receipt, so the time may go back slightly.
-        """
-        if not len(self._time_ns):
-            return message.published_ns
-        place = np.searchsorted(self._published_ns, message.published_ns, side="right")
-        return int(self._time_ns[max(int(place) - 1, 0)])
-
-
-def _stamps(run: RecordedRun) -> "Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]":
-    """Publication times and stamps [ns] of all topics with stamped messages."""
-    definitions = run.definitions(run.topics)
-    topics = {name for name, one in definitions.items() if _begins_with_header(one)}
-    for part in run.parts(topics):
-        is_set = part.stamps_ns > 0
-        yield part.messages.published_ns[is_set], part.stamps_ns[is_set]
-
-
-def _begins_with_header(definition: MessageDefinition) -> bool:
-    fields = next(iter(definition.types.values()), ())
-    return bool(fields) and fields[0].name == "header"
-
-
 class _Ticker:
     """Publishes the recorded time on `/clock`, at least once per millisecond."""
 
@@ -231,7 +182,7 @@ class _Ticker:
 
     def tick_until(self, due_s: float, message: RecordedMessage) -> None:
         """Advance to the time of a message; `due_s` is when it is due on the monotonic clock."""
-        goal_ns = max(self._clock.time_ns(message), self._last_ns)
+        goal_ns = max(self._clock.time_ns(message.published_ns), self._last_ns)
         while self._last_ns and (now_s := time.monotonic()) < due_s - _TICK_S:
             passed_ns = round((now_s - self._last_s) * self._speed * _NS_PER_S)
             self._publish(min(goal_ns, self._last_ns + passed_ns))

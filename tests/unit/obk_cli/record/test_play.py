@@ -7,10 +7,12 @@ from pathlib import Path
 import pytest
 
 from obelisk_recordings.chunks import RecordedMessage, messages_in_order
+from obelisk_recordings.clock import RecordedClock
 from obelisk_recordings.run import RecordedRun, open_run
 from obk_cli.errors import CommandFailedError
+from obk_cli.record.compare import FirstDifference, first_different_message
 from obk_cli.record.mcap_writer import BagWriter
-from obk_cli.record.play import RecordedClock, paced, playable_topics
+from obk_cli.record.play import paced, playable_topics
 from obk_cli.record.rewrite import rewrite
 
 PLAN = {
@@ -107,8 +109,12 @@ def test_replayed_nodes_have_the_time_of_the_recorded_ones(
 ) -> None:
     run = stamped_run(tmp_path / "a.mcap", is_simulated=is_simulated)
     clock = RecordedClock(run)
-    times = [clock.time_ns(one) / SECOND for one in messages_in_order(run.path, run.topics)]
+    times = [
+        clock.time_ns(one.published_ns) / SECOND for one in messages_in_order(run.path, run.topics)
+    ]
     assert times == pytest.approx(seconds)
+    back = [clock.published_ns(round(one * SECOND)) / SECOND for one in (0.5, 1.0, 1.5, 2.0, 4.0)]
+    assert back == ([99.5, 100.0, 100.25, 100.5, 102.0] if is_simulated else [0.5, 1, 1.5, 2, 4])
 
 
 @pytest.mark.parametrize(
@@ -123,7 +129,7 @@ def test_a_plan_of_another_program_is_ignored(tmp_path: Path, processes: object)
     run = open_run(tmp_path / "a.mcap")
     assert playable_topics(run, [], may_move=False) == (["/imu"], [])
     (message,) = messages_in_order(run.path, run.topics)
-    assert RecordedClock(run).time_ns(message) == SECOND
+    assert RecordedClock(run).time_ns(message.published_ns) == SECOND
 
 
 def test_a_rewritten_recording_has_the_same_messages_at_other_times(tmp_path: Path) -> None:
@@ -136,3 +142,18 @@ def test_a_rewritten_recording_has_the_same_messages_at_other_times(tmp_path: Pa
     assert again["imu"].messages.published_ns.tolist() == expected.tolist()
     assert again.metadata["obelisk"] == {"a": "b"}
     assert again.plan == run.plan
+
+
+@pytest.mark.parametrize("is_lockstep", [True, False])
+def test_only_in_lockstep_must_messages_come_at_the_same_time(
+    tmp_path: Path, is_lockstep: bool
+) -> None:
+    source = stamped_run(tmp_path / "a.mcap", is_simulated=False)
+    about = {"obelisk": {"lockstep": "true"} if is_lockstep else {}}
+    rewrite(source, tmp_path / "b.mcap", ["/imu"], lambda ns: ns, about)
+    rewrite(source, tmp_path / "c.mcap", ["/imu"], lambda ns: ns + SECOND // 8, about)
+    first, later = open_run(tmp_path / "b.mcap"), open_run(tmp_path / "c.mcap")
+    same = FirstDifference(count=3, at_s=None)
+    assert first_different_message(first, first, "/imu") == same
+    late = FirstDifference(count=0, at_s=100.0, late_s=0.125)
+    assert first_different_message(first, later, "/imu") == (late if is_lockstep else same)

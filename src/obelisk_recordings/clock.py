@@ -1,0 +1,75 @@
+"""The clock of a recorded run's nodes: wall time, or simulated time read from message stamps."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obelisk_recordings.layout import MessageDefinition
+from obelisk_recordings.run import RecordedRun
+from obelisk_spec.runtime_protocol import USE_SIM_TIME
+
+__all__ = ["RecordedClock", "begins_with_header"]
+
+Times = NDArray[np.int64]
+
+
+class RecordedClock:
+    """Converts publication times to the clock that the recorded run's nodes used, and back."""
+
+    def __init__(self, run: RecordedRun) -> None:
+        """Find out which clock the nodes used; for simulated time, read the stamps of all topics.
+
+        Raises:
+            RecordingError: the recording cannot be read.
+        """
+        parameters = [process.get("parameters") for process in run.processes]
+        is_simulated = not run.is_lockstep and any(
+            one.get(USE_SIM_TIME) for one in parameters if isinstance(one, dict)
+        )
+        stamps = [*_stamps(run)] if is_simulated else []
+        self._published_ns = np.concatenate([one for one, _ in stamps] or [np.empty(0, np.int64)])
+        order = np.argsort(self._published_ns, kind="stable")
+        stamped = np.concatenate([one for _, one in stamps] or [np.empty(0, np.int64)])
+        self._published_ns = self._published_ns[order]
+        self._time_ns = np.maximum.accumulate(stamped[order])
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether the times are simulated, and differ from those of publication."""
+        return len(self._time_ns) > 0
+
+    def time_ns(self, published_ns: int) -> int:
+        """The time at a publication [ns]: the latest stamp so far or, without stamps, the same.
+
+        Messages are in the order of receipt, so the time may go back slightly.
+        """
+        if not self.is_simulated:
+            return published_ns
+        place = np.searchsorted(self._published_ns, published_ns, side="right")
+        return int(self._time_ns[max(int(place) - 1, 0)])
+
+    def published_ns(self, time_ns: int) -> int:
+        """When the clock showed a time [ns since 1970], interpolated between stamps."""
+        if not self.is_simulated:
+            return time_ns
+        first_ns, last_ns = int(self._time_ns[0]), int(self._time_ns[-1])
+        start_ns = int(self._published_ns[0])
+        inside = min(max(time_ns, first_ns), last_ns)
+        passed = np.interp(inside, self._time_ns, self._published_ns - start_ns)
+        return start_ns + round(float(passed)) + time_ns - inside
+
+
+def _stamps(run: RecordedRun) -> Iterator[tuple[Times, Times]]:
+    """Publication times and stamps [ns] of all topics with stamped messages."""
+    definitions = run.definitions(run.topics)
+    topics = {name for name, one in definitions.items() if begins_with_header(one)}
+    for part in run.parts(topics):
+        is_set = part.stamps_ns > 0
+        yield part.messages.published_ns[is_set], part.stamps_ns[is_set]
+
+
+def begins_with_header(definition: MessageDefinition) -> bool:
+    """Whether the first field of the messages is their header, and thus their stamp."""
+    fields = next(iter(definition.types.values()), ())
+    return bool(fields) and fields[0].name == "header"
